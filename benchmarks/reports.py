@@ -20,7 +20,8 @@ from benchmarks.table import add_docs, show_table
 
 Report = dict[str, Any]
 """What `--report` writes; docs/results.md explains its keys."""
-LIKENESS = ("upper arms, mean; p95, deg", "forearms", "trunk lean, mean; max", "worse hand, mm")
+LIKENESS = ("upper arms, mean; p95 (best mean), deg", "forearms", "trunk lean, mean; max", "worse hand, mm")
+WAYS = ("feet's path, %", "travelled, m", "turned, deg")
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,21 @@ class Table:
 
 
 def likeness(report: Report) -> list[str]:
-    """Angles between limbs, and how far the trunk leans from the performer's, degrees; the worse hand, mm."""
-    limbs = [report["likeness_deg"][limb] for limb in ("upper_arms", "forearms")]
+    """Angles between limbs, with the best that the joints allow, and how far the trunk leans from the performer's,
+    degrees; the worse hand, mm."""
+    limbs = [(report["likeness_deg"][limb], report["best_likeness_deg"][limb]) for limb in ("upper_arms", "forearms")]
     lean = report["trunk_lean_deg"]
-    angles = [f"{limb['mean']:.0f}; {limb['p95']:.0f}" for limb in limbs]
+    angles = [f"{limb['mean']:.0f}; {limb['p95']:.0f} ({best['mean']:.0f})" for limb, best in limbs]
     return [*angles, f"{lean['mean']:.0f}; {lean['max']:.0f}", f"{report['reachable_hands_mm']['worse']:.0f}"]
+
+
+def ways(report: Report) -> list[str]:
+    """The path of the feet against the performer's; how far robot and performer got, m, and turned, degrees."""
+    foot, both = report["foot_path_ratio"], (report["travelled_m"], report["turned_deg"])
+    ends = [
+        f"{one['robot']:.{digits}f} of {one['performer']:.{digits}f}" for one, digits in zip(both, (2, 0), strict=True)
+    ]
+    return ["-" if foot is None else f"{100.0 * foot:.0f}", *ends]
 
 
 def standing(report: Report) -> list[str]:
@@ -63,20 +74,20 @@ TABLES = {
     "following": Table(
         ("motion, speed", *LIKENESS),
         tuple(
-            ((f"{trial}, {speed}",), f"{trial}.amc", f"--robot op3 --speed {speed}")
+            ((f"{trial}, {speed}",), f"{trial}.amc", f"--robot op3 --speed {speed} --best-likeness")
             for trial in ("02_06", "02_05", "02_10")
             for speed in ("0.5", "1")
         ),
         likeness,
     ),
     "shipped-robots": Table(
-        ("robot", "recording", *LIKENESS),
+        ("robot", "recording", *LIKENESS, *WAYS),
         tuple(
-            ((robot, trial), f"{trial}.amc", f"--robot {robot}")
+            ((robot, name.removesuffix(".amc")), name, f"--robot {robot} --best-likeness")
             for robot in ("op3", "poppy", "toddlerbot", "wolfgang")
-            for trial in ("02_05", "02_06", "02_10")
+            for name in ("02_05.amc", "02_06.amc", "02_10.amc", "sample.bvh", "test_mocapbank.bvh")
         ),
-        likeness,
+        lambda report: [*likeness(report), *ways(report)],
     ),
     "standing": Table(
         ("recording", "fallen", "soles tip, degrees", "slip of both soles, mm", "hand path", "lag, s"),

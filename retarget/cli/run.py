@@ -60,7 +60,7 @@ from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
 from retarget.report.findings import show_summary
-from retarget.report.measure import measure, measure_latest
+from retarget.report.measure import best_likeness, measure, measure_latest
 from retarget.report.outputs import Outputs, Written
 from retarget.report.report import Report
 from retarget.run.loop import Watch
@@ -248,6 +248,8 @@ def finished(run: RunResult, outputs: Outputs) -> int:
     needs all metrics, is only measured in part, so that the command ends soon."""
     soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     report = measure_latest(run) if soon else measure(run)
+    if outputs.best_likeness:
+        report = replace(report, best_likeness_deg=best_likeness(run))
     written = outputs.write(run, report)
     _show(run, report, written)
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
@@ -489,6 +491,7 @@ class RunRequest:
 
     Results:
         report FILE.json|DIR: Write the numbers; into a folder, with a page.
+        best_likeness: Also find how like the performer the joints would allow the robot to be; takes seconds.
         save FILE.npz: Write every tick, for other tools.
         plots DIR: Write pictures.
         record FILE.mcap: Keep the run as it goes, for `retarget replay`.
@@ -500,6 +503,7 @@ class RunRequest:
     live: StreamOptions
     no_gate: bool = False
     report: Path | None = None
+    best_likeness: bool = False
     save: Path | None = None
     plots: Path | None = None
     view: Annotated[
@@ -532,7 +536,7 @@ class RunRequest:
         else:
             streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
             refuse_given(streams, "live stream")
-        return options, replace(outputs, view=self.view)
+        return options, replace(outputs, view=self.view, best_likeness=self.best_likeness)
 
 
 def run(request: RunRequest, session: Session = None) -> None:

@@ -13,11 +13,12 @@ from rich.text import Text
 from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
+from retarget.report.likeness import ARMS
 from retarget.report.motion_metrics import PhysicsReport, moved_joints
 from retarget.report.report import BusReport, Percentiles, Report, Spread
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
-from retarget.types import FloatArray
+from retarget.types import MM, FloatArray
 
 # How much of each kind of joint limit a run used: the joint that came nearest to its own.
 
@@ -90,7 +91,93 @@ def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
     return tuple(finding for finding in found if finding.measured)
 
 
+# Whether the robot follows, in one sentence: by what a person sees who looks from the performer to the robot.
+
+
+@dataclass(frozen=True)
+class Seen:
+    """From where on a person sees it that robot and performer differ, and from where on it is another motion."""
+
+    difference: float
+    lost: float = math.inf
+
+
+LIMB_DEG = Seen(20.0, 45.0)
+"""Degrees, on average. The hands of a clock are 30 apart from hour to hour, so 20 are seen at a glance; limbs that have
+nothing to do with each other are 90 apart, and 45 is half of that."""
+LEAN_DEG = Seen(15.0, 45.0)
+"""Degrees, in all but a twentieth of the time. A trunk that is 15 off looks tired, one that is 45 off is folded over."""
+HAND_SHARE = Seen(0.2, 0.5)
+"""Of the length of the arm, on average, within reach: 0.2 is a hand's length, 0.5 is from the chin to the belt."""
+RATIO = Seen(0.3, 0.75)
+"""Of what was asked is missing, or of what was done too much: a third is seen, a quarter of a motion is another one."""
+TRAVEL_M, TURN_DEG = Seen(0.5), Seen(60.0)
+"""A performer's step, and more than a planted robot turns: by so much performers go away who seemed to be followed."""
+
+
+def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
+    """Whether the robot followed, and what differs."""
+    if run.robot is None or not run.ticks_followed:
+        return
+    differs = [(words, value, seen) for words, value, seen in _differences(run, report) if value >= seen.difference]
+    lost = [words for words, value, seen in differs if value >= seen.lost]
+    verdict = f"does not follow: {', '.join(lost)}" if lost else "follows"
+    if differs and not lost:
+        verdict += f", with {', '.join(words for words, _, _ in differs)}"
+    allowed = f"limbs within {LIMB_DEG.lost:g}° of the performer's, trunk within {LEAN_DEG.lost:g}°, hands on their way"
+    yield Finding("following", verdict, allowed, not lost)
+
+
+def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, Seen]]:
+    """What may differ between robot and performer, in words; by how much; and what is seen of that."""
+    assert run.robot is not None, "a robot follows"
+    if report.fallen:
+        yield "it fell", math.inf, Seen(0.0, 0.0)
+    limbs, best = report.likeness_deg or {}, report.best_likeness_deg or {}
+    for limb in (limb for limb in ARMS if limb in limbs):
+        at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
+        yield f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off{at_best}", limbs[limb].mean, LIMB_DEG
+    if report.trunk_lean_deg is not None:
+        yield f"its trunk {report.trunk_lean_deg.p95:.0f}° off (p95)", report.trunk_lean_deg.p95, LEAN_DEG
+    if report.reachable_hands_mm:
+        off, arm = report.reachable_hands_mm["worse"], MM * run.robot.profile.landmarks["l_hand"].robot_length
+        yield f"a hand {off:.0f} mm off", off / arm, HAND_SHARE
+    for words, ratio, seen in (
+        ("hands on {:.0%} of their way", report.hand_path_ratio, RATIO),
+        ("its pelvis on {:.0%} of its way up and down", report.pelvis_excursion_ratio, Seen(RATIO.difference)),
+    ):
+        if ratio is not None:
+            yield words.format(ratio), 1.0 - min(ratio, 1.0 / max(ratio, 1e-9)), seen
+    travel, turn = report.travelled_m, report.turned_deg
+    if travel.performer is not None and (report.foot_path_ratio or 0.0) < 1.0 - RATIO.difference:
+        yield f"feet that stay (the performer travels {travel.performer:.1f} m)", travel.performer, TRAVEL_M
+    if turn.performer is not None and turn.robot is not None:
+        words = f"{turn.robot:.0f}° turned of the performer's {turn.performer:.0f}°"
+        yield words, turn.performer - turn.robot, TURN_DEG
+
+
+def _like(report: Report) -> str:
+    """How far the limbs and the trunk are off, in words."""
+    parts = []
+    for angles, words in (
+        (dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg), "{} off on average"),
+        (report.best_likeness_deg or {}, "its joints allow {}"),
+    ):
+        known = [f"{name.replace('_', ' ')} {off.mean:.0f}°" for name, off in angles.items() if off is not None]
+        parts += [words.format(", ".join(known))] if known else []
+    return "; ".join(parts)
+
+
+def _travel(report: Report) -> str:
+    """How far performer and robot got and turned, in words."""
+    both = (("performer", report.travelled_m.performer, report.turned_deg.performer),)
+    both += (("robot", report.travelled_m.robot, report.turned_deg.robot),)
+    return "; ".join(f"{who} {way:.2f} m, turned {turn:.0f}°" for who, way, turn in both if None not in (way, turn))
+
+
 def _following(run: RunResult, report: Report) -> Iterator[Finding]:
+    yield from _verdict(run, report)
+    yield Finding("likeness", _like(report))
     hands = report.reachable_hands_mm or {}
     within = [
         f"{name} in {share:.0%} of ticks, then {hands[name]:.1f} mm off" if name in hands else f"{name} never"
@@ -102,6 +189,8 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
         yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
     yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
     yield Finding("pelvis travel", _number(report.pelvis_excursion_ratio, "% of what was asked", scale=100.0))
+    yield Finding("foot path", _number(report.foot_path_ratio, "% of the performer's", scale=100.0))
+    yield Finding("over the ground", _travel(report))
     yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
     yield Finding("highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3))
     servos = report.servo_error_deg

@@ -10,7 +10,7 @@ from retarget.human.samples import Clip
 from retarget.model.human import PostureReader
 from retarget.report import motion_metrics, tracking
 from retarget.report.clearance import RunClearances, clearances, in_mm
-from retarget.report.likeness import LEAN, limb_angles
+from retarget.report.likeness import LEAN, best_angles, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
     ModeSwitches,
@@ -21,6 +21,7 @@ from retarget.report.motion_metrics import (
     physics_report,
 )
 from retarget.report.report import (
+    BothMoved,
     BusReport,
     ObserversReport,
     Percentiles,
@@ -34,6 +35,7 @@ from retarget.report.report import (
 from retarget.report.tracking import Performance, hands_from_shoulders, reachable_hands, top_level_error
 from retarget.run.record import RobotRecord
 from retarget.run.run_result import RunResult
+from retarget.schema.priorities import LimbTask
 from retarget.types import MM, ORIENTED, FloatArray
 
 # What the bus's own clock and the guard recorded of a run.
@@ -115,6 +117,7 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
+    moved, (travelled, turned) = _moved(run, reached), _travel(run)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -126,8 +129,8 @@ def measure(run: RunResult) -> Report:
         retarget_us=None if run.record.robot is None else percentiles(run.record.timing.retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, run.clip.dt),
-        hand_path_ratio=_hand_path_ratio(names, asked, reached),
-        pelvis_excursion_ratio=_pelvis_excursion_ratio(run),
+        hand_path_ratio=_hand_path_ratio(names, asked, moved),
+        pelvis_excursion_ratio=_pelvis_excursion_ratio(run, moved),
         unsensed_mm=_unsensed(run),
         min_clearance_mm=clear.geoms,
         penetrating_frames=clear.penetrating,
@@ -146,6 +149,10 @@ def measure(run: RunResult) -> Report:
         no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
         likeness_deg=(likeness := _likeness(run))[0],
         trunk_lean_deg=likeness[1],
+        best_likeness_deg=None,
+        travelled_m=travelled,
+        turned_deg=turned,
+        foot_path_ratio=_foot_path_ratio(run),
         reachable_hands_mm=(hands := _hands(run, reached))[0],
         reachable_share=hands[1],
         closest_links=clear.closest,
@@ -163,24 +170,55 @@ def measure(run: RunResult) -> Report:
     )
 
 
-def _pelvis_excursion_ratio(run: RunResult) -> float | None:
-    heights = _pelvis_heights(run)
-    return None if heights is None else tracking.excursion_ratio(*heights)
+def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
+    """What was followed (T, k, 3) m as the body moved: the simulated one, else as it was sent."""
+    robot, sent, q = run.robot, run.record.robot, run.moved_q
+    if robot is None or sent is None or q is None or run.physics is None:
+        return reached
+    return robot.points(q, robot.landmark_frames(sent.landmark_names))
 
 
-def _pelvis_heights(run: RunResult) -> tuple[FloatArray, FloatArray] | None:
-    """Heights (T,) m of the pelvis asked and reached: a robot's landmark, or of the recorded body and the human."""
+def _pelvis_excursion_ratio(run: RunResult, moved: FloatArray) -> float | None:
+    """By the heights of the pelvis: a robot's landmark, or of the recorded body and the human."""
     sent, human, truth = run.record.robot, run.record.human, run.human_truth
-    reached = run.landmarks_reached
-    if sent is not None and reached is not None:
+    if sent is not None:
         if "pelvis" not in sent.landmark_names:
             return None
         column = sent.landmark_names.index("pelvis")
-        return sent.landmarks_asked[:, column, 2], reached[:, column, 2]
+        return tracking.excursion_ratio(sent.landmarks_asked[:, column, 2], moved[:, column, 2])
     if truth is None or "pelvis" not in human.joint_names:
         return None
     column = human.joint_names.index("pelvis")
-    return truth[:, column, 2], human.joints[:, column, 2]
+    return tracking.excursion_ratio(truth[:, column, 2], human.joints[:, column, 2])
+
+
+def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
+    """How far performer and robot got over the ground, m, and how far they turned, degrees, while it followed."""
+    human, robot, q, rows = run.record.human, run.robot, run.moved_q, run.record.following
+    if not run.ticks_followed:
+        return BothMoved(None, None), BothMoved(None, None)
+    pelvis = PostureReader(run.human).orientations(human.q[rows])[:, ORIENTED.index("pelvis")]
+    facing = tracking.headings(pelvis, human.joint_names, human.joints[rows], run.clip.dt)
+    place = human.joints[rows, human.joint_names.index("pelvis"), :2]
+    travelled, turned = tracking.extent(place), float(np.degrees(tracking.turn_extent(facing)))
+    if robot is None or q is None:
+        return BothMoved(travelled, None), BothMoved(turned, None)
+    q = np.ascontiguousarray(q[rows])
+    place = robot.points(q, (tracking.pelvis_frame(robot),))[:, 0, :2]
+    turn = tracking.turn_extent(tracking.robot_headings(robot, q, run.clip.dt))
+    return BothMoved(travelled, tracking.extent(place)), BothMoved(turned, float(np.degrees(turn)))
+
+
+def _foot_path_ratio(run: RunResult) -> float | None:
+    """Of the ticks that followed; None for a robot without feet that follow."""
+    robot, sent, q, rows = run.robot, run.record.robot, run.moved_q, run.record.following
+    if robot is None or sent is None or q is None or not run.ticks_followed:
+        return None
+    asked = tracking.asked_feet(robot, _performance(run, sent))
+    if not asked:
+        return None
+    reached = robot.points(np.ascontiguousarray(q[rows]), tuple(asked))
+    return tracking.foot_path_ratio(np.stack(list(asked.values()), axis=1)[rows], reached, run.clip.dt)
 
 
 def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> float | None:
@@ -228,11 +266,25 @@ def _likeness(run: RunResult) -> tuple[dict[str, Spread] | None, Spread | None]:
     if robot is None or sent is None or not len(sent.q):
         return None, None
     found = limb_angles(robot, sent.q, _performance(run, sent))
-    spreads = {
-        name: spread for name, angles in found.items() if (spread := _spread(np.degrees(angles[run.record.following])))
-    }
+    spreads = _degrees({name: angles[run.record.following] for name, angles in found.items()})
     lean = spreads.pop(LEAN, None)
     return spreads or None, lean
+
+
+def best_likeness(run: RunResult) -> dict[str, Spread] | None:
+    """As `likeness_deg` and, as `trunk_lean`, `trunk_lean_deg`, at the best that the joints allow; takes seconds. None
+    where nothing was followed by both hands."""
+    robot, sent = run.robot, run.record.robot
+    if robot is None or sent is None or not run.setup.priorities:
+        return None
+    tasks = [task for level in run.setup.priorities[-1].levels for task in level.tasks if isinstance(task, LimbTask)]
+    weights = {name: task.weight for task in tasks for name in task.of}
+    return _degrees(best_angles(robot, _performance(run, sent), weights)) or None
+
+
+def _degrees(angles: dict[str, FloatArray]) -> dict[str, Spread]:
+    """Spreads, degrees, of the angles, rad, of which any is known."""
+    return {name: spread for name, found in angles.items() if (spread := _spread(np.degrees(found)))}
 
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:

@@ -18,7 +18,7 @@ PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 @dataclass(frozen=True)
 class Outputs:
     """Paths of report, page, recording and pictures of a run; None: nowhere. While it goes on record is written, and
-    the page at port view shows it. overwrite: replace what is there."""
+    the page at port view shows it. overwrite: replace what is there. best_likeness: the report has that, too."""
 
     report: Path | None = None
     page: Path | None = None
@@ -27,6 +27,7 @@ class Outputs:
     record: Path | None = None
     view: int | None = None
     overwrite: bool = False
+    best_likeness: bool = False
 
     @property
     def measured(self) -> bool:

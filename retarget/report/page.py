@@ -68,7 +68,8 @@ def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[s
 def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] | None = None) -> str:
     """The page of a run. Every text of the run in it is escaped. figures: of the run, where they are drawn already."""
     shown = figures_of(run) if figures is None else figures
-    limits = [finding for finding in findings(run, report) if finding.kept is not None]
+    found = findings(run, report)
+    limits = [finding for finding in found if finding.kept is not None]
     animation, tracking, script = animation_of(run), _tracking(report), _script()
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
@@ -77,6 +78,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] |
     return pages.get_template("page.html").render(
         report=report,
         counted=counted,
+        verdict=next((finding for finding in found if finding.name == "following"), None),
         limits=limits,
         failed=sum(not limit.kept for limit in limits),
         moments=moments(run),

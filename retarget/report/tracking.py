@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from retarget import _solver, rotations
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.human_dimensions import POINTS, HumanDimensions
-from retarget.model.robot import RobotBody
+from retarget.model.robot import TRUNK, RobotBody
 from retarget.report import motion_metrics
-from retarget.robot.landmarks import Facing
+from retarget.robot.landmarks import PELVIS, Facing
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import AxisTask, CentreOfMassTask, OrientationTask, PositionTask, Priorities, Task
 from retarget.schema.profile_parts import Landmark
@@ -20,6 +20,8 @@ from retarget.types import BoolArray, FloatArray
 
 STILL_M = 1e-3
 """Least way, m, that is asked of a landmark whose path is judged: less says nothing about moving."""
+ENDS = (2.0, 98.0)
+"""Percentiles between which a range lies: one bad frame in fifty is no range."""
 COARSE = 4
 """Lags are looked at in steps of so many ticks first: no body moves so fast that a peak is narrower."""
 
@@ -44,10 +46,34 @@ def path_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
 def excursion_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
     """Range of the heights reached over that of the heights asked, (T,) m; None where nothing was asked to move."""
     known = np.isfinite(asked) & np.isfinite(reached)
-    if not known.any():
-        return None
-    wanted = float(np.ptp(asked[known]))
-    return None if wanted < STILL_M else float(np.ptp(reached[known])) / wanted
+    wanted = extent(asked[known])
+    return None if wanted < STILL_M else extent(reached[known]) / wanted
+
+
+def extent(values: FloatArray) -> float:
+    """Length of the diagonal of the ranges of values (T,) or (T, k) that are known, between `ENDS`; 0 without any."""
+    rows = values if values.ndim == 2 else values[:, None]
+    known = rows[np.isfinite(rows).all(axis=1)]
+    low, high = np.percentile(known, ENDS, axis=0) if len(known) else np.zeros((2, 1))
+    return float(np.linalg.norm(high - low))
+
+
+FOOT_S = 0.1
+"""A foot is looked at so often, s: a swing lasts several times as long."""
+FOOT_M = 0.003
+"""A foot that got no farther than this in that time, m in the size of the robot, stands and trembles."""
+
+
+def foot_path_ratio(asked: FloatArray, reached: FloatArray, dt: float) -> float | None:
+    """Length of the paths of feet reached over those asked, tracks (T, k, 3) m in the size of the robot, `dt` s apart;
+    None where the feet stood. A robot that stays planted while its performer walks shows 0."""
+    every = max(round(FOOT_S / dt), 1)
+    known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
+    paths = []
+    for track in (asked, reached):
+        steps = np.linalg.norm(np.diff(track[known][::every], axis=0), axis=-1)
+        paths.append(float(steps[steps > FOOT_M].sum()))
+    return paths[1] / paths[0] if paths[0] > 0.0 else None
 
 
 def lag(asked: FloatArray, reached: FloatArray, dt: float, *, longest: float = 1.0) -> float | None:
@@ -212,24 +238,42 @@ def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str
 
     Empty without landmarks for both hands.
     """
-    entries = {name: robot.profile.landmarks[name] for name in HANDS if name in asked.landmark_names}
-    if len(entries) < len(HANDS):
+    turn = asked_torso(robot, stance, asked)
+    if turn is None:
         return {}
-    arms = _arms(entries, asked)
-    stood = {name: np.mean([stance.points[frame] for frame in entry.anchor], axis=0) for name, entry in entries.items()}
-    shoulders = {name: asked.landmarks[:, asked.landmark_names.index(name)] - arm for name, arm in arms.items()}
-    turn = np.eye(3)
-    if "pelvis" in asked.landmark_names:
-        pelvis = asked.landmarks[:, asked.landmark_names.index("pelvis")]
-        hips = stance.points[robot.profile.landmarks["pelvis"].frame]
-        turn = _torso(shoulders, pelvis) @ _torso(stood, hips).T  # (T, 3, 3), from the stance to what is asked
-    return {name: stood[name] + np.einsum("...ji,...j->...i", turn, arm) for name, arm in arms.items()}
+    arms = asked_limbs({name: robot.profile.landmarks[name] for name in HANDS}, asked)
+    return {name: _stood(robot, stance, name) + as_carried(turn, arm) for name, arm in arms.items()}
 
 
-def _arms(entries: Mapping[str, Landmark], asked: Performance) -> dict[str, FloatArray]:
-    """From each shoulder to where the hand is asked (T, 3) m, in the performer's heading."""
+def asked_torso(robot: RobotBody, stance: Stance, asked: Performance) -> FloatArray | None:
+    """How the torso that is asked is turned from that of the stance (T, 3, 3), in the performer's heading; None without
+    landmarks for both hands."""
+    if not set(HANDS) <= set(asked.landmark_names):
+        return None
+    if "pelvis" not in asked.landmark_names:
+        return np.tile(np.eye(3), (len(asked.landmarks), 1, 1))
+    place = {name: asked.landmarks[:, asked.landmark_names.index(name)] for name in (*HANDS, "pelvis")}
+    arms = asked_limbs({name: robot.profile.landmarks[name] for name in HANDS}, asked)
+    stood = {name: _stood(robot, stance, name) for name in HANDS}
+    hips = stance.points[robot.profile.landmarks["pelvis"].frame]
+    shoulders = {name: place[name] - arm for name, arm in arms.items()}
+    return np.asarray(_torso(shoulders, place["pelvis"]) @ _torso(stood, hips).T)
+
+
+def as_carried(turn: FloatArray, lines: FloatArray) -> FloatArray:
+    """Lines (T, ..., 3) as a torso sees them that is turned (T, 3, 3) from its stance."""
+    return np.asarray(np.einsum("tji,t...j->t...i", turn, lines))
+
+
+def asked_limbs(entries: Mapping[str, Landmark], asked: Performance) -> dict[str, FloatArray]:
+    """From the anchor of each landmark to where it is asked (T, 3) m, in the performer's heading."""
     heading = headings(asked.pelvis, asked.joint_names, asked.joints, asked.dt)
     return {name: turned(_limb(entry, asked), heading) + entry.offset for name, entry in entries.items()}
+
+
+def _stood(robot: RobotBody, stance: Stance, landmark: str) -> FloatArray:
+    """The anchor (3,) m of a landmark in the stance."""
+    return np.asarray(np.mean([stance.points[frame] for frame in robot.profile.landmarks[landmark].anchor], axis=0))
 
 
 def hands_from_shoulders(robot: RobotBody, asked: Performance, q: FloatArray, reached: FloatArray) -> FloatArray:
@@ -237,7 +281,7 @@ def hands_from_shoulders(robot: RobotBody, asked: Performance, q: FloatArray, re
     were where they are asked: what counts of a hand is how the arm holds it."""
     seen = reached.copy()
     entries = {name: robot.profile.landmarks[name] for name in HANDS if name in asked.landmark_names}
-    for name, arm in _arms(entries, asked).items():
+    for name, arm in asked_limbs(entries, asked).items():
         column = asked.landmark_names.index(name)
         shoulder = robot.points(q, entries[name].anchor).mean(axis=1)
         seen[:, column] += asked.landmarks[:, column] - arm - shoulder
@@ -248,17 +292,56 @@ def headings(pelvis: FloatArray, joint_names: tuple[str, ...], joints: FloatArra
     """Unit vectors (T, 2) on the ground where a human faces, as the landmarks have them: by its pelvis (T, 4) wxyz and
     joints (T, m, 3) m, `dt` s apart."""
     at = {name: joints[:, joint_names.index(name)] for name in ("l_toe", "l_ankle", "r_toe", "r_ankle")}
-    feet = [at[f"{side}_toe"] - at[f"{side}_ankle"] for side in "lr"]
-    facing, rows = Facing(), zip(pelvis.tolist(), *(foot.tolist() for foot in feet), strict=True)
-    return np.array([facing.update(seen, left, right, dt) for seen, left, right in rows]).reshape(-1, 2)
+    return _faced(pelvis, at["l_toe"] - at["l_ankle"], at["r_toe"] - at["r_ankle"], dt)
+
+
+def _faced(pelvis: FloatArray, left: FloatArray, right: FloatArray, dt: float) -> FloatArray:
+    """Headings (T, 2) by the pelvis (T, 4) wxyz and the lines (T, 3) of both feet."""
+    facing, rows = Facing(), zip(pelvis.tolist(), left.tolist(), right.tolist(), strict=True)
+    return np.array([facing.update(*row, dt) for row in rows]).reshape(-1, 2)
+
+
+def robot_headings(robot: RobotBody, q: FloatArray, dt: float) -> FloatArray:
+    """Unit vectors (T, 2) on the ground where a robot faces in postures (T, nq), `dt` s apart, by its pelvis and feet
+    as a human does."""
+    stood, feet = plant(robot, robot.profile.postures.stand).q, robot.profile.feet.values()
+    frame = (pelvis_frame(robot),)
+    turn = rotations.multiply(
+        robot.orientations(q, frame)[:, 0], rotations.conjugate(robot.orientations(stood[None], frame)[:, 0])
+    )
+    lines = [rotations.rotate(robot.orientations(q, (foot.frame,))[:, 0], np.array([1.0, 0.0, 0.0])) for foot in feet]
+    left, right = lines if len(lines) == 2 else np.zeros((2, len(q), 3))
+    return _faced(turn, left, right, dt)
+
+
+def pelvis_frame(robot: RobotBody) -> str:
+    """The frame that travels with a robot: its pelvis, or its trunk where the profile has none."""
+    return PELVIS if PELVIS in robot.profile.frames else TRUNK
+
+
+def turn_extent(heading: FloatArray) -> float:
+    """How far a heading (T, 2) turned, rad, from one end of its range to the other, whole turns counted."""
+    return extent(np.unwrap(np.arctan2(heading[:, 1], heading[:, 0])))
+
+
+def asked_feet(robot: RobotBody, asked: Performance) -> dict[str, FloatArray]:
+    """Frame of each sole -> the ankle (T, 3) m that it follows, in the performer's world and the size of the robot: a
+    planted robot is asked to stay where it is, its performer is not."""
+    entries = {entry.frame: entry for entry in robot.profile.landmarks.values()}
+    feet = [foot.frame for foot in robot.profile.feet.values() if foot.frame in entries]
+    return {frame: _scale(entries[frame], asked) * _mean(asked, entries[frame].follows) for frame in feet}
 
 
 def _limb(entry: Landmark, asked: Performance) -> FloatArray:
     """The performer's limb (T, 3) m of a landmark, scaled to the robot, in the performer's world."""
+    return np.asarray(_scale(entry, asked) * (_mean(asked, entry.follows) - _mean(asked, entry.measured_from)))
+
+
+def _scale(entry: Landmark, asked: Performance) -> float:
+    """The length of a robot's limb over that of the performer's."""
     rest = asked.dimensions.standing()
     chain = [np.mean([rest[POINTS.index(name)] for name in point], axis=0) for point in entry.human_length]
-    scale = entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
-    return np.asarray(scale * (_mean(asked, entry.follows) - _mean(asked, entry.measured_from)))
+    return entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
 
 
 def _mean(asked: Performance, names: Sequence[str]) -> FloatArray:
@@ -325,13 +408,8 @@ def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatA
     """Whether (T,) the limb of a landmark gets to each place (T, 3) m while the rest stays in its stance."""
     body, frame = robot.body, robot.profile.landmarks[landmark].frame
     place, moving = robot.frame(frame), body.joint_dof[list(chain_to_anchor(robot, landmark))]
-    lower, upper = body.lower.copy(), body.upper.copy()
-    dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
-    lower[dofs], upper[dofs] = robot.joint_map.lower, robot.joint_map.upper
-    _, columns = body.scalar_joints()
-    seeds = np.tile(stance.q, (SEEDS, 1))
-    spread = np.random.default_rng(0).uniform(lower[moving], upper[moving], (SEEDS, moving.size))
-    seeds[:, columns[moving]] = spread
+    lower, upper = position_limits(robot)
+    seeds = arm_postures(robot, stance, landmark, SEEDS)
     starts = robot.points(seeds, (frame,))[:, 0]
     solver = _arm_solver(robot, place.body, place.position, moving, lower, upper)
 
@@ -344,6 +422,25 @@ def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatA
         return False
 
     return np.array([gets_to(at) for at in places], dtype=np.bool_)
+
+
+def position_limits(robot: RobotBody) -> tuple[FloatArray, FloatArray]:
+    """Limits (nv,) of the DoFs, rad or m: of the servos, where there are any."""
+    body = robot.body
+    lower, upper = body.lower.copy(), body.upper.copy()
+    dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
+    lower[dofs], upper[dofs] = robot.joint_map.lower, robot.joint_map.upper
+    return lower, upper
+
+
+def arm_postures(robot: RobotBody, stance: Stance, landmark: str, count: int) -> FloatArray:
+    """Postures (count, nq) with the limb of a landmark anywhere within its limits, and the rest in its stance."""
+    body, moving = robot.body, robot.body.joint_dof[list(chain_to_anchor(robot, landmark))]
+    (lower, upper), (_, columns) = position_limits(robot), body.scalar_joints()
+    postures = np.tile(stance.q, (count, 1))
+    spread = np.random.default_rng(0).uniform(lower[moving], upper[moving], (count, moving.size))
+    postures[:, columns[moving]] = spread
+    return postures
 
 
 def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:

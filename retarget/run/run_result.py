@@ -37,10 +37,11 @@ class PhysicsRun:
 
     mount: what the robot was on. seed, perturbations: of what was perturbed on purpose. fall: the first, None while it
     stands; toppled: the fall of a robot at rest after its torque went off, None if it stayed. time (T,) s, on the run's
-    time. com (T, 3), pressure (T, 2): centre of mass and centre of pressure of the soles, m, world, the latter NaN
-    where no sole carried; margin (T,): of it inside the hull of the soles that carried, m. slip (k,) m: horizontal path
-    of each sole while it carried. tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees
-    Celsius, by a stated model that is not calibrated. self_contacts, fixture_contacts: samples with any.
+    time. root (T, 7) m and wxyz, angles (T, j) rad or m: the body, as `truth_names` lists it. com (T, 3), pressure (T,
+    2): centre of mass and centre of pressure of the soles, m, world, the latter NaN where no sole carried; margin (T,):
+    of it inside the hull of the soles that carried, m. slip (k,) m: horizontal path of each sole while it carried.
+    tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees Celsius, by a stated model that is
+    not calibrated. self_contacts, fixture_contacts: samples with any.
     """
 
     mount: str
@@ -49,6 +50,8 @@ class PhysicsRun:
     fall: Fallen | None
     toppled: Fallen | None
     time: FloatArray
+    root: FloatArray
+    angles: FloatArray
     com: FloatArray
     pressure: FloatArray
     margin: FloatArray
@@ -164,6 +167,20 @@ class RunResult:
         q = sent.q.copy()
         q[:, self.robot.servo_columns] = sent.present
         plant_roots(self.robot, sent.q, q)
+        return q
+
+    @property
+    def moved_q(self) -> FloatArray | None:
+        """Postures (T, nq), m, wxyz and rad, of the simulated body at every tick, or as they were sent where nothing
+        has mass; None without a robot."""
+        sent, physics = self.record.robot, self.physics
+        if self.robot is None or sent is None or physics is None or not len(physics.time):
+            return None if sent is None else sent.q
+        body, q = self.robot.body, sent.q.copy()
+        rows = np.searchsorted(physics.time, self.record.time).clip(max=len(physics.time) - 1)
+        if body.root == "free":
+            q[:, :ROOT] = physics.root[rows]
+        q[:, body.joint_qpos[body.joint_type > JointType.BALL]] = physics.angles[rows]
         return q
 
     def _while_following(self, rows: FloatArray) -> FloatArray:

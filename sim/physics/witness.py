@@ -7,6 +7,7 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from retarget.ik.support_polygon import sole_outline, support_distance, support_edges
+from retarget.model.body import JointType
 from retarget.model.robot import RobotBody
 from retarget.run.run_result import Fallen, PhysicsRun
 from sim.physics.log import Fall, FallWatch, PhysicsLog
@@ -164,6 +165,8 @@ def physics_run(
         fall=_fallen(witness.fall, later),
         toppled=_fallen(witness.toppled, later),
         time=time + later,
+        root=log.column("root"),
+        angles=log.column("q")[:, world.robot.body.joint_qpos[world.robot.body.joint_type > JointType.BALL]],
         com=log.column("com"),
         pressure=log.column("zmp"),
         margin=zmp_margins(world.robot, log, least_load=LOADED_SHARE * world.weight),
