@@ -1,7 +1,8 @@
 """`python -m benchmarks.robustness`: in how many runs under each kind of perturbation a robot with mass stands.
 
-Each seed draws its own perturbation: mass +-10 %, centre of mass 10 mm off, friction 0.5 to 1, latency 30 ms, or a push
-of 3 N for 0.2 s from front, back and side in turn. A robot stands if it has not fallen when it is at rest, torque off.
+Each seed draws its own perturbation: mass +-10 %, centre of mass 10 mm off, friction 0.5 to 1, latency 30 ms, stiffness
++-30 %, or a push of 3 N for 0.2 s from front, back and side in turn. A robot stands if it has not fallen when it is at
+rest, torque off.
 `--json FILE` keeps every run.
 """
 

@@ -86,12 +86,53 @@ class ServoMode(StrEnum):
 
 
 @dataclass(frozen=True)
+class Stiffness:
+    """Torque per angle with which a shaft holds against being turned off its goal, N m/rad. nominal: what physics has
+    and goals are planned for; lowest, highest: where the truth may be."""
+
+    nominal: float
+    lowest: float
+    highest: float
+
+    def scaled(self, factor: float) -> "Stiffness":
+        """The stiffness with a P gain that is `factor` times as high."""
+        return Stiffness(factor * self.nominal, factor * self.lowest, factor * self.highest)
+
+
+FULL_PWM = 885.0  # register value of full drive
+GAIN_UNIT = 128.0  # position P gain register per unit of gain
+DEFAULT_P_GAIN = 800  # XM430 series
+DEFAULT_P_GAIN_1 = 32
+"""Default P gain of Protocol 1.0, whose default loop is taken to be as stiff as that of 2.0."""
+
+
+def full_drive_error(gain: float) -> float:
+    """Error in rad of the shaft at which a P `gain` (register counts of the X series, above 0) asks for full drive. It
+    acts on encoder ticks of a turn of 4096, whatever the model counts in."""
+    return FULL_PWM * GAIN_UNIT / gain * (2.0 * math.pi / 4096.0)
+
+
+SOFT = DEFAULT_P_GAIN / 150.0
+"""[N m/rad] at the default P gain: ToddlerBot's identification of six X models, kp = P / 150 for all of them."""
+FIRM = 21.1 / 18.9
+"""Ratio of MuJoCo's public OP3 to the e-Manual's numbers of the same servo."""
+
+
+def estimated_stiffness(torque: float) -> Stiffness:
+    """Stiffness with the default P gain of a model that stalls at `torque`, N m, by the e-Manual: drive is gain x
+    error, and full drive gives the stall torque. The truth is not known: public identifications differ by a factor of
+    four, so the range spans them all. `retarget servo stiffness` measures it."""
+    nominal = torque / full_drive_error(DEFAULT_P_GAIN)
+    return Stiffness(nominal, min(nominal, SOFT), max(FIRM * nominal, SOFT))
+
+
+@dataclass(frozen=True)
 class ServoModel:
     """One servo model (e-Manual overview table).
 
     `ticks` counts over `travel` rad, `centre_tick` is the middle of travel; `no_load_speed` rad/s and `stall_torque` N
     m at `voltage` V; `current_unit` A per register step, None where the servo neither reports nor limits a current;
-    `protocols`: those that its firmware can speak.
+    `protocols`: those that its firmware can speak; `stiffness`: with the default P gain, at `voltage`.
     """
 
     name: str
@@ -102,6 +143,7 @@ class ServoModel:
     stall_torque: float
     voltage: float
     current_unit: float | None
+    stiffness: Stiffness
     protocols: tuple[int, ...] = (2,)
 
     @property
@@ -110,13 +152,19 @@ class ServoModel:
         return self.travel / self.ticks
 
 
-def _turn(name: str, rpm: float, stall_torque: float, voltage: float, current_unit: float | None) -> ServoModel:
-    """A servo with the X and MX series' encoder: 4096 ticks per turn, 0 rad at 2048."""
+def _turn(
+    name: str, rpm: float, stall_torque: float, voltage: float, current_unit: float | None, stall: float | None = None
+) -> ServoModel:
+    """A servo with the X and MX series' encoder: 4096 ticks per turn, 0 rad at 2048. stall: identified stall torque,
+    N m at `voltage`, from which its stiffness is taken instead."""
     protocols = (1, 2) if name in ("MX-28", "MX-64") else (2,)
-    return ServoModel(name, 4096, 2.0 * math.pi, 2048, rpm * RPM, stall_torque, voltage, current_unit, protocols)
+    stiffness = estimated_stiffness(stall_torque if stall is None else stall)
+    speed = rpm * RPM
+    return ServoModel(name, 4096, 2.0 * math.pi, 2048, speed, stall_torque, voltage, current_unit, stiffness, protocols)
 
 
-# name, no-load speed [rpm], stall torque [N m], both at [V], current step [A]
+# name, no-load speed [rpm], stall torque [N m], both at [V], current step [A]; identified stall torque [N m]: kt V / R
+# of Rhoban bam, model m1
 _MODELS = (
     _turn("XM430-W350", 46.0, 4.1, 12.0, 2.69e-3),
     _turn("XM430-W210", 77.0, 3.0, 12.0, 2.69e-3),
@@ -124,14 +172,14 @@ _MODELS = (
     _turn("XC430-W240", 70.0, 1.9, 12.0, None),
     _turn("2XL430-W250", 61.0, 1.5, 12.0, None),
     _turn("2XC430-W250", 64.0, 1.8, 12.0, None),
-    _turn("XL330-M288", 103.0, 0.52, 5.0, 1.0e-3),
+    _turn("XL330-M288", 103.0, 0.52, 5.0, 1.0e-3, 0.481),
     _turn("XC330-T288", 71.0, 1.0, 12.0, 1.0e-3),
     _turn("XC330-T181", 113.0, 0.80, 12.0, 1.0e-3),
     _turn("XH540-W270", 46.0, 11.7, 14.8, 2.69e-3),
     _turn("MX-28", 55.0, 2.5, 12.0, None),
-    _turn("MX-64", 63.0, 6.0, 12.0, 3.36e-3),
-    _turn("MX-106", 45.0, 8.4, 12.0, 3.36e-3),
-    ServoModel("AX-12A", 1024, math.radians(300.0), 512, 59.0 * RPM, 1.5, 12.0, None, (1,)),
+    _turn("MX-64", 63.0, 6.0, 12.0, 3.36e-3, 4.93),
+    _turn("MX-106", 45.0, 8.4, 12.0, 3.36e-3, 8.87),
+    ServoModel("AX-12A", 1024, math.radians(300.0), 512, 59.0 * RPM, 1.5, 12.0, None, estimated_stiffness(1.5), (1,)),
 )
 
 SERVO_MODELS: dict[str, ServoModel] = {model.name: model for model in _MODELS}
@@ -271,12 +319,6 @@ class ServoSpec:
 # The lag of a servo's shaft behind its goal: a position loop with a P gain alone, whose drive is full at the no-load
 # speed.
 
-FULL_PWM = 885.0  # register value of full drive
-GAIN_UNIT = 128.0  # position P gain register per unit of gain
-DEFAULT_P_GAIN = 800  # XM430 series
-DEFAULT_P_GAIN_1 = 32
-"""Default P gain of Protocol 1.0, whose default loop is taken to be as stiff as that of 2.0."""
-
 
 def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:
     """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load
@@ -284,16 +326,16 @@ def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:
 
     Source: e-Manual, Position PID Gain (84, unit 1/128; protocol 1: 28) and Goal PWM (100, full at 885).
     """
-    return lag_of_gain(servo.model, _gain(servo, protocol))
+    return lag_of_gain(servo.model, p_gain(servo, protocol))
 
 
 def loop_stiffness(servo: ServoSpec, *, protocol: int = 2) -> float:
-    """Torque by which the servo's shaft holds against being turned off its goal, N m/rad: stalled at full drive, from
-    its P gain, at its model's voltage."""
-    return servo.model.stall_torque / full_drive_error(servo.model, _gain(servo, protocol))
+    """Torque by which the servo's shaft holds against being turned off its goal, N m/rad, at its model's voltage: the
+    nominal one of its model, with its P gain. Physics and the compensation of deflection both take it from here."""
+    return servo.model.stiffness.nominal * p_gain(servo, protocol) / DEFAULT_P_GAIN
 
 
-def _gain(servo: ServoSpec, protocol: int) -> float:
+def p_gain(servo: ServoSpec, protocol: int) -> float:
     """The servo's P gain, or its default, in register counts of the X series."""
     usual = DEFAULT_P_GAIN if protocol == 2 else DEFAULT_P_GAIN_1
     return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
@@ -301,14 +343,7 @@ def _gain(servo: ServoSpec, protocol: int) -> float:
 
 def lag_of_gain(model: ServoModel, gain: float) -> float:
     """Time constant in s of a model's position loop with a P `gain` (register counts of the X series, above 0)."""
-    return full_drive_error(model, gain) / model.no_load_speed
-
-
-def full_drive_error(model: ServoModel, gain: float) -> float:
-    """Error in rad of the shaft at which a P `gain` (register counts of the X series, above 0) asks for full drive."""
-    # The P gain acts on encoder ticks of a turn of 4096, whatever the model counts in.
-    tick = 2.0 * np.pi / 4096.0 if model.ticks < 4096 else model.tick_rad  # [rad]
-    return FULL_PWM * GAIN_UNIT / gain * tick
+    return full_drive_error(gain) / model.no_load_speed
 
 
 class ExpectedRange:

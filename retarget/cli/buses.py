@@ -16,7 +16,7 @@ from retarget.errors import UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import JointType
 from retarget.model.robot import RobotBody, load_robot
-from retarget.run.options import RunOptions
+from retarget.run.options import RunOptions, perturbation_of
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import RunResult
 from retarget.schema.scene import load_scene
@@ -115,6 +115,13 @@ class PhysicsBench:
 
         return asked
 
+    def hang(self, mass: float, frame: str) -> None:
+        """Hang an object, kg, at a frame of the simulated robot, as long as the run lasts; others carry it already."""
+        if self._bus is not None:
+            from sim.physics.perturbation import Push
+
+            self._bus.witness.simulation.push(Push((0.0, 0.0, -9.81 * mass), 0.0, 1e6, frame))
+
     def seen(self, run: RunResult) -> RunResult:
         """The run with the simulation's measurements added; call it when the bus is closed."""
         if self._bus is None:
@@ -150,13 +157,14 @@ class PhysicsBench:
         mount = self._mount(robot)
         if mount.support.value == "floor":
             check_stand(robot)
-        constant = [PerturbationKind(name) for name in asked.perturbations if name != "push"]
+        constant = [perturbation_of(text) for text in asked.perturbations if text != "push"]
+        perturbed = [drawn(PerturbationKind(kind), asked.seed, within=(0, 0), value=value) for kind, value in constant]
         simulation = simulation_of(
             robot,
             start=posture_ticks(robot),
             scene=None if options.scene is None else load_scene(options.scene),
             mount=mount,
-            perturbation=combined([drawn(kind, asked.seed, within=(0.0, 0.0)) for kind in constant]),
+            perturbation=combined(perturbed),
             seed=asked.seed,
             notify=notify,
         )

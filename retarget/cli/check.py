@@ -8,6 +8,7 @@ import typer
 
 from hardware.bus import BusSpec
 from hardware.errors import counted
+from hardware.servo import DEFAULT_P_GAIN, p_gain
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
@@ -125,6 +126,7 @@ def _robot(path: Path) -> str:
         "body": f"{profile.body_path.name}, root {profile.root}",
         "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
         "buses": "; ".join(buses),
+        "stiffness": _stiffness(robot),
         "calibration": _calibration(robot),
         "frames": f"{len(profile.frames)}",
         "landmarks": ", ".join(profile.landmarks),
@@ -157,6 +159,18 @@ def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
     texts = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in shown if pair not in far]
     texts += [f"{len(far)} pairs that are {NEVER_NEAR}"] if far else []
     return "; ".join(texts) or "only neighbours along the body"
+
+
+def _stiffness(robot: RobotBody) -> str:
+    """How stiff shafts are taken to be, by model and P gain."""
+    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
+    found: dict[str, None] = {}
+    for servo in robot.joint_map.servos:
+        name, gain = servo.model.name, p_gain(servo, protocols[servo.bus]) / DEFAULT_P_GAIN
+        one = servo.model.stiffness.scaled(gain)
+        gains = "" if servo.gains.position_p is None else f" at P {servo.gains.position_p}"
+        found[f"{name}{gains} {one.nominal:.3g} (range {one.lowest:.3g} to {one.highest:.3g})"] = None
+    return ", ".join(found) + " N m/rad"
 
 
 def _calibration(robot: RobotBody) -> str:

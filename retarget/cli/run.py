@@ -120,8 +120,10 @@ class CommandRun:
         self.notify = self.recorder.recorded_notify(log)
         self._feed: ViewFeed | None = None
 
-    def prepared(self, perform: Perform, supervisor: Supervisor | None = None) -> AbstractContextManager[Prepared]:
-        """The run that can start, with its bus open."""
+    def prepared(
+        self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
+    ) -> AbstractContextManager[Prepared]:
+        """The run that can start, with its bus open. robot: as of `prepare_for`."""
         return prepare_for(
             perform,
             self.options,
@@ -130,6 +132,7 @@ class CommandRun:
             goes_to_rest=self.goes_to_rest,
             notify=self.notify,
             supervisor=supervisor,
+            robot=robot,
         )
 
     @contextmanager

@@ -57,6 +57,12 @@ class HeldClip(Clip):
         return Clip(self.frames, self.planned, self.rate_hz, self.speed, self.source_frames)
 
 
+def held_performance(performance: Performance, planned: int) -> Performance:
+    """The first sample of a recorded performance, while `planned` goals are sent."""
+    clip = performance.samples.recorded()
+    return replace(performance, samples=HeldClip(**vars(replace(clip, ticks=FOR_EVER)), planned=planned))
+
+
 @contextmanager
 def goal_playback(
     played: Played,
@@ -82,10 +88,8 @@ def goal_playback(
         refuse_other_robot(session, robot)
         dt = 1.0 / robot.profile.safety.rate_hz
         goals.append(recorded_goals(played, speed=speed, dt=dt))
-        held = played.clip(np.zeros(1, dtype=np.intp), FOR_EVER, dt=dt, speed=1.0)
-        return Performance(
-            HeldClip(**vars(held), planned=len(goals[0])), session.size, session.notes, session.intake_times
-        )
+        first = played.clip(np.zeros(1, dtype=np.intp), 1, dt=dt, speed=1.0)
+        return held_performance(Performance(first, session.size, session.notes, session.intake_times), len(goals[0]))
 
     with prepare_for(
         perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, robot=robot

@@ -1,6 +1,7 @@
 """Options of a run, checked before any file is opened, and the priority files that they mean."""
 
 from dataclasses import dataclass, field
+from math import nan
 from pathlib import Path
 from typing import get_args
 
@@ -15,7 +16,16 @@ from retarget.schema.priorities import Steps
 
 MOUNTS: dict[str, Root] = {"floor": "free", "stand": "fixed", "gantry": "suspended"}
 """What the robot is on, and the root with which it then follows."""
-PERTURBATIONS = ("mass", "centre_of_mass", "friction", "latency", "push")
+PERTURBATIONS: dict[str, tuple[float, float] | None] = {
+    "mass": (0.5, 2.0),
+    "centre_of_mass": None,
+    "friction": (0.05, 2.0),
+    "latency": (0.0, 0.2),
+    "stiffness": (0.1, 10.0),
+    "push": None,
+}
+"""Kinds of perturbation, and what a number after `=` may be: factor of mass and of stiffness, coefficient, s. None: it
+is only drawn."""
 MAX_SEED = 2**32 - 1
 """Largest seed: of 32 bits, which every generator takes."""
 
@@ -28,7 +38,8 @@ class PhysicsOptions:
         mount floor|stand|gantry: What the robot is on; usually as its profile's root says.
         hook FRAME: Frame by which a gantry holds it; usually 'hook'.
         perturbations (--perturb) KIND: mass (+-10 %), centre_of_mass (10 mm off), friction (0.5 to 1), latency (30 ms),
-            push (3 N for 0.2 s); drawn by the seed. Also several times.
+            stiffness (+-30 %, which the plan does not know), push (3 N for 0.2 s); drawn by the seed, or as given:
+            stiffness=0.7. Also several times.
         seed N: Of all random choices: the same seed, the same run.
     """
 
@@ -40,9 +51,8 @@ class PhysicsOptions:
     def __post_init__(self) -> None:
         if self.mount is not None:
             _one_of(self.mount, tuple(MOUNTS), "--mount", "mount")
-        for kind in self.perturbations:
-            _one_of(kind, PERTURBATIONS, "--perturb", "perturbation")
-        if len(set(self.perturbations)) < len(self.perturbations):
+        kinds = [perturbation_of(text)[0] for text in self.perturbations]
+        if len(set(kinds)) < len(kinds):
             found = ", ".join(self.perturbations)
             raise UsageError("one perturbation twice", where="--perturb", found=found, next_step="Name each once")
         if not 0 <= self.seed <= MAX_SEED:
@@ -54,6 +64,23 @@ class PhysicsOptions:
     def root(self) -> Root | None:
         """The root with which the robot follows; None: that of its profile."""
         return None if self.mount is None else MOUNTS[self.mount]
+
+
+def perturbation_of(text: str) -> tuple[str, float | None]:
+    """The kind of a perturbation, and the number after `=`, None: it is drawn. Raises UsageError."""
+    kind, given, number = text.partition("=")
+    _one_of(kind, tuple(PERTURBATIONS), "--perturb", "perturbation")
+    within = PERTURBATIONS[kind]
+    if not given:
+        return kind, None
+    try:
+        value = float(number)
+    except ValueError:
+        value = nan
+    if within is None or not within[0] <= value <= within[1]:
+        allowed = f"{kind} alone" if within is None else f"{kind}={within[0]:g} to {kind}={within[1]:g}"
+        raise UsageError("impossible perturbation", where="--perturb", found=repr(text[:80]), allowed=allowed)
+    return kind, value
 
 
 def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: str = "") -> None:

@@ -7,7 +7,7 @@ from pydantic import Field, PrivateAttr
 
 from hardware.bus import BusSpec
 from hardware.guard_state import GuardLimits
-from hardware.servo import ServoSpec
+from hardware.servo import ServoSpec, find_model
 from retarget.schema.catalogue import Kind, find
 from retarget.schema.profile_parts import (
     Bus,
@@ -20,7 +20,9 @@ from retarget.schema.profile_parts import (
     Postures,
     Safety,
     Servo,
+    Stiffness,
     servo_specs,
+    with_stiffness,
 )
 from retarget.schema.strict_models import Check, Name, Schema, Text, read_model
 
@@ -41,6 +43,8 @@ class RobotProfile(Schema):
     """Named points on links: hands, soles, head and whatever else landmarks and tasks are about."""
     servos: Annotated[dict[Name, Servo], Field(min_length=1, max_length=250)]
     """One per joint that moves, by the joint's name. The order is that of every array of the servo side."""
+    stiffness: Annotated[dict[Name, Stiffness], Field(max_length=50)] = Field(default_factory=dict)
+    """Of servos, by model; of others that of the table of models."""
     couplings: Annotated[tuple[Coupling, ...], Field(max_length=16)] = ()
     """Pairs of joints that two servos turn together."""
     buses: Annotated[dict[Name, Bus], Field(min_length=1, max_length=16)]
@@ -79,7 +83,12 @@ class RobotProfile(Schema):
 
     def servo_specs(self) -> tuple[ServoSpec, ...]:
         """The servos for the hardware side, in the profile's order. Raises HardwareError for an unknown model."""
-        return servo_specs(self.servos, self.couplings)
+        stiffness = {find_model(name).name: entry for name, entry in self.stiffness.items()}
+        specs = servo_specs(self.servos, self.couplings)
+        protocols = {name: bus.protocol for name, bus in self.buses.items()}
+        return tuple(
+            with_stiffness(spec, stiffness.get(spec.model.name), protocol=protocols[spec.bus]) for spec in specs
+        )
 
     def bus_specs(self) -> tuple[BusSpec, ...]:
         """The buses for the hardware side, in the profile's order."""

@@ -50,6 +50,23 @@ def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]
                 yield document.problem(here, text.removeprefix(f"{joint}: "), next_step=step)
 
 
+def check_stiffness(profile: RobotProfile, document: Document) -> Iterable[Problem]:
+    """Models of the robot, a nominal value within its range, and one P gain that it is for."""
+    for name, entry in profile.stiffness.items():
+        here: KeyPath = ("stiffness", name)
+        gains = {servo.gains.p for servo in profile.servos.values() if servo.model == name}
+        if not gains:
+            models = tuple(dict.fromkeys(servo.model for servo in profile.servos.values()))
+            yield unknown_name(document, here, "servo model of this robot", name, models)
+        elif entry.p is None and len(gains) > 1:
+            found = "servos with P gains " + ", ".join(sorted(map(str, gains)))
+            yield document.problem(here, "stiffness with which P gain", found=found, next_step="Add p, the gain of it")
+        lowest, highest = entry.range_
+        if not 0.0 < lowest <= entry.nominal <= highest:
+            found, allowed = f"{entry.nominal:g}, range {lowest:g} to {highest:g}", "0 < lowest <= nominal <= highest"
+            yield document.problem(here, "a nominal stiffness outside of its range", found=found, allowed=allowed)
+
+
 def check_couplings(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     """Joints that exist, each in one coupling only; matrices that can be inverted; limits that the servos can serve."""
     joints = keys_of(document, "servos")
@@ -194,6 +211,7 @@ def check_parts(profile: RobotProfile, document: Document) -> list[Problem]:
         check_servos,
         check_buses,
         check_couplings,
+        check_stiffness,
         _frame_names,
         _feet,
         _postures,

@@ -1,6 +1,7 @@
 """Models of the sections of a robot profile, one for each kind of entry. SI units; frames as each docstring says."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import inf
 from typing import Annotated, Any, Literal
 
@@ -9,7 +10,7 @@ from pydantic import BeforeValidator, Field
 import hardware.servo
 from hardware.bus import MAX_WATCHDOG, BusSpec, PowerSwitch
 from hardware.guard_state import GuardLimits
-from hardware.servo import MULTI_TURN_REACH, ServoGains, ServoMode, ServoSpec, find_model
+from hardware.servo import DEFAULT_P_GAIN, MULTI_TURN_REACH, ServoGains, ServoMode, ServoSpec, find_model, p_gain
 from retarget.schema.shapes import SolidShape
 from retarget.schema.strict_models import (
     Integer,
@@ -106,6 +107,18 @@ class Servo(Schema):
     """Within one turn; many turns; many turns with the current bounded, which needs `current`."""
     homing_offset: Annotated[Integer, Field(ge=-MAX_HOMING_OFFSET, le=MAX_HOMING_OFFSET)] = 0
     """[tick] What the servo's own register holds; it is part of zero_tick."""
+
+
+class Stiffness(Schema):
+    """Torque per angle with which shafts of a servo model hold against being turned off their goals."""
+
+    nominal: Positive
+    """[N m/rad] What goals are planned for, and what physics has."""
+    range_: Annotated[Interval, Field(alias="range")]
+    """[N m/rad] Between which the truth is; `retarget servo stiffness` measures it."""
+    p: Annotated[Register, Field(ge=1)] | None = None
+    """P gain with which it is so stiff, in proportion to which it changes; absent: that of its servos, which all have
+    the same."""
 
 
 class Coupling(Schema):
@@ -358,6 +371,15 @@ def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> t
         )
         for joint, servo in servos.items()
     )
+
+
+def with_stiffness(spec: ServoSpec, stiffness: Stiffness | None, *, protocol: int) -> ServoSpec:
+    """The servo with the stiffness that its profile gives its model, None: none."""
+    if stiffness is None:
+        return spec
+    of = spec if stiffness.p is None else replace(spec, gains=ServoGains(stiffness.p))
+    usual = hardware.servo.Stiffness(stiffness.nominal, *stiffness.range_).scaled(DEFAULT_P_GAIN / p_gain(of, protocol))
+    return replace(spec, model=replace(spec.model, stiffness=usual))
 
 
 def safety_facts(safety: Safety) -> dict[str, str]:

@@ -1,11 +1,13 @@
 """The servos of a robot as MuJoCo actuators, two on each shaft, all in the servo's own sense of rotation:
 
-    drive:  stall torque x clip(P (goal - angle) - D speed, -1, 1)     the position loop at the present supply
-    e.m.f.: -(kt^2 / R) speed                                          what the turning motor loses
+    drive:  clip(stiffness (goal - angle) - damping speed + fall speed, -stall, stall)   the loop at the present supply
+    fall:   -fall speed                                                                  what the turning motor loses
 
-and the joint bounds their sum to what the servo gives (its current limit too). So speed and torque are limited by the
-supply at every step of the engine, and implicitly, which is stable. Friction, armature and viscous friction are the
-joint's. A servo without torque has neither actuator: its motor is open. Coupled servos pull a tendon each.
+and the joint bounds their sum to what the servo gives (its current limit too). So a loop that is not saturated is a
+spring and a damper, one that is gives `stall - fall speed`, the line of torque and speed, at every step of the engine,
+and implicitly, which is stable. Stiffness (`hardware.servo`) and line (`motors.yaml`) are identified apart: no motor
+with constant torque per ampere has both. Friction, armature and viscous friction are the joint's. A servo without
+torque has neither actuator: its motor is open. Coupled servos pull a tendon each.
 """
 
 from collections.abc import Sequence
@@ -60,14 +62,14 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     if protocol == 1:
         gain = DEFAULT_P_GAIN * (register or DEFAULT_P_GAIN_1) / DEFAULT_P_GAIN_1
         integral = (gains.position_i or 0) * 1000.0 / 2048.0 / (gain / DEFAULT_P_GAIN * DEFAULT_P_GAIN_1 / 8.0)
-        return PositionLoop(1.0 / full_drive_error(model, gain), 0.0, integral)
+        return PositionLoop(1.0 / full_drive_error(gain), 0.0, integral)
     if not register:
         return PositionLoop(0.0, 0.0, 0.0)
     per_tick = register / GAIN_UNIT  # [PWM counts]
     usual = find_table(model.name, 2)["position_d_gain"].initial or 0
     damping = max((gains.position_d or 0) - usual, 0) / 16.0  # [PWM counts per tick/ms]
     return PositionLoop(
-        proportional=1.0 / full_drive_error(model, float(register)),
+        proportional=1.0 / full_drive_error(float(register)),
         derivative=1e-3 * damping / FULL_PWM / model.tick_rad,
         integral=1e3 * (gains.position_i or 0) / 65536.0 / per_tick,
     )
@@ -124,7 +126,8 @@ class DriveNumbers:
 
 @dataclass(frozen=True)
 class _Identified:
-    """armature kg m^2, friction N m, viscous N m s/rad; most_torque N m, motor (kt, R), None: the maker's numbers."""
+    """armature kg m^2, friction N m, viscous N m s/rad; most_torque N m, motor (kt, R), None: the maker's numbers.
+    line: rad/s up to which it gives most_torque, and (rad/s, N m) of a point beyond; None: the motor's."""
 
     armature: float
     friction: float
@@ -132,6 +135,7 @@ class _Identified:
     source: str
     most_torque: float | None = None
     motor: tuple[float, float] | None = None
+    line: tuple[float, float, float] | None = None
 
 
 MEASURED = Path(__file__).with_name("motors.yaml")
@@ -150,7 +154,7 @@ def drive_numbers(model: ServoModel) -> DriveNumbers:
     if known is None:
         share = model.stall_torque
         known = _Identified(ARMATURE_SHARE * share, FRICTION_SHARE * share, 0.0, "derived from stall torque and speed")
-    kt, resistance = known.motor or _motor_by_maker(model, known)
+    kt, resistance = known.motor or _motor_of_line(model, known)
     return DriveNumbers(
         torque_constant=kt,
         resistance=resistance,
@@ -164,14 +168,22 @@ def drive_numbers(model: ServoModel) -> DriveNumbers:
     )
 
 
-def _motor_by_maker(model: ServoModel, known: _Identified) -> tuple[float, float]:
-    """kt and R with which it stalls at the maker's torque and, against its friction, turns at the maker's speed.
+def _motor_of_line(model: ServoModel, known: _Identified) -> tuple[float, float]:
+    """kt and R of the motor whose torque falls with speed along the identified line, or faster, so that it turns no
+    faster than its maker says. Without a line it stalls at the maker's torque.
 
-    kt V / R = stall torque, and (kt^2 / R + viscous) x no-load speed = stall torque - friction.
+    Torque at full drive is kt V / R - (kt^2 / R) x speed; friction, and viscous x speed, come off it.
     """
-    back_emf = (model.stall_torque - known.friction) / model.no_load_speed - known.viscous
-    kt = model.voltage * back_emf / model.stall_torque
-    return kt, kt * model.voltage / model.stall_torque
+    first, torque, fall = 0.0, model.stall_torque, 0.0
+    if known.line is not None and known.most_torque is not None:
+        first, speed, left = known.line
+        torque = known.most_torque
+        fall = (torque - left) / (speed - first)
+    top = model.no_load_speed
+    fall = max(fall, (torque - known.friction - known.viscous * top) / (top - first))
+    stall = torque + fall * first
+    kt = model.voltage * fall / stall
+    return kt, kt * model.voltage / stall
 
 
 MOTOR, BACK_EMF, SHAFT = "physics_motor_", "physics_emf_", "physics_shaft_"
@@ -183,11 +195,26 @@ STRAIN_S = 0.02
 
 @dataclass(frozen=True)
 class Drive:
-    """One servo, its motor and its loop. most_torque: that the shaft ever gives, N m, with the current limit."""
+    """One servo, its motor and its loop. stiffness: of its shaft, N m/rad. most_torque: that the shaft ever gives, N m,
+    with the current limit."""
 
     servo: ServoSpec
     numbers: DriveNumbers
     loop: PositionLoop
+    stiffness: float
+
+    @property
+    def spring(self) -> float:
+        """Torque of full drive if the loop were a spring until then, N m per V of the supply."""
+        gain = self.loop.proportional
+        return self.stiffness / (gain * self.servo.model.voltage) if gain else 0.0
+
+    @property
+    def damping(self) -> float:
+        """N m s/rad of the loop, beside its D gain: with it the shaft follows with the lag of the servo's P gain
+        (`loop_lag`), however stiff it is. Identified servos have it, too: XM430-W350, 5.3 N m/rad, 0.23 N m s/rad."""
+        lag = 1.0 / (self.loop.proportional * self.servo.model.no_load_speed) if self.loop.proportional else 0.0
+        return max(self.stiffness * lag - self.numbers.viscous, 0.0)
 
     @property
     def most_torque(self) -> float:
@@ -274,9 +301,10 @@ class Motors:
         self._proportional, self._derivative, self._integral = np.array(
             [(drive.loop.proportional, drive.loop.derivative, drive.loop.integral) for drive in drives]
         ).T
-        self._per_volt, self._back_emf, self._play = np.array(
+        self._per_volt, self._fall, self._play = np.array(
             [(one.stall_torque(1.0), one.back_emf, 0.5 * one.backlash) for one in (drive.numbers for drive in drives)]
         ).T
+        self._spring, self._damping = np.array([(drive.spring, drive.damping) for drive in drives]).T
         self._side = np.zeros(len(names))  # of the play, -1 to 1
         self._sum: FloatArray = np.zeros(len(names))  # [rad] of the I gain
         self._integrates = bool(self._integral.any())
@@ -291,14 +319,15 @@ class Motors:
         model = self._model
         on = driven.astype(np.float64)
         stall = self._per_volt * voltage
+        full = self._spring * voltage
         self.driven = driven.copy()
         self._sum[~driven] = 0.0
-        model.actuator_gainprm[self._motor, 0] = on * stall * self._proportional
-        model.actuator_biasprm[self._motor, 1] = -on * stall * self._proportional
-        model.actuator_biasprm[self._motor, 2] = -on * stall * self._derivative
+        model.actuator_gainprm[self._motor, 0] = on * full * self._proportional
+        model.actuator_biasprm[self._motor, 1] = -on * full * self._proportional
+        model.actuator_biasprm[self._motor, 2] = on * (self._fall - self._damping - full * self._derivative)
         model.actuator_forcerange[self._motor, 0] = -stall * self._limit
         model.actuator_forcerange[self._motor, 1] = stall * self._limit
-        model.actuator_biasprm[self._emf, 2] = -on * self._back_emf
+        model.actuator_biasprm[self._emf, 2] = -on * self._fall
 
     def tune(self, *, proportional: FloatArray, limit: FloatArray) -> None:
         """Set P gains (n,) 1/rad and most drives (n,); they hold from the next `power` on."""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from math import cos, pi, sin
+from typing import Any
 
 import numpy as np
 
@@ -31,12 +32,13 @@ class Push:
 class Perturbation:
     """mass_scale: of every link, inertia with it. com_offset (3,) m: of the whole robot's centre of mass, along the
     axes of the root link, whose own mass is moved for it. friction: sliding coefficient of the floor. latency_s: by
-    which every goal takes effect later than usual."""
+    which every goal takes effect later than usual. stiffness_scale: of every servo, which the plan does not know."""
 
     mass_scale: float = 1.0
     com_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     friction: float = FRICTION
     latency_s: float = 0.0
+    stiffness_scale: float = 1.0
     pushes: tuple[Push, ...] = ()
 
 
@@ -51,8 +53,17 @@ class PerturbationKind(StrEnum):
     CENTRE_OF_MASS = "centre_of_mass"
     FRICTION = "friction"
     LATENCY = "latency"
+    STIFFNESS = "stiffness"
     PUSH = "push"
 
+
+_NUMBERS = {
+    PerturbationKind.MASS: ("mass_scale", 0.9, 1.1),
+    PerturbationKind.FRICTION: ("friction", 0.5, 1.0),
+    PerturbationKind.LATENCY: ("latency_s", 0.03, 0.03),
+    PerturbationKind.STIFFNESS: ("stiffness_scale", 0.7, 1.3),
+}
+"""Kinds that are one number: its name, and the range from which it is drawn."""
 
 _FRONT, _BACK, _SIDE = (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)
 """Directions of a push, x forward and y left."""
@@ -69,22 +80,28 @@ def combined(parts: Sequence[Perturbation]) -> Perturbation:
     return replace(NOMINAL, **values)
 
 
-def drawn(kind: PerturbationKind, seed: int, *, within: tuple[float, float], frame: str | None = None) -> Perturbation:
-    """Draw a perturbation of one kind: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, a
-    push of 3 N for 0.2 s. The same seed draws the same.
+def drawn(
+    kind: PerturbationKind,
+    seed: int,
+    *,
+    within: tuple[float, float],
+    frame: str | None = None,
+    value: float | None = None,
+) -> Perturbation:
+    """Draw a perturbation of one kind: mass +-10 %, CoM off by 10 mm, friction 0.5 to 1, latency 30 ms, stiffness
+    +-30 %, a push of 3 N for 0.2 s. The same seed draws the same.
 
     within: times between which a push begins, s. frame: what is pushed, from the front, the back and the side in turn.
+    value: of a kind that is one number, instead of a drawn one.
     """
     chance = np.random.default_rng(seed)
-    if kind is PerturbationKind.MASS:
-        return Perturbation(mass_scale=float(chance.uniform(0.9, 1.1)))
+    if kind in _NUMBERS:
+        name, low, high = _NUMBERS[kind]
+        number: dict[str, Any] = {name: float(chance.uniform(low, high)) if value is None else value}
+        return replace(NOMINAL, **number)
     if kind is PerturbationKind.CENTRE_OF_MASS:
         turn = float(chance.uniform(0.0, 2.0 * pi))
         return Perturbation(com_offset=(0.01 * cos(turn), 0.01 * sin(turn), 0.0))
-    if kind is PerturbationKind.FRICTION:
-        return Perturbation(friction=float(chance.uniform(0.5, 1.0)))
-    if kind is PerturbationKind.LATENCY:
-        return Perturbation(latency_s=0.03)
     directions: Sequence[tuple[float, float]] = (_FRONT, _BACK, _SIDE)
     x, y = directions[seed % len(directions)]
     start = float(chance.uniform(*within))

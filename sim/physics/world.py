@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.servo import loop_stiffness
 from retarget.errors import ConfigError
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.body import Frame
@@ -93,7 +94,7 @@ def build_world(
     free = mount.support is not Support.STAND
     spec = body_spec(robot.profile.body_path, root="free" if free else "fixed")
     check_masses(robot, spec)
-    drives = robot_drives(robot)
+    drives = robot_drives(robot, stiffness_scale=perturbation.stiffness_scale)
     stance = plant(robot, dict(zip(robot.joint_map.joints, angles.tolist(), strict=True)))
     place = _placed(robot, stance, mount)
     base = _bare(spec)
@@ -120,11 +121,17 @@ def build_world(
     return _world(robot, mount, model, drives, place=place, angles=angles, root=base.name)
 
 
-def robot_drives(robot: RobotBody) -> tuple[Drive, ...]:
-    """The servos of a robot with their motors and loops, in servo order."""
+def robot_drives(robot: RobotBody, *, stiffness_scale: float = 1.0) -> tuple[Drive, ...]:
+    """The servos of a robot with their motors and loops, in servo order, by `stiffness_scale` as stiff as the profile
+    says."""
     protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
     return tuple(
-        Drive(servo, drive_numbers(servo.model), position_loop(servo, protocol=protocols[servo.bus]))
+        Drive(
+            servo,
+            drive_numbers(servo.model),
+            position_loop(servo, protocol=protocols[servo.bus]),
+            stiffness_scale * loop_stiffness(servo, protocol=protocols[servo.bus]),
+        )
         for servo in robot.joint_map.servos
     )
 

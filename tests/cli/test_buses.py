@@ -15,6 +15,7 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
 from hardware.guard_state import StopCause
+from hardware.servo import loop_stiffness
 from messages import refuses, shows, shows_lines
 from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, posture_ticks
 from retarget.cli.exit import DONE, STOPPED
@@ -208,7 +209,7 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
 
 
 def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> None:
-    asked = options(seconds=0.4, perturbations=("mass", "friction", "push"), seed=5)
+    asked = options(seconds=0.4, perturbations=("mass", "friction", "push", "stiffness=0.8"), seed=5)
     bench = PhysicsBench(asked, lambda text: None)
     with prepare(
         synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True
@@ -216,10 +217,12 @@ def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> Non
         assert bench._bus is not None
         simulation = bench._bus.witness.simulation
         assert simulation.perturbation.mass_scale != 1.0 and simulation.perturbation.friction != 0.8
+        stiffness = [drive.stiffness for drive in simulation.world.drives]
+        assert stiffness == pytest.approx([0.8 * loop_stiffness(drive.servo) for drive in simulation.world.drives])
         assert simulation._pushes == []
         run = bench.seen(prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared))))
     assert len(simulation._pushes) == 1
-    assert run.physics is not None and run.physics.perturbations == ("mass", "friction", "push")
+    assert run.physics is not None and run.physics.perturbations == ("mass", "friction", "push", "stiffness=0.8")
     following = run.record.time[run.record.following]
     begun = simulation._pushes[0][0] * simulation.world.step + run.physics.time[0]
     assert following[0] < begun < following[-1] + 0.1

@@ -205,7 +205,8 @@ def test_a_shaft_is_as_stiff_as_its_gain() -> None:
     servo = four_servos()[0]
     usual = replace(servo, gains=ServoGains(position_p=DEFAULT_P_GAIN))
     twice = replace(servo, gains=ServoGains(position_p=2 * DEFAULT_P_GAIN))
-    model = servo.model
-    assert loop_stiffness(usual) == pytest.approx(model.stall_torque / full_drive_error(model, DEFAULT_P_GAIN))
+    stiffness = servo.model.stiffness
+    assert loop_stiffness(usual) == stiffness.nominal
+    assert stiffness.nominal == pytest.approx(servo.model.stall_torque / full_drive_error(DEFAULT_P_GAIN))
     assert loop_stiffness(twice) == pytest.approx(2.0 * loop_stiffness(usual))
     assert loop_stiffness(replace(servo, gains=ServoGains())) == loop_stiffness(usual)

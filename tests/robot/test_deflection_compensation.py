@@ -1,6 +1,7 @@
 """Goals offset from postures by the deflection of servos, always within the gate's limits."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,9 +13,11 @@ from hardware.servo import loop_lag
 from physics_rig import PhysicsRig, ticks
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import plant
-from retarget.model.robot import load_robot
+from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.robot.deflection_compensation import MOST_RAD, STILL_RAD, DeflectionCompensation
 from retarget.safety.gate import Gate
+from retarget.schema.profile_parts import Stiffness
+from sim.physics.perturbation import Perturbation
 
 JOINTS = op3().joint_map
 STANCE = plant(op3(), op3().profile.postures.stand)
@@ -22,8 +25,10 @@ STAND = STANCE.q[op3().servo_columns]
 TINY = 1e-8
 
 
-def make(path_is_clear: PathCheck | None = None, *, start: FloatArray = STAND) -> tuple[Gate, DeflectionCompensation]:
-    compensation = DeflectionCompensation(op3(), STANCE, dt=DT, settle=0.02)
+def make(
+    path_is_clear: PathCheck | None = None, *, start: FloatArray = STAND, robot: RobotBody | None = None
+) -> tuple[Gate, DeflectionCompensation]:
+    compensation = DeflectionCompensation(robot or op3(), STANCE, dt=DT, settle=0.02)
     gate = Gate(JOINTS, dt=DT, clearance=as_clearance(path_is_clear), compensation=compensation)
     gate.begin(start)
     return gate, compensation
@@ -53,6 +58,24 @@ def test_the_offset_of_a_standing_robot_is_the_deflection_of_its_servos() -> Non
     check_motion(goals, STAND)
     knee = JOINTS.joints.index("l_knee")
     assert np.all(np.diff(goals[:, knee]) * (goals[-1, knee] - STAND[knee]) >= 0.0), "it comes to it from one side"
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_half_as_stiff_a_robot_is_where_it_was_planned_if_the_plan_knows(known: bool) -> None:
+    """Its knees, in physics, after a second of standing: within the friction of the servos, or off by the deflection
+    that was not planned for."""
+    half = Stiffness.model_validate({"nominal": 9.4378, "range": [5.0, 20.0]})
+    soft = robot_of(op3().profile.model_copy(update={"stiffness": {"XM430-W350": half}}), None)
+    gate, _ = make(robot=soft if known else op3())
+    goals = [admit(gate, STAND) for _ in range(150)]
+    rig = PhysicsRig(perturbation=Perturbation(stiffness_scale=0.5))
+    rig.arm()
+    offset = load_of(op3().profile.postures.stand)
+    states = rig.run(2.5, JOINTS.to_ticks(goals[-1]))
+    knees = [JOINTS.joints.index(name) for name in ("l_knee", "r_knee")]
+    off = (STAND - JOINTS.to_radians(states.position))[knees]
+    np.testing.assert_allclose(off, 0.0 if known else offset[knees], atol=0.01)
+    assert np.abs(offset[knees]).min() > 0.02
 
 
 @settings(max_examples=15, deadline=None)

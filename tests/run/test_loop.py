@@ -687,7 +687,11 @@ def test_a_robot_with_mass_goes_to_rest_before_torque_goes_off(bus: str, has_mas
     [
         ({"mount": "gantri"}, "--mount", "gantry"),
         ({"perturbations": ("pusch",)}, "--perturb", "push"),
-        ({"perturbations": ("push", "push")}, "--perturb", "Name each once"),
+        ({"perturbations": ("mass", "mass=1.1")}, "--perturb", "Name each once"),
+        ({"perturbations": ("push=3",)}, "--perturb", "push alone"),
+        ({"perturbations": ("stiffness=0",)}, "--perturb", "stiffness=0.1"),
+        ({"perturbations": ("stiffness=nan",)}, "--perturb", "stiffness=0.1"),
+        ({"perturbations": ("stiffness=",)}, "--perturb", "stiffness=0.1"),
         ({"seed": -1}, "--seed", "0 to 4294967295"),
         ({"mount": "floor", "hook": "neck"}, "--hook", "only a gantry"),
     ],

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from command_line import OP3, copy_of_op3
 from hardware.joint_map import JointMap
-from hardware.servo import ServoMode
+from hardware.servo import ServoMode, full_drive_error, loop_stiffness
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.model.robot import load_profile
@@ -202,6 +202,19 @@ def coupled(matrix: str, joints: str = "[head_pan, head_tilt]") -> tuple[str, st
     return "\nbuses:\n", f"\ncouplings:\n  - {{joints: {joints}, matrix: {matrix}}}\nbuses:\n"
 
 
+def stiff(line: str) -> tuple[str, str]:
+    return "\nservos:\n", f"\nstiffness:\n  {line}\nservos:\n"
+
+
+def test_the_stiffness_of_a_profile_holds_for_its_model_in_proportion_to_the_gain(tmp_path: Path) -> None:
+    given = stiff("XM430-W350: {nominal: 9, range: [5, 20], p: 800}")
+    *_, arm, pan, tilt = changed(tmp_path, given, head(gains="{p: 400}")).servo_specs()
+    assert [loop_stiffness(one) for one in (arm, pan, tilt)] == [9.0, 4.5, 4.5]
+    assert (pan.model.stiffness.lowest, pan.model.stiffness.highest) == (5.0, 20.0)
+    *_, other = changed(tmp_path / "other", given, head(model="XL430-W250")).servo_specs()
+    assert loop_stiffness(other) == pytest.approx(1.5 / full_drive_error(800))
+
+
 def test_everything_a_servo_may_say_arrives(tmp_path: Path) -> None:
     extra = ", mode: current_based_position, current: 0.9, homing_offset: -3000"
     gains = "{p: 1, i: 2, d: 3, feedforward_1: 4, feedforward_2: 5}"
@@ -234,6 +247,13 @@ SERVOS_WRONG: dict[str, list[tuple[str, str]]] = {
     "too far together": [coupled("[[-0.5, 0.5], [0.5, 0.5]]")],
     "geared": [head(extra=", gear: 2.0"), coupled("[[1, 0], [0, 1]]")],
     "three in a row": [coupled("[[1, 0, 0], [0, 1, 0]]")],
+    "stiffness of no servo": [stiff("MX-28: {nominal: 9, range: [5, 20]}")],
+    "stiffness out of its range": [stiff("XM430-W350: {nominal: 30, range: [5, 20]}")],
+    "stiffness below 0": [stiff("XM430-W350: {nominal: 3, range: [-5, 20]}")],
+    "stiffness with which gain": [
+        stiff("XM430-W350: {nominal: 9, range: [5, 20]}"),
+        head(gains="{p: 400}"),
+    ],
 }
 """The same of servos, couplings and buses: replacements."""
 

@@ -7,9 +7,10 @@ COMMANDS = {
     "rest": "Switch torque off: the robot goes limp.",
     "reboot": "Clear latched errors by a restart.",
     "home": "Find the zero of each servo: place the robot in a known posture.",
+    "stiffness": "Measure how stiff a servo is: held goals under a known load.",
 }
 """Every command and its line in the list of commands."""
 
 
 def servo() -> None:
-    """Work with a robot's servos: nothing here moves a joint."""
+    """Work with a robot's servos: nothing here moves a joint, but `stiffness`."""

@@ -9,7 +9,7 @@ import pytest
 
 from bus_rig import waist_servos
 from hardware.bus import ServoAlert
-from hardware.servo import SERVO_MODELS, ServoGains, ServoSpec, find_model, loop_lag
+from hardware.servo import SERVO_MODELS, ServoGains, ServoSpec, find_model, loop_lag, loop_stiffness
 from physics_rig import op3
 from sim.physics.motors import (
     HEAT_PER_WATT,
@@ -25,6 +25,15 @@ from sim.physics.world import robot_drives
 from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME
 
 BY_BAM = {"MX-64", "MX-106", "XL330-M288"}
+LINES = {
+    "XM430-W350": {0.5: 2.95, 1.5: 2.31, 3.0: 1.351, 4.0: 0.712},
+    "XM430-W210": {0.8: 1.94, 3.0: 1.442, 5.0: 0.989},
+    "XC430-W240": {1.2: 1.47, 4.0: 0.852},
+    "2XC430-W250": {2.0: 1.09, 4.0: 0.73},
+    "2XL430-W250": {2.0: 0.93, 4.0: 0.502, 5.0: 0.288},
+    "XC330-T288": {1.0: 0.68, 3.0: 0.611},
+}
+"""N m by rad/s, as ToddlerBot's makers identified them: physics gives no more, up to the maker's no-load speed."""
 
 
 @pytest.mark.parametrize("name", sorted(SERVO_MODELS))
@@ -34,10 +43,15 @@ def test_every_model_has_sound_numbers_and_stalls_and_turns_as_its_maker_says(na
     assert min(drive.armature, drive.friction, drive.backlash, drive.resistance) > 0.0 and drive.source
     assert drive.friction < 0.1 * stall and drive.friction < drive.most_torque <= 1.001 * stall
     assert 60.0 <= drive.temperature_limit <= 90.0
-    assert stall == pytest.approx(model.stall_torque, rel=0.25 if name in BY_BAM else 1e-6)
-    if name not in BY_BAM:
-        top = (stall - drive.friction) / (drive.back_emf + drive.viscous)
-        assert top == pytest.approx(model.no_load_speed)
+    top = (stall - drive.friction) / (drive.back_emf + drive.viscous)
+    if name in LINES:  # never stronger than identified, never faster than its maker says
+        assert 0.9 * model.no_load_speed <= top <= 1.0001 * model.no_load_speed
+        for speed, torque in LINES[name].items():
+            assert 0.75 * torque <= min(drive.most_torque, stall - drive.back_emf * speed) <= 1.001 * torque
+    elif name in BY_BAM:
+        assert stall == pytest.approx(model.stall_torque, rel=0.25)
+    else:
+        assert stall == pytest.approx(model.stall_torque) and top == pytest.approx(model.no_load_speed)
 
 
 DRIVES: tuple[Drive, ...] = robot_drives(op3())
@@ -55,7 +69,7 @@ def test_a_servo_warms_to_its_final_rise_of_the_size_of_the_mock_bus_and_cools_a
     electrics = Electrics(DRIVES)
     current = electrics.current(load(1.0), ON)[3]
     final = AMBIENT + HEAT_PER_WATT * DRIVES[3].numbers.resistance * current**2
-    assert final - AMBIENT == pytest.approx(HEAT_PER_AMPERE2 * current**2, rel=0.5)
+    assert final - AMBIENT == pytest.approx(HEAT_PER_AMPERE2 * current**2, rel=0.7)
     seen = []
     for torque, seconds in ((1.0, HEAT_TIME), (1.0, 100 * HEAT_TIME), (0.0, 100 * HEAT_TIME)):
         electrics.advance(load(torque), ON, seconds)
@@ -91,8 +105,10 @@ WAIST = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator
 
 
 class Bench:
-    def __init__(self, text: str, servos: tuple[ServoSpec, ...]) -> None:
-        self.drives = tuple(Drive(s, drive_numbers(s.model), position_loop(s, protocol=2)) for s in servos)
+    def __init__(self, text: str, servos: tuple[ServoSpec, ...], scale: float = 1.0) -> None:
+        self.drives = tuple(
+            Drive(s, drive_numbers(s.model), position_loop(s, protocol=2), scale * loop_stiffness(s)) for s in servos
+        )
         spec: Any = mujoco.MjSpec.from_string(text)
         add_motors(spec, self.drives)
         self.model = spec.compile()
@@ -117,11 +133,12 @@ def knee(**changes: Any) -> ServoSpec:
     return ServoSpec("knee", 1, model, "main", direction, 2048, -1.0, 1.0, 2.0, 20.0, gains=gains, **changes)
 
 
-def test_under_load_it_hangs_back_by_the_torque_over_the_stiffness() -> None:
-    bench = Bench(ARM.format(mass=1.0), (knee(),))
+@pytest.mark.parametrize("scale", [0.5, 1.0, 1.3])
+def test_under_load_it_hangs_back_by_the_torque_over_the_stiffness(scale: float) -> None:
+    bench = Bench(ARM.format(mass=1.0), (knee(),), scale)
     bench.run(3.0)
     torque, drive = 0.981, bench.drives[0]
-    stiffness = drive.loop.proportional * drive.numbers.stall_torque(12.0)
+    stiffness = scale * loop_stiffness(drive.servo)
     error = -float(bench.motors.angle(bench.data)[0])
     assert error == pytest.approx(-torque / stiffness, abs=drive.numbers.friction / stiffness)
     assert abs(float(bench.motors.torque(bench.data)[0])) == pytest.approx(torque, abs=drive.numbers.friction)
@@ -138,7 +155,7 @@ def test_its_speed_is_bounded_by_the_supply(volts: float) -> None:
     assert float(bench.motors.speed(bench.data)[0]) == pytest.approx(top, rel=0.01)
 
 
-@pytest.mark.parametrize(("current", "most"), [(None, 2.95), (0.5, 0.5 * 2.388)])
+@pytest.mark.parametrize(("current", "most"), [(None, 2.95), (0.5, 0.5 * 2.362)])
 def test_its_torque_is_bounded_by_the_motor_and_by_its_current_limit(current: float | None, most: float) -> None:
     bench = Bench(ARM.format(mass=10.0), (knee(current_limit=current),))  # 9.8 N m at the start
     bench.motors.goal = np.array([-1.0])
@@ -170,7 +187,7 @@ def loop(model: str = "XM430-W350", protocol: int = 2, **gains: int) -> Position
 
 
 def test_an_xm430_at_800_is_as_stiff_as_the_public_model_of_op3() -> None:
-    stiffness = loop(position_p=800).proportional * drive_numbers(find_model("XM430-W350")).stall_torque(12.0)
+    stiffness = loop_stiffness(servo(position_p=800))
     assert stiffness == pytest.approx(18.9, rel=0.01)  # 21.1 N m/rad there
     assert stiffness == pytest.approx(800 / 128 * 4096 / (2.0 * 3.14159265) / 885 * 4.1)
 
