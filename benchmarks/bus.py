@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -121,16 +121,6 @@ def goals(count: int, k: int) -> TickArray:
     return ticks
 
 
-def median_cycle(cycle: Callable[[TickArray], int], now: Callable[[], float], *, count: int, cycles: int) -> float:
-    """Median time of a cycle in ms, on a given clock."""
-    spent = []
-    for k in range(cycles):
-        begun = now()
-        cycle(goals(count, k))
-        spent.append((now() - begun) * 1e3)
-    return float(np.median(spent))
-
-
 def _percentiles(seconds: Floats) -> tuple[float, float]:
     p50, p99 = np.percentile(seconds, [50.0, 99.0]) * 1e3
     return float(p50), float(p99)
@@ -157,9 +147,12 @@ def virtual_ms(count: int, baud: int, *, plain: bool, cycles: int = 10 * STATUS_
     port.open(baud)
     side = OurPort(port, count, plain=plain)
     clock.advance(0.1)
-    spent = median_cycle(side.cycle, clock.now, count=count, cycles=cycles)
-    assert np.isfinite(spent)
-    return spent
+    spent = []
+    for k in range(cycles):
+        begun = clock.now()
+        side.cycle(goals(count, k))
+        spent.append(clock.now() - begun)
+    return 1e3 * float(np.median(spent))
 
 
 if __name__ == "__main__":

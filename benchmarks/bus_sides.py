@@ -111,7 +111,7 @@ class OurBus:
             JointMap(servo_specs(count)), [bus_spec(count, baud, path)], lambda spec: SerialPort(spec.port, clock)
         )
         self.bus.open()
-        self.bus.write(ServoGoals(np.full(count, CENTRE)))
+        self.bus.write(ServoGoals(self.bus.read().position))
         self.bus.torque(True)
 
     def cycle(self, ticks: TickArray) -> int:

@@ -253,10 +253,6 @@ def run(*words: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_a_switch_is_undone_by_its_opposite() -> None:
-    assert run("a.bvh", "--loop", "--no-loop")[0] == 0 and CALLED.pop()[0] == Group()
-
-
 def test_the_help_is_the_docstring() -> None:
     said = run("--help")[1]
     second, field_line, spread = "At once.", "source FILE", "1 is the performer's speed, and more is faster."

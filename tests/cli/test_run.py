@@ -191,15 +191,6 @@ def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.C
     assert "%" not in shown.err  # no progress bar in a pipe
 
 
-def test_the_human_is_reconstructed(amc: Path, tmp_path: Path) -> None:
-    assert run_run("--robot", "human", "--source", amc, "--end", "0.5", "--report", tmp_path / "report.json") == DONE
-    data = json.loads((tmp_path / "report.json").read_text())
-    assert data["ticks"] == data["frames"] == 61 and data["rate_hz"] == 120.0
-    assert max(spread["mean"] for spread in data["tracking_mm"].values()) < 2.0
-    assert data["unsensed_mm"]["mean"] < 200.0
-    assert data["bus"] is None and data["gated_frames"] is None
-
-
 @pytest.mark.parametrize(
     "options",
     [

@@ -25,7 +25,7 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch, run_human
+from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch
 from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
 from retarget.run.prepare import make_gate, prepare
 from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
@@ -33,7 +33,7 @@ from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
+from rig import Rig, StubFollower, play
 from sim.faults.sender import FakeSender
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
@@ -205,17 +205,6 @@ def test_nothing_starts_on_a_robot_that_is_not_well() -> None:
     with refuses(RetargetError, "r_sho_roll"):
         play(rig)
     assert not rig.bus.torque_on
-
-
-def test_the_human_alone_needs_no_robot() -> None:
-    clip = short_clip(seconds=0.3, rate_hz=None)
-    reconstructor = StubReconstructor(person())
-    done: list[int] = []
-    ending = run_human(clip, reconstructor, Watch(done.append, every=10))
-    assert ending.record.robot is None and ending.state is None and ending.reason is None
-    assert len(ending.record) == clip.source_frames == 37
-    assert done[0] == 1 and done[-1] == 37
-    assert set(reconstructor.calls) == {1.0 / 120.0}
 
 
 def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from messages import Facts, refuses
 from retarget.errors import UsageError
-from retarget.schema.catalogue import Kind, entries, find, kind_of
+from retarget.schema.catalogue import Kind, entries, find
 from retarget.schema.files import check_folder, check_place, refuse_existing, write_atomic, write_stream
 
 
@@ -70,13 +70,6 @@ def test_unknown_names_and_paths_are_refused(own: Path, kind: Kind, name: str, p
 def test_a_folder_without_a_robot_is_refused(own: Path, tmp_path: Path) -> None:
     with refuses(UsageError):
         find(Kind.ROBOT, tmp_path)
-
-
-def test_kind_by_folder(tmp_path: Path) -> None:
-    assert kind_of(tmp_path / "priorities" / "a.yaml") is Kind.PRIORITIES
-    assert kind_of(tmp_path / "robots" / "r" / "robot.yaml") is Kind.ROBOT
-    assert kind_of(tmp_path / "scenes" / "a.yaml") is Kind.SCENE
-    assert kind_of(tmp_path / "a.yaml") is None
 
 
 # Files appear whole or not at all, and nothing is written over unasked.

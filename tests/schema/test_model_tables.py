@@ -5,8 +5,6 @@ from pydantic import BaseModel
 
 from command_pages import command_page, commands
 from model_tables import keys_of_model, models_below, section
-from retarget.cli import COMMANDS
-from retarget.cli.servo import COMMANDS as SERVO
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import PositionTask, Priorities
 from retarget.schema.profile import RobotProfile
@@ -24,15 +22,6 @@ def test_every_key_has_its_meaning_where_it_stands(model: type[BaseModel]) -> No
     for key in keys:
         assert key.meaning.endswith(".") and key.type and key.default, f"{model.__name__}.{key.name}"
         assert not key.meaning.startswith("["), "a unit that is not closed"
-
-
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
-def test_links_lead_to_sections_of_the_same_page(model: type[BaseModel]) -> None:
-    for root in ROOTS:
-        names = {one.__name__.lower() for one in models_below(root)}
-        if model in models_below(root):
-            linked = {part.split(")")[0] for key in keys_of_model(model) for part in key.type.split("](#")[1:]}
-            assert linked <= names
 
 
 def test_a_key_is_listed_as_it_is_read() -> None:
@@ -61,19 +50,6 @@ def test_a_section_is_a_table_of_five_columns() -> None:
 # The page of the command line: every command, every option, as `--help` has them.
 
 
-def test_every_command_is_documented() -> None:
-    page = command_page()
-    for command in COMMANDS:
-        assert f"\n## retarget {command}\n" in page
-    for command in SERVO:
-        assert f"\n### retarget servo {command}\n" in page
-    assert r"| `--parts whole\|upper` | What follows; 'upper' keeps the legs still. | `whole` |" in page
-    assert (
-        "| `--robot NAME\\|PATH` | Robot by name or path; 'human' only reconstructs the performer. | **required** |"
-        in page
-    )
-
-
 def test_every_option_is_documented_with_its_meaning() -> None:
     page = command_page()
     for words, command in commands():
@@ -82,8 +58,3 @@ def test_every_option_is_documented_with_its_meaning() -> None:
             if one.param_type_name == "option" and one.name != "help":
                 assert one.help, f"{words} {one.opts}"
                 assert f"| `{one.opts[0]}" in page, f"{words} {one.opts}"
-
-
-def test_choices_are_named_as_they_are_typed() -> None:
-    page = command_page()
-    assert "Gaps." not in page and "FedBy." not in page and r"--gaps silence\|" in page

@@ -8,7 +8,7 @@ import pytest
 
 from command_line import said_by as run
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec
-from messages import mentions, refuses, shows
+from messages import refuses, shows
 from retarget.cli import main
 from retarget.errors import InputError, UsageError
 from retarget.ik.support_polygon import check_stand
@@ -141,14 +141,6 @@ def bust(tmp_path: Path) -> Path:
     path = tmp_path / "bust.urdf"
     path.write_text(small_bust())
     return path
-
-
-def test_it_is_listed_and_explained(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = run(capsys, "--help")
-    assert code == 0
-    mentions(out, "URDF", "MJCF")
-    code, out, _ = run(capsys, "import", "--help")
-    assert code == 0 and "--no-meshes" in out
 
 
 def test_import_then_check(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
