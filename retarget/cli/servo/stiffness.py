@@ -2,14 +2,13 @@
 
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Annotated
 
 import typer
 
 from hardware.servo import DEFAULT_P_GAIN, p_gain
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import detached_screens, stop_on_signals
-from retarget.cli.servo.places import Yes, agreed
+from retarget.cli.servo.places import agreed
 from retarget.errors import InputError, UsageError
 from retarget.human.samples import Playback
 from retarget.model.robot import RobotBody, load_robot
@@ -23,27 +22,29 @@ WEIGHTS_KG = (0.05, 5.0)
 
 
 def stiffness(
-    robot: Annotated[str, typer.Option(help="Robot by name or path.", metavar="NAME|PATH")],
-    joint: Annotated[str, typer.Option(help="Joint of the servo: a hip's pitch bears the whole leg.", metavar="NAME")],
-    bus: Annotated[
-        str,
-        typer.Option(
-            "--bus",
-            "--port",
-            help="Ports of the profile, one port, or simulated servos.",
-            metavar="profile|PORT|emulator|physics|physics+wire",
-        ),
-    ] = "profile",
-    weight: Annotated[float | None, typer.Option(help="Object that hangs on the limb, kg.", metavar="KG")] = None,
-    at: Annotated[str | None, typer.Option(help="Frame of the profile at which it hangs.", metavar="FRAME")] = None,
-    yes: Yes = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and touch nothing.")] = False,
+    robot: str,
+    joint: str,
+    bus: str = "profile",
+    weight: float | None = None,
+    at: str | None = None,
+    yes: bool = False,
+    dry_run: bool = False,
 ) -> None:
     """Measure how stiff a servo is: its joint is held at several goals, and stays behind them by load / stiffness.
 
     The robot hangs or is bolted down, trunk upright and still, limbs free. All joints go slowly to `stand`, one through
     its range and back, all to `rest`; gate and guard check every goal, and Ctrl-C brakes, as in a run. The load is what
     the limb weighs by the body file, and what hangs on it. Writes nothing: what belongs into the profile is shown.
+
+    Options:
+        robot NAME|PATH: Robot by name or path.
+        joint NAME: Joint of the servo: a hip's pitch bears the whole leg.
+        bus (--bus, --port) profile|PORT|emulator|physics|physics+wire: Ports of the profile, one port, or simulated
+            servos.
+        weight KG: Object that hangs on the limb.
+        at FRAME: Frame of the profile at which it hangs.
+        yes: Do not ask.
+        dry_run: Say what would be done, and touch nothing.
     """
     options = _options(robot, bus)
     body = load_robot(robot, root="fixed")

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from check_helpers import copy_of_op3
 
-from command_line import code_of
+from command_line import code_of, copy_of_op3
 from hardware.bus import ServoGoals
 from hardware.guard import CheckedGoal, Guard
 from messages import shows
