@@ -10,7 +10,7 @@ from rich.console import Console
 
 from retarget.report.findings import Finding, findings, limit_use, show_summary
 from retarget.report.measure import measure
-from retarget.report.report import Percentiles, Report
+from retarget.report.report import BothMoved, Percentiles, Report, Spread
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from rig import Rig, person, result, scripted_run, short_clip
@@ -83,12 +83,45 @@ def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report)
         com_outside_support_frames=None,
     )
     assert [finding.name for finding in findings(run, bare) if finding.kept is not None] == [
+        "following",
         "servos",
         "joint positions",
         "joint speeds",
         "joint accelerations",
         "end",
     ]
+
+
+BAD = Spread(60.0, 80.0, 90.0)
+FOLLOWS: list[tuple[dict[str, Any], bool, str]] = [
+    ({}, True, "follows"),
+    ({"hand_path_ratio": 0.6}, True, "follows, with hands on 60% of their way"),
+    ({"hand_path_ratio": 0.1}, False, "does not follow: hands on 10% of their way"),
+    ({"fallen": True}, False, "does not follow: it fell"),
+    ({"trunk_lean_deg": Spread(6.0, 30.0, 68.0)}, True, "follows, with its trunk 30° off (p95)"),
+    ({"likeness_deg": {"forearms": BAD}, "foot_path_ratio": 0.5}, False, "does not follow: forearms 60° off"),
+    (
+        {"likeness_deg": {"forearms": BAD}, "best_likeness_deg": {"forearms": Spread(9.0, 9.0, 9.0)}},
+        False,
+        "does not follow: forearms 60° off (9° at best)",
+    ),
+    (
+        {"travelled_m": BothMoved(3.2, 0.1), "turned_deg": BothMoved(180.0, 20.0), "foot_path_ratio": 0.0},
+        True,
+        "follows, with feet that stay (the performer travels 3.2 m), 20° turned of the performer's 180°",
+    ),
+    ({"reachable_hands_mm": {"worse": 0.3 * 230.0}}, True, "follows, with a hand 69 mm off"),
+]
+
+
+@pytest.mark.parametrize(("differs", "kept", "words"), FOLLOWS)
+def test_a_sentence_says_whether_it_follows(
+    differs: dict[str, Any], kept: bool, words: str, run: RunResult, report: Report
+) -> None:
+    alike = {"likeness_deg": {"upper_arms": Spread(5.0, 9.0, 12.0)}, "trunk_lean_deg": Spread(2.0, 4.0, 5.0)}
+    alike |= {"reachable_hands_mm": None, "hand_path_ratio": 1.0, "pelvis_excursion_ratio": None}
+    found = of("following", run, replace(report, **(alike | differs)))
+    assert (found.measured, found.kept) == (words, kept)
 
 
 def test_the_joint_that_turned_used_most_of_its_speed(run: RunResult) -> None:

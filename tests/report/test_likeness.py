@@ -3,8 +3,9 @@
 import numpy as np
 
 from followers import DT, dimensions, follower, op3, performer, postures
-from retarget.report.likeness import LEAN, LIMBS, limb_angles
-from retarget.report.tracking import Performance, hands_from_shoulders
+from retarget.ik.support_polygon import plant
+from retarget.report.likeness import LEAN, LIMBS, arm_clearance, best_angles, best_postures, limb_angles
+from retarget.report.tracking import EVERY, Performance, arm_postures, hands_from_shoulders
 from retarget.types import FloatArray, HumanPosture
 
 
@@ -64,3 +65,49 @@ def test_hands_first_puts_hands_where_the_arm_has_them_seen_from_the_shoulder() 
         others = [column for column in range(len(asked.landmark_names)) if column not in hands]
         np.testing.assert_array_equal(seen[:, others], reached[:, others])
     assert off["hands_first"] < 0.008 < off["servo"] < 0.06
+
+
+WEIGHTS = {"l_hand": 0.15, "l_upper_arm": 0.1, "l_forearm": 0.1}
+ARM = {"l_hand": ("l_shoulder", "l_hand"), "l_upper_arm": ("l_shoulder", "l_elbow"), "l_forearm": ("l_elbow", "l_hand")}
+
+
+def lines(q: FloatArray) -> FloatArray:
+    """The lines (T, 3, 3) m of the left arm of OP3, in the order of `ARM`."""
+    return np.stack([np.subtract(*np.moveaxis(op3().points(q, ends[::-1]), 1, 0)) for ends in ARM.values()], axis=1)
+
+
+def cost(q: FloatArray, wanted: FloatArray) -> FloatArray:
+    """What the level of likeness weighs of the left arm (T,)."""
+    marks = op3().profile.landmarks
+    scale = np.array([WEIGHTS[name] / marks[name].robot_length for name in ARM])
+    return np.asarray(np.sum((scale[:, None] * (lines(q) - wanted)) ** 2, axis=(1, 2)))
+
+
+def test_no_posture_of_an_arm_is_better_than_the_best() -> None:
+    """Against 4,000 postures of each arm that meet nothing; lines that the joints allow are found to half a degree."""
+    stance, chance = plant(op3(), op3().profile.postures.stand), np.random.default_rng(5)
+    some = arm_postures(op3(), stance, "l_hand", 4000)
+    clear = arm_clearance(op3(), stance, "l_hand")
+    some = some[clear(some)]
+    assert 400 < len(some) < 4000  # the arm does meet the trunk
+    anywhere = chance.standard_normal((12, 3, 3))
+    length = np.linalg.norm(lines(some[:1]), axis=-1)[0]
+    anywhere *= (length / np.linalg.norm(anywhere, axis=-1))[..., None]
+    anywhere[:, 0] = anywhere[:, 1] + anywhere[:, 2]
+    wanted = np.concatenate([lines(some[:12]), anywhere])
+    best = best_postures(op3(), stance, "l", wanted, WEIGHTS)
+    assert clear(best).all()
+    least = np.array([cost(some, one[None]).min() for one in wanted])
+    assert (cost(best, wanted) <= least + 1e-6).all()
+    assert (cost(best, wanted)[:12] < 0.15**2 * np.radians(0.5) ** 2).all() and cost(best, wanted)[12:].max() > 1e-3
+
+
+def test_the_best_is_no_worse_than_what_the_solver_finds() -> None:
+    """Of a performer whom the arms can follow, and with its trunk as asked."""
+    asked, q, _ = followed("servo")
+    best, found = best_angles(op3(), asked, WEIGHTS), limb_angles(op3(), q, asked)
+    for limb in ("upper_arms", "forearms"):
+        assert best[limb].shape == (-(-len(q) // EVERY), 2)
+    both = [angles["upper_arms"].mean() + angles["forearms"].mean() for angles in (best, found)]
+    assert both[0] < both[1] + np.radians(0.5)
+    assert best[LEAN].max() < np.radians(6.0)

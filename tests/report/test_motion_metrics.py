@@ -74,6 +74,31 @@ def test_ticks_with_unknown_values_take_no_part() -> None:
     assert tracking.lag(asked * np.nan, reached, DT) is None
 
 
+def test_one_bad_frame_is_no_range() -> None:
+    asked, reached = wave(), wave()
+    reached[200] += 5.0
+    heights = asked[:, 0, 2], reached[:, 0, 2]
+    assert tracking.excursion_ratio(*heights) == pytest.approx(1.0, abs=0.01)
+    walked = np.stack([np.linspace(0.0, 4.0, 500), np.linspace(0.0, 3.0, 500)], axis=1)
+    assert tracking.extent(walked) == pytest.approx(4.8) and tracking.extent(walked[:0]) == 0.0
+    angle = np.linspace(0.0, 4.0 * np.pi, 500)
+    turns = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    assert tracking.turn_extent(turns) == pytest.approx(0.96 * 4.0 * np.pi)
+
+
+def test_feet_that_stay_have_not_gone_where_the_performer_went() -> None:
+    """Two strides of 0.4 m and 0.2 m, while everything trembles by a millimetre."""
+    chance = np.random.default_rng(3)
+    asked = 0.0005 * chance.standard_normal((500, 2, 3))
+    planted = asked[::-1].copy()
+    asked[:, 0, 0] += 0.4 * np.clip((np.arange(500) - 100) / 50.0, 0.0, 1.0)
+    asked[:, 1, 0] += 0.2 * np.clip((np.arange(500) - 300) / 50.0, 0.0, 1.0)
+    assert tracking.foot_path_ratio(asked, planted, DT) == 0.0
+    half = planted + 0.5 * (asked - planted)
+    assert tracking.foot_path_ratio(asked, half, DT) == pytest.approx(0.5, abs=0.02)
+    assert tracking.foot_path_ratio(planted, asked, DT) is None
+
+
 def test_a_motion_within_its_limits_breaks_none() -> None:
     time = np.arange(400) * DT
     smooth = np.stack([0.5 * (1.0 - np.cos(2.0 * time)), np.zeros_like(time)], axis=-1)

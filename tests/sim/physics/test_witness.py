@@ -60,6 +60,17 @@ def test_the_report_has_what_the_simulation_saw(bare: RunResult, pushed: Physics
     shows(physics.heat_model)
 
 
+def test_ratios_and_travel_are_those_of_the_simulated_body(bare: RunResult, pushed: PhysicsRun) -> None:
+    """What was sent stands still; the body was pushed over."""
+    still, fell = measure(bare), measure(replace(bare, physics=pushed))
+    assert (still.travelled_m.robot, still.turned_deg.robot) == pytest.approx((0.0, 0.0), abs=1e-6)
+    q = replace(bare, physics=pushed).moved_q
+    assert q is not None and bare.record.robot is not None and bare.moved_q is bare.record.robot.q
+    tick = int(np.argmin(np.abs(pushed.time - bare.record.time[20])))
+    np.testing.assert_allclose(q[20, :7], pushed.root[tick], atol=2e-3)
+    assert fell.likeness_deg == still.likeness_deg and (fell.travelled_m.robot or 0.0) > 0.0
+
+
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
     report = physics_report(replace(bare, physics=physics))
     assert report is not None
