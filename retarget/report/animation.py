@@ -148,8 +148,8 @@ class Lines:
 
 @dataclass(frozen=True)
 class Animation:
-    """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong. recorded: of
-    a human alone, its body as the file knows it. poses: rows that are shown side by side."""
+    """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong.
+    recorded: of a human alone, its body as the file knows it. poses: rows that are shown side by side."""
 
     time: tuple[int, ...]
     phase: str
