@@ -121,13 +121,17 @@ def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[Mesh]:
     geoms = [geom for geom in body.geoms if geom.body == link]
     geoms = [geom for geom in geoms if not geom.collides] or geoms
     parts = [mesh for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
-    reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
-    for child in np.flatnonzero(body.parent == link).tolist():
-        along, length = body.body_pos[child], float(np.linalg.norm(body.body_pos[child]))
+    ends = list(body.body_pos[body.parent == link])
+    if parts:  # what hangs beside its joint
+        points = joined(parts).vertices
+        low, high = points.min(axis=0), points.max(axis=0)
+        ends += [] if (np.abs(0.5 * (low + high)) < 0.5 * (high - low)).all() else [0.5 * (low + high)]
+    radius = THIN * float(np.linalg.norm(body.body_pos, axis=1).sum())
+    for end in ends:
+        length = float(np.linalg.norm(end))
         if length > THINNEST:
-            turn = rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), along)
-            rod = shape_mesh(ShapeKind.CYLINDER, (THIN * reach, 0.5 * length, 0.0), around=THIN_AROUND)
-            parts.append(rod.placed(0.5 * along, turn))
+            rod = shape_mesh(ShapeKind.CYLINDER, (radius, 0.5 * length, 0.0), around=THIN_AROUND)
+            parts.append(rod.placed(0.5 * end, rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), end)))
     return parts
 
 

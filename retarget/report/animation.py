@@ -14,7 +14,7 @@ from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.report import motion_metrics
 from retarget.report.findings import moments
-from retarget.report.plots import performer_facing, turned
+from retarget.report.plots import HUMAN_BONES, POSES, performer_facing, turned, unlike_ticks
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray, IntArray
@@ -123,18 +123,22 @@ class Figure:
 
 @dataclass(frozen=True)
 class Ground:
-    """corners (T, c, 3) of all soles, `sizes` of them each; com (T, 3). contact: m above the ground that still carry.
-    outside: a letter a row, 1 where the centre of mass was beyond the edge in any of its ticks."""
+    """corners (T, c, 3) of all soles, `sizes` of them each; com (T, 3); margin (T,), see `support_margin`. contact: m
+    above the ground that still carry. middle, span (2,): of all of it, seen from above. outside: a letter a row, 1
+    where the centre of mass was beyond the edge in any of its ticks."""
 
     corners: str
     sizes: tuple[int, ...]
     com: str
+    margin: str
     contact: float
+    middle: tuple[float, ...]
+    span: tuple[float, ...]
     outside: str
 
 
 @dataclass(frozen=True)
-class Obstacles:
+class Lines:
     """points (rows, p, 3): a row for each of the animation's, or one where nothing moves; edges: pairs of points."""
 
     points: str
@@ -144,7 +148,8 @@ class Obstacles:
 
 @dataclass(frozen=True)
 class Animation:
-    """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong."""
+    """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong.
+    recorded: of a human alone, its body as the file knows it. poses: rows that are shown side by side."""
 
     time: tuple[int, ...]
     phase: str
@@ -153,7 +158,9 @@ class Animation:
     performer: Figure
     robot: Figure | None
     ground: Ground | None
-    obstacles: Obstacles | None
+    obstacles: Lines | None
+    recorded: Lines | None
+    poses: tuple[int, ...]
     moments: tuple[int, ...]
     simulated: bool
 
@@ -175,6 +182,10 @@ def animation_of(run: RunResult) -> Animation | None:
         robot=_robot(run, rows),
         ground=_ground(run, rows),
         obstacles=_obstacles(run, rows),
+        recorded=_recorded(run, rows),
+        poses=tuple(
+            min(-(-tick // every), len(rows) - 1) for tick in unlike_ticks(run, min(POSES, run.ticks_followed))
+        ),
         moments=tuple(round(1e3 * moment.time) for moment in moments(run)),
         simulated=run.physics is not None,
     )
@@ -228,11 +239,21 @@ def _ground(run: RunResult, rows: IntArray) -> Ground | None:
         return None
     stand = motion_metrics.standing_of(robot, sent.q)
     sizes = tuple(len(sole.polygon) for sole in stand.soles)
-    outside = _letters(stand.outside, rows)
-    return Ground(packed(stand.corners[rows]), sizes, packed(stand.com[rows]), motion_metrics.CONTACT_M, outside)
+    flat = np.concatenate([stand.corners[rows], stand.com[rows, None]], axis=1)[..., :2].reshape(-1, 2)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    return Ground(
+        corners=packed(stand.corners[rows]),
+        sizes=sizes,
+        com=packed(stand.com[rows]),
+        margin=packed(stand.margin[rows]),
+        contact=motion_metrics.CONTACT_M,
+        middle=tuple((0.5 * (low + high)).tolist()),
+        span=tuple((high - low).tolist()),
+        outside=_letters(stand.outside, rows),
+    )
 
 
-def _obstacles(run: RunResult, rows: IntArray) -> Obstacles | None:
+def _obstacles(run: RunResult, rows: IntArray) -> Lines | None:
     """Obstacles of the last stage's body, in the world that its figure is drawn in."""
     wires = None if run.scene is None else wires_of(run.scene, np.maximum(run.record.time[rows], 0.0))
     if wires is None:
@@ -240,7 +261,16 @@ def _obstacles(run: RunResult, rows: IntArray) -> Obstacles | None:
     points = wires.points
     if run.robot is None:
         points = turned(points, performer_facing(run)[:1])
-    return Obstacles(packed(points), len(points), wires.edges)
+    return Lines(packed(points), len(points), wires.edges)
+
+
+def _recorded(run: RunResult, rows: IntArray) -> Lines | None:
+    """The recorded body, turned as the performer's figure is."""
+    if run.human_truth is None or run.robot is not None:
+        return None
+    names = run.record.human.joint_names
+    edges = tuple((names.index(a), names.index(b)) for a, b in HUMAN_BONES)
+    return Lines(packed(turned(run.human_truth[rows], performer_facing(run)[:1])), len(rows), edges)
 
 
 def _letters(flags: BoolArray, rows: IntArray) -> str:

@@ -2,10 +2,10 @@
 //
 //   const scene = Bodies.on(canvas);               // null where there is no WebGL 2: a sentence stands in its place
 //   scene.add("robot", body, { offset, yaw, scale, alpha });
-//   scene.pose("robot", poses);                    // Float32Array, x y z qw qx qy qz for each link; null hides
+//   scene.pose("robot", poses);                    // numbers, x y z qw qx qy qz for each link; null hides
 //   scene.lines("soles", points, { colour, width, over });  // m, x y z x y z for each line; [] hides
 //   scene.clear();                                 // of a canvas, whose size it follows; in a headset the caller does it
-//   const { view, projection } = orbit(azimuth, elevation, distance, target, aspect);
+//   const [view, projection] = orbit(azimuth, elevation, distance, target, aspect);
 //   scene.draw(view, projection);                  // into the framebuffer and viewport that are set
 //
 // body: {"height": m, "meshes": [{"link": i, "vertices": [x, y, z, ...], "faces": [a, b, c, ...], "colour": [r, g, b]}]}
@@ -38,7 +38,7 @@ out vec4 shown;
 void main() {
   float lit = max(dot(normalize(outward), vec3(${LIGHT})), 0.0);
   float facing = abs(dot(normalize(inView), normalize(seen)));
-  float light = flattened > 0.0 ? 1.0 : (0.62 + 0.38 * lit) * (0.7 + 0.35 * facing);
+  float light = flattened > 0.0 ? 1.0 : (0.68 + 0.38 * lit) * (0.75 + 0.3 * facing);
   shown = vec4(min(colour.rgb * light, 1.0) * colour.a, colour.a);
 }`];
 
@@ -94,13 +94,13 @@ function normals(vertices, faces) {
 }
 
 export class Bodies {
-  #gl; #solid; #line; #canvas;
+  #solid; #line; #canvas;
   #bodies = new Map();
   #lines = new Map();
 
   // shadow: [r, g, b] of what bodies cast on the floor; none in a headset that shows the room.
   constructor(gl, { shadow = null } = {}) {
-    this.#gl = gl;
+    this.gl = gl;
     this.shadow = shadow;
     this.#canvas = gl.canvas;
     this.#canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -120,27 +120,22 @@ export class Bodies {
   add(name, body, { offset = [0, 0, 0], yaw = 0, scale = 1, alpha = 1 } = {}) {
     const [c, s] = [scale * Math.cos(yaw), scale * Math.sin(yaw)];
     const place = Float32Array.of(c, s, 0, 0, -s, c, 0, 0, 0, 0, scale, 0, ...offset, 1);
-    this.remove(name);
     this.#bodies.set(name, this.#load({ body, place, alpha, poses: null }));
   }
 
-  remove(name) {
-    const gl = this.#gl, known = this.#bodies.get(name);
-    if (known) { gl.deleteVertexArray(known.array); known.buffers.forEach((buffer) => gl.deleteBuffer(buffer)); }
-    this.#bodies.delete(name);
-  }
+  remove(name) { this.#bodies.delete(name); }
 
   pose(name, poses) { this.#bodies.get(name).poses = poses; }
 
   lines(name, points, { colour = [0, 0, 0], width = 1.5, over = false } = {}) {
-    const gl = this.#gl, known = this.#lines.get(name) || this.#loadLines({});
+    const gl = this.gl, known = this.#lines.get(name) || this.#loadLines({});
     this.#lines.set(name, Object.assign(known, { points: Float32Array.from(points), colour, width, over }));
     gl.bindBuffer(gl.ARRAY_BUFFER, known.buffer);
     gl.bufferData(gl.ARRAY_BUFFER, known.points, gl.DYNAMIC_DRAW);
   }
 
   clear() {
-    const gl = this.#gl;
+    const gl = this.gl;
     sharp(this.#canvas);
     gl.viewport(0, 0, this.#canvas.width, this.#canvas.height);
     gl.clearColor(0, 0, 0, 0);
@@ -148,7 +143,7 @@ export class Bodies {
   }
 
   draw(view, projection) {
-    const gl = this.#gl;
+    const gl = this.gl;
     const bodies = [...this.#bodies.values()].filter(({ poses }) => poses).sort((a, b) => b.alpha - a.alpha);
     const lines = [...this.#lines.values()].filter(({ points }) => points.length);
     gl.disable(gl.CULL_FACE);
@@ -174,14 +169,14 @@ export class Bodies {
   }
 
   #build() {
-    this.#solid = program(this.#gl, SOLID);
-    this.#line = program(this.#gl, LINE);
+    this.#solid = program(this.gl, SOLID);
+    this.#line = program(this.gl, LINE);
     for (const body of this.#bodies.values()) this.#load(body);
     for (const [name, line] of this.#lines) { this.#loadLines(line); this.lines(name, line.points, line); }
   }
 
   #load(known) {
-    const gl = this.#gl, { meshes } = known.body, vertices = [], outward = [], faces = [];
+    const gl = this.gl, { meshes } = known.body, vertices = [], outward = [], faces = [];
     known.parts = meshes.map((mesh) => {
       const first = vertices.length / 3, from = faces.length;
       for (const value of mesh.vertices) vertices.push(value);
@@ -191,23 +186,20 @@ export class Bodies {
     });
     known.array = gl.createVertexArray();
     gl.bindVertexArray(known.array);
-    known.buffers = [vertices, outward].map((values, location) => {
-      const buffer = gl.createBuffer();
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    [vertices, outward].forEach((values, location) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
       gl.bufferData(gl.ARRAY_BUFFER, Float32Array.from(values), gl.STATIC_DRAW);
       gl.enableVertexAttribArray(location);
       gl.vertexAttribPointer(location, 3, gl.FLOAT, false, 0, 0);
-      return buffer;
     });
-    known.buffers.push(gl.createBuffer());
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, known.buffers[2]);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint32Array.from(faces), gl.STATIC_DRAW);
     gl.bindVertexArray(null);
     return known;
   }
 
   #loadLines(known) {
-    const gl = this.#gl;
+    const gl = this.gl;
     known.array = gl.createVertexArray();
     known.buffer = gl.createBuffer();
     gl.bindVertexArray(known.array);
@@ -222,7 +214,7 @@ export class Bodies {
   }
 
   #use({ made, uniforms }, array, view, projection) {
-    const gl = this.#gl;
+    const gl = this.gl;
     gl.useProgram(made);
     gl.bindVertexArray(array);
     gl.uniformMatrix4fv(uniforms.view, false, view);
@@ -231,11 +223,11 @@ export class Bodies {
   }
 
   #drawBody({ array, parts, place, alpha, poses }, view, projection, shadow) {
-    const gl = this.#gl, u = this.#use(this.#solid, array, multiply(view, place), projection);
+    const gl = this.gl, u = this.#use(this.#solid, array, multiply(view, place), projection);
     gl.uniform1f(u.flattened, shadow ? 1 : 0);
     for (const { link, colour, from, count } of parts) {
-      const [x, y, z, qw, qx, qy, qz] = poses.subarray(7 * link, 7 * link + 7);
-      if (Number.isNaN(x + qw)) continue;
+      const [x, y, z, qw, qx, qy, qz] = poses.slice(7 * link, 7 * link + 7);
+      if (!Number.isFinite(x + qw)) continue;
       gl.uniform4f(u.at, x, y, z, 1);
       gl.uniform4f(u.turn, qx, qy, qz, qw);
       gl.uniform4f(u.colour, ...(shadow || colour), shadow ? 1 : alpha);
@@ -244,7 +236,7 @@ export class Bodies {
   }
 
   #drawLines({ array, points, colour, width }, view, projection) {
-    const gl = this.#gl, u = this.#use(this.#line, array, view, projection);
+    const gl = this.gl, u = this.#use(this.#line, array, view, projection);
     gl.uniform4fv(u.viewport, gl.getParameter(gl.VIEWPORT));
     gl.uniform1f(u.width, width * (window.devicePixelRatio || 1));
     gl.uniform4f(u.colour, ...colour, 1);
@@ -275,10 +267,10 @@ export function orbit(azimuth, elevation, distance, target, aspect, field = 0.5)
   const away = axes.map((axis) => -axis.reduce((sum, value, k) => sum + value * target[k], 0));
   away[2] -= distance;
   const near = distance / 50, far = 20 * distance, f = 1 / Math.tan(field / 2);
-  return {
-    view: Float32Array.of(...[0, 1, 2].flatMap((k) => [...axes.map((axis) => axis[k]), 0]), ...away, 1),
-    projection: Float32Array.of(f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0),
-  };
+  return [
+    Float32Array.of(...[0, 1, 2].flatMap((k) => [...axes.map((axis) => axis[k]), 0]), ...away, 1),
+    Float32Array.of(f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0),
+  ];
 }
 
 // Lines for `lines`: a grid on the floor about a point, and crosses at points (m), where they are known.

@@ -4,7 +4,6 @@ const rows = data.time.length;
 const $ = (id) => document.getElementById(id);
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const dark = matchMedia("(prefers-color-scheme: dark)");
-let azimuth = 35 * Math.PI / 180, elevation = 12 * Math.PI / 180;
 let row = Math.max(0, data.phase.indexOf("f"));
 let playing = false;
 let colour = {};
@@ -13,28 +12,37 @@ function unpack(packed, Kind = Float32Array) {
   return new Kind(Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0)).buffer);
 }
 
-function figure(name) {
-  const packed = data[name], scene = packed && Bodies.on($("view-" + name));
-  if (!scene) return [];
-  scene.add(name, packed.body);
-  const poses = unpack(packed.poses, Int16Array);
-  return [{ ...packed, name, scene, poses, marks: unpack(packed.marks), centre: unpack(packed.centre) }];
+function unpacked(tracks, ...names) {
+  return tracks && { ...tracks, ...Object.fromEntries(names.map((name) => [name, unpack(tracks[name])])) };
 }
 
-// The poses of a figure's links in this row, see `packed_poses`.
-function posed({ poses, step, centre }) {
-  const size = poses.length / rows;
-  return Float32Array.from(poses.subarray(size * row, size * (row + 1)), (value, i) =>
-    i % 7 < 3 ? value * step + (i % 7 < 2 ? centre[2 * row + (i % 7)] : 0) : value / 32767);
+const obstacles = unpacked(data.obstacles, "points"), recorded = unpacked(data.recorded, "points");
+const ground = unpacked(data.ground, "corners", "com", "margin");
+const figures = ["performer", "robot"].filter((name) => data[name]).map((name) => ({
+  ...unpacked(data[name], "marks", "centre"), name, poses: unpack(data[name].poses, Int16Array),
+}));
+
+// Of the rows of a track, one.
+function part(track, at) {
+  const size = track.length / rows;
+  return track.subarray(size * at, size * (at + 1));
 }
 
-const obstacles = data.obstacles && { ...data.obstacles, points: unpack(data.obstacles.points) };
-const figures = ["performer", "robot"].flatMap(figure);
-const ground = data.ground && { ...data.ground, corners: unpack(data.ground.corners), com: unpack(data.ground.com) };
+// The poses of a figure's links in a row, see `packed_poses`.
+function posed({ poses, step, centre }, at) {
+  const middle = [...part(centre, at), 0];
+  return Float32Array.from(part(poses, at), (value, i) => (i % 7 < 3 ? value * step + middle[i % 7] : value / 32767));
+}
+
+// Edges between the points of a row, or of the only one.
+function edges({ points, rows, edges }, at) {
+  const size = points.length / rows, from = size * Math.min(at, rows - 1);
+  return edges.flatMap((ends) => ends.flatMap((end) => [...points.subarray(from + 3 * end, from + 3 * end + 3)]));
+}
 
 function readColours() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["page", "ink", "soft", "line", "grid", "trunk", "right", "servos", "asked", "fail", "pass", "follow", "approach", "brake", "gated"])
+  for (const name of ["ink", "soft", "line", "grid", "right", "servos", "fail", "pass", "follow", "approach", "brake", "gated"])
     colour[name] = style.getPropertyValue("--" + name).trim();
 }
 
@@ -49,13 +57,4 @@ function niceStep(wanted) {
 
 function length(metres) {
   return metres >= 1 ? metres + " m" : Math.round(metres * 1000) / 10 + " cm";
-}
-
-// The pen of a canvas that is not of bodies.
-function prepare(canvas) {
-  const ratio = sharp(canvas), width = canvas.clientWidth, height = canvas.clientHeight, pen = canvas.getContext("2d");
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
-  pen.lineCap = pen.lineJoin = "round";
-  return { pen, width, height };
 }

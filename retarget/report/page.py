@@ -84,7 +84,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] |
         moments=moments(run),
         animation=animation,
         motion=None if animation is None else asdict(animation),
-        drawings={name: drawn(figure, name) for name, figure in shown.items()},
+        drawings={name: drawn(figure, name) for name, figure in shown.items() if name != "poses"},
         tracking=tracking,
         longest_bar=max([LEAST_BAR, *(spread.p95 for block in tracking.values() for spread in block.values())]),
         style=(FOLDER / "page.css").read_text(encoding="utf-8"),

@@ -1,28 +1,48 @@
 // The bodies, and time: the strip of phases, play, pause, scrub.
-const GRID = 3; // cells of the floor to a body's height, about
+const AHEAD = [35 * Math.PI / 180, 12 * Math.PI / 180]; // azimuth and elevation of the pictures, too
+let azimuth = AHEAD[0], elevation = AHEAD[1];
+for (const figure of figures) {
+  figure.scenes = ["view", "poses"].map((where) => Bodies.on($(where + "-" + figure.name)));
+  for (const scene of figure.scenes) scene?.add("body", figure.body);
+}
 
-function drawBody({ name, scene, height, reach, marks, centre, ...poses }) {
-  const isRobot = name === "robot", [x, y] = centre.subarray(2 * row, 2 * row + 2), canvas = $("view-" + name);
-  const count = marks.length / rows, size = 0.02 * height;
+// A row of a figure as seen from a side, in the viewport that is set.
+function drawFigure(figure, scene, at, aspect, ...side) {
+  const { name, height, reach, centre } = figure, [x, y] = part(centre, at);
   scene.shadow = rgb("grid");
-  scene.pose(name, posed({ centre, ...poses }));
-  scene.lines("floor", grid(niceStep(height / GRID), 1.1 * reach, x, y), { colour: rgb("line"), width: 1 });
-  scene.lines("marks", crosses(marks.subarray(count * row, count * (row + 1)), size), { colour: rgb(isRobot ? "ink" : "servos"), width: 2, over: true });
-  if (obstacles && (isRobot || !data.robot)) {
-    const from = Math.min(row, obstacles.rows - 1) * obstacles.points.length / obstacles.rows;
-    const at = (i) => obstacles.points.subarray(from + 3 * i, from + 3 * i + 3);
-    scene.lines("obstacles", obstacles.edges.flatMap(([a, b]) => [...at(a), ...at(b)]), { colour: rgb("gated") });
-  }
-  if (isRobot && ground) showGround(scene, size);
-  const aspect = canvas.clientWidth / canvas.clientHeight, field = 0.5;
-  const distance = Math.max(0.58 * height, reach / aspect) / Math.tan(field / 2) + 0.5 * reach;
-  const { view, projection } = orbit(azimuth, elevation, distance, [x, y, 0.48 * height], aspect, field);
+  scene.pose("body", posed(figure, at));
+  if (obstacles && name === figures.at(-1).name) scene.lines("obstacles", edges(obstacles, at), { colour: rgb("gated") });
+  if (recorded) scene.lines("recorded", edges(recorded, at), { colour: rgb("ink"), width: 1, over: true });
+  const distance = Math.max(0.56 * height, reach / aspect) / Math.tan(0.25) + 0.5 * reach;
+  scene.draw(...orbit(...side, distance, [x, y, 0.48 * height], aspect));
+}
+
+function drawPoses(figure) {
+  const scene = figure.scenes[1], canvas = $("poses-" + figure.name), count = data.poses.length;
   scene.clear();
-  scene.draw(view, projection);
+  const wide = canvas.width / count;
+  data.poses.forEach((at, i) => {
+    scene.gl.viewport(i * wide, 0, wide, canvas.height);
+    drawFigure(figure, scene, at, wide / canvas.height, ...AHEAD);
+  });
+}
+
+function drawView(figure) {
+  const { name, height, marks } = figure, scene = figure.scenes[0], canvas = $("view-" + name);
+  const cell = niceStep(height / 3), size = 0.02 * height, isRobot = name === "robot";
+  scene.lines("marks", crosses(part(marks, row), size), { colour: rgb(isRobot ? "ink" : "servos"), width: 2, over: true });
+  if (ground && isRobot) showGround(scene, size, row);
+  scene.lines("floor", grid(cell, figure.reach, ...part(figure.centre, row)), { colour: rgb("line"), width: 1 });
+  scene.clear();
+  drawFigure(figure, scene, row, canvas.clientWidth / canvas.clientHeight, azimuth, elevation);
+  $("say-" + name).textContent = "grid " + length(cell);
 }
 
 function drawStrip() {
-  const { pen, width, height } = prepare($("strip"));
+  const canvas = $("strip"), ratio = sharp(canvas), width = canvas.clientWidth, height = canvas.clientHeight;
+  const pen = canvas.getContext("2d");
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, width, height);
   const first = data.time[0], span = data.time[rows - 1] - first || 1;
   const at = (time) => ((time - first) / span) * width;
   const shades = { a: colour.approach, f: colour.follow, b: colour.brake };
@@ -40,8 +60,8 @@ function drawStrip() {
 }
 
 function draw() {
-  figures.forEach(drawBody);
-  if (ground) drawAbove($("view-above"));
+  for (const figure of figures) if (figure.scenes[0]) drawView(figure);
+  if (above) drawAbove();
   drawStrip();
   $("scrub").value = row;
   $("clock").textContent = (data.time[row] / 1000).toFixed(2) + " s";
@@ -102,16 +122,20 @@ for (const button of document.querySelectorAll(".goto"))
     show(nearest(Number(button.dataset.time)));
     $("player").scrollIntoView({ behavior: still.matches ? "auto" : "smooth" });
   });
-for (const { name } of figures)
-  $("view-" + name).addEventListener("pointermove", (event) => {
+for (const { name, scenes } of figures)
+  if (scenes[0]) $("view-" + name).addEventListener("pointermove", (event) => {
     if (!(event.buttons & 1)) return;
     azimuth -= event.movementX * 0.01;
     elevation = Math.min(1.4, Math.max(0, elevation + event.movementY * 0.005));
     draw();
   });
-const refresh = () => { readColours(); draw(); };
+const refresh = () => {
+  readColours();
+  draw();
+  for (const figure of figures) if (figure.scenes[1]) drawPoses(figure);
+};
 dark.addEventListener("change", refresh);
-window.addEventListener("resize", draw);
+window.addEventListener("resize", refresh);
 window.addEventListener("beforeprint", refresh);
 window.addEventListener("afterprint", refresh);
 refresh();

@@ -155,7 +155,7 @@ def plot_poses(run: RunResult) -> Figure | None:
     """The human above, the robot below; of a human alone, the recorded body over the reconstructed one."""
     if run.ticks_followed < 2:
         return None
-    ticks = _unlike(run, min(POSES, run.ticks_followed))
+    ticks = unlike_ticks(run, min(POSES, run.ticks_followed))
     bodies = [performer_postures(run, ticks)]
     bodies += [] if run.robot is None else [robot_postures(run, ticks)]
     extents = np.array([[body.extent(pose) for pose in range(len(ticks))] for body in bodies])  # (lines, poses, 4)
@@ -182,9 +182,9 @@ def plot_poses(run: RunResult) -> Figure | None:
     return figure
 
 
-def _unlike(run: RunResult, count: int) -> list[int]:
-    """Ticks at which the performer's postures differ most, in their order: the first tick that followed, then each time
-    the one farthest from those chosen. Equal steps would show a motion that repeats itself at one of its phases."""
+def unlike_ticks(run: RunResult, count: int) -> list[int]:
+    """The `count` ticks at which the performer's postures differ most: the first tick that followed, then each time the
+    one farthest from those chosen. Equal steps would show a motion that repeats itself at one of its phases."""
     following, facing = run.record.following, performer_facing(run)
     points = turned(run.record.human.joints[following], facing)
     rows = thinned(len(points))

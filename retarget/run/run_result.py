@@ -37,7 +37,7 @@ class PhysicsRun:
 
     mount: what the robot was on. seed, perturbations: of what was perturbed on purpose. fall: the first, None while it
     stands; toppled: the fall of a robot at rest after its torque went off, None if it stayed. time (T,) s, on the run's
-    time. root (T, 7) m and wxyz, angles (T, j) rad or m: the body, as `truth_names` lists it. com (T, 3), pressure (T,
+    time. body (T, 7 + j): its root, m and wxyz, and its joints, rad or m, as `truth_names` lists them. com (T, 3), pressure (T,
     2): centre of mass and centre of pressure of the soles, m, world, the latter NaN where no sole carried; margin (T,):
     of it inside the hull of the soles that carried, m. slip (k,) m: horizontal path of each sole while it carried.
     tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees Celsius, by a stated model that is
@@ -50,8 +50,7 @@ class PhysicsRun:
     fall: Fallen | None
     toppled: Fallen | None
     time: FloatArray
-    root: FloatArray
-    angles: FloatArray
+    body: FloatArray
     com: FloatArray
     pressure: FloatArray
     margin: FloatArray
@@ -179,8 +178,8 @@ class RunResult:
         body, q = self.robot.body, sent.q.copy()
         rows = np.searchsorted(physics.time, self.record.time).clip(max=len(physics.time) - 1)
         if body.root == "free":
-            q[:, :ROOT] = physics.root[rows]
-        q[:, body.joint_qpos[body.joint_type > JointType.BALL]] = physics.angles[rows]
+            q[:, :ROOT] = physics.body[rows, :ROOT]
+        q[:, body.joint_qpos[body.joint_type > JointType.BALL]] = physics.body[rows, ROOT:]
         return q
 
     def _while_following(self, rows: FloatArray) -> FloatArray:

@@ -158,6 +158,7 @@ def physics_run(
     log, world = witness.log, witness.simulation.world
     time = log.column("time")
     later = begun - float(time[0]) if log.rows else 0.0
+    robot_joints = world.robot.body.joint_qpos[world.robot.body.joint_type > JointType.BALL]
     return PhysicsRun(
         mount=world.mount.support.value,
         seed=seed,
@@ -165,8 +166,7 @@ def physics_run(
         fall=_fallen(witness.fall, later),
         toppled=_fallen(witness.toppled, later),
         time=time + later,
-        root=log.column("root"),
-        angles=log.column("q")[:, world.robot.body.joint_qpos[world.robot.body.joint_type > JointType.BALL]],
+        body=np.hstack([log.column("root"), log.column("q")[:, robot_joints]]),
         com=log.column("com"),
         pressure=log.column("zmp"),
         margin=zmp_margins(world.robot, log, least_load=LOADED_SHARE * world.weight),

@@ -26,7 +26,7 @@ SHAPES = """
 <mujoco><asset><mesh name="wedge" vertex="0 0 0  .1 0 0  0 .2 0  0 0 .3"/></asset><worldbody>
 <geom type="plane" size="1 1 .1"/>
 <body name="link" pos="0 0 1"><joint/>{}</body></worldbody></mujoco>"""
-PLACED = 'pos=".1 .2 .3" euler="10 20 30"'
+PLACED = 'pos="-.02 -.03 -.04" euler="10 20 30"'
 
 
 def volume(mesh: Mesh) -> float:

@@ -84,6 +84,7 @@ def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report)
     )
     assert [finding.name for finding in findings(run, bare) if finding.kept is not None] == [
         "following",
+        "following",
         "servos",
         "joint positions",
         "joint speeds",

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from hardware.guard_state import Stop, StopCause
 from retarget.model.scene_shapes import ShapeKind
@@ -22,7 +23,7 @@ from retarget.model.scene_state import SceneState
 from retarget.report.animation import animation_of, wires_of
 from retarget.report.findings import moments
 from retarget.report.measure import measure
-from retarget.report.page import page_html, write_page
+from retarget.report.page import FOLDER, page_html, write_page
 from retarget.report.plots import PICTURES
 from retarget.report.report import Report, page_path, report_path
 from retarget.rotations import conjugate, rotate
@@ -144,7 +145,7 @@ def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) 
 
 def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> None:
     drawings = re.findall(r'<svg viewBox="[^"]*" role="img".*?</svg>', html, re.DOTALL)
-    assert len(drawings) == 2
+    assert len(drawings) == 1  # postures are drawn by the player
     for drawing in drawings:
         ElementTree.fromstring(drawing.replace("<svg ", '<svg xmlns:xlink="x" ', 1))
         for used in re.findall(r'(?:xlink:href="#|url\(#)([^")]+)', drawing):
@@ -185,6 +186,8 @@ def test_the_player_shows_what_was_sent(html: str, run: RunResult) -> None:
     np.testing.assert_allclose(com, robot.body.solver_body().centre_of_mass(sent.q[rows]), atol=1e-4)
     corners = unpacked(data["ground"]["corners"], len(rows), sum(data["ground"]["sizes"]), 3)
     assert np.abs(corners[..., 2]).max() < 0.01
+    tracks = len(json.dumps(data)) - sum(len(json.dumps(data[name]["body"])) for name in ("performer", "robot"))
+    assert tracks < 1700 * len(rows)  # bytes: a page of the most rows stays below 6 MB
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not there")
@@ -192,6 +195,51 @@ def test_the_script_is_a_valid_module(html: str) -> None:
     command = ["node", "--check", "--input-type=module", "-"]
     checked = subprocess.run(command, input=Page(html).scripts[1], text=True, capture_output=True, check=False)
     assert checked.returncode == 0, checked.stderr
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not there")
+def test_a_camera_sees_left_on_the_right_of_who_faces_it_and_a_headset_sees_x_ahead() -> None:
+    script = (
+        (FOLDER / "bodies.js").read_text(encoding="utf-8")
+        + """
+        const [view, projection] = orbit(0, 0.2, 3, [1, 2, 0.5], 1.5);
+        const seen = (m, p) => [0, 1, 2, 3].map((i) => m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2] + m[12 + i]);
+        const shown = [[1, 2, 0.5], [1, 2.1, 0.5], [1, 2, 0.6]].map((p) => seen(multiply(projection, view), p));
+        const axes = [[1, 0, 0], [0, 1, 0]].map((axis) => seen(TO_WEBXR, axis));
+        console.log(JSON.stringify([...shown, ...axes, grid(1, 2, 0.4, 0).length]));
+    """
+    )
+    done = subprocess.run(
+        ["node", "--input-type=module", "-"], input=script, text=True, capture_output=True, check=True
+    )
+    middle, left, above, ahead, sideways, numbers = json.loads(done.stdout)
+    assert middle[:2] == pytest.approx([0.0, 0.0], abs=1e-6) and middle[3] == pytest.approx(3.0, abs=1e-6)
+    assert left[0] > 0.0 and abs(left[1]) < 1e-6 and above[1] > 0.0 and abs(above[0]) < 1e-6
+    assert ahead[:3] == [0, 0, -1] and sideways[:3] == [-1, 0, 0]
+    assert numbers == 6 * 2 * 5
+
+
+CHROMIUM = shutil.which("chromium")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
+def test_a_browser_draws_the_bodies_or_says_why_not(html: str, tmp_path: Path) -> None:
+    page, picture = tmp_path / "report.html", tmp_path / "seen.png"
+    page.write_text(html, encoding="utf-8")
+
+    def browse(*options: str) -> str:
+        command = [str(CHROMIUM), "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1160,2600"]
+        command += [f"--user-data-dir={tmp_path / 'browser'}", "--virtual-time-budget=4000", *options, page.as_uri()]
+        return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=True).stdout
+
+    assert "WebGL 2" in Page(browse("--disable-3d-apis", "--dump-dom")).text
+    text = Page(browse("--dump-dom")).text
+    assert "grid 20 cm" in text and "mm inside" in text and "WebGL 2" not in text
+    browse(f"--screenshot={picture}")
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    assert ((red > 1.5 * green) & (green > 2 * blue) & (red > 120)).sum() > 2000  # left, orange
+    assert ((blue > 1.3 * green) & (green > 5 * red) & (blue > 90)).sum() > 2000  # right
 
 
 def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
