@@ -18,7 +18,7 @@ from page_stand_in import KEY, Said, StandIn, running
 FLAGS = "--no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update".split()
 FAKE_CAMERA = "--use-fake-device-for-media-stream"
 ALLOWED = "--use-fake-ui-for-media-stream"
-FOLLOWING = {"state": "following", "why": "", "paused": False}
+FOLLOWING = {"state": "following", "why": ""}
 
 TRACKER = """
 const scene = SCENE;
@@ -558,7 +558,9 @@ def test_grip_pinch_buttons_and_sign_hold_and_stop_in_the_headset(headset: Any, 
 
 def test_a_hold_is_felt_and_leaving_the_headset_lets_go(headset: Any, stand_in: StandIn) -> None:
     headset.evaluate(
-        "() => { window.pulses = 0; GamepadHapticActuator.prototype.pulse = async () => { pulses += 1; }; }"
+        """() => { window.pulses = 0;
+        const actuator = device.controllers.right.inputSource.gamepad.hapticActuators[0];
+        Object.getPrototypeOf(actuator).pulse = async () => { pulses += 1; }; }"""
     )
     stand_in.state = FOLLOWING
     read_after(stand_in, 20)
