@@ -94,8 +94,8 @@ export class Link {
       this.#drop();
       this.#enter(LINK.REFUSED, message.why);
     } else {
-      this.hear(message);
       if (message.hear === "welcome") this.#enter(LINK.OPEN);
+      this.hear(message);
     }
   }
 

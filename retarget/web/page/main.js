@@ -9,6 +9,10 @@ import { Scene } from "./scene.js";
 const byId = (id) => document.getElementById(id);
 const MOVING = /approach|follow|hold/; // states in which an interruption is made a pause
 const TONES = [[/follow/, "good"], [/stop|fault|off|rest|return|end|refused|not connected/, "bad"], [/hold|pause|approach|arming/, "wary"]];
+const STANCES = [
+  [/countdown|calibrating/, "pose.svg", "Stand like one of these: arms hanging, or straight out to the sides"],
+  [/sides/, "pose_left.svg", "Your left arm straight to the front, and only that"],
+];
 const MOST_AGES = 100;
 const NOTE_MS = 20000; // so long a note of the run stays large
 
@@ -210,9 +214,9 @@ function show() {
   put("note", note || "");
   put("trouble", trouble());
   put("numbers", numbers());
-  list("sensors", Object.entries(page.run?.sensors || {}).map(([name, good]) => [`${sensorWords(name)} ${good ? "seen" : "not seen"}`, good ? "good" : "bad"]));
+  list("sensors", Object.entries(page.run?.sensors || {}).map(([name, good]) => [good ? `✓ ${sensorWords(name)}` : `✕ ${sensorWords(name)} not seen`, good ? "good" : "bad"]));
   list("clipped", (page.run?.clipped || []).map((text) => [text, "wary"]));
-  byId("pose").hidden = !/countdown|calibrating/.test(state);
+  showStance(state);
   byId("pause").textContent = page.paused ? "Go on" : "Pause";
   byId("pause").disabled = byId("hold").disabled = !connected;
   byId("hold").checked = deadMan.used;
@@ -220,6 +224,14 @@ function show() {
   byId("pad").hidden = !deadMan.used || page.view === "headset";
   byId("again").hidden = page.view !== "camera" || camera.state !== CAMERA.FAILED;
   showWays(connected);
+}
+
+function showStance(state) {
+  const [, drawing, words] = STANCES.find(([when]) => when.test(state)) || [];
+  byId("pose").hidden = !drawing;
+  if (!drawing || byId("stance").textContent === words) return;
+  byId("drawing").src = `page/${drawing}`;
+  byId("drawing").alt = byId("stance").textContent = words;
 }
 
 function showWays(connected) {

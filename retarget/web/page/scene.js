@@ -1,22 +1,32 @@
 // The virtual human and the robot on the page, from the bodies and poses that the server sends.
 
-const ROOM = 1.2; // what the view shows, by what the body needs
+const ROOM = 1.1; // what the view shows, by what the body needs
 const SHARE = 0.2; // of the time, at most, goes into drawing: without a graphics card the tracker needs the rest
-const HAND = 0.15; // of the height
 const FIELD = 0.5; // rad, of view, up and down
 const AZIMUTH = 0.25, ELEVATION = 0.12; // rad, from the front left, slightly above
 const SLOWNESS = 0.9; // share of the old place that the view keeps each drawing
 
 const drawing = import(new URL("bodies.js", document.baseURI)).catch(() => null);
 
-// Of all links: the middle on the floor, how far they are from it, and how high; m.
-function extent(poses) {
-  const each = Array.from({ length: poses.length / 7 }, (_, i) => poses.subarray(7 * i, 7 * i + 3)).filter(([x]) => !Number.isNaN(x));
-  const middle = [0, 1].map((k) => each.reduce((sum, place) => sum + place[k], 0) / each.length);
+// How far each link reaches from its origin, m.
+function reaches(body) {
+  const found = [];
+  for (const { link, vertices: v } of body.meshes) {
+    found[link] ??= 0;
+    for (let i = 0; i < v.length; i += 3) found[link] = Math.max(found[link], Math.hypot(v[i], v[i + 1], v[i + 2]));
+  }
+  return found;
+}
+
+// Of all links: the middle on the floor, how far they reach from it, and how high; m.
+function extent(poses, reach) {
+  const each = Array.from({ length: poses.length / 7 }, (_, i) => [...poses.subarray(7 * i, 7 * i + 3), reach[i] || 0]);
+  const known = each.filter(([x]) => !Number.isNaN(x));
+  const middle = [0, 1].map((k) => known.reduce((sum, place) => sum + place[k], 0) / known.length);
   return {
     middle,
-    far: Math.max(...each.map(([x, y]) => Math.hypot(x - middle[0], y - middle[1]))),
-    high: Math.max(...each.map((place) => place[2])),
+    far: Math.max(...known.map(([x, y, , r]) => Math.hypot(x - middle[0], y - middle[1]) + r)),
+    high: Math.max(...known.map(([, , z, r]) => z + r)),
   };
 }
 
@@ -31,16 +41,16 @@ class View {
   show(body) {
     this.height = this.top = body.height;
     this.half = 0.35 * body.height; // of what is seen across; both grow with what the body does
+    this.reach = reaches(body);
     this.at = null;
     this.bodies?.add("body", body);
   }
 
   draw(poses) {
     if (!this.bodies || !this.canvas.clientWidth) return;
-    const { middle, far, high } = extent(poses);
-    const hand = HAND * this.height; // from the last link's origin to the end of the limb
-    this.half = Math.max(this.half, far + hand);
-    this.top = Math.max(this.top, high + hand);
+    const { middle, far, high } = extent(poses, this.reach);
+    this.half = Math.max(this.half, far);
+    this.top = Math.max(this.top, high);
     this.at = this.at ? this.at.map((old, i) => SLOWNESS * old + (1 - SLOWNESS) * middle[i]) : middle;
     const aspect = this.canvas.clientWidth / this.canvas.clientHeight;
     const distance = ROOM * Math.max(this.top, 2 * this.half / aspect) / (2 * Math.tan(FIELD / 2));
@@ -86,10 +96,15 @@ export class Scene {
 
   // The message "state".
   pose(message) {
-    for (const name of ["human", "robot"]) if (message[name]?.length) this.poses[name] = Float32Array.from(message[name]);
+    for (const name of ["human", "robot"]) if (message[name]?.length) this.#know(name, message[name]);
     if (this.busy) return; // a later message is drawn
     this.busy = true;
     requestAnimationFrame(() => this.#draw());
+  }
+
+  #know(name, poses) {
+    this.poses[name] = Float32Array.from(poses);
+    this.canvases[name].closest("figure").hidden = !this.views[name];
   }
 
   #draw() {

@@ -1,6 +1,6 @@
 // A sign that hangs before a headset: the state of the run in large letters, and a red field that stops it.
 
-const AWAY = 1.3, ABOVE = -0.05; // m from the eyes
+const AWAY = 1.3, ABOVE = 0.32; // m from the eyes: the ghost stands free below
 const HALF = [0.5, 0.28]; // m
 const SIZE = [1024, 574]; // px
 const STOP_SHARE = 0.3; // of the height, at the bottom

@@ -15,6 +15,7 @@ from typing import Any
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 ROOT = Path(__file__).parents[2]
@@ -42,7 +43,8 @@ class Said:
 @dataclass
 class StandIn:
     """runtime: the folder of the body tracker, None without. files: what is served instead of files, by path below the
-    key. welcome, state: what every page hears. hidden_from: inputs that are refused, with the reason."""
+    key. welcome, state, bodies: what every page hears. refused: inputs that are refused, with the reason. said: by all
+    pages. asked: paths of HTTP. port, host: where it serves."""
 
     runtime: Path | None = None
     files: dict[str, bytes] = field(default_factory=dict)
@@ -55,6 +57,7 @@ class StandIn:
     port: int = 0
     host: str = "127.0.0.1"
     connections: int = 0
+    paused: bool = False
     _live: set[ServerConnection] = field(default_factory=set)
     _loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.new_event_loop)
     _server: Server | None = None
@@ -134,6 +137,11 @@ class StandIn:
         number = self.connections
         self.connections += 1
         self._live.add(connection)
+        with suppress(ConnectionClosed):
+            await self._hear(connection, number)
+        self._live.discard(connection)
+
+    async def _hear(self, connection: ServerConnection, number: int) -> None:
         news: asyncio.Task[None] | None = None
         try:
             async for text in connection:
@@ -145,10 +153,11 @@ class StandIn:
                         return
                     await self._begin(connection)
                     news = asyncio.create_task(self._tell(connection))
+                elif message.get("say") in ("pause", "go on"):
+                    self.paused = message["say"] == "pause"
                 elif message.get("say") == "ping":
                     await connection.send(json.dumps({"hear": "pong", "t": message["t"]}))
         finally:
-            self._live.discard(connection)
             if news:
                 news.cancel()
 
@@ -160,9 +169,9 @@ class StandIn:
             await connection.send(json.dumps({"hear": "bodies"} | self.bodies))
 
     async def _tell(self, connection: ServerConnection) -> None:
-        with suppress(OSError, Exception):  # the page is gone
+        with suppress(ConnectionClosed):
             while True:
-                await connection.send(json.dumps({"hear": "state", "time": time.monotonic()} | self.state))
+                await connection.send(json.dumps({"hear": "state", "paused": self.paused} | self.state))
                 await asyncio.sleep(1 / STATE_HZ)
 
     async def _broadcast(self, message: Message) -> None:
