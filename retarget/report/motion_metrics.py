@@ -294,7 +294,7 @@ def physics_report(run: RunResult) -> PhysicsReport | None:
         torque_nm=torque,
         temperature_c=dict(zip(robot.joint_map.joints, physics.hottest.tolist(), strict=True)),
         heat_model=HEAT_MODEL,
-        self_contacts=physics.self_contacts,
-        fixture_contacts=physics.fixture_contacts,
+        self_contacts=physics.contacts[0],
+        fixture_contacts=physics.contacts[1],
         realtime_factor=run.ticks_followed * run.clip.dt / max(run.wall_s, 1e-9) or None,
     )

@@ -174,8 +174,7 @@ def physics_run(
         tilt=log.worst_tilt,
         torque=log.column("torque"),
         hottest=np.where(np.isfinite(log.hottest), log.hottest, np.nan),
-        self_contacts=log.self_contact_ticks,
-        fixture_contacts=log.fixture_contact_ticks,
+        contacts=(log.self_contact_ticks, log.fixture_contact_ticks),
     )
 
 

@@ -15,7 +15,13 @@ import pytest
 
 from page_stand_in import KEY, Said, StandIn, running
 
-FLAGS = "--no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update".split()
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+]
 FAKE_CAMERA = "--use-fake-device-for-media-stream"
 ALLOWED = "--use-fake-ui-for-media-stream"
 FOLLOWING = {"state": "following", "why": ""}
@@ -218,12 +224,11 @@ NO_XR = "Object.defineProperty(navigator, 'xr', { value: undefined });"
 def test_why_a_camera_does_not_begin(
     launch: Launch, flags: tuple[str, ...], files: dict[str, bytes], words: str
 ) -> None:
-    with running(StandIn(files=files)) as stand_in, launch(*flags) as browser:
-        with opened(browser, stand_in) as page:
-            choose(page, "camera")
-            says(page, words)
-            two_more_reports(stand_in, trouble=page.inner_text("#trouble"))
-            assert page.locator("#again").is_visible() and not stand_in.messages("frame")
+    with running(StandIn(files=files)) as stand_in, launch(*flags) as browser, opened(browser, stand_in) as page:
+        choose(page, "camera")
+        says(page, words)
+        two_more_reports(stand_in, trouble=page.inner_text("#trouble"))
+        assert page.locator("#again").is_visible() and not stand_in.messages("frame")
 
 
 @pytest.mark.parametrize(
@@ -250,11 +255,13 @@ def test_an_input_that_cannot_be_chosen_says_why(
 
 
 def test_without_a_secure_context_it_says_what_to_do_and_still_looks_on(launch: Launch) -> None:
-    with running(StandIn(files=tracker(), host="0.0.0.0")) as stand_in:  # noqa: S104  # an address that is not localhost
+    with running(StandIn(files=tracker(), host="0.0.0.0")) as stand_in:  # an address that is not localhost
         address = f"http://stand-in.test:{stand_in.port}/{KEY}/"
         with launch("--host-resolver-rules=MAP stand-in.test 127.0.0.1") as insecure:
             with opened(insecure, stand_in, address=address) as page:
-                page.wait_for_function("() => document.querySelector('[data-input=camera]').textContent.includes('https')")
+                page.wait_for_function(
+                    "() => document.querySelector('[data-input=camera]').textContent.includes('https')"
+                )
                 assert "adb reverse" in page.inner_text("[data-input=camera]")
                 choose(page, "watch")
                 page.click("#stop")
@@ -348,7 +355,8 @@ def test_every_view_stops_by_button_and_keys(browser: Any, stand_in: StandIn, vi
             stand_in.wait(lambda: stand_in.messages("ping", stand_in.messages("hello")[-1].at))
             page.focus("#pause")  # a button with the focus does not get the key instead
         for count, press in enumerate(
-            (lambda: page.click("#stop"), lambda: page.keyboard.press("Space"), lambda: page.keyboard.press("Escape")), 1
+            (lambda: page.click("#stop"), lambda: page.keyboard.press("Space"), lambda: page.keyboard.press("Escape")),
+            1,
         ):
             press()
             stand_in.wait(lambda count=count: len(stand_in.messages("stop")) == count)

@@ -67,7 +67,7 @@ def test_ratios_and_travel_are_those_of_the_simulated_body(bare: RunResult, push
     q = replace(bare, physics=pushed).moved_q
     assert q is not None and bare.record.robot is not None and bare.moved_q is bare.record.robot.q
     tick = int(np.argmin(np.abs(pushed.time - bare.record.time[20])))
-    np.testing.assert_allclose(q[20, :7], pushed.root[tick], atol=2e-3)
+    np.testing.assert_allclose(q[20, :7], pushed.body[tick, :7], atol=2e-3)
     assert fell.likeness_deg == still.likeness_deg and (fell.travelled_m.robot or 0.0) > 0.0
 
 
@@ -122,7 +122,7 @@ def test_a_standing_robot_has_the_margin_of_its_centre_of_mass() -> None:
     assert summary.least_margin is not None and 0.02 < summary.least_margin <= margins[-1] + 1e-3
     assert summary.fall is None and summary.slip.sum() < 5e-4 and summary.tilt < 0.01
     assert np.abs(summary.torque).max(axis=0)[op3().joint_map.joints.index("l_knee")] > 0.3
-    assert summary.hottest.min() >= 25.0 and summary.self_contacts == 0
+    assert summary.hottest.min() >= 25.0 and summary.contacts[0] == 0
 
 
 def test_nothing_is_logged_before_torque() -> None:
