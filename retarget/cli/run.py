@@ -374,16 +374,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
         web = stack.enter_context(run.live_page(address, live))
         notify = run.notify
         supervisor = Supervisor(notify=notify)
-
-        def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-            stream = open_stream(
-                address, performer, receiver=web.receiver, tap=tap, smoothing=begins.smoothing, latest=begins.latest
-            )
-            stack.callback(stream.receiver.close)
-            begin = partial(begin_live, stream, begins, clock=clock, rate_hz=live_rate_hz(robot), where=address.text)
-            enter = partial(run.enter, supervisor)
-            return begin(notify=notify, enter=enter, look=web.look, has_deadlines=not options.simulated)
-
+        perform = _performing(address, begins, run, web, tap, supervisor, stack)
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
@@ -407,6 +398,37 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
         stream_report = performer.report(address=address.text, person=begins.person, times=web.times())
         result = replace(run.bench.seen(result), live=stream_report)
         return max(run.recorder.code(finished(result, outputs)), _followed(result, notify))
+
+
+def _performing(
+    address: StreamAddress,
+    begins: LiveOptions,
+    run: CommandRun,
+    web: WebInput,
+    tap: RawTap | None,
+    supervisor: Supervisor,
+    stack: ExitStack,
+) -> Perform:
+    """The live performance, once its stream is open, until `stack` closes."""
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        stream = open_stream(
+            address, performer, receiver=web.receiver, tap=tap, smoothing=begins.smoothing, latest=begins.latest
+        )
+        stack.callback(stream.receiver.close)
+        return begin_live(
+            stream,
+            begins,
+            clock=run.clock,
+            rate_hz=live_rate_hz(robot),
+            where=address.text,
+            notify=run.notify,
+            enter=partial(run.enter, supervisor),
+            look=web.look,
+            has_deadlines=not run.options.simulated,
+        )
+
+    return perform
 
 
 def _followed(run: RunResult, notify: Notify) -> int:

@@ -40,8 +40,8 @@ class PhysicsRun:
     time. body (T, 7 + j): its root, m and wxyz, and its joints, rad or m, as `truth_names` lists them. com (T, 3),
     pressure (T, 2): centre of mass and centre of pressure of the soles, m, world, the latter NaN where no sole carried;
     margin (T,): of it inside the hull of the soles that carried, m. slip (k,) m: horizontal path of each sole while it
-    carried. tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees Celsius, by a stated model that is
-    not calibrated. contacts: samples in which the body touched itself, and in which it touched a fixture.
+    carried. tilt: worst of a sole that carried, rad. torque (T, n) N m; hottest (n,) degrees Celsius, by a stated model
+    that is not calibrated. contacts: samples in which the body touched itself, and in which it touched a fixture.
     """
 
     mount: str
