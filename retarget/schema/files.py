@@ -98,8 +98,11 @@ def write_folder(path: Path, contents: Mapping[str, bytes], *, option: str) -> N
     with _refused(path, option), tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:50]}.") as part:
         new, old = Path(part, "new"), Path(part, "old")
         for name, content in contents.items():
-            make_folder((new / name).parent, option=option)
-            write_atomic(new / name, content, option=option)
+            (new / name).parent.mkdir(parents=True, exist_ok=True)
+            with (new / name).open("wb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
         if path.exists():
             path.replace(old)
         new.replace(path)

@@ -35,14 +35,14 @@ MAX_FRAME = 2**63 - 1
 """Largest time, s (the year 33,000), and frame (a signed 64-bit integer): larger ones are no counters."""
 
 _POSE_KEYS = {"p", "q", "tracked"}
-_NUMBER = frozenset((float, int))
+NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 """Position and orientation that were not sent."""
 _LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
 """Bounds of the squared norm of a quaternion that is accepted."""
 
 
-class _Refused(ValueError):
+class Refused(ValueError):
     """A datagram that is not used; its text is the reason."""
 
 
@@ -56,8 +56,8 @@ class JsonPoseDecoder:
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The poses of one datagram. See `StreamDecoder`."""
         try:
-            return [self._frame(_parsed(datagram))]
-        except _Refused as refused:
+            return [self._frame(read_object(datagram))]
+        except Refused as refused:
             self.dropped.note(str(refused))
             return []
 
@@ -87,35 +87,35 @@ class JsonPoseDecoder:
         """The names, which are checked when they change."""
         if names != self._names:
             if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
-                raise _Refused(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
+                raise Refused(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
             self._names = names
         return self._names
 
 
-def _parsed(datagram: bytes) -> dict[str, Any]:
-    """The object of a datagram, or _Refused."""
+def read_object(datagram: bytes) -> dict[str, Any]:
+    """The object of a datagram, or Refused."""
     if len(datagram) > MAX_DATAGRAM:
-        raise _Refused("datagram too long")
+        raise Refused("datagram too long")
     try:
         message = _JSON.decode(datagram.decode("utf-8"))
-    except _Refused:
+    except Refused:
         raise
     except (ValueError, RecursionError):  # not UTF-8, not JSON, a number of thousands of digits, brackets without end
-        raise _Refused("not JSON in UTF-8") from None
+        raise Refused("not JSON in UTF-8") from None
     if type(message) is not dict:
-        raise _Refused("not a JSON object")
+        raise Refused("not a JSON object")
     return message
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise _Refused("a key twice in an object")
+        raise Refused("a key twice in an object")
     return found
 
 
 def _no_constant(_: str) -> NoReturn:
-    raise _Refused("NaN or Infinity: leave the pose out, or say tracked: false")
+    raise Refused("NaN or Infinity: leave the pose out, or say tracked: false")
 
 
 _JSON = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
@@ -140,21 +140,21 @@ _REQUIRED = {"axes", "poses"}
 
 
 def _check(message: dict[str, Any]) -> None:
-    """Raise _Refused for a message with a key or a value that is not usable."""
+    """Raise Refused for a message with a key or a value that is not usable."""
     if not message.keys() <= _FIELDS.keys():
-        raise _Refused("a key other than axes, quaternion, time, frame, poses")
+        raise Refused("a key other than axes, quaternion, time, frame, poses")
     for key, (is_usable, reason) in _FIELDS.items():
         if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
-            raise _Refused(reason)
+            raise Refused(reason)
 
 
 def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:
     """Position (3), quaternion (4) wxyz of norm 1, tracked. NaN for what is not sent, None for what is not usable."""
     if type(pose) is not dict or not pose.keys() <= _POSE_KEYS or not ("p" in pose or "q" in pose):
-        raise _Refused('a pose is no object of "p", "q" or both, and "tracked"')
+        raise Refused('a pose is no object of "p", "q" or both, and "tracked"')
     tracked = pose.get("tracked", True)
     if type(tracked) is not bool:
-        raise _Refused('"tracked" is neither true nor false')
+        raise Refused('"tracked" is neither true nor false')
     place: Any = _NOWHERE
     if "p" in pose:
         place = _numbers(pose["p"], 3)
@@ -165,7 +165,7 @@ def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, A
 
 def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float, float, float, float] | None:
     if order is None:
-        raise _Refused('"quaternion" (wxyz or xyzw) is missing')
+        raise Refused('"quaternion" (wxyz or xyzw) is missing')
     values = _numbers(sent, 4)
     w, x, y, z = (values[place] for place in order)
     if not max(abs(w), abs(x), abs(y), abs(z)) <= 2.0:  # before squares of large numbers
@@ -178,6 +178,6 @@ def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float,
 
 
 def _numbers(sent: object, count: int) -> list[Any]:
-    if type(sent) is not list or len(sent) != count or not _NUMBER.issuperset(map(type, sent)):
-        raise _Refused('"p" is not 3 numbers or "q" not 4')
+    if type(sent) is not list or len(sent) != count or not NUMBER.issuperset(map(type, sent)):
+        raise Refused('"p" is not 3 numbers or "q" not 4')
     return sent

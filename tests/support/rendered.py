@@ -72,6 +72,10 @@ class Motion:
         return np.arange(len(self.q)) / RATE
 
 
+RELAXED = (("shoulder_elevation", 18.0), ("shoulder_swing", -18.0), ("elbow_flexion", 20.0))
+"""Degrees: arms hang a little aside, elbows a little bent, as people stand."""
+
+
 def performer(stature: float = 1.75) -> Human:
     """A person of average proportions."""
     return build_human(proportional_dimensions(stature))
@@ -84,7 +88,7 @@ def moving(human: Human, angles_deg: dict[str, FloatArray | float], *, pitch: Fl
     """
     frames = max(np.size(track) for track in angles_deg.values())
     q = np.tile(
-        human.posture_from([("shoulder_elevation", 10.0), ("shoulder_swing", -30.0), ("hip_abduction", 4.0)]),
+        human.posture_from([*RELAXED, ("hip_abduction", 4.0)]),
         (frames, 1),
     )
     _, address = human.body.scalar_joints()
@@ -119,16 +123,16 @@ def _step(share: FloatArray) -> FloatArray:
 
 def standing(human: Human, seconds: float) -> Motion:
     """Standing still, arms hanging."""
-    return moving(human, {"elbow_flexion": np.full(round(seconds * RATE), 10.0)})
+    return moving(human, {"elbow_flexion": np.full(round(seconds * RATE), 20.0)})
 
 
 def raising(human: Human, sides: str, *, seconds: float = 5.0, swing: float = 35.0) -> Motion:
     """Arms of these sides ("l", "r", "lr") up to shoulder height and down again; swing: 45 straight to the front, -45
     to the side."""
     rise = _rise(seconds, begin=1.0, last=1.2)
-    tracks: dict[str, FloatArray | float] = {"elbow_flexion": 10.0}
-    tracks |= {f"{side}_shoulder_elevation": 10.0 + 80.0 * rise for side in sides}
-    tracks |= {f"{side}_shoulder_swing": -30.0 + (30.0 + swing) * rise for side in sides}
+    tracks: dict[str, FloatArray | float] = {}
+    tracks |= {f"{side}_shoulder_elevation": 18.0 + 72.0 * rise for side in sides}
+    tracks |= {f"{side}_shoulder_swing": -18.0 + (18.0 + swing) * rise for side in sides}
     return moving(human, tracks)
 
 
@@ -137,9 +141,9 @@ def waving(human: Human, *, hz: float = 0.5, seconds: float = 10.0, side: str = 
     time = np.arange(round(seconds * RATE)) / RATE
     begin = _step(time / 1.0)
     tracks: dict[str, FloatArray | float] = {
-        f"{side}_shoulder_elevation": 10.0 + (60.0 + 20.0 * np.sin(2.0 * np.pi * hz * time)) * begin,
-        f"{side}_shoulder_swing": -30.0 - 10.0 * begin,
-        f"{side}_elbow_flexion": 10.0 + 20.0 * begin,
+        f"{side}_shoulder_elevation": 18.0 + (52.0 + 20.0 * np.sin(2.0 * np.pi * hz * time)) * begin,
+        f"{side}_shoulder_swing": -18.0 - 22.0 * begin,
+        f"{side}_elbow_flexion": 20.0 + 10.0 * begin,
     }
     return moving(human, tracks)
 
@@ -157,7 +161,6 @@ def crouching(human: Human, depth: float = 0.3, *, seconds: float = 6.0) -> Moti
             "hip_flexion": leg + lean,
             "knee_flexion": 1.5 * leg,
             "ankle_dorsiflexion": 0.5 * leg,
-            "elbow_flexion": np.full(len(leg), 10.0),
         },
         pitch=lean,
     )

@@ -1,4 +1,4 @@
-"""The body tracker's runtime comes into the cache whole or not at all; its models are told how to scale pictures."""
+"""The body tracker's runtime comes into the cache whole or not at all, and its models know how to scale pictures."""
 
 import errno
 import gzip
@@ -22,7 +22,7 @@ WASM = ("package/wasm/vision_wasm_internal.js", "package/wasm/vision_wasm_intern
 
 
 def model() -> bytes:
-    """A model by hand: version 3, no codes and subgraphs, two buffers of which one holds data, as writers do it."""
+    """A model by hand: version 3, no codes and subgraphs, two buffers of which one holds data."""
     layout = struct.pack("<9H", 18, 16, 4, 0, 0, 8, 12, 0, 0)  # slots: version, codes, graphs, description, buffers
     root = struct.pack("<iIII", len(layout), 3, 8, 16)  # the layout before, the description and buffers behind
     text = struct.pack("<I", 4) + b"tiny" + b"\0" * 4
