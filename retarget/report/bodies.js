@@ -125,7 +125,7 @@ export class Bodies {
 
   remove(name) { this.#bodies.delete(name); }
 
-  pose(name, poses) { this.#bodies.get(name).poses = poses; }
+  pose(name, poses) { if (this.#bodies.has(name)) this.#bodies.get(name).poses = poses; }
 
   lines(name, points, { colour = [0, 0, 0], width = 1.5, over = false } = {}) {
     const gl = this.gl, known = this.#lines.get(name) || this.#loadLines({});
