@@ -118,7 +118,10 @@ FOLLOWS: list[tuple[dict[str, Any], bool, str]] = [
 def test_a_sentence_says_whether_it_follows(
     differs: dict[str, Any], kept: bool, words: str, run: RunResult, report: Report
 ) -> None:
-    alike = {"likeness_deg": {"upper_arms": Spread(5.0, 9.0, 12.0)}, "trunk_lean_deg": Spread(2.0, 4.0, 5.0)}
+    alike: dict[str, Any] = {
+        "likeness_deg": {"upper_arms": Spread(5.0, 9.0, 12.0)},
+        "trunk_lean_deg": Spread(2.0, 4.0, 5.0),
+    }
     alike |= {"reachable_hands_mm": None, "hand_path_ratio": 1.0, "pelvis_excursion_ratio": None}
     found = of("following", run, replace(report, **(alike | differs)))
     assert (found.measured, found.kept) == (words, kept)
