@@ -106,7 +106,7 @@ LIMB_DEG = Seen(20.0, 45.0)
 """Degrees, on average. The hands of a clock are 30 apart from hour to hour, so 20 are seen at a glance; limbs that have
 nothing to do with each other are 90 apart, and 45 is half of that."""
 LEAN_DEG = Seen(15.0, 45.0)
-"""Degrees, in all but a twentieth of the time. A trunk that is 15 off looks tired, one 45 off is folded over."""
+"""Degrees, in all but a twentieth of the time. A trunk 15 off looks tired, one that is 45 off is folded over."""
 HAND_SHARE = Seen(0.2, 0.5)
 """Of the length of the arm, on average, within reach: 0.2 is a hand's length, 0.5 is from the chin to the belt."""
 RATIO = Seen(0.3, 0.75)
@@ -170,11 +170,10 @@ def _like(report: Report) -> str:
 
 def _travel(report: Report) -> str:
     """How far performer and robot got and turned, in words."""
-    both = (
-        ("performer", report.travelled_m.performer, report.turned_deg.performer),
-        ("robot", report.travelled_m.robot, report.turned_deg.robot),
-    )
-    return "; ".join(f"{who} {way:.2f} m, turned {turn:.0f}°" for who, way, turn in both if None not in (way, turn))
+    way, turn = report.travelled_m, report.turned_deg
+    both = (("performer", way.performer, turn.performer), ("robot", way.robot, turn.robot))
+    known = [(who, far, turned) for who, far, turned in both if far is not None and turned is not None]
+    return "; ".join(f"{who} {far:.2f} m, turned {turned:.0f}°" for who, far, turned in known)
 
 
 def _following(run: RunResult, report: Report) -> Iterator[Finding]:

@@ -121,10 +121,8 @@ def test_a_sentence_says_whether_it_follows(
     alike: dict[str, Any] = {
         "likeness_deg": {"upper_arms": Spread(5.0, 9.0, 12.0)},
         "trunk_lean_deg": Spread(2.0, 4.0, 5.0),
-        "reachable_hands_mm": None,
-        "hand_path_ratio": 1.0,
-        "pelvis_excursion_ratio": None,
     }
+    alike |= {"reachable_hands_mm": None, "hand_path_ratio": 1.0, "pelvis_excursion_ratio": None}
     found = of("following", run, replace(report, **(alike | differs)))
     assert (found.measured, found.kept) == (words, kept)
 
