@@ -1,6 +1,5 @@
 """The page of `web://` in a real browser, with a stand-in for its server: what it sends, what it refuses and in which
-words, and that nothing moves by itself. The fake body tracker finds what a test says; `test_page_runtime.py` has the real
-one."""
+words, and that nothing moves by itself. Its body tracker finds what a test says; the last test has the real one."""
 
 import json
 import os
@@ -14,14 +13,9 @@ import numpy as np
 import pytest
 
 from page_stand_in import KEY, Said, StandIn, running
+from retarget.web.runtime import WHERE, runtime_folder
 
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-]
+FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 FAKE_CAMERA = "--use-fake-device-for-media-stream"
 ALLOWED = "--use-fake-ui-for-media-stream"
 FOLLOWING = {"state": "following", "why": ""}
@@ -140,6 +134,16 @@ def two_more_reports(stand_in: StandIn, **expected: object) -> float:
     return first
 
 
+def frame_gaps(page: Any) -> list[float]:
+    """Times between the animation frames of the page, ms."""
+    gaps: list[float] = page.evaluate(
+        """() => new Promise((done) => { const gaps = []; let last = performance.now();
+        requestAnimationFrame(function next(now) { gaps.push(now - last); last = now;
+            gaps.length < 60 ? requestAnimationFrame(next) : done(gaps); }); })"""
+    )
+    return gaps
+
+
 # Frames of a camera.
 
 
@@ -166,12 +170,7 @@ def test_a_slow_tracker_leaves_the_page_alive_and_gets_the_newest_picture_only(b
     busy = 300.0
     with running(StandIn(files=tracker(busy_ms=busy))) as stand_in, opened(browser, stand_in) as page:
         performing(page, stand_in)
-        gaps = page.evaluate(
-            """() => new Promise((done) => { const gaps = []; let last = performance.now();
-            requestAnimationFrame(function next(now) { gaps.push(now - last); last = now;
-                gaps.length < 60 ? requestAnimationFrame(next) : done(gaps); }); })"""
-        )
-        assert np.median(gaps) < busy / 4
+        assert np.median(frame_gaps(page)) < busy / 4
         says(page, "too slow")
         ages = [s.message["send_ms"] for s in stand_in.messages("health") if s.message["send_ms"] is not None]
         assert max(ages) < 3 * busy, "no queue grows"
@@ -257,16 +256,14 @@ def test_an_input_that_cannot_be_chosen_says_why(
 def test_without_a_secure_context_it_says_what_to_do_and_still_looks_on(launch: Launch) -> None:
     with running(StandIn(files=tracker(), host="0.0.0.0")) as stand_in:  # an address that is not localhost
         address = f"http://stand-in.test:{stand_in.port}/{KEY}/"
-        with launch("--host-resolver-rules=MAP stand-in.test 127.0.0.1") as insecure:
-            with opened(insecure, stand_in, address=address) as page:
-                page.wait_for_function(
-                    "() => document.querySelector('[data-input=camera]').textContent.includes('https')"
-                )
-                assert "adb reverse" in page.inner_text("[data-input=camera]")
-                choose(page, "watch")
-                page.click("#stop")
-                stand_in.wait(lambda: stand_in.messages("stop"))
-                assert not stand_in.wait(lambda: stand_in.messages("health"))[-1].message["secure"]
+        flag = "--host-resolver-rules=MAP stand-in.test 127.0.0.1"
+        with launch(flag) as insecure, opened(insecure, stand_in, address=address) as page:
+            page.wait_for_function("() => document.querySelector('.ways').textContent.includes('https')")
+            assert "adb reverse" in page.inner_text("[data-input=camera]")
+            choose(page, "watch")
+            page.click("#stop")
+            stand_in.wait(lambda: stand_in.messages("stop"))
+            assert not stand_in.wait(lambda: stand_in.messages("health"))[-1].message["secure"]
 
 
 def test_a_second_performer_hears_why_and_may_look_on(browser: Any, stand_in: StandIn) -> None:
@@ -354,10 +351,8 @@ def test_every_view_stops_by_button_and_keys(browser: Any, stand_in: StandIn, vi
             stand_in.wait(lambda: stand_in.messages("hello")[-1].message["input"] == view)
             stand_in.wait(lambda: stand_in.messages("ping", stand_in.messages("hello")[-1].at))
             page.focus("#pause")  # a button with the focus does not get the key instead
-        for count, press in enumerate(
-            (lambda: page.click("#stop"), lambda: page.keyboard.press("Space"), lambda: page.keyboard.press("Escape")),
-            1,
-        ):
+        keys = [lambda key=key: page.keyboard.press(key) for key in ("Space", "Escape")]
+        for count, press in enumerate((lambda: page.click("#stop"), *keys), 1):
             press()
             stand_in.wait(lambda count=count: len(stand_in.messages("stop")) == count)
         assert not stand_in.messages("pause")
@@ -440,7 +435,7 @@ def test_stop_is_seen_whole_and_nothing_sticks_out(browser: Any, stand_in: Stand
 
 
 def headset_script() -> str:
-    """iwer, which stands in for a headset. Its grips call themselves emulated always; here only where a test says so."""
+    """iwer in place of a headset. Its grips call themselves emulated always; here only where a test says so."""
     place = Path(os.environ.get("RETARGET_IWER", ""))
     if not place.is_file():
         pytest.skip("iwer 2.5.0 is not there: npm pack iwer@2.5.0, and RETARGET_IWER=package/build/iwer.min.js of it")
@@ -518,7 +513,7 @@ def test_a_tracked_body_gets_our_names_and_made_up_legs_only_when_asked_for(
     browser: Any, stand_in: StandIn, legs: bool
 ) -> None:
     stand_in.welcome["use_generated_legs"] = legs
-    body = """(grip) => { window.body = { get: (joint) => joint.startsWith('left') || joint === 'hips' ? grip : undefined }; }"""
+    body = "{ get: (joint) => (joint.startsWith('left') || joint === 'hips' ? grip : undefined) }"
     with opened(browser, stand_in, script=headset_script()) as page:
         page.evaluate(
             """() => { const begin = XRSession.prototype.requestAnimationFrame;
@@ -527,7 +522,7 @@ def test_a_tracked_body_gets_our_names_and_made_up_legs_only_when_asked_for(
         )
         choose(page, "headset")
         page.wait_for_function("() => window.grip")
-        page.evaluate(f"({body})(grip)")
+        page.evaluate(f"() => {{ window.body = {body}; }}")
         stand_in.wait(lambda: stand_in.messages("frame"))
         poses = read_after(stand_in)
     assert {"pelvis", "l_elbow"} <= set(poses) and "chest" not in poses, "what is not known is left out"
@@ -585,3 +580,29 @@ def test_a_hold_is_felt_and_leaving_the_headset_lets_go(headset: Any, stand_in: 
     stand_in.wait(lambda: stand_in.messages("hello")[-1].message["input"] == "watch")
     since = two_more_reports(stand_in)
     assert not stand_in.messages("frame", since)
+
+
+@pytest.mark.long
+def test_a_rendered_person_is_found_by_the_real_tracker(launch: Launch, tmp_path: Path) -> None:
+    runtime = runtime_folder()
+    if runtime is None:
+        pytest.skip(f"the body tracker is not installed: {WHERE}")
+    if shutil.which("ffmpeg") is None:
+        pytest.skip("ffmpeg is not installed: apt install ffmpeg")
+    rendered = pytest.importorskip("rendered", reason="MuJoCo draws nothing here", exc_type=ImportError)
+    video, human = tmp_path / "person.y4m", rendered.performer()
+    rendered.write_video(video, rendered.drawn(rendered.waving(human, seconds=2.0)))
+    film = f"--use-file-for-fake-video-capture={video}"
+    with running(StandIn(runtime=runtime)) as stand_in, launch(FAKE_CAMERA, ALLOWED, film) as browser:
+        with opened(browser, stand_in) as page:
+            performing(page, stand_in)
+            stand_in.wait(lambda: len(stand_in.messages("frame")) > 40, 60.0)
+            gaps = frame_gaps(page)
+            two_more_reports(stand_in)
+        frames = [said.message["landmarks"] for said in stand_in.messages("frame")]
+    found = np.array([landmarks for landmarks in frames if landmarks])
+    assert len(found) > 0.9 * len(frames), "one person, and not two"
+    height = np.median(found[:, [27, 28], 3].mean(axis=1) - found[:, 0, 3])
+    assert 1.2 < height < 1.9, "from the nose to the ankles, y down"
+    assert np.ptp(found[:, 15, 1]) > 0.1, "the wrist of the arm that waves"
+    assert np.median(gaps) < 50.0, "the page stays alive"

@@ -54,7 +54,7 @@ class View {
     this.at = this.at ? this.at.map((old, i) => SLOWNESS * old + (1 - SLOWNESS) * middle[i]) : middle;
     const aspect = this.canvas.clientWidth / this.canvas.clientHeight;
     const distance = ROOM * Math.max(this.top, 2 * this.half / aspect) / (2 * Math.tan(FIELD / 2));
-    const { view, projection } = this.tools.orbit(AZIMUTH, ELEVATION, distance, [...this.at, this.top / 2], aspect, FIELD);
+    const [view, projection] = this.tools.orbit(AZIMUTH, ELEVATION, distance, [...this.at, this.top / 2], aspect, FIELD);
     this.bodies.lines("floor", this.tools.grid(this.height / 4, this.height, ...this.at), { colour: [0.55, 0.6, 0.65], width: 1 });
     this.bodies.pose("body", poses);
     this.bodies.clear();
