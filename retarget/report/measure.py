@@ -117,7 +117,6 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
-    moved, (travelled, turned) = _moved(run, reached), _travel(run)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -129,8 +128,7 @@ def measure(run: RunResult) -> Report:
         retarget_us=None if run.record.robot is None else percentiles(run.record.timing.retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, run.clip.dt),
-        hand_path_ratio=_hand_path_ratio(names, asked, moved),
-        pelvis_excursion_ratio=_pelvis_excursion_ratio(run, moved),
+        **_ways(run),
         unsensed_mm=_unsensed(run),
         min_clearance_mm=clear.geoms,
         penetrating_frames=clear.penetrating,
@@ -150,9 +148,6 @@ def measure(run: RunResult) -> Report:
         likeness_deg=(likeness := _likeness(run))[0],
         trunk_lean_deg=likeness[1],
         best_likeness_deg=None,
-        travelled_m=travelled,
-        turned_deg=turned,
-        foot_path_ratio=_foot_path_ratio(run),
         reachable_hands_mm=(hands := _hands(run, reached))[0],
         reachable_share=hands[1],
         closest_links=clear.closest,
@@ -168,6 +163,19 @@ def measure(run: RunResult) -> Report:
         speed=run.clip.speed,
         notes=run.notes,
     )
+
+
+def _ways(run: RunResult) -> dict[str, Any]:
+    """How far robot and performer got."""
+    names, asked, reached = run.followed
+    moved, (travelled, turned) = _moved(run, reached), _travel(run)
+    return {
+        "hand_path_ratio": _hand_path_ratio(names, asked, moved),
+        "pelvis_excursion_ratio": _pelvis_excursion_ratio(run, moved),
+        "foot_path_ratio": _foot_path_ratio(run),
+        "travelled_m": travelled,
+        "turned_deg": turned,
+    }
 
 
 def _moved(run: RunResult, reached: FloatArray) -> FloatArray:

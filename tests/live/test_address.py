@@ -77,7 +77,7 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
         ("vmc://\x1b[31m", r"vmc://\x1b[31m: this is no address"),
         ("vmc://" + "1" * 5000, "no address of a stream"),
         ("vcm://:39539", "Did you mean vmc?"),
-        ("http://x", "allowed: vmc, vrchat, natnet, mvn, json, replay"),
+        ("http://x", "allowed: vmc, vrchat, natnet, mvn, json, web, replay"),
         ("vmc://:0", "this is no port; found 0; allowed: 1 to 65535"),
         ("vmc://:65536", "this is no port"),
         ("vmc://:٣", "this is no port"),

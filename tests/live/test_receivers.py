@@ -457,7 +457,8 @@ def test_real_bytes(shared: Path, path: str, kind: str) -> None:
 @pytest.mark.parametrize("other", RECORDED)
 def test_each_at_the_address_of_each(kind: str, other: str) -> None:
     advice = advice_for(kind, Recognised(other, other.upper()), port=5000)
-    assert (not advice) if kind == other else f"{other}://" in advice
+    own = kind == other or (kind, other) == ("web", "json")  # a headset on the page sends poses as JSON
+    assert (not advice) if own else f"{other}://" in advice
 
 
 @pytest.mark.parametrize(
