@@ -165,7 +165,15 @@ def measure(run: RunResult) -> Report:
     )
 
 
-def _ways(run: RunResult) -> dict[str, Any]:
+class _Ways(TypedDict):
+    hand_path_ratio: float | None
+    pelvis_excursion_ratio: float | None
+    foot_path_ratio: float | None
+    travelled_m: BothMoved
+    turned_deg: BothMoved
+
+
+def _ways(run: RunResult) -> _Ways:
     """How far robot and performer got."""
     names, asked, reached = run.followed
     moved, (travelled, turned) = _moved(run, reached), _travel(run)
