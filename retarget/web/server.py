@@ -10,6 +10,7 @@ robot. Nothing is served without the key in its address, and one performer at a 
 
 import asyncio
 import json
+import logging
 import mimetypes
 import signal
 import socket
@@ -72,6 +73,8 @@ SLOW_BYTES = 1 << 18
 """Bytes that wait for a browser before rows are left out for it: some seconds of them."""
 MOST_SAID = 200
 """Characters of a sentence of a page that are shown."""
+TOLD_AGAIN_S, MOST_TROUBLES = 10.0, 20
+"""The same trouble of a page is told again after so long, s; and so many are known apart."""
 OUT_OF_REACH_M = 0.03
 """A landmark of the robot is farther than this from where it is asked before the page says so, m."""
 LAST_SHOWN_S = 1.5
@@ -83,14 +86,15 @@ NEXT_PORTS = 20
 @dataclass(eq=False)
 class Client:
     """A browser. identity: what its page calls itself; held: when its dead-man control was last confirmed, None where
-    it has none. trouble: what it says is wrong. room: messages that it may send at once, as of `since`."""
+    it has none. told: when it last said what is wrong, by the sentence. room: messages that it may send at once, as of
+    `since`."""
 
     socket: ServerConnection
     room: float = BURST
     since: float = 0.0
     identity: str = ""
     performs: bool = False
-    trouble: str = ""
+    told: dict[str, float] = field(default_factory=dict)
     held: float | None = None
 
 
@@ -238,10 +242,10 @@ class PageServer:
         if not client.performs:
             return
         self._word(HEALTH + json.dumps(said))
-        trouble = str(said.get("trouble") or "")[:MOST_SAID]
-        if trouble != client.trouble and trouble.isprintable():
-            self.tell(f"the page: {trouble or 'all is well again'}")
-        client.trouble = trouble
+        trouble, now = str(said.get("trouble") or "")[:MOST_SAID], self.clock.now()
+        if trouble and trouble.isprintable() and now - client.told.get(trouble, -np.inf) > TOLD_AGAIN_S:
+            self.tell(f"the page: {trouble}")
+            client.told = {**client.told, trouble: now} if len(client.told) < MOST_TROUBLES else {trouble: now}
 
     async def beat(self) -> None:
         """Confirm again and again that a dead-man control is held, until the run has ended."""
@@ -383,6 +387,12 @@ def _send(client: Client, text: str) -> None:
         broadcast([client.socket], text)
 
 
+_SILENT = logging.getLogger(__name__)
+_SILENT.addHandler(logging.NullHandler())
+_SILENT.propagate = False
+"""For connections that break off: browsers come and go, and what matters is told to the run."""
+
+
 async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket) -> None:
     """Serve until the run ends. Raises ConfigError where no port is free."""
     from retarget.web.certificate import certified
@@ -406,6 +416,7 @@ async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket) 
                 ping_timeout=4.0,
                 open_timeout=10.0,
                 close_timeout=1.0,
+                logger=_SILENT,
             )
             break
         except OSError as error:

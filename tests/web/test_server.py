@@ -277,8 +277,8 @@ def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
     with shared.browser("camera", "carla") as carla:
         for _ in range(3):
             carla.say(say="health", trouble="the camera sees two people", rtt_ms=3.0, send_ms=40.0)
-        carla.say(say="health", trouble="")
-        assert shared.told("all is well again")
+        carla.say(say="health", trouble="it is dark")
+        assert shared.told("it is dark")
     assert sum("two people" in line for line in shared.said) == 1
     assert [said["rtt_ms"] for said in shared.control.health if "rtt_ms" in said] == [3.0] * 3
 
