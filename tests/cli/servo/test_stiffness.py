@@ -1,6 +1,7 @@
 """`retarget servo stiffness` as a user meets it, on simulated servos: the stiffness that they have is what is found,
 and nothing but the guard moves them, by goals that the gate has passed."""
 
+import io
 import re
 from functools import partial
 from pathlib import Path
@@ -98,7 +99,12 @@ def test_a_weight_on_an_emulated_servo(capsys: pytest.CaptureFixture[str]) -> No
     assert found is not None and float(found.group(1)) == pytest.approx(18.9, rel=0.03)
 
 
-def test_what_is_refused_before_anything_moves(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_refused_before_anything_moves(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))  # ENTER alone is no: a port that is not there is not opened
+    assert run("op3", "--joint", "l_knee", "--bus", "/dev/no-such-port", *WEIGHT) == DONE
+    shows(capsys.readouterr().out)
     assert run("op3", "--joint", "l_knee", "--bus", "physics", *WEIGHT, "--dry-run") == DONE
     shows(capsys.readouterr().out)
     for words in (
