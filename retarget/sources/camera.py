@@ -68,7 +68,8 @@ def _landmarks(message: Mapping[str, Any]) -> Landmarks:
     """The landmarks of a message. Raises Refused."""
     if not message.keys() <= _KEYS:
         raise Refused("a key other than axes, time, frame, size, landmarks")
-    time, number, size = message.get("time"), message.get("frame"), message.get("size")
+    time: Any = message.get("time")
+    number, size = message.get("frame"), message.get("size")
     if type(time) not in (float, int) or not abs(time) <= MAX_TIME:
         raise Refused('"time" is missing or no finite number of seconds')
     if number is not None and (type(number) is not int or not 0 <= number <= MAX_FRAME):
@@ -83,7 +84,7 @@ def _landmarks(message: Mapping[str, Any]) -> Landmarks:
     if not all(abs(number) <= FARTHEST_M for row in rows for number in row):
         raise Refused("a landmark that is no part of a body")
     table = np.array(rows, float).reshape(-1, 6)
-    inside = ((table[:, :2] >= -OUTSIDE) & (table[:, :2] <= 1.0 + OUTSIDE)).all(axis=1)
+    inside = np.asarray((np.abs(table[:, :2] - 0.5) <= 0.5 + OUTSIDE).all(axis=1))
     picture, point = table[:, :2] * size, np.stack([-table[:, 4], table[:, 2], -table[:, 3]], axis=1)
     return Landmarks(float(time), number, point, picture, inside, table[:, 5])
 
@@ -305,8 +306,10 @@ def _knee(hip: FloatArray, ankle: FloatArray, bend: FloatArray) -> tuple[FloatAr
     return knee, hip + length * along
 
 
-SENSORS = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis", "chest")
-SENSORS += ("l_knee", "r_knee", "l_elbow", "r_elbow")
+SENSORS = (
+    *("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis", "chest"),
+    *("l_knee", "r_knee", "l_elbow", "r_elbow"),
+)
 """Names of the poses, always all; those that are not seen are not tracked."""
 _FEET = (*SHOULDERS, *HIPS, *ANKLES)
 _SEES: Mapping[str, tuple[int, ...]] = {

@@ -15,7 +15,9 @@ from camera_people import datagram, datagrams, landmarks
 from landmarks import read_frames
 from rendered import Motion, crouching, performer, raising, standing, stepping
 from retarget import rotations
-from retarget.live.begin import SideCheck
+from retarget.frames import SensorSample
+from retarget.live.begin import RAISED, SideCheck
+from retarget.live.rest_capture import RestCapture
 from retarget.sources.camera import (
     ANKLES,
     HIPS,
@@ -139,11 +141,11 @@ def test_a_back_is_not_tracked_and_a_mirror_is_seen_by_the_check_of_sides() -> N
     mirrored[:, :, 0] = 1.0 - mirrored[:, :, 0]
     clip = after(mirrored)
     hands = np.stack([clip.of("l_wrist"), clip.of("r_wrist")], axis=1)
-    check = SideCheck(hands[20])
+    sides = SideCheck(hands[20])
     seen = set[str]()
     for time, both in zip(clip.time[20:], hands[20:], strict=True):
-        check.take(time, both)
-        seen.add(check.seen)
+        sides.take(time, both)
+        seen.add(sides.seen)
     assert seen == {"", "right rose"}
 
 
@@ -162,6 +164,24 @@ def test_a_head_turns_and_a_head_held_low_is_level() -> None:
 @pytest.mark.parametrize("name", sorted(path.name.removesuffix(".jsonl.gz") for path in FOLDER.iterdir()))
 def test_a_rendered_performer_comes_out_as_near_as_promised(name: str) -> None:
     check(name, read_frames(FOLDER / f"{name}.jsonl.gz"), CLIPS[name].motion(), every=EVERY)
+
+
+def test_a_run_measures_what_a_camera_sees_and_knows_its_left() -> None:
+    """As it begins: a second of standing, then the left arm to the front."""
+    clip = decoded(read_frames(FOLDER / "front.jsonl.gz"), every=EVERY)
+    capture, nothing = RestCapture(where="web://"), np.full((len(SENSORS), 4), np.nan)
+    for time, position, tracked in zip(clip.time, clip.position, clip.tracked, strict=True):
+        for later in (0.0, 0.03) if time < clip.time[0] + 1.0 else ():  # polled oftener than pictures come
+            capture.take(time + later, SensorSample(SENSORS, position, nothing, tracked))
+    measured = capture.result()
+    assert measured.dimensions.stature == pytest.approx(1.70, abs=0.02) and not measured.missing
+    hands = [SENSORS.index("l_wrist"), SENSORS.index("r_wrist")]
+    sides = SideCheck(measured.position[hands])
+    seen = []
+    for time, position in zip(clip.time, clip.position, strict=True):
+        sides.take(time, measured.alignment.positions(position)[hands])
+        seen.append(sides.seen)
+    assert set(seen) == {"", RAISED}
 
 
 def test_a_wave_keeps_its_amplitude_and_time() -> None:

@@ -109,6 +109,6 @@ def check_wave(datagrams: list[bytes], hz: float, *, every: int) -> None:
         raw = decoded(datagrams, every=every)
     clip = decoded(datagrams, every=every)
     waves = (clip.time > clip.time[0] + 2.0) & (clip.time < clip.time[0] + 2.0 + 3.0 / hz)
-    tracks = [one.of("l_wrist")[waves, 2] for one in (raw, clip)]
-    amplitude, lag = amplitude_and_lag(clip.time[waves], *tracks, hz)
+    before, after = (one.of("l_wrist")[waves, 2] for one in (raw, clip))
+    amplitude, lag = amplitude_and_lag(clip.time[waves], before, after, hz)
     assert amplitude > 0.9 and lag < 0.1
