@@ -68,7 +68,8 @@ def _landmarks(message: Mapping[str, Any]) -> Landmarks:
     """The landmarks of a message. Raises Refused."""
     if not message.keys() <= _KEYS:
         raise Refused("a key other than axes, time, frame, size, landmarks")
-    time, number, size = message.get("time"), message.get("frame"), message.get("size")
+    time: Any = message.get("time")
+    number, size = message.get("frame"), message.get("size")
     if type(time) not in (float, int) or not abs(time) <= MAX_TIME:
         raise Refused('"time" is missing or no finite number of seconds')
     if number is not None and (type(number) is not int or not 0 <= number <= MAX_FRAME):
@@ -83,7 +84,7 @@ def _landmarks(message: Mapping[str, Any]) -> Landmarks:
     if not all(abs(number) <= FARTHEST_M for row in rows for number in row):
         raise Refused("a landmark that is no part of a body")
     table = np.array(rows, float).reshape(-1, 6)
-    inside = ((table[:, :2] >= -OUTSIDE) & (table[:, :2] <= 1.0 + OUTSIDE)).all(axis=1)
+    inside = np.asarray((np.abs(table[:, :2] - 0.5) <= 0.5 + OUTSIDE).all(axis=1))
     picture, point = table[:, :2] * size, np.stack([-table[:, 4], table[:, 2], -table[:, 3]], axis=1)
     return Landmarks(float(time), number, point, picture, inside, table[:, 5])
 
@@ -162,7 +163,7 @@ ANKLE_M = FRACTIONS.ankle_height * BODY.stature
 """Height of an ankle above the floor, m."""
 HIP = BODY.of("l_hip")
 """From the pelvis to the left hip, m."""
-SHEAR_S, STANDING_S, DISTANCE_S, FEET_S = 20.0, 20.0, 4.0, 5.0
+SHEAR_S, STANDING_S, DISTANCE_S, FEET_S = 20.0, 20.0, 5.0, 5.0
 """Time constants, s: of the lean of everything, of the picture's measures while standing, of the distance (a crouch
 takes less time), and of the difference in height of feet that stand."""
 STANDS = 0.93
@@ -171,10 +172,13 @@ CROUCHED = 4.0
 """While they do not, measures of standing are learned this many times slower."""
 PITCH_SHARE = 0.4
 """Share of the lean forward of trunk and head that is believed."""
-LIFT_M = (0.03, 0.08)
-"""A foot that is this much higher than the other, m, begins to be lifted, and is lifted."""
+LIFT_M = (0.08, 0.13)
+"""A foot that is this much higher in the picture than the other, m, begins to be lifted, and is lifted: of feet that
+stand, one is seen up to 9 cm higher while the performer crouches."""
 SLIDES_M = np.array([0.40, 0.12])
 """A foot that is seen this far from where it stands, m forward and sideward, has moved there unseen."""
+FORWARD_SHARE = 0.5
+"""Share of how far one foot is ahead of the other that is believed of a lifted foot."""
 BACK_M = 0.3
 """The hips are no farther ahead of the feet or behind them, m."""
 KNEE_M = 0.03
@@ -213,6 +217,7 @@ class Stance:
         self._level, self._leg = Level(FEET_S), Level(STANDING_S)
         self._measures = [Level(STANDING_S) for _ in range(3)]  # [pixels] leg, trunk, shoulders while standing
         self._distance = Level(DISTANCE_S)
+        self._pixels = 1.0  # of a metre of the body
         self._share = 1.0  # of the height of the hips while standing
 
     def take(self, frame: Landmarks, point: FloatArray, dt: float) -> None:
@@ -222,8 +227,8 @@ class Stance:
         ankles = point[ANKLES]
         leg = self._leg.take(float(-ankles[:, 2].min()), dt, slower=1.0 if upright else CROUCHED)
         self.scale = min(max((THIGH + SHANK) / max(leg, 0.1), 0.5), 2.0)
-        self._take_lift(float(ankles[0, 2] - ankles[1, 2]), dt)
-        apart = self.scale * (ankles[0, :2] - ankles[1, :2])
+        self._take_lift(float(np.diff(frame.picture[ANKLES, 1])[0]) / self._pixels, dt)
+        apart = self.scale * (ankles[0, :2] - ankles[1, :2]) * [FORWARD_SHARE, 1.0]
         if self.feet is None:
             half = np.array([0.0, 0.5 * apart[1]])
             self.feet = np.stack([half, -half])
@@ -235,11 +240,14 @@ class Stance:
         lowest = frame.picture[ANKLES, 1].max() if (self._planted < 0.5).any() else frame.picture[ANKLES, 1].mean()
         across = float(np.linalg.norm(shoulders[0] - shoulders[1]))
         now = [float(lowest - hips[1]), float(np.linalg.norm(shoulders.mean(axis=0) - hips)), across]
-        usual = [measure.value for measure in self._measures]
-        if all(value > 1.0 for value in usual):
+        leg, trunk, width = (max(measure.value, 1.0) for measure in self._measures)  # 1 pixel where none is known yet
+        if math.isfinite(self._measures[0].value):
             # Turning narrows the shoulders and leaning shortens the trunk: neither does both.
-            nearer = self._distance.take(max(now[1] / usual[1], now[2] / usual[2]), dt)
-            self._share = min(max(now[0] / usual[0] / max(nearer, 0.1), 0.2), 1.05)
+            leg *= max(self._distance.take(max(now[1] / trunk, now[2] / width), dt), 0.1)
+            self._share = min(max(now[0] / leg, 0.2), 1.05)
+        else:
+            leg = max(now[0], 1.0)
+        self._pixels = leg / (THIGH + SHANK)
         upright = self._share > STANDS
         for measure, value in zip(self._measures, now, strict=True):
             higher = value > measure.value and measure is self._measures[0]
@@ -254,7 +262,7 @@ class Stance:
         self._level.take(higher, dt, slower=1.0 if abs(off) < low else 20.0)
         foot = 0 if off > 0.0 else 1
         self.lift, self._planted = np.zeros(2), np.ones(2)
-        self.lift[foot], self._planted[foot] = self.scale * abs(off) * lifted, 1.0 - lifted
+        self.lift[foot], self._planted[foot] = min(abs(off) * lifted, THIGH), 1.0 - lifted
 
     def _move_feet(self, apart: FloatArray) -> None:
         """Move what is lifted, and what is seen elsewhere. apart (2,) m: from the right ankle to the left one."""
@@ -298,8 +306,10 @@ def _knee(hip: FloatArray, ankle: FloatArray, bend: FloatArray) -> tuple[FloatAr
     return knee, hip + length * along
 
 
-SENSORS = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis", "chest")
-SENSORS += ("l_knee", "r_knee", "l_elbow", "r_elbow")
+SENSORS = (
+    *("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle", "pelvis", "chest"),
+    *("l_knee", "r_knee", "l_elbow", "r_elbow"),
+)
 """Names of the poses, always all; those that are not seen are not tracked."""
 _FEET = (*SHOULDERS, *HIPS, *ANKLES)
 _SEES: Mapping[str, tuple[int, ...]] = {
@@ -396,9 +406,9 @@ _TURNS = (_UP, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
 
 # The decoders.
 
-FILTER = ((0.4, 6.0, 1.0), (0.4, 2.0, 1.0))
-"""One-Euro filter of positions and orientations (see `live.playout`): a camera's landmarks tremble by 3 to 17 mm at
-rest, a few times more than a tracker."""
+ACROSS, DEPTH, TURN = (0.3, 6.0, 1.0), (0.1, 1.5, 0.5), (0.4, 2.0, 1.0)
+"""One-Euro filters (see `live.playout`) of positions across the line of sight and along it, and of orientations. At
+rest landmarks tremble by 3 mm across and by 15 mm along it."""
 GAP_S = 1.0
 """After a gap of this time, s, or a step back by it, all is learned anew: another page, perhaps another performer."""
 FIRST_S, LONGEST_S = 1.0 / 30.0, 0.2
@@ -415,7 +425,8 @@ class CameraDecoder:
 
     def _begin(self) -> None:
         self._sight, self._body = Sight(), Body()
-        self._filter = PoseFilter(len(SENSORS), position=FILTER[0], orientation=FILTER[1])
+        self._across = PoseFilter(len(SENSORS), position=ACROSS, orientation=TURN)
+        self._depth = PoseFilter(len(SENSORS), position=DEPTH, orientation=None)
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The performer of one picture. See `StreamDecoder`."""
@@ -444,9 +455,19 @@ class CameraDecoder:
             tracked = np.zeros(len(SENSORS), dtype=bool)
         else:
             position, orientation, tracked = self._body.take(frame, counts, dt)
-        self._filter.reset(~tracked)
-        position, orientation = self._filter.step(np.full(len(SENSORS), frame.time), position, orientation)
+        position, orientation = self._calm(frame.time, position, orientation, tracked)
         return StreamFrame(SENSORS, position, orientation, tracked, stamp=frame.time, number=frame.number)
+
+    def _calm(
+        self, time: float, position: FloatArray, orientation: FloatArray, tracked: BoolArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The poses filtered, at `time`, s."""
+        times, lost = np.full(len(SENSORS), time), ~tracked
+        self._across.reset(lost)
+        self._depth.reset(lost)
+        across, orientation = self._across.step(times, position * [0.0, 1.0, 1.0], orientation)
+        along, _ = self._depth.step(times, position * _FORWARD, orientation)
+        return across + along, orientation
 
 
 _OF_A_CAMERA = re.compile(rb'"axes"\s*:\s*"camera"')

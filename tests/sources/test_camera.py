@@ -9,11 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camera_figures import Decoded, decoded, errors
+from camera_clips import CLIPS, EVERY
+from camera_figures import Decoded, check, check_wave, decoded, errors
 from camera_people import datagram, datagrams, landmarks
+from landmarks import read_frames
 from rendered import Motion, crouching, performer, raising, standing, stepping
 from retarget import rotations
-from retarget.live.begin import SideCheck
+from retarget.frames import SensorSample
+from retarget.live.begin import RAISED, SideCheck
+from retarget.live.rest_capture import RestCapture
 from retarget.sources.camera import (
     ANKLES,
     HIPS,
@@ -64,9 +68,10 @@ def test_the_body_is_the_same_at_any_distance_and_stature(tall: float) -> None:
     np.testing.assert_allclose(near[0], other, atol=0.04)
 
 
-def test_coming_nearer_is_no_crouch_and_no_step() -> None:
-    motion = standing(PERSON, 8.0)
-    clip = after(landmarks(motion, distance=np.linspace(3.5, 2.5, len(motion.q))))
+@pytest.mark.parametrize("to", [2.5, 3.5])
+def test_coming_nearer_or_going_back_is_no_crouch_and_no_step(to: float) -> None:
+    motion = standing(PERSON, 10.0)
+    clip = after(landmarks(motion, distance=np.linspace(3.0, to, len(motion.q))))
     assert np.ptp(clip.of("pelvis")[:, 2]) < 0.08
     assert np.ptp(clip.of("l_ankle"), axis=0).max() < 0.01
 
@@ -136,11 +141,11 @@ def test_a_back_is_not_tracked_and_a_mirror_is_seen_by_the_check_of_sides() -> N
     mirrored[:, :, 0] = 1.0 - mirrored[:, :, 0]
     clip = after(mirrored)
     hands = np.stack([clip.of("l_wrist"), clip.of("r_wrist")], axis=1)
-    check = SideCheck(hands[20])
+    sides = SideCheck(hands[20])
     seen = set[str]()
     for time, both in zip(clip.time[20:], hands[20:], strict=True):
-        check.take(time, both)
-        seen.add(check.seen)
+        sides.take(time, both)
+        seen.add(sides.seen)
     assert seen == {"", "right rose"}
 
 
@@ -154,6 +159,42 @@ def test_a_head_turns_and_a_head_held_low_is_level() -> None:
     ahead = rotations.rotate(frames[-1].orientation[0], [1.0, 0.0, 0.0])
     np.testing.assert_allclose(ahead, [np.cos(0.6), np.sin(0.6), 0.0], atol=0.05)
     assert np.isnan(frames[-1].orientation[1:]).all()
+
+
+@pytest.mark.parametrize("name", sorted(path.name.removesuffix(".jsonl.gz") for path in FOLDER.iterdir()))
+def test_a_rendered_performer_comes_out_as_near_as_promised(name: str) -> None:
+    check(name, read_frames(FOLDER / f"{name}.jsonl.gz"), CLIPS[name].motion(), every=EVERY)
+
+
+def test_a_run_measures_what_a_camera_sees_and_knows_its_left() -> None:
+    """As it begins: a second of standing, then the left arm to the front."""
+    clip = decoded(read_frames(FOLDER / "front.jsonl.gz"), every=EVERY)
+    capture, nothing = RestCapture(where="web://"), np.full((len(SENSORS), 4), np.nan)
+    for time, position, tracked in zip(clip.time, clip.position, clip.tracked, strict=True):
+        for later in (0.0, 0.03) if time < clip.time[0] + 1.0 else ():  # polled oftener than pictures come
+            capture.take(time + later, SensorSample(SENSORS, position, nothing, tracked))
+    measured = capture.result()
+    assert measured.dimensions.stature == pytest.approx(1.70, abs=0.02) and not measured.missing
+    hands = [SENSORS.index("l_wrist"), SENSORS.index("r_wrist")]
+    sides = SideCheck(measured.position[hands])
+    seen = []
+    for time, position in zip(clip.time, clip.position, strict=True):
+        sides.take(time, measured.alignment.positions(position)[hands])
+        seen.append(sides.seen)
+    assert set(seen) == {"", RAISED}
+
+
+def test_a_wave_keeps_its_amplitude_and_time() -> None:
+    check_wave(read_frames(FOLDER / "wave.jsonl.gz"), 0.5, every=EVERY)
+
+
+def test_the_tracker_takes_a_performer_without_a_face_for_a_back() -> None:
+    """They raise the left arm, and it sees the right one rise, both well visible: what must never be followed."""
+    frames = [json.loads(line)["landmarks"] for line in read_frames(FOLDER / "bare.jsonl.gz")]
+    left, right = np.array(frames)[:, WRISTS].transpose(1, 0, 2)
+    up = slice(33, 45)  # y is down
+    assert np.median(right[up, 3]) < -0.4 and np.median(left[up, 3]) > -0.25
+    assert min(left[:, 5].mean(), right[:, 5].mean()) > 0.6
 
 
 # What arrives.

@@ -13,6 +13,7 @@ from typing import Any
 import rendered as draw
 from landmarks import seen, tracker, write_frames
 from retarget.model.human import Human
+from retarget.sources.camera import ANKLES, EARS, ELBOWS, HIPS, KNEES, LANDMARKS, NOSE, SHOULDERS, WRISTS
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,6 @@ class Clip:
 
     motion: Callable[[], draw.Motion]
     face: bool = True
-    stout: bool = True
     distance: float = draw.DISTANCE
 
 
@@ -37,10 +37,11 @@ CLIPS: Mapping[str, Clip] = {
     "crouch": Clip(lambda: draw.crouching(_person())),
     "step": Clip(lambda: draw.stepping(_person())),
     "bare": Clip(lambda: draw.raising(_person(), "l"), face=False),
-    "thin": Clip(lambda: draw.raising(_person(), "l"), stout=False),
 }
 
 
+USED = {NOSE, *EARS, *SHOULDERS, *ELBOWS, *WRISTS, *HIPS, *KNEES, *ANKLES}
+"""Landmarks that the decoder reads."""
 EVERY = 2
 """Pictures of the motion from one that the tracker sees to the next: 15 a second, a slow phone."""
 
@@ -49,7 +50,7 @@ def seen_clip(page: Any, clip: Clip) -> list[dict[str, Any]]:
     """The frames of a clip through the tracker's page, see `landmarks.seen`."""
     whole = clip.motion()
     motion = draw.Motion(whole.human, whole.q[::EVERY], whole.joints[::EVERY])
-    pictures = draw.drawn(motion, face=clip.face, stout=clip.stout, distance=clip.distance)
+    pictures = draw.drawn(motion, face=clip.face, distance=clip.distance)
     return seen(page, pictures, rate=draw.RATE / EVERY)
 
 
@@ -57,7 +58,11 @@ def main(runtime: Path, folder: Path, *names: str) -> None:
     """Write the landmarks of the clips of these names, of all without one."""
     with tracker(runtime) as page:
         for name in names or CLIPS:
-            write_frames(folder / f"{name}.jsonl.gz", seen_clip(page, CLIPS[name]))
+            frames = seen_clip(page, CLIPS[name])
+            for frame in frames:
+                for unused in set(range(LANDMARKS if frame["landmarks"] else 0)) - USED:
+                    frame["landmarks"][unused] = [0, 0, 0, 0, 0, 0]  # so that the file is small
+            write_frames(folder / f"{name}.jsonl.gz", frames)
 
 
 if __name__ == "__main__":

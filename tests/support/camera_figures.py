@@ -4,12 +4,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
 from rendered import RATE, Motion
+from retarget.sources import camera
 from retarget.sources.camera import SENSORS, CameraDecoder
 from retarget.types import BoolArray, FloatArray, IntArray
 
-ARMS = [(f"{side}_{near}", f"{side}_{far}") for side in "lr" for near, far in (("elbow", "wrist"),)]
+WRISTS_M, ARMS_RAD = 0.12, np.deg2rad(20.0)
+"""Largest medians: of the distances of wrists from the truth, and of the angles of forearms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,3 +74,41 @@ def amplitude_and_lag(time: FloatArray, raw: FloatArray, filtered: FloatArray, h
     turns = np.exp(-2j * np.pi * hz * time)
     before, after = (np.sum((track - track.mean()) * turns) for track in (raw, filtered))
     return float(abs(after) / abs(before)), float(-np.angle(after / before) / (2.0 * np.pi * hz))
+
+
+def check(name: str, datagrams: list[bytes], truth: Motion, *, every: int) -> None:
+    """Assert that a clip of `camera_clips` comes out as near to the truth as is promised."""
+    clip = decoded(datagrams, every=every)
+    if name == "bare":  # taken for a back, whose left is our right: nothing of it is followed
+        assert clip.tracked.mean() < 0.05
+        return
+    assert clip.tracked.all()
+    assert np.median(errors(clip, truth, ["l_wrist", "r_wrist"]), axis=0).max() < WRISTS_M
+    for side in "lr":
+        assert np.median(turned_off(clip, truth, f"{side}_elbow", f"{side}_wrist")) < ARMS_RAD
+    for foot in {"l_ankle", "r_ankle"} - ({"l_ankle"} if name == "step" else set()):
+        assert np.ptp(clip.of(foot), axis=0).max() < 0.03
+    if name == "step":
+        assert 0.06 < np.ptp(clip.of("l_ankle")[:, 2]) < 0.25  # of 0.2 m
+    if name == "front":
+        assert np.ptp(clip.of("l_wrist")[:, 2]) > 0.4 and np.ptp(clip.of("r_wrist")[:, 2]) < 0.1
+    height = clip.of("pelvis")[:, 2]
+    dropped = float(height[truth.time[clip.row] < 1.0].mean() - height.min())
+    assert 0.2 < dropped < 0.4 if name == "crouch" else dropped < 0.04
+    if name == "still":
+        for hand in ("l_wrist", "r_wrist"):
+            away = clip.of(hand) - clip.of(hand).mean(axis=0)
+            assert np.sqrt(np.sum(away**2, axis=1).mean()) < 0.005
+
+
+def check_wave(datagrams: list[bytes], hz: float, *, every: int) -> None:
+    """Assert that filtering leaves a wave of the left hand as it is: by the body without its filters."""
+    with pytest.MonkeyPatch.context() as patch:
+        for part in ("ACROSS", "DEPTH"):
+            patch.setattr(camera, part, (1e3, 1e3, 1.0))
+        raw = decoded(datagrams, every=every)
+    clip = decoded(datagrams, every=every)
+    waves = (clip.time > clip.time[0] + 2.0) & (clip.time < clip.time[0] + 2.0 + 3.0 / hz)
+    before, after = (one.of("l_wrist")[waves, 2] for one in (raw, clip))
+    amplitude, lag = amplitude_and_lag(clip.time[waves], before, after, hz)
+    assert amplitude > 0.9 and lag < 0.1
