@@ -68,6 +68,11 @@ class StandIn:
 
     # For tests, from their own thread.
 
+    @property
+    def pages(self) -> int:
+        """How many are connected."""
+        return len(self._live)
+
     def say(self, message: Message) -> None:
         """To every page."""
         asyncio.run_coroutine_threadsafe(self._broadcast(message), self._loop).result(5)

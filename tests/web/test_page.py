@@ -423,6 +423,13 @@ def test_state_sensors_reach_notes_and_drawings_are_shown(browser: Any, stand_in
         says(page, "the right ankle is not seen", where="why")
 
 
+def test_a_run_that_has_ended_is_left_alone(browser: Any, stand_in: StandIn) -> None:
+    with opened(browser, stand_in) as page:
+        stand_in.state = {"state": "ended"}
+        says(page, "The run is over", where="why")
+        stand_in.wait(lambda: not stand_in.pages)
+
+
 @pytest.mark.parametrize("width", [375, 1280])
 def test_stop_is_seen_whole_and_nothing_sticks_out(browser: Any, stand_in: StandIn, width: int) -> None:
     with opened(browser, stand_in) as page:
@@ -572,11 +579,21 @@ def test_a_hold_is_felt_and_leaving_the_headset_lets_go(headset: Any, stand_in: 
     headset.wait_for_function("() => pulses > 0")
     stand_in.state = FOLLOWING
     headset.wait_for_function("() => document.getElementById('state').textContent === 'Following'")
-    headset.evaluate("device.controllers.right.updateButtonValue('squeeze', 1)")
+    squeeze = "(value) => device.controllers.right.updateButtonValue('squeeze', value)"
+    headset.evaluate(squeeze, 1)
     stand_in.wait(lambda: stand_in.messages("held")[-1].message["held"])
+    before = stand_in.connections
+    stand_in.drop()
+    stand_in.wait(lambda: [said for said in stand_in.messages("frame") if said.connection >= before])
+    read_after(stand_in, 20)
+    again = [said.message["held"] for said in stand_in.messages("held") if said.connection >= before]
+    assert again and not any(again), "squeezed all the time: it must be taken anew"
+    for value in (0, 1):
+        headset.evaluate(squeeze, value)
+        stand_in.wait(lambda value=value: stand_in.messages("held")[-1].message["held"] == bool(value))
+        read_after(stand_in)
     headset.evaluate("device.activeSession.end()")
     stand_in.wait(lambda: not stand_in.messages("held")[-1].message["held"])
-    stand_in.wait(lambda: stand_in.messages("pause"))
     stand_in.wait(lambda: stand_in.messages("hello")[-1].message["input"] == "watch")
     since = two_more_reports(stand_in)
     assert not stand_in.messages("frame", since)

@@ -8,7 +8,8 @@ const SIDES = [
   [[11, 12], [23, 24], [7, 0, 8]],
 ];
 const WIDEST = 960; // px; a larger picture is made 640 wide, since the model looks at 256 anyway
-const SLOW_FPS = 8;
+const SLOW_FPS = 8, FAST_FPS = 10; // slower is said, until it is faster than the second
+const COUNTED_MS = 3000; // pictures are counted over so long
 const DARK = 40; // of 255, mean of the picture
 const SENTENCE_AFTER_MS = 500; // a sentence that comes and goes faster is not shown
 const STILL_MS = 700; // without a new picture the camera counts as stalled
@@ -61,8 +62,10 @@ export class Camera {
     this.newest = null; // the one picture that waits for the worker
     this.busy = false;
     this.lastTime = 0;
+    this.startedAt = this.pictureAt = 0;
     this.frames = 0;
-    this.done = []; // ms, when the results of the last second came
+    this.done = []; // ms, when the newest results came
+    this.isSlow = false;
     this.took_ms = 0;
     this.wrong = { key: "", since: 0 };
     this.probe = new OffscreenCanvas(16, 12).getContext("2d", { willReadFrequently: true });
@@ -77,6 +80,7 @@ export class Camera {
       if (this.state !== CAMERA.STARTING) return;
       this.state = CAMERA.RUNNING;
       this.done = [];
+      this.isSlow = false;
       this.startedAt = this.pictureAt = performance.now();
       this.video.requestVideoFrameCallback((now, about) => this.#picture(now, about));
     } catch (error) {
@@ -208,8 +212,8 @@ export class Camera {
 
   get fps() {
     const now = performance.now();
-    this.done = this.done.filter((at) => at > now - 1000);
-    return this.done.length;
+    this.done = this.done.filter((at) => at > now - COUNTED_MS);
+    return Math.round(1e4 * this.done.length / Math.min(COUNTED_MS, now - this.startedAt)) / 10;
   }
 
   // Whether it gives no pictures any more.
@@ -224,9 +228,9 @@ export class Camera {
     if (this.state !== CAMERA.RUNNING) return "";
     const now = performance.now();
     if (this.lost) return SENTENCES.still;
-    const slow = now - this.startedAt > 3000 && this.fps < SLOW_FPS;
-    if ((slow || this.wrong.key) && this.#brightness() < DARK) return SENTENCES.dark;
-    if (slow) return SENTENCES.slow;
+    if (now - this.startedAt > COUNTED_MS) this.isSlow = this.fps < (this.isSlow ? FAST_FPS : SLOW_FPS);
+    if ((this.isSlow || this.wrong.key) && this.#brightness() < DARK) return SENTENCES.dark;
+    if (this.isSlow) return SENTENCES.slow;
     return this.wrong.key && now - this.wrong.since > SENTENCE_AFTER_MS ? SENTENCES[this.wrong.key] : "";
   }
 

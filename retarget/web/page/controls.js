@@ -47,7 +47,7 @@ export class DeadMan {
 // Wires key H and the pad to a dead man. Whatever takes the key or the finger away from the page lets go.
 export function listenForHolding(deadMan, pad) {
   const isKey = (event) => event.code === "KeyH" && !event.ctrlKey && !event.metaKey && !event.altKey;
-  addEventListener("keydown", (event) => isKey(event) && deadMan.used && deadMan.press("key", true));
+  addEventListener("keydown", (event) => isKey(event) && !event.repeat && deadMan.used && deadMan.press("key", true));
   addEventListener("keyup", (event) => event.code === "KeyH" && deadMan.press("key", false));
   addEventListener("blur", () => deadMan.release());
   addEventListener("pagehide", () => deadMan.release());

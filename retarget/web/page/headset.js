@@ -76,6 +76,12 @@ export class Headset {
     return this.sent.filter((at) => at > performance.now() - 1000).length;
   }
 
+  // After a loss the grip counts only when it was let go and taken anew.
+  letGo() {
+    this.anew = true;
+    this.page.deadMan.press("grip", false);
+  }
+
   // Must be called from a click. Raises Error with a sentence.
   async start(welcome) {
     this.useLegs = Boolean(welcome?.use_generated_legs);
@@ -99,7 +105,7 @@ export class Headset {
   }
 
   #prepare(gl, space, seeThrough) {
-    Object.assign(this, { gl, space, seeThrough, due: 0, anchor: null, ghost: null, bothSince: null, lastState: "", stopDown: false });
+    Object.assign(this, { gl, space, seeThrough, due: 0, anchor: null, ghost: null, bothSince: null, lastState: "", stopDown: false, anew: true });
     this.space.onreset = () => { this.anchor = null; }; // the performer has set the room anew
     this.sign = new Sign(gl);
     this.pinching.clear();
@@ -107,8 +113,7 @@ export class Headset {
 
   #ended() {
     this.session = null;
-    this.page.deadMan.press("grip", false);
-    this.page.interrupted("The headset was taken off or left.");
+    this.page.interrupted("The headset was left.");
     this.page.ended();
   }
 
@@ -133,7 +138,8 @@ export class Headset {
 
   #press(sources, time) {
     const { held, stop, both } = pressed(sources, this.pinching);
-    this.page.deadMan.press("grip", held);
+    if (!held) this.anew = false;
+    this.page.deadMan.press("grip", held && !this.anew);
     this.page.deadMan.tick();
     this.bothSince = both ? this.bothSince ?? time : null;
     const asked = stop || (both && time - this.bothSince >= BOTH_PINCHED_MS);
@@ -159,6 +165,16 @@ export class Headset {
     this.lastState = state;
   }
 
+  #words() {
+    const words = this.page.words(), how = this.bareHands ? "pinch one hand" : "squeeze a grip";
+    const hint = this.anew ? `Let go, then ${how}` : this.page.deadMan.held ? "" : `The robot moves while you ${how}`;
+    return { ...words, why: words.why || hint };
+  }
+
+  get bareHands() {
+    return [...this.session.inputSources].some((source) => source.hand);
+  }
+
   // The ghost stands where the performer looked first, and faces the same way: its left is the performer's.
   #place(viewer) {
     const { position: p, orientation: q } = viewer.transform;
@@ -182,7 +198,7 @@ export class Headset {
     gl.clearColor(...(this.seeThrough ? [0, 0, 0, 0] : [0.16, 0.19, 0.23, 1]));
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     this.sign.follow(viewer.transform);
-    this.sign.write(this.page.words(), [...this.session.inputSources].some((source) => source.hand));
+    this.sign.write(this.#words(), this.bareHands);
     for (const view of viewer.views) {
       const { x, y, width, height } = layer.getViewport(view);
       gl.viewport(x, y, width, height);

@@ -1,7 +1,7 @@
 // The WebSocket to the server of the run: says hello, hears, and begins again by itself when it is lost.
 // It never repeats an order to move: after a new hello the page starts from what the server says.
 
-const AGAIN_MS = 1000; // from a loss to the next try
+const AGAIN_MS = [500, 10000]; // from a loss to the next try: at first, and at most (each time twice as long)
 const SILENCE_MS = 3000; // without any message (pings are answered) the socket counts as lost
 const PING_MS = 250;
 const PINGS = 4; // a second of them
@@ -33,6 +33,7 @@ export class Link {
     this.state = LINK.CLOSED;
     this.id = identity();
     this.input = "watch";
+    this.again = AGAIN_MS[0];
     this.socket = null;
     this.heard = 0;
     this.stopOwed = false;
@@ -78,6 +79,12 @@ export class Link {
     return !this.stopOwed;
   }
 
+  // The run is over: nobody answers at this address any more.
+  end() {
+    this.#drop();
+    this.#enter(LINK.CLOSED);
+  }
+
   #opened(socket) {
     if (socket !== this.socket) return;
     socket.send(JSON.stringify({ say: "hello", input: this.input, id: this.id }));
@@ -94,7 +101,7 @@ export class Link {
       this.#drop();
       this.#enter(LINK.REFUSED, message.why);
     } else {
-      if (message.hear === "welcome") this.#enter(LINK.OPEN);
+      if (message.hear === "welcome") this.#welcomed();
       this.hear(message);
     }
   }
@@ -102,7 +109,13 @@ export class Link {
   #closed(reason) {
     this.#drop();
     this.#enter(LINK.LOST, reason);
-    setTimeout(() => this.state === LINK.LOST && this.open(this.input), AGAIN_MS);
+    setTimeout(() => this.state === LINK.LOST && this.open(this.input), this.again);
+    this.again = Math.min(2 * this.again, AGAIN_MS[1]);
+  }
+
+  #welcomed() {
+    this.again = AGAIN_MS[0];
+    this.#enter(LINK.OPEN);
   }
 
   #beat() {

@@ -8,7 +8,9 @@ import { Scene } from "./scene.js";
 
 const byId = (id) => document.getElementById(id);
 const MOVING = /approach|follow|hold/; // states in which an interruption is made a pause
-const TONES = [[/follow/, "good"], [/stop|fault|off|rest|return|end|refused|not connected/, "bad"], [/hold|pause|approach|arming/, "wary"]];
+const BEFORE = /idle|waiting|countdown|calibrating|sides/; // states without torque
+const STOPPING = /stop|fault|off|rest|return|end/;
+const TONES = [[/follow/, "good"], [STOPPING, "bad"], [/refused|not connected/, "bad"], [/hold|pause|approach|arming/, "wary"]];
 const STANCES = [
   [/countdown|calibrating/, "pose.svg", "Stand like one of these: arms hanging, or straight out to the sides"],
   [/sides/, "pose_left.svg", "Your left arm straight to the front, and only that"],
@@ -57,10 +59,12 @@ function pause(paused) {
   show();
 }
 
-// Something took the performer away. What moved is paused, and goes on only when somebody says so.
+// Something took the performer away. What moved is paused, and goes on only when somebody says so; in a headset, when
+// the grip is taken anew.
 function interrupted(why) {
   deadMan.release();
-  if (page.input === "watch" || !MOVING.test(page.run?.state || "")) return;
+  headset.letGo();
+  if (page.input !== "camera" || !MOVING.test(page.run?.state || "")) return;
   page.interruption = why;
   pause(true);
 }
@@ -79,6 +83,7 @@ function hear(message) {
     if (page.run?.paused && !message.paused) page.interruption = ""; // somebody let it go on
     page.run = message;
     scene.pose(message);
+    if (message.state === "ended") link.end();
   }
   if (message.hear !== "state") show();
 }
@@ -158,16 +163,18 @@ async function stayAwake() {
 function headline() {
   if (link.state === LINK.REFUSED) return { state: "refused", why: page.refusal };
   if (link.state !== LINK.OPEN && page.run?.state === "ended") return { state: "ended", why: "The run is over. Start the next one, and open its address." };
+  if (link.state === LINK.OPENING && !page.welcome) return { state: "connecting", why: "" };
   if (link.state !== LINK.OPEN) return { state: "not connected", why: lostWords() };
   const state = page.run?.state || "waiting";
-  const why = page.stopAsked && !/stop|fault|off|rest|return|end/.test(state) ? "A stop is asked for." : page.run?.why || "";
+  const asked = page.stopAsked && !STOPPING.test(state) ? "A stop is asked for." : "";
+  const why = asked || page.run?.why || (BEFORE.test(state) ? "Nothing moves yet." : "");
   return { state: page.paused && MOVING.test(state) ? "paused" : state, why, note: noteNow(), paused: page.paused };
 }
 
 function lostWords() {
   if (link.stopOwed) return "The STOP did not reach the robot. Use its switch, or Ctrl-C where the run was started.";
-  if (page.input === "watch") return "The run goes on without this page, which tries again every second.";
-  return "No poses reach the robot, so it holds. This page tries again every second.";
+  if (page.input === "watch") return "The run goes on without this page, which keeps trying.";
+  return "No poses reach the robot, so it holds. This page keeps trying.";
 }
 
 function noteNow() {
@@ -199,7 +206,7 @@ function list(id, rows) {
 function numbers() {
   const parts = Object.entries(page.run?.latency_ms || {}).map(([name, ms]) => `${name} ${ms.toFixed(0)} ms`);
   if (link.round_ms !== null) parts.push(`there and back ${link.round_ms.toFixed(0)} ms`);
-  if (camera.state === CAMERA.RUNNING) parts.push(`${camera.fps} pictures a second`, `${camera.took_ms.toFixed(0)} ms to find you`);
+  if (camera.state === CAMERA.RUNNING) parts.push(`${camera.fps.toFixed(0)} pictures a second`, `${camera.took_ms.toFixed(0)} ms to find you`);
   if (page.view === "headset") parts.push(`${headset.fps} poses a second`);
   return parts.join("  ·  ");
 }
