@@ -12,7 +12,7 @@ where the performer stands. So directions alone are taken from it, and a body of
 * What leans away from the camera as a whole, from the feet to the shoulders, is the camera's error: it is sheared away.
 * What is not seen, not in the picture or not plausible is not tracked. Nothing is made up for it.
 
-The body always has the same size: a camera cannot tell a tall performer from a near one, and a robot takes its own.
+The body always has the same size: for a camera a tall performer looks like a near one, and a robot takes its own.
 World: REP-103, the performer faces x, which points to the camera.
 """
 
@@ -157,7 +157,7 @@ class Level:
 # The body that is built.
 
 BODY = proportional_dimensions(1.70)
-"""Its size, stature in m: that of a usual grown person, whoever performs."""
+"""Its size, stature in m: that of a usual grown person, whatever that of the performer."""
 THIGH, SHANK = BODY.length("l_knee"), BODY.length("l_ankle")
 ANKLE_M = FRACTIONS.ankle_height * BODY.stature
 """Height of an ankle above the floor, m."""
@@ -314,7 +314,7 @@ SENSORS = (
 _FEET = (*SHOULDERS, *HIPS, *ANKLES)
 _SEES: Mapping[str, tuple[int, ...]] = {
     "head": (NOSE, *SHOULDERS),
-    "pelvis": _FEET,  # without feet nobody knows how high it is
+    "pelvis": _FEET,  # without feet its height is not known
     "chest": tuple(SHOULDERS),
     "l_ankle": _FEET,
     "r_ankle": _FEET,
