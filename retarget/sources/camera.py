@@ -170,6 +170,9 @@ STANDS = 0.93
 """Share of the usual height of the hips from which the performer stands upright."""
 CROUCHED = 4.0
 """While they do not, measures of standing are learned this many times slower."""
+TALLER, STOOD_UP = 1.15, 0.05
+"""Hips this many times higher than while standing: the performer sat when they were first seen. It is learned in this
+share of the time."""
 PITCH_SHARE = 0.4
 """Share of the lean forward of trunk and head that is believed."""
 LIFT_M = (0.08, 0.13)
@@ -248,10 +251,11 @@ class Stance:
         else:
             leg = max(now[0], 1.0)
         self._pixels = leg / (THIGH + SHANK)
-        upright = self._share > STANDS
+        # Who stands is measured anew all the time, who has stood up from a chair at once, who crouches hardly.
+        slower = 1.0 if self._share > STANDS else CROUCHED
         for measure, value in zip(self._measures, now, strict=True):
-            higher = value > measure.value and measure is self._measures[0]
-            measure.take(value, dt, slower=1.0 if upright or higher else CROUCHED)
+            stood_up = measure is self._measures[0] and now[0] > TALLER * leg
+            measure.take(value, dt, slower=STOOD_UP if stood_up else slower)
 
     def _take_lift(self, higher: float, dt: float) -> None:
         """higher: m by which the left ankle is above the right one."""
