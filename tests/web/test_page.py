@@ -270,7 +270,7 @@ def test_a_second_performer_hears_why_and_may_look_on(browser: Any, stand_in: St
     stand_in.refused["camera"] = "another performer is here: one at a time"
     with opened(browser, stand_in) as page:
         choose(page, "camera")
-        says(page, "another performer is here")
+        says(page, "Another performer is here")
         stand_in.wait(lambda: [said.message["input"] for said in stand_in.messages("hello")][-1] == "watch")
         page.keyboard.press("Escape")
         stand_in.wait(lambda: stand_in.messages("stop"))
@@ -417,10 +417,10 @@ def test_state_sensors_reach_notes_and_drawings_are_shown(browser: Any, stand_in
         says(page, "right ankle not seen", where="sensors")
         assert not page.locator("#pose").is_visible()
         assert page.inner_text("#clipped") == "left hand 12 cm out of reach"
-        assert "page to goal 14 ms" in page.inner_text("#numbers")
+        assert "Page to goal 14 ms" in page.inner_text("#numbers")
         stand_in.state = FOLLOWING | {"state": "holding", "why": "the right ankle is not seen", "paused": True}
         says(page, "Go on", where="pause")
-        says(page, "the right ankle is not seen", where="why")
+        says(page, "The right ankle is not seen", where="why")
 
 
 def test_a_run_that_has_ended_is_left_alone(browser: Any, stand_in: StandIn) -> None:

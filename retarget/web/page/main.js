@@ -190,8 +190,8 @@ function sensorWords(name) {
   return name.replace(/^l_/, "left ").replace(/^r_/, "right ").replace(/_/g, " ");
 }
 
-function put(id, text) {
-  const place = byId(id);
+function put(id, words) {
+  const place = byId(id), text = words.charAt(0).toUpperCase() + words.slice(1);
   if (place.textContent !== text) place.textContent = text;
   place.hidden = !text;
 }
@@ -214,21 +214,24 @@ function numbers() {
 function show() {
   const { state, why, note } = headline();
   const connected = link.state === LINK.OPEN;
+  const run = (connected && page.run) || {}; // what was last known is not known any more
   document.body.dataset.view = page.view;
+  document.body.dataset.linked = connected;
   document.body.dataset.tone = TONES.find(([words]) => words.test(state))?.[1] || "calm";
-  put("state", state.charAt(0).toUpperCase() + state.slice(1));
+  put("state", state);
   put("why", why);
   put("note", note || "");
   put("trouble", trouble());
   put("numbers", numbers());
-  list("sensors", Object.entries(page.run?.sensors || {}).map(([name, good]) => [good ? `✓ ${sensorWords(name)}` : `✕ ${sensorWords(name)} not seen`, good ? "good" : "bad"]));
-  list("clipped", (page.run?.clipped || []).map((text) => [text, "wary"]));
+  list("sensors", Object.entries(run.sensors || {}).map(([name, good]) => [good ? `✓ ${sensorWords(name)}` : `✕ ${sensorWords(name)} not seen`, good ? "good" : "bad"]));
+  list("clipped", (run.clipped || []).map((text) => [text, "wary"]));
   showStance(state);
   byId("pause").textContent = page.paused ? "Go on" : "Pause";
   byId("pause").disabled = byId("hold").disabled = !connected;
   byId("hold").checked = deadMan.used;
   if (deadMan.used) byId("hold").disabled = true; // who has begun to hold goes on, or the robot holds
   byId("pad").hidden = !deadMan.used || page.view === "headset";
+  byId("own").hidden = camera.state !== CAMERA.RUNNING;
   byId("again").hidden = page.view !== "camera" || camera.state !== CAMERA.FAILED;
   showWays(connected);
 }
