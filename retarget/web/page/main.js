@@ -83,9 +83,14 @@ function hear(message) {
     if (page.run?.paused && !message.paused) page.interruption = ""; // somebody let it go on
     page.run = message;
     scene.pose(message);
-    if (message.state === "ended") link.end();
+    if (message.state === "ended") ended();
   }
   if (message.hear !== "state") show();
+}
+
+function ended() {
+  link.end();
+  camera.stop();
 }
 
 function welcomed(message) {
@@ -186,12 +191,13 @@ function trouble() {
   return (page.view === "camera" && camera.trouble) || (page.view === "headset" && headset.trouble) || paused || (page.view === "choose" && page.refusal) || "";
 }
 
-function sensorWords(name) {
-  return name.replace(/^l_/, "left ").replace(/^r_/, "right ").replace(/_/g, " ");
+// "l_wrist" as people say it.
+function sensorWords(text) {
+  return text.replace(/\bl_(?=\w)/g, "left ").replace(/\br_(?=\w)/g, "right ");
 }
 
 function put(id, words) {
-  const place = byId(id), text = words.charAt(0).toUpperCase() + words.slice(1);
+  const place = byId(id), plain = sensorWords(words), text = plain.charAt(0).toUpperCase() + plain.slice(1);
   if (place.textContent !== text) place.textContent = text;
   place.hidden = !text;
 }
