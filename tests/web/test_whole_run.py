@@ -19,7 +19,7 @@ client = pytest.importorskip("websockets.sync.client", reason="the extra web is 
 from websockets.exceptions import ConnectionClosed  # noqa: E402  (where it is installed)
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))
-import send_poses  # noqa: E402  (an example of the repository, which is no package)
+import send_poses  # type: ignore[import-not-found]  # noqa: E402  (an example of the repository, which is no package)
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
