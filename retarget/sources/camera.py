@@ -182,6 +182,9 @@ SLIDES_M = np.array([0.40, 0.12])
 """A foot that is seen this far from where it stands, m forward and sideward, has moved there unseen."""
 FORWARD_SHARE = 0.5
 """Share of how far one foot is ahead of the other that is believed of a lifted foot."""
+YIELDS = 0.01
+"""Share that is shown of what planted feet seem to do: with nothing of it they would look like sensors that are lost,
+which repeat one value."""
 BACK_M = 0.3
 """The hips are no farther ahead of the feet or behind them, m."""
 KNEE_M = 0.03
@@ -216,6 +219,7 @@ class Stance:
         """(2,) m: how far each is lifted."""
         self.scale = 1.0
         """Metres of the body per metre of the landmarks, by the legs."""
+        self._seen_off = np.zeros(2)  # [m] what is shown of how the feet are seen apart but do not stand
         self._planted = np.ones(2)  # how much each foot stands, 0 to 1
         self._level, self._leg = Level(FEET_S), Level(STANDING_S)
         self._measures = [Level(STANDING_S) for _ in range(3)]  # [pixels] leg, trunk, shoulders while standing
@@ -273,6 +277,7 @@ class Stance:
         assert self.feet is not None
         away = apart - (self.feet[0] - self.feet[1])
         band = SLIDES_M * self._planted.min()
+        self._seen_off = YIELDS * away
         away = np.sign(away) * np.maximum(np.abs(away) - band, 0.0)
         lifted = 1.0 - self._planted
         share = lifted / lifted.sum() if lifted.sum() > 0.0 else np.array([0.5, 0.5])
@@ -296,7 +301,8 @@ class Stance:
     def ankles(self) -> FloatArray:
         """(2, 3) m."""
         assert self.feet is not None
-        return np.concatenate([self.feet, (ANKLE_M + self.lift)[:, None]], axis=1)
+        shown = self.feet + 0.5 * np.stack([self._seen_off, -self._seen_off])
+        return np.concatenate([shown, (ANKLE_M + self.lift)[:, None]], axis=1)
 
 
 def _knee(hip: FloatArray, ankle: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
