@@ -96,12 +96,6 @@ def test_a_loop_of_a_dozen_lines_gives_joint_angles(tmp_path: Path) -> None:
     assert len(sent) == 20 and sent[0].keys() == set(load_robot("op3").joint_map.joints)
 
 
-def test_the_program_of_the_page_is_short_and_valid() -> None:
-    code = re.findall(r"```python\n(.+?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
-    compile(code, "page", mode="exec")
-    assert len([line for line in code.splitlines() if line]) <= 26
-
-
 @pytest.mark.parametrize("wrong", [(0, 1), "left", ((0, 0, 1), 2, 3), {}])
 def test_a_sample_of_what_are_no_positions_is_refused(wrong: object) -> None:
     with refuses(UsageError, "SensorSample.of"):

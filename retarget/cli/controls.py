@@ -537,13 +537,12 @@ class Oversight:
     """What may stop or hold a live run, and how its ticks are scheduled.
 
     Operator of a live stream:
-        dead_man KEY|pedal:FILE|page: The robot moves only while this key of the terminal, pedal, or control of the
-            page of web:// is held.
+        dead_man KEY|pedal:FILE|page: The robot moves only while this is held.
         stop_file FILE: Stop when this file appears.
         control_socket [PATH]: Be stopped or held by `retarget stop` and others.
 
     Robot:
-        realtime [PRIORITY]: Real-time priority of the ticks, 1 to 99; usually 40.
+        realtime [PRIORITY]: Real-time priority of ticks, 1 to 99; usually 40.
         core N: The only core on which the ticks run.
     """
 

@@ -287,13 +287,13 @@ class StreamOptions:
         countdown S: Time to get into the pose of the calibration; usually 3, and 0 for replay://.
         person NAME: Keep the performer's size under this name.
         recalibrate: Measure a --person anew who was measured before.
-        check_sides: Raise your left arm to the front first: it proves sides and axes. Usual, but not for replay://.
+        check_sides: Raise your left arm to the front first: usual, but not for replay://.
         yes: The sides are known to be right: no check.
         smoothing off|light|strong: Of the sensors: by a One-Euro filter.
-        latest: The newest poses at once, without a playout buffer.
+        latest: The newest poses at once, no playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
-        listen: Let phones and headsets of the network open the page of web://, over HTTPS.
-        use_generated_legs: Of web://: use also legs that a headset makes up and does not see.
+        listen: web:// for the network, over HTTPS.
+        use_generated_legs: web:// uses legs that a headset makes up.
     """
 
     countdown: float | None = None
@@ -511,12 +511,12 @@ class RunRequest:
 
     Robot:
         source FILE|ADDRESS: Motion file (AMC, BVH, C3D), 'sample', which comes with the program, or a live stream:
-            vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, replay://FILE.
+            vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
 
     Results:
         report FILE.json|DIR: Write the numbers; into a folder, with a page.
-        best_likeness: Also find how like the performer the joints would allow the robot to be; takes seconds.
+        best_likeness: Add the best likeness that the joints allow.
         save FILE.npz: Write every tick, for other tools.
         plots DIR: Write pictures.
         record FILE.mcap: Keep the run as it goes, for `retarget replay`.

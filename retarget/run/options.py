@@ -35,11 +35,10 @@ class PhysicsOptions:
     """Options of `--bus physics`, named as on the command line. Raises UsageError for a value that cannot be meant.
 
     Physics:
-        mount floor|stand|gantry: What the robot is on; usually as its profile's root says.
+        mount floor|stand|gantry: What it is on; usually by its profile's root.
         hook FRAME: Frame by which a gantry holds it; usually 'hook'.
-        perturbations (--perturb) KIND: mass (+-10 %), centre_of_mass (10 mm off), friction (0.5 to 1), latency (30 ms),
-            stiffness (+-30 %, which the plan does not know), push (3 N for 0.2 s); drawn by the seed, or as given:
-            stiffness=0.7. Also several times.
+        perturbations (--perturb) KIND[=X]: mass, centre_of_mass, friction, latency, stiffness or push, drawn by the seed or
+            as given (stiffness=0.7). Also several times.
         seed N: Of all random choices: the same seed, the same run.
     """
 
@@ -119,8 +118,7 @@ class RunOptions:
         robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
         bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (has mass, can fall), physics+wire,
             none; real servos: profile, or a PORT.
-        performer NAME|FILE: The sensors: five, five_head, three, six, ten, all, avatar, optitrack, optitrack_skeleton,
-            web (usual with web://), or a file.
+        performer NAME|FILE: The sensors: five, five_head, three, six, ten, all, avatar, optitrack, web, ..., or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
         allow_contact: Begin also where the body touches the scene.

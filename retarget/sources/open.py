@@ -1,6 +1,7 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing.
 
 The word `sample` names the recording that comes with the package; a file of that name is `./sample`.
+A new format needs `retarget/sources/NAME.py` with `read_NAME(path, *, unit, rate) -> SensorFrames`, and its row here.
 """
 
 import re

@@ -1,8 +1,14 @@
 """The page of `web://`, served by a process of its own: files of the page, and a WebSocket to each browser.
 
 `python -m retarget.web.server FD SETTINGS`: FD is the process's end of the pair of sockets that
-`retarget.viewer.feed.ViewFeed` has the other end of, SETTINGS is JSON of `retarget.web.link.Settings`. docs/web.md has
-the messages.
+`retarget.viewer.feed.ViewFeed` has the other end of, SETTINGS is JSON of `retarget.web.link.Settings`.
+
+The page sends JSON: `hello` with an input and a name; poses, as docs/live.md has them, or 33 landmarks of a camera,
+`{"axes": "camera", "time": 12.345, "frame": 741, "size": [640, 480], "landmarks": [[u, v, x, y, z, visibility], ...]}`.
+u and v are shares of the picture's width and height; x, y and z are metres with the hips as origin, x to the right of
+the picture, y down and z away from the camera. It may also send `stop`, `pause`, `go on`, `held` (ten times a second,
+true or false) and `health`. The server sends `welcome` or `refused`, `note`, `bodies` (triangles of each link), and
+`state` 25 times a second.
 
 A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop or pause the
 robot. Nothing is served without the key in its address, and one performer at a time is heard.

@@ -1,4 +1,9 @@
-"""Every shipped robot: masses, servos, where it stands, mirror images; and which servos lie between its frames."""
+"""Every shipped robot: masses, servos, where it stands, mirror images; and which servos lie between its frames.
+
+To ship one more, add `configs/robots/NAME/` (body and profile from published numbers, with sources named, without
+meshes and `# DRAFT`), a row of PUBLISHED, one of ROBOTS in `benchmarks/docs_tables.py`, and a line in the changelog.
+`retarget demo --robot NAME` must break no limit and touch nothing, also with `--bus physics`.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
