@@ -151,9 +151,11 @@ class SensorSample:
     ) -> "SensorSample":
         """A sample from positions (3,) m by sensor, None for a lost one, and orientations (4,) wxyz of those known.
 
-        Raises UsageError for what are no such numbers.
+        Raises UsageError for what are no such numbers, and for unknown sensors, with the nearest name.
         """
         names = tuple(positions) if isinstance(positions, Mapping) else ()
+        for name in names:
+            _index(name, SENSORS, "sensor", where="SensorSample.of, positions")
         for name in orientations if isinstance(orientations, Mapping) else ():
             _index(name, names, "sensor", where="SensorSample.of, orientations")
         position = _rows("positions", positions, names, 3)

@@ -104,9 +104,10 @@ def test_a_sample_of_what_are_no_positions_is_refused(wrong: object) -> None:
         SensorSample.of({"head": (0, 0, 1.6)}, {"head": wrong})
 
 
-def test_an_orientation_of_an_unknown_sensor_is_refused() -> None:
-    with refuses(UsageError, "'haed'", "head"):
-        SensorSample.of({"head": (0, 0, 1.6)}, {"haed": (1, 0, 0, 0)})
+@pytest.mark.parametrize("positions", ["head", "haed"])
+def test_an_unknown_sensor_is_refused_with_the_nearest_name(positions: str) -> None:
+    with refuses(UsageError, "'haed'", "Did you mean head?"):
+        SensorSample.of({positions: (0, 0, 1.6)}, {"haed": (1, 0, 0, 0)})
 
 
 def test_a_lost_sensor_is_none_or_not_valid() -> None:

@@ -15,7 +15,7 @@ from retarget.cli.exit import exit_code_of
 
 COMMANDS = {
     "demo": "See it work: no data and no hardware needed.",
-    "run": "Let a robot follow a recorded performer.",
+    "run": "Let a robot follow a performer, live or recorded.",
     "replay": "Run a recording again and compare, or send its goals to a bus.",
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",

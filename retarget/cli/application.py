@@ -62,6 +62,10 @@ def called(commands: typer.Typer, words: Sequence[str], name: str = "retarget") 
 def _refused_words(error: typer.TyperException) -> int:
     """Print the help, where no words were given, and return the exit code. Raises UsageError for the words."""
     context, text = getattr(error, "ctx", None), getattr(error, "message", "") or "needed, and not given"
+    from pydantic import ValidationError
+
+    from retarget.schema.strict_models import expected_by
+
     if context is not None and text == context.get_help():
         typer.echo(text, err=True)
         return 2
@@ -71,13 +75,19 @@ def _refused_words(error: typer.TyperException) -> int:
     elif parameter is not None:
         where = parameter.opts[-1] if parameter.param_type_name == "option" else parameter.metavar or parameter.name
     what, path, step = text[:1].lower() + text[1:].partition(". ")[0].removesuffix("."), "retarget", ""
+    found = allowed = ""
+    if isinstance(error.__cause__, ValidationError):  # of the value of an option
+        detail = error.__cause__.errors(include_url=False)[0]
+        what = detail["msg"].removeprefix("Value error, ")
+        if allowed := expected_by(detail["msg"]):
+            what, found = "wrong value", repr(detail["input"])[:80]
     if context is not None:
         path = context.command_path
         known = [name for one in context.command.get_params(context) for name in (*one.opts, *one.secondary_opts)]
         if what.startswith("no such"):
             step = suggest(where or what.split("'")[1], [*known, *getattr(context.command, "commands", ())])
         step = step or f"See `{path} --help`"
-    raise UsageError(what, where=where or path, next_step=step)
+    raise UsageError(what, where=where or path, found=found, allowed=allowed, next_step=step)
 
 
 class _Command(TyperCommand):

@@ -212,6 +212,8 @@ REASONS = {
 }
 SUSPENDED = {signal.SIGTSTP: "asked to suspend (Ctrl-Z, SIGTSTP)"}
 """Handled while a robot moves: a suspended process would leave it standing with torque."""
+FOREGROUND = {signal.SIGINT, signal.SIGQUIT}
+"""Ignored in what a script starts with `&` (POSIX shell, 2.11). Nobody asked for that, so they count as unhandled."""
 
 
 @contextmanager
@@ -223,6 +225,11 @@ def _handled(numbers: Iterable[int], handler: Callable[[int, FrameType | None], 
     finally:
         for number, earlier in before.items():
             signal.signal(number, earlier)
+
+
+def _kept_ignored(number: signal.Signals) -> bool:
+    """Whether the process was started to ignore this signal on purpose (`nohup`)."""
+    return signal.getsignal(number) is signal.SIG_IGN and number not in FOREGROUND
 
 
 class StopRequest:
@@ -268,10 +275,11 @@ def all_as_ctrl_c() -> Iterator[None]:
     """SIGTERM, SIGHUP (a terminal that is gone) and SIGQUIT raise KeyboardInterrupt as SIGINT does: what is open is
     closed.
 
-    Only signals that are not handled or ignored yet, and only in the main thread, which alone may set handlers.
+    Only signals that are not handled or ignored yet (but see `FOREGROUND`), and only in the main thread, which alone
+    may set handlers.
     """
-    mine = threading.current_thread() is threading.main_thread()
-    unhandled = [number for number in REASONS if mine and signal.getsignal(number) is signal.SIG_DFL]
+    mine, free = threading.current_thread() is threading.main_thread(), (signal.SIG_DFL, signal.SIG_IGN)
+    unhandled = [n for n in REASONS if mine and signal.getsignal(n) in free and not _kept_ignored(n)]
     with _handled(unhandled, signal.default_int_handler):
         yield
 
@@ -281,7 +289,7 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
     """SIGINT, SIGTERM, SIGHUP and SIGQUIT ask to stop, and Ctrl-Z where a robot `moves`; SIGINT after another of them
     forces torque off, and so does Ctrl-C that is pressed again (see `ForcedStopKey`; a held one does not).
 
-    None of them raises. One that the process was started to ignore (`nohup`) stays ignored.
+    None of them raises. One that the process was started to ignore (`nohup`) stays ignored; see `FOREGROUND`.
     """
     request, key, time = StopRequest(), ForcedStopKey(), clock or MonotonicClock()
     others: set[int] = set()  # signals before, but SIGINT
@@ -298,7 +306,7 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
             request.ask(why)
         others.update({number} - {signal.SIGINT})
 
-    with _handled([number for number in reasons if signal.getsignal(number) is not signal.SIG_IGN], handle):
+    with _handled([number for number in reasons if not _kept_ignored(number)], handle):
         yield request
 
 

@@ -4,7 +4,7 @@ when a performer is followed: debounce, reacquisition blends, weights of sensors
 Which poses may be used and the states of sensors are found by `retarget._solver.Validity`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from math import isfinite
@@ -100,6 +100,8 @@ OUT_OF_RANGE = "position outside the room"
 UNREACHABLE = "position that no human can have reached"
 REASONS = {1: UNTRACKED, 2: NOT_FINITE, 3: NOT_A_ROTATION, 4: OUT_OF_RANGE, 5: UNREACHABLE}
 """Why a pose is refused, by the verdict of `Validity`: the first reason where several hold."""
+MOST_NAMED = 6
+"""Sensors that are named when all have changed alike; of more it says that all did."""
 NO_TIME = "pose at a time that is not finite"
 
 
@@ -186,9 +188,12 @@ class SensorValidity:
             alike.setdefault(change, {})[self.names[row]] = seconds if isfinite(seconds) else 0.0
         self._reported = self._states.copy()
         return [
-            f"{', '.join(sensors)}: {change_text(before, after, max(sensors.values()), resettled=resettled)}"
+            f"{self._named(sensors)}: {change_text(before, after, max(sensors.values()), resettled=resettled)}"
             for (before, after, resettled), sensors in alike.items()
         ]
+
+    def _named(self, sensors: Collection[str]) -> str:
+        return "all sensors" if len(sensors) == len(self.names) > MOST_NAMED else ", ".join(sensors)
 
     def forget_recovered(self) -> None:
         """No message about sensors that are fresh now."""

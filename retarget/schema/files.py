@@ -80,8 +80,7 @@ def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: st
         try:
             with os.fdopen(descriptor, "wb") as stream:
                 write(stream)
-                stream.flush()
-                os.fsync(stream.fileno())
+                _sync(stream)
             Path(name).chmod(0o666 & ~umask())
             Path(name).replace(path)
         except BaseException:
@@ -101,11 +100,16 @@ def write_folder(path: Path, contents: Mapping[str, bytes], *, option: str) -> N
             (new / name).parent.mkdir(parents=True, exist_ok=True)
             with (new / name).open("wb") as stream:
                 stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
+                _sync(stream)
         if path.exists():
             path.replace(old)
         new.replace(path)
+
+
+def _sync(stream: IO[bytes]) -> None:
+    """Wait until what was written is on the disk."""
+    stream.flush()
+    os.fsync(stream.fileno())
 
 
 def check_path(path: Path, *, option: str) -> None:

@@ -92,13 +92,10 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
         what, allowed = _BOUNDS[kind]
         shown, allowed = _shown(_value_at(document.data, key_path)), allowed.format(**detail["ctx"])
         return document.problem(key_path, what, found=shown, allowed=allowed)
-    expected = message.removeprefix("Input should be ").removeprefix("a valid ")
-    expected = _PLAIN_WORDS.get(expected.split(" or instance of ")[0], expected)
+    expected = expected_by(message)
     if kind == "union_tag_invalid":
         expected = str(detail.get("ctx", {}).get("expected_tags", ""))
         key_path = (*key_path, "type")
-    elif not message.startswith("Input should be "):  # one of our validators, whose message says it all
-        expected = ""
     allowed = str(detail.get("ctx", {}).get("allowed", expected))  # our validators bring theirs
     found = _value_at(document.data, key_path)
     names = re.findall(r"'([^']+)'", expected)
@@ -109,6 +106,15 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, document: Document) -
         allowed=allowed,
         next_step=suggest(found, names) if isinstance(found, str) else "",
     )
+
+
+def expected_by(message: str) -> str:
+    """What a message of pydantic says may stand there, in plain words; "" for one of our validators, whose message says
+    it all."""
+    if not message.startswith("Input should be "):
+        return ""
+    expected = message.removeprefix("Input should be ").removeprefix("a valid ")
+    return _PLAIN_WORDS.get(re.split(" or instance of |, unable to parse", expected)[0], expected)
 
 
 def _key_path(loc: tuple[int | str, ...], data: object) -> KeyPath:

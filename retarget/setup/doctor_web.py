@@ -17,9 +17,9 @@ from retarget.web.link import PoseReceiver
 from retarget.web.runtime import runtime_folder
 
 PATIENCE_S = 120.0
-"""So long somebody may take to open the page and choose an input, s."""
+"""So long a performer may take to open the page and choose an input, s."""
 LOOK_S = 0.05
-"""Time between two looks whether somebody did, s."""
+"""Time between two looks, s."""
 
 
 def web_findings(
@@ -43,7 +43,7 @@ def web_findings(
         capture = capture_stream(stream, clock=clock, seconds=seconds)
     said = heard()
     if not said:
-        return [*found, finding("page/nobody", seconds=PATIENCE_S)]
+        return [*found, finding("page/no performer", seconds=PATIENCE_S)]
     return found + page_findings(said) + judge(address, performer, convention, capture, kind="web")
 
 

@@ -130,7 +130,7 @@ def load_torques(robot: RobotBody, column: int, joints: FloatArray, hung: Hung |
 
 def fit(torque: FloatArray, deflection: FloatArray, side: IntArray, *, resolution: float) -> MeasuredStiffness | None:
     """The stiffness of which torques (k,) N m, deflections (k,) rad and the sides (k,) from which the goals came, 1 or
-    -1, are. resolution: rad, of the encoder. None: it cannot be told from an infinite one."""
+    -1, are. resolution: rad, of the encoder. None: it is as good as infinite."""
     known = np.column_stack([torque, np.ones_like(torque), side])
     found, *_ = np.linalg.lstsq(known, deflection)
     rest = deflection - known @ found

@@ -12,7 +12,7 @@ where the performer stands. So directions alone are taken from it, and a body of
 * What leans away from the camera as a whole, from the feet to the shoulders, is the camera's error: it is sheared away.
 * What is not seen, not in the picture or not plausible is not tracked. Nothing is made up for it.
 
-The body always has the same size: a camera cannot tell a tall performer from a near one, and a robot takes its own.
+The body always has the same size: for a camera a tall performer looks like a near one, and a robot takes its own.
 World: REP-103, the performer faces x, which points to the camera.
 """
 
@@ -157,7 +157,7 @@ class Level:
 # The body that is built.
 
 BODY = proportional_dimensions(1.70)
-"""Its size, stature in m: that of a usual grown person, whoever performs."""
+"""Its size, stature in m: that of a usual grown person, whatever that of the performer."""
 THIGH, SHANK = BODY.length("l_knee"), BODY.length("l_ankle")
 ANKLE_M = FRACTIONS.ankle_height * BODY.stature
 """Height of an ankle above the floor, m."""
@@ -170,6 +170,9 @@ STANDS = 0.93
 """Share of the usual height of the hips from which the performer stands upright."""
 CROUCHED = 4.0
 """While they do not, measures of standing are learned this many times slower."""
+TALLER, STOOD_UP = 1.15, 0.05
+"""Hips this many times higher than while standing: the performer sat when they were first seen. It is learned in this
+share of the time."""
 PITCH_SHARE = 0.4
 """Share of the lean forward of trunk and head that is believed."""
 LIFT_M = (0.08, 0.13)
@@ -179,6 +182,9 @@ SLIDES_M = np.array([0.40, 0.12])
 """A foot that is seen this far from where it stands, m forward and sideward, has moved there unseen."""
 FORWARD_SHARE = 0.5
 """Share of how far one foot is ahead of the other that is believed of a lifted foot."""
+YIELDS = 0.01
+"""Share that is shown of what planted feet seem to do: with nothing of it they would look like sensors that are lost,
+which repeat one value."""
 BACK_M = 0.3
 """The hips are no farther ahead of the feet or behind them, m."""
 KNEE_M = 0.03
@@ -213,6 +219,7 @@ class Stance:
         """(2,) m: how far each is lifted."""
         self.scale = 1.0
         """Metres of the body per metre of the landmarks, by the legs."""
+        self._seen_off = np.zeros(2)  # [m] what is shown of how the feet are seen apart but do not stand
         self._planted = np.ones(2)  # how much each foot stands, 0 to 1
         self._level, self._leg = Level(FEET_S), Level(STANDING_S)
         self._measures = [Level(STANDING_S) for _ in range(3)]  # [pixels] leg, trunk, shoulders while standing
@@ -248,10 +255,11 @@ class Stance:
         else:
             leg = max(now[0], 1.0)
         self._pixels = leg / (THIGH + SHANK)
-        upright = self._share > STANDS
+        # Who stands is measured anew all the time, who has stood up from a chair at once, who crouches hardly.
+        slower = 1.0 if self._share > STANDS else CROUCHED
         for measure, value in zip(self._measures, now, strict=True):
-            higher = value > measure.value and measure is self._measures[0]
-            measure.take(value, dt, slower=1.0 if upright or higher else CROUCHED)
+            stood_up = measure is self._measures[0] and now[0] > TALLER * leg
+            measure.take(value, dt, slower=STOOD_UP if stood_up else slower)
 
     def _take_lift(self, higher: float, dt: float) -> None:
         """higher: m by which the left ankle is above the right one."""
@@ -269,6 +277,7 @@ class Stance:
         assert self.feet is not None
         away = apart - (self.feet[0] - self.feet[1])
         band = SLIDES_M * self._planted.min()
+        self._seen_off = YIELDS * away
         away = np.sign(away) * np.maximum(np.abs(away) - band, 0.0)
         lifted = 1.0 - self._planted
         share = lifted / lifted.sum() if lifted.sum() > 0.0 else np.array([0.5, 0.5])
@@ -292,7 +301,8 @@ class Stance:
     def ankles(self) -> FloatArray:
         """(2, 3) m."""
         assert self.feet is not None
-        return np.concatenate([self.feet, (ANKLE_M + self.lift)[:, None]], axis=1)
+        shown = self.feet + 0.5 * np.stack([self._seen_off, -self._seen_off])
+        return np.concatenate([shown, (ANKLE_M + self.lift)[:, None]], axis=1)
 
 
 def _knee(hip: FloatArray, ankle: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -314,7 +324,7 @@ SENSORS = (
 _FEET = (*SHOULDERS, *HIPS, *ANKLES)
 _SEES: Mapping[str, tuple[int, ...]] = {
     "head": (NOSE, *SHOULDERS),
-    "pelvis": _FEET,  # without feet nobody knows how high it is
+    "pelvis": _FEET,  # without feet its height is not known
     "chest": tuple(SHOULDERS),
     "l_ankle": _FEET,
     "r_ankle": _FEET,

@@ -17,7 +17,7 @@ SERVER = "retarget.web.server"
 HEADER = struct.Struct("<dI")
 """Before each frame of poses: when it arrived, s of this machine's monotonic clock, and the number of its performer."""
 PAUSE, GO_ON, GRIP, RELEASE = "pause", "go on", "grip", "release"
-HEALTH, TELL = "health ", "tell "
+HEALTH, NOTE = "health ", "note "
 """Words of the page to the run; behind the last two stand what a browser says of itself, as JSON, and a sentence."""
 
 
@@ -75,6 +75,6 @@ def open_web(settings: Settings) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     with ours, theirs:
-        told = json.dumps(asdict(settings) | {"poses": theirs.fileno()})
-        with open_feed(SERVER, told, passed=[theirs.fileno()]) as feed:
+        given = json.dumps(asdict(settings) | {"poses": theirs.fileno()})
+        with open_feed(SERVER, given, passed=[theirs.fileno()]) as feed:
             yield feed, PoseReceiver(ours)

@@ -103,11 +103,11 @@ def _fetched(package: Package, folder: Path) -> Path:
         raise UsageError(
             "there is no npm client", where=WHERE, next_step=f"Install npm (part of Node.js); or {by_hand}"
         )
-    command = [npm, "pack", "--silent", "--fetch-retries=1", "--pack-destination", str(folder), package.spec]
+    command = [npm, "pack", "--loglevel=error", "--fetch-retries=1", "--pack-destination", str(folder), package.spec]
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=FETCH_S, check=False)
-        said = [line for line in done.stderr.splitlines() if line.strip() and "A complete log" not in line]
-        why = said[-1][:200] if said else f"exit code {done.returncode}"
+        said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        why = said[0][:200] if said else f"exit code {done.returncode}"  # the first names the fault
     except (OSError, subprocess.TimeoutExpired) as error:
         done, why = None, str(error)[:200]
     archives = sorted(folder.glob(f"{package.name.lstrip('@').replace('/', '-')}-*.tgz"))

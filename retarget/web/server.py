@@ -15,13 +15,15 @@ robot. Nothing is served without the key in its address, and one performer at a 
 """
 
 import asyncio
+import hashlib
 import json
 import logging
 import mimetypes
 import signal
 import socket
+import ssl
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -45,7 +47,7 @@ from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageS
 from retarget.viewer.live_page import cast_of
 from retarget.viewer.server import HOSTS, AccessToken, Refused, only_value
 from retarget.viewer.snapshot import Cast, Row
-from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, PAUSE, RELEASE, TELL, Settings
+from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, NOTE, PAUSE, RELEASE, Settings
 from retarget.web.runtime import runtime_folder
 
 HERE = Path(__file__).parent
@@ -57,7 +59,7 @@ POLICY = (
     "img-src 'self' data: blob:; style-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Content security policy: the page loads from this server and talks to it, and to nobody else."""
+"""Content security policy: the page loads from this server and talks to it, and to no other."""
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "Permissions-Policy": "camera=(self), xr-spatial-tracking=(self), microphone=(), geolocation=()",
@@ -79,8 +81,8 @@ SLOW_BYTES = 1 << 18
 """Bytes that wait for a browser before rows are left out for it: some seconds of them."""
 MOST_SAID = 200
 """Characters of a sentence of a page that are shown."""
-TOLD_AGAIN_S, MOST_TROUBLES = 10.0, 20
-"""The same trouble of a page is told again after so long, s; and so many are known apart."""
+REPORTED_AGAIN_S, MOST_TROUBLES = 10.0, 20
+"""The same trouble of a page is reported again after so long, s; and so many are known apart."""
 OUT_OF_REACH_M = 0.03
 """A landmark of the robot is farther than this from where it is asked before the page says so, m."""
 LAST_SHOWN_S = 1.5
@@ -92,7 +94,7 @@ NEXT_PORTS = 20
 @dataclass(eq=False)
 class Client:
     """A browser. identity: what its page calls itself; held: when its dead-man control was last confirmed, None where
-    it has none. told: when it last said what is wrong, by the sentence. room: messages that it may send at once, as of
+    it has none. reported: what it said is wrong, and when. room: messages that it may send at once, as of
     `since`."""
 
     socket: ServerConnection
@@ -100,7 +102,7 @@ class Client:
     since: float = 0.0
     identity: str = ""
     performs: bool = False
-    told: dict[str, float] = field(default_factory=dict)
+    reported: dict[str, float] = field(default_factory=dict)
     held: float | None = None
 
 
@@ -135,7 +137,7 @@ class PageServer:
         """The file that a request asks for, a refusal, or None for a WebSocket that may open."""
         judged = self.access.judge(request.path, lambda name: only_value(request.headers.get_all(name)))
         if isinstance(judged, Refused):
-            self.tell(f"a page was refused: {judged.why}")
+            self.notify(f"a page was refused: {judged.why}")
             return connection.respond(judged.status, f"{judged.why}\n")
         if judged == "/ws":
             return None
@@ -157,17 +159,17 @@ class PageServer:
             async for message in connection:
                 self._take(client, message)
         except _Ended as why:
-            self.tell(f"a page was sent away: {why}")
+            self.notify(f"a page was sent away: {why}")
             with suppress(ConnectionClosed):
                 await connection.send(json.dumps({"hear": "refused", "why": str(why)}))
         except ConnectionClosed:
             pass
         finally:
             if self.clients.pop(client, 0) is None and client.performs:
-                self.tell("the performer's page is gone")
+                self.notify("the performer's page is gone")
 
     async def _welcome(self, client: Client) -> None:
-        """Hear who a browser is, and tell it what goes on. Raises _Ended for one that may not take part."""
+        """Hear who a browser is, and answer with what goes on. Raises _Ended for one that may not take part."""
         hello = _parsed(await client.socket.recv())
         client.identity, given = str(hello.get("id", ""))[:64], hello.get("input")
         if hello.get("say") != "hello" or given not in ("camera", "headset", "watch") or not client.identity:
@@ -177,7 +179,7 @@ class PageServer:
         if given != "watch":
             self._admit(client.identity)
             client.performs = True
-            self.tell(f"a performer is here, with a {given}")
+            self.notify(f"a performer is here, with a {given}")
         settings = self.settings
         welcome = {
             "hear": "welcome",
@@ -197,7 +199,7 @@ class PageServer:
         if any(one.performs and one.identity != identity for one in self.clients):
             raise _Ended("another performer is here: one at a time. This page can look after the robot instead")
         if self._setup is not None and identity not in self._known:
-            raise _Ended("the robot follows somebody else, who was measured: end the run, and start it anew")
+            raise _Ended("the robot follows another performer, who was measured: end the run, and start it anew")
         if self._setup is None:
             self._known.clear()
         self._known.setdefault(identity, len(self._known) + 1)
@@ -249,9 +251,11 @@ class PageServer:
             return
         self._word(HEALTH + json.dumps(said))
         trouble, now = str(said.get("trouble") or "")[:MOST_SAID], self.clock.now()
-        if trouble and trouble.isprintable() and now - client.told.get(trouble, -np.inf) > TOLD_AGAIN_S:
-            self.tell(f"the page: {trouble}")
-            client.told = {**client.told, trouble: now} if len(client.told) < MOST_TROUBLES else {trouble: now}
+        if trouble and trouble.isprintable() and now - client.reported.get(trouble, -np.inf) > REPORTED_AGAIN_S:
+            self.notify(f"the page: {trouble}")
+            client.reported = (
+                {**client.reported, trouble: now} if len(client.reported) < MOST_TROUBLES else {trouble: now}
+            )
 
     async def beat(self) -> None:
         """Confirm again and again that a dead-man control is held, until the run has ended."""
@@ -266,9 +270,9 @@ class PageServer:
             self._word(GRIP if held else RELEASE)
         self._held = held
 
-    def tell(self, text: str) -> None:
+    def notify(self, text: str) -> None:
         """Say a sentence in the terminal of the run."""
-        self._word(f"{TELL}{text}")
+        self._word(f"{NOTE}{text}")
 
     def _word(self, word: str) -> None:
         with suppress(OSError):
@@ -293,13 +297,13 @@ class PageServer:
 
     def _pass_on(self, said: PageSetup | Row | Note | str) -> None:
         if isinstance(said, str):
-            self._tell_all("state", {"state": said})
+            self._send_all("state", {"state": said})
         elif isinstance(said, Note):
-            self._tell_all("note", {"text": said.note})
+            self._send_all("note", {"text": said.note})
         elif isinstance(said, PageSetup):
             self._begin(said)
         elif self.clients:
-            self._tell_all("state", self._state(said))
+            self._send_all("state", self._state(said))
 
     def _begin(self, setup: PageSetup) -> None:
         try:
@@ -308,7 +312,7 @@ class PageServer:
             self.feed.send(REFUSED + str(error).encode())
             return
         self._solids = solids_of(self._cast)
-        self._tell_all(
+        self._send_all(
             "bodies", {who: None if solid is None else solid.as_json() for who, solid in self._solids.items()}
         )
         self.feed.send(READY)
@@ -337,14 +341,14 @@ class PageServer:
                 side = {"l_": "left ", "r_": "right "}.get(name[:2], "")
                 yield f"{side}{name[2:] if side else name} {100 * off:.0f} cm out of reach"
 
-    def _tell_all(self, kind: str, content: dict[str, Any]) -> None:
+    def _send_all(self, kind: str, content: dict[str, Any]) -> None:
         self.said[kind] = text = json.dumps({"hear": kind, **content})
         for client in self.clients:
             _send(client, text)
 
     def close(self) -> None:
         """Say that the run has ended."""
-        self._tell_all("state", {"state": "ended"})
+        self._send_all("state", {"state": "ended"})
 
 
 _SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
@@ -393,16 +397,31 @@ def _send(client: Client, text: str) -> None:
         broadcast([client.socket], text)
 
 
+# HTTPS: without it, browsers give camera and headset to localhost alone.
+
+
+def certified(hosts: Sequence[str]) -> tuple[ssl.SSLContext, str]:
+    """A server's side of TLS for these names and IPv4 addresses, and the SHA-256 fingerprint of its certificate as
+    browsers show it. No authority vouches for it: who opens the page compares the fingerprint."""
+    import trustme
+
+    names = [host for host in hosts if ":" not in host]
+    issued = trustme.CA(organization_name="retarget").issue_cert(*names, organization_name="retarget")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    issued.configure_cert(context)
+    der = ssl.PEM_cert_to_DER_cert(issued.cert_chain_pems[0].bytes().decode())
+    digest = hashlib.sha256(der).hexdigest().upper()
+    return context, ":".join(digest[at : at + 2] for at in range(0, len(digest), 2))
+
+
 _SILENT = logging.getLogger(__name__)
 _SILENT.addHandler(logging.NullHandler())
 _SILENT.propagate = False
-"""For connections that break off: browsers come and go, and what matters is told to the run."""
+"""For connections that break off: browsers come and go, and what matters is said in the terminal of the run."""
 
 
 async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket) -> None:
     """Serve until the run ends. Raises ConfigError where no port is free."""
-    from retarget.web.certificate import certified
-
     hosts = (*local_interfaces().values(), *HOSTS) if settings.listen else HOSTS
     hosts = tuple(dict.fromkeys(sorted(hosts, key=HOSTS.__contains__)))
     context, fingerprint = certified(hosts) if settings.listen else (None, "")

@@ -8,8 +8,9 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
+from types import FrameType
 
 import pytest
 import typer
@@ -196,15 +197,20 @@ def test_ctrl_z_suspends_no_robot_that_moves() -> None:
     assert signal.getsignal(signal.SIGTSTP) is before
 
 
-def test_what_is_ignored_stays_ignored() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+@pytest.mark.parametrize(("number", "stays"), [(n, n in (signal.SIGHUP, signal.SIGTERM)) for n in REASONS])
+def test_what_is_ignored_stays_ignored_but_for_what_a_script_ignores_in_the_background(
+    number: signal.Signals, stays: bool
+) -> None:
+    before = signal.signal(number, signal.SIG_IGN)
     try:
-        with stop_on_signals() as asked:
-            signal.raise_signal(signal.SIGHUP)
-            assert not asked()
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        with nullcontext() if stays else pytest.raises(KeyboardInterrupt), all_as_ctrl_c():
+            with stop_on_signals() as asked:
+                signal.raise_signal(number)
+                assert asked() is not stays
+            signal.raise_signal(number)
+        assert signal.getsignal(number) is signal.SIG_IGN
     finally:
-        signal.signal(signal.SIGHUP, before)
+        signal.signal(number, before)
 
 
 @pytest.mark.parametrize("number", [*REASONS])
@@ -218,8 +224,10 @@ def test_outside_of_a_motion_each_of_them_is_as_ctrl_c(number: signal.Signals) -
     assert {each: signal.getsignal(each) for each in REASONS} == before
 
 
-@pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
-def test_signals_that_are_handled_or_ignored_already_are_left_alone(handler: signal.Handlers) -> None:
+def test_signals_that_are_handled_already_are_left_alone() -> None:
+    def handler(number: int, frame: FrameType | None) -> None:
+        """Nothing."""
+
     before = signal.signal(signal.SIGTERM, handler)
     try:
         with all_as_ctrl_c():

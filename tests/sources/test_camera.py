@@ -76,11 +76,26 @@ def test_coming_nearer_or_going_back_is_no_crouch_and_no_step(to: float) -> None
     assert np.ptp(clip.of("l_ankle"), axis=0).max() < 0.01
 
 
+def test_who_sits_at_first_has_a_standing_height_once_they_stand() -> None:
+    low = crouching(PERSON, 0.4, seconds=6.0)
+    rows = landmarks(low)
+    down, up = int(low.of("pelvis")[:, 2].argmin()), len(rows)
+    clip = after(
+        np.concatenate([np.repeat(rows[[down]], 150, axis=0), rows[down:up], np.repeat(rows[[-1]], 60, axis=0), rows])
+    )
+    height = clip.of("pelvis")[:, 2]
+    stood = height[-len(rows) - 1]
+    assert stood == pytest.approx(low.of("pelvis")[0, 2], abs=0.03)
+    assert stood - height[-len(rows) :].min() == pytest.approx(np.ptp(low.of("pelvis")[:, 2]), abs=0.12)
+
+
 @pytest.mark.parametrize("name", ["standing", "aside", "crouching"])
 def test_planted_feet_do_not_slide(name: str) -> None:
     clip = after(landmarks(BODIES[name](), noise=0.01))
     for foot in ("l_ankle", "r_ankle"):
         assert np.ptp(clip.of(foot), axis=0).max() < 0.02
+        # A sensor that repeats one value to the bit while others move is taken for lost.
+        assert np.all(np.abs(np.diff(clip.of(foot), axis=0)).max(axis=1) > 0.0)
 
 
 def test_a_lifted_foot_follows_and_the_other_stays() -> None:
@@ -136,7 +151,7 @@ def test_a_back_is_not_tracked_and_a_mirror_is_seen_by_the_check_of_sides() -> N
     decoder = CameraDecoder()
     frames = [frame for one in datagrams(rows[:, pairs]) for frame in decoder.decode(one)]
     assert len(frames) == len(rows) and not any(frame.tracked.any() for frame in frames)
-    assert "from behind" in " ".join(decoder.dropped.reasons)
+    assert decoder.dropped.count == len(rows)
     mirrored = rows[:, pairs] * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0]
     mirrored[:, :, 0] = 1.0 - mirrored[:, :, 0]
     clip = after(mirrored)

@@ -134,6 +134,17 @@ def two_more_reports(stand_in: StandIn, **expected: object) -> float:
     return first
 
 
+def ten_more(stand_in: StandIn, kind: str, since: float) -> list[Said]:
+    """Messages of a kind since then, at least ten."""
+    stand_in.wait(lambda: len(stand_in.messages(kind, since)) > 10)
+    return stand_in.messages(kind, since)
+
+
+def stopped(stand_in: StandIn, times: int) -> None:
+    """Wait until a stop was asked for so many times."""
+    stand_in.wait(lambda: len(stand_in.messages("stop")) == times)
+
+
 def frame_gaps(page: Any) -> list[float]:
     """Times between the animation frames of the page, ms."""
     gaps: list[float] = page.evaluate(
@@ -270,7 +281,7 @@ def test_a_second_performer_hears_why_and_may_look_on(browser: Any, stand_in: St
     stand_in.refused["camera"] = "another performer is here: one at a time"
     with opened(browser, stand_in) as page:
         choose(page, "camera")
-        says(page, "another performer is here")
+        says(page, "Another performer is here")
         stand_in.wait(lambda: [said.message["input"] for said in stand_in.messages("hello")][-1] == "watch")
         page.keyboard.press("Escape")
         stand_in.wait(lambda: stand_in.messages("stop"))
@@ -351,10 +362,11 @@ def test_every_view_stops_by_button_and_keys(browser: Any, stand_in: StandIn, vi
             stand_in.wait(lambda: stand_in.messages("hello")[-1].message["input"] == view)
             stand_in.wait(lambda: stand_in.messages("ping", stand_in.messages("hello")[-1].at))
             page.focus("#pause")  # a button with the focus does not get the key instead
-        keys = [lambda key=key: page.keyboard.press(key) for key in ("Space", "Escape")]
-        for count, press in enumerate((lambda: page.click("#stop"), *keys), 1):
-            press()
-            stand_in.wait(lambda count=count: len(stand_in.messages("stop")) == count)
+        page.click("#stop")
+        stopped(stand_in, 1)
+        for count, key in enumerate(("Space", "Escape"), 2):
+            page.keyboard.press(key)
+            stopped(stand_in, count)
         assert not stand_in.messages("pause")
 
 
@@ -378,8 +390,7 @@ def test_it_moves_only_while_a_key_or_a_finger_holds(browser: Any, stand_in: Sta
         for press, release in lets_go.items():
             press()
             since = stand_in.wait(newest) and stand_in.messages("held")[-1].at
-            stand_in.wait(lambda since=since: len(stand_in.messages("held", since)) > 10)
-            at = np.array([said.at for said in stand_in.messages("held", since)])
+            at = np.array([said.at for said in ten_more(stand_in, "held", since)])
             assert 0.05 < np.median(np.diff(at)) < 0.15, "ten a second"
             release()
             stand_in.wait(lambda: not newest())
@@ -417,10 +428,10 @@ def test_state_sensors_reach_notes_and_drawings_are_shown(browser: Any, stand_in
         says(page, "right ankle not seen", where="sensors")
         assert not page.locator("#pose").is_visible()
         assert page.inner_text("#clipped") == "left hand 12 cm out of reach"
-        assert "page to goal 14 ms" in page.inner_text("#numbers")
+        assert "Page to goal 14 ms" in page.inner_text("#numbers")
         stand_in.state = FOLLOWING | {"state": "holding", "why": "the right ankle is not seen", "paused": True}
         says(page, "Go on", where="pause")
-        says(page, "the right ankle is not seen", where="why")
+        says(page, "The right ankle is not seen", where="why")
 
 
 def test_a_run_that_has_ended_is_left_alone(browser: Any, stand_in: StandIn) -> None:
@@ -547,7 +558,7 @@ def test_grip_pinch_buttons_and_sign_hold_and_stop_in_the_headset(headset: Any, 
     headset.evaluate("device.controllers.right.updateButtonValue('squeeze', 0)")
     stand_in.wait(lambda: not newest())
     headset.evaluate("device.controllers.right.updateButtonValue('b-button', 1)")
-    stand_in.wait(lambda: len(stand_in.messages("stop")) == 1)
+    stopped(stand_in, 1)
     headset.evaluate("device.controllers.right.updateButtonValue('b-button', 0)")
     # The trigger while pointing elsewhere does nothing; at the red field it stops.
     for q, stops in (([0, 1, 0, 0], 1), ([0, 0, 0, 1], 2)):
@@ -556,14 +567,14 @@ def test_grip_pinch_buttons_and_sign_hold_and_stop_in_the_headset(headset: Any, 
         headset.evaluate("device.controllers.right.updateButtonValue('trigger', 1)")
         read_after(stand_in)
         headset.evaluate("device.controllers.right.updateButtonValue('trigger', 0)")
-        stand_in.wait(lambda stops=stops: len(stand_in.messages("stop")) == stops)
+        stopped(stand_in, stops)
     headset.evaluate("drive('hand', 'right', [0.2, 1.0, -0.3], [0, 0, 0, 1])")
     read_after(stand_in)
     headset.evaluate("device.hands.right.updatePinchValue(1)")
     stand_in.wait(newest)
     headset.evaluate("device.hands.left.updatePinchValue(1)")
     stand_in.wait(lambda: not newest())
-    stand_in.wait(lambda: len(stand_in.messages("stop")) == 3)
+    stopped(stand_in, 3)
 
 
 def test_a_hold_is_felt_and_leaving_the_headset_lets_go(headset: Any, stand_in: StandIn) -> None:
@@ -590,8 +601,8 @@ def test_a_hold_is_felt_and_leaving_the_headset_lets_go(headset: Any, stand_in: 
     assert again and not any(again), "squeezed all the time: it must be taken anew"
     for value in (0, 1):
         headset.evaluate(squeeze, value)
-        stand_in.wait(lambda value=value: stand_in.messages("held")[-1].message["held"] == bool(value))
-        read_after(stand_in)
+        read_after(stand_in, 20)
+        assert stand_in.messages("held")[-1].message["held"] == bool(value)
     headset.evaluate("device.activeSession.end()")
     stand_in.wait(lambda: not stand_in.messages("held")[-1].message["held"])
     stand_in.wait(lambda: stand_in.messages("hello")[-1].message["input"] == "watch")

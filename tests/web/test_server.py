@@ -17,7 +17,7 @@ import pytest
 from followers import dimensions, op3, performer
 from hardware.clock import MonotonicClock
 from retarget.cli.controls import Asked
-from retarget.cli.web.control import GRIPPED_S, PageControl, told
+from retarget.cli.web.control import GRIPPED_S, PageControl, directions
 from retarget.errors import ConfigError
 from retarget.live.admission import Datagram
 from retarget.model.human import build_human
@@ -171,12 +171,12 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
         with one.browser(name="boris") as boris:
             boris.hear("welcome")
             boris.socket.send(FRAME)
-            assert one.poses()[0].source == ("127.0.0.1", 1), "nobody was measured yet"
+            assert one.poses()[0].source == ("127.0.0.1", 1), "no performer was measured yet"
             one.feed.begin(PageSetup(None, None, None, human()), rate_hz=100.0)
             with one.browser("watch", "olga") as olga:
                 assert olga.hear("bodies")["robot"] is None, "who comes later sees it, too"
         with one.browser(name="anna") as anna:
-            assert "somebody else" in anna.hear("refused")["why"]
+            assert "another performer" in anna.hear("refused")["why"]
         with one.browser(name="boris") as boris:
             boris.hear("welcome")
             boris.socket.send(FRAME)
@@ -231,7 +231,7 @@ class Words:
 def test_a_dead_man_control_lapses_where_the_server_hangs() -> None:
     words = Words()
     control = PageControl(words, lambda text: None)  # type: ignore[arg-type]
-    assert not [*control.poll(0.0)], "nobody has used it: it is not needed"
+    assert not [*control.poll(0.0)], "it is not in use"
     words.next = ["grip"]
     assert [asked for asked, _ in control.poll(1.0)] == [Asked.GRIP]
     words.next = ["grip"]
@@ -341,7 +341,7 @@ def test_the_network_is_reached_over_https_with_the_certificate_that_is_told() -
         assert where.scheme == "https" and where.port is not None
         der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", where.port)))
         assert hashlib.sha256(der).hexdigest().upper() == one.fingerprint.replace(":", "")
-        assert any(one.fingerprint in line for line in told(one.address, one.fingerprint))
+        assert any(one.fingerprint in line for line in directions(one.address, one.fingerprint))
         trusting = ssl.create_default_context()
         trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
         with one.browser(ssl=trusting) as anna:

@@ -16,14 +16,14 @@ from retarget.errors import ConfigError
 from retarget.live.address import WEB_PORT, StreamAddress
 from retarget.types import Notify
 from retarget.viewer.feed import MOST_WORDS, ViewFeed
-from retarget.web.link import GO_ON, GRIP, HEALTH, PAUSE, RELEASE, TELL, PoseReceiver, Settings, open_web
+from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, PoseReceiver, Settings, open_web
 from retarget.web.runtime import runtime_folder
 
 GRIPPED_S = 0.5
 """A dead-man control that the page's process does not confirm for so long counts as let go, s: five of its messages."""
 MOST_HEALTH = 600
 """What a page said of itself that is kept: ten minutes, once a second."""
-PAUSED = "paused on the page: the robot holds until somebody lets it go on there, or by p"
+PAUSED = "paused on the page: the robot holds until it goes on there, or by p"
 PAGE = "page"
 """`--dead-man` on the page."""
 LABEL = "H on the page, a finger on its pad, or the grip of a controller"
@@ -38,7 +38,7 @@ class PageControl:
         self._feed, self._notify = feed, notify
         self._asked: deque[str] = deque(maxlen=MOST_WORDS)
         self._gripped = -inf  # [s] when it was last confirmed
-        self._held: bool | None = None  # not known: nobody has used it
+        self._held: bool | None = None  # None: not in use
         self.health: deque[dict[str, Any]] = deque(maxlen=MOST_HEALTH)
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
@@ -61,15 +61,15 @@ class PageControl:
     def listen(self) -> None:
         """Report what the page's process says, and keep what is asked for."""
         for word in self._feed.words():
-            if word.startswith(TELL):
-                self._notify(word.removeprefix(TELL))
+            if word.startswith(NOTE):
+                self._notify(word.removeprefix(NOTE))
             elif word.startswith(HEALTH):
                 self.health.append(json.loads(word.removeprefix(HEALTH)))
             else:
                 self._asked.append(word)
 
     def look(self) -> None:
-        """`listen`, while nothing moves. Raises KeyboardInterrupt once somebody has pressed STOP."""
+        """`listen`, while nothing moves. Raises KeyboardInterrupt once STOP was pressed."""
         self.listen()
         if self._feed.stop_asked():
             raise KeyboardInterrupt
@@ -96,7 +96,7 @@ class WebInput:
         return [] if self.control is None else [self.control]
 
     def look(self) -> None:
-        """Hear the page while nothing moves. Raises KeyboardInterrupt once somebody has pressed STOP."""
+        """Hear the page while nothing moves. Raises KeyboardInterrupt once STOP was pressed."""
         if self.control is not None:
             self.control.look()
 
@@ -136,7 +136,7 @@ def opened_web(
     )
     with open_web(settings) as (feed, receiver):
         where, _, fingerprint = feed.address.partition(" ")
-        for line in told(where, fingerprint):
+        for line in directions(where, fingerprint):
             notify(line)
         if sys.stderr.isatty():
             code = io.StringIO()
@@ -145,8 +145,8 @@ def opened_web(
         yield feed, receiver
 
 
-def told(address: str, fingerprint: str) -> Iterator[str]:
-    """What is said of the page's address. fingerprint: of its certificate, "" without one."""
+def directions(address: str, fingerprint: str) -> Iterator[str]:
+    """How to open the page. fingerprint: of its certificate, "" without one."""
     yield f"Open {address}"
     if fingerprint:
         yield (

@@ -63,6 +63,7 @@ export class Camera {
     this.busy = false;
     this.lastTime = 0;
     this.startedAt = this.pictureAt = 0;
+    this.tellsCapture = null;
     this.frames = 0;
     this.done = []; // ms, when the newest results came
     this.isSlow = false;
@@ -81,6 +82,7 @@ export class Camera {
       this.state = CAMERA.RUNNING;
       this.done = [];
       this.isSlow = false;
+      this.tellsCapture = null;
       this.startedAt = this.pictureAt = performance.now();
       this.video.requestVideoFrameCallback((now, about) => this.#picture(now, about));
     } catch (error) {
@@ -148,15 +150,20 @@ export class Camera {
     if (this.state !== CAMERA.RUNNING) return;
     this.video.requestVideoFrameCallback((...next) => this.#picture(...next));
     this.pictureAt = performance.now();
-    const captured = about.captureTime;
-    const time = (captured > now - 1000 && captured <= this.pictureAt ? captured : now) / 1e3;
-    if (time <= this.lastTime) return;
+    const time = this.#timeOf(now, about);
+    if (!(time > this.lastTime)) return;
     this.lastTime = time;
     const large = this.video.videoWidth > WIDEST;
     const picture = await createImageBitmap(this.video, large ? { resizeWidth: 640 } : {});
     this.newest?.picture.close();
     this.newest = { picture, time };
     this.#feed();
+  }
+
+  // Time of capture, s; where the browser does not tell it, of its showing, and never both from one camera.
+  #timeOf(now, { captureTime }) {
+    this.tellsCapture ??= captureTime <= this.pictureAt && captureTime > now - 1000;
+    return (this.tellsCapture ? captureTime : now) / 1e3;
   }
 
   #feed() {

@@ -83,9 +83,14 @@ function hear(message) {
     if (page.run?.paused && !message.paused) page.interruption = ""; // somebody let it go on
     page.run = message;
     scene.pose(message);
-    if (message.state === "ended") link.end();
+    if (message.state === "ended") ended();
   }
   if (message.hear !== "state") show();
+}
+
+function ended() {
+  link.end();
+  camera.stop();
 }
 
 function welcomed(message) {
@@ -186,12 +191,13 @@ function trouble() {
   return (page.view === "camera" && camera.trouble) || (page.view === "headset" && headset.trouble) || paused || (page.view === "choose" && page.refusal) || "";
 }
 
-function sensorWords(name) {
-  return name.replace(/^l_/, "left ").replace(/^r_/, "right ").replace(/_/g, " ");
+// "l_wrist" as people say it.
+function sensorWords(text) {
+  return text.replace(/\bl_(?=\w)/g, "left ").replace(/\br_(?=\w)/g, "right ");
 }
 
-function put(id, text) {
-  const place = byId(id);
+function put(id, words) {
+  const place = byId(id), plain = sensorWords(words), text = plain.charAt(0).toUpperCase() + plain.slice(1);
   if (place.textContent !== text) place.textContent = text;
   place.hidden = !text;
 }
@@ -214,21 +220,24 @@ function numbers() {
 function show() {
   const { state, why, note } = headline();
   const connected = link.state === LINK.OPEN;
+  const run = (connected && page.run) || {}; // what was last known is not known any more
   document.body.dataset.view = page.view;
+  document.body.dataset.linked = connected;
   document.body.dataset.tone = TONES.find(([words]) => words.test(state))?.[1] || "calm";
-  put("state", state.charAt(0).toUpperCase() + state.slice(1));
+  put("state", state);
   put("why", why);
   put("note", note || "");
   put("trouble", trouble());
   put("numbers", numbers());
-  list("sensors", Object.entries(page.run?.sensors || {}).map(([name, good]) => [good ? `✓ ${sensorWords(name)}` : `✕ ${sensorWords(name)} not seen`, good ? "good" : "bad"]));
-  list("clipped", (page.run?.clipped || []).map((text) => [text, "wary"]));
+  list("sensors", Object.entries(run.sensors || {}).map(([name, good]) => [good ? `✓ ${sensorWords(name)}` : `✕ ${sensorWords(name)} not seen`, good ? "good" : "bad"]));
+  list("clipped", (run.clipped || []).map((text) => [text, "wary"]));
   showStance(state);
   byId("pause").textContent = page.paused ? "Go on" : "Pause";
   byId("pause").disabled = byId("hold").disabled = !connected;
   byId("hold").checked = deadMan.used;
   if (deadMan.used) byId("hold").disabled = true; // who has begun to hold goes on, or the robot holds
   byId("pad").hidden = !deadMan.used || page.view === "headset";
+  byId("own").hidden = camera.state !== CAMERA.RUNNING;
   byId("again").hidden = page.view !== "camera" || camera.state !== CAMERA.FAILED;
   showWays(connected);
 }
