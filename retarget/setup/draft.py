@@ -2,6 +2,7 @@
 only a draft.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,11 +146,11 @@ def profile_text(draft: Draft) -> str:
 def _supply(models: Set[str]) -> str:
     """The voltages, V, at which no servo of these models has an alarm (e-Manual, initial voltage limits), within the
     range of their supply: 4 to 6 V, or up to 14.8 V, a battery of four cells."""
-    tables = [find_table(name, 2) for name in models]
+    limits = [find_table(name, 2) for name in models]
+    lowest = [0.1 * (table["min_voltage_limit"].initial or 0) for table in limits]
+    highest = [0.1 * (table["max_voltage_limit"].initial or math.inf) for table in limits]
     low, high = (4.0, 6.0) if min(SERVO_MODELS[name].voltage for name in models) < LOW_VOLTAGE else (0.0, 14.8)
-    low = max(low, *(0.1 * table["min_voltage_limit"].initial for table in tables))
-    high = min(high, *(0.1 * table["max_voltage_limit"].initial for table in tables))
-    return f"[{low:.1f}, {high:.1f}]"
+    return f"[{max(low, *lowest):.1f}, {min(high, *highest):.1f}]"
 
 
 def _lines(lines: Iterable[str]) -> str:

@@ -9,8 +9,8 @@ from hardware.dynamixel.settings import Asked
 from hardware.joint_map import JointMap
 from messages import refuses
 from retarget.cli.servo import places
-from retarget.cli.servo.places import Where, find_places
-from retarget.cli.servo.setup import check_asked, find_target
+from retarget.cli.servo.places import Where, find_places, find_target
+from retarget.cli.servo.setup import check_asked
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 
