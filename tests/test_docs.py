@@ -22,7 +22,10 @@ from hardware.servo import SERVO_MODELS
 from python_pages import PAGES as PYTHON_PAGES
 from python_pages import PUBLIC, python_page
 from retarget.cli.servo.monitor import TORQUE
+from retarget.report.findings import findings
+from retarget.report.measure import measure
 from retarget.report.report import BusReport, Report, StopReport
+from rig import scripted_run
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ["README.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
@@ -101,6 +104,15 @@ def test_what_is_to_be_read_is_in_the_report() -> None:
     for part, key in keys:
         assert key in {field.name for field in fields(parts[part])}
     assert "`servo_error_deg`" in text_of(EVENING) and "servo_error_deg" in {field.name for field in fields(Report)}
+
+
+def test_the_lines_of_the_summary_are_those_that_a_run_prints() -> None:
+    run = scripted_run()
+    printed = {finding.name: finding.measured for finding in findings(run, measure(run))}
+    table = text_of(EVENING).partition("| line of the summary |")[2].partition("\n\n")[0]
+    named = [re.findall("`([^`]+)`", row.split("|")[1]) for row in table.splitlines()[2:]]
+    assert len(named) > 4 and {name for names in named for name in names} <= printed.keys()
+    assert f"| `end` | `{printed['end']}` |" in table
 
 
 def test_every_state_of_torque_is_explained() -> None:

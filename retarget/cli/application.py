@@ -78,7 +78,7 @@ def _refused_words(error: typer.TyperException) -> int:
     found = allowed = ""
     if isinstance(error.__cause__, ValidationError):  # of the value of an option
         detail = error.__cause__.errors(include_url=False)[0]
-        what = detail["msg"].removeprefix("Value error, ")
+        what = detail["msg"].removeprefix("Value error, ").removesuffix(".")
         if allowed := expected_by(detail["msg"]):
             what, found = "wrong value", repr(detail["input"])[:80]
     if context is not None:

@@ -15,7 +15,11 @@ DEFAULT_FOLDER = Path("out/demo")
 
 
 def demo(
-    folder: Path = DEFAULT_FOLDER, robot: str = "op3", bus: str = "emulator", overwrite: Overwrite = False
+    folder: Path = DEFAULT_FOLDER,
+    out: Path | None = None,
+    robot: str = "op3",
+    bus: str = "emulator",
+    overwrite: Overwrite = False,
 ) -> None:
     """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
 
@@ -26,6 +30,7 @@ def demo(
         folder: Where report, recording and pictures go.
 
     Options:
+        out DIR: The same.
         robot NAME|PATH: Robot by name or path.
         bus mock|emulator|physics|physics+wire|none: Where goals go, as of `run`.
     """
@@ -38,6 +43,7 @@ def demo(
             allowed=", ".join(SIMULATED),
             next_step="See `retarget run`",
         )
+    folder = folder if out is None else out
     outputs = Outputs.in_folder(folder)
     if not overwrite and folder != DEFAULT_FOLDER:
         outputs.refuse_existing("folder")

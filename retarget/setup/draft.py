@@ -2,7 +2,8 @@
 only a draft.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hardware.dynamixel.control_table import find_table
 from hardware.servo import SERVO_MODELS
 from retarget.schema.profile import DRAFT
 from retarget.schema.profile_parts import Foot, Frame, Landmark
@@ -117,7 +119,6 @@ def profile_text(draft: Draft) -> str:
     """YAML of a whole profile: `robot.yaml.template` with the drafted lines."""
     stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
     ids = [servo.entry.id for servo in draft.servos]
-    supply = min(SERVO_MODELS[servo.entry.model].voltage for servo in draft.servos)
     template = Template(Path(__file__).with_name("robot.yaml.template").read_text(encoding="utf-8"))
     return template.substitute(
         head=_lines(_head(draft)),
@@ -138,8 +139,18 @@ def profile_text(draft: Draft) -> str:
         landmarks=_lines(wrapped(_entry(name, landmark), 4) for name, landmark in draft.landmarks.items()),
         rate=FAST_HZ if len(draft.servos) <= FEW_SERVOS else SLOW_HZ,
         count=len(draft.servos),
-        voltage="[4.0, 6.0]" if supply < LOW_VOLTAGE else "[10.0, 14.8]",
+        voltage=_supply({servo.entry.model for servo in draft.servos}),
     )
+
+
+def _supply(models: Set[str]) -> str:
+    """The voltages, V, at which no servo of these models has an alarm (e-Manual, initial voltage limits), within the
+    range of their supply: 4 to 6 V, or up to 14.8 V, a battery of four cells."""
+    limits = [find_table(name, 2) for name in models]
+    lowest = [0.1 * (table["min_voltage_limit"].initial or 0) for table in limits]
+    highest = [0.1 * (table["max_voltage_limit"].initial or math.inf) for table in limits]
+    low, high = (4.0, 6.0) if min(SERVO_MODELS[name].voltage for name in models) < LOW_VOLTAGE else (0.0, 14.8)
+    return f"[{max(low, *lowest):.1f}, {min(high, *highest):.1f}]"
 
 
 def _lines(lines: Iterable[str]) -> str:
@@ -173,5 +184,6 @@ def _entry(name: str, entry: Schema, width: int = 0) -> str:
 def _servos(servos: Sequence[ServoDraft]) -> Iterator[str]:
     width = max(len(flow(servo.joint)) for servo in servos) + 1
     for servo in servos:
-        why = f"id, direction, zero_tick; model: {servo.why}" + (f"; limits: {servo.note}" if servo.note else "")
+        number = "id (the number in its name)" if servo.numbered else "id"
+        why = f"{number}, direction, zero_tick; model: {servo.why}" + (f"; limits: {servo.note}" if servo.note else "")
         yield f"{wrapped(_entry(servo.joint, servo.entry, width), width + 4)}  {DRAFT} {why}"

@@ -1,12 +1,14 @@
 """A draft of every servo: a model whose torque is that of the body file, limits and speeds that it can serve."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import SERVO_MODELS, ServoModel
 from retarget.schema.profile_parts import Gains, Servo
@@ -32,23 +34,26 @@ END_TICKS = 4
 
 @dataclass(frozen=True)
 class ServoDraft:
-    """A servo as drafted. why: by what the model was chosen. note: what was changed of the joint, for a comment."""
+    """A servo as drafted. why: by what the model was chosen. note: what was changed of the joint, for a comment.
+    numbered: whether the id is the number in its name, and not its place in the order of the body."""
 
     joint: str
     entry: Servo
     why: str
     note: str = ""
+    numbered: bool = False
 
 
 def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, float]) -> tuple[ServoDraft, ...]:
-    """A servo for each hinge, ids from 1 in the order of the body. speeds: rad/s that the file states."""
+    """A servo for each hinge. Ids are the numbers in the names of the joints, else from 1 in the order of the body.
+    speeds: rad/s that the file states."""
     torques = _torques(model)
     stated = [torque for torque in torques.values() if torque > 0.0]
     candidates = _candidates(max(stated, default=0.0))
     inertias = _inertias(model)
     carrying = {node for leg in anatomy.legs for node in leg.nodes}
     carrying |= {*tree.way(anatomy.chest), *tree.way(anatomy.pelvis)}
-    drafts = []
+    drafts, ids = [], _numbers(node.joint for node in tree.nodes[1:])
     for number, node in enumerate(tree.nodes[1:], 1):
         chosen, why = _chosen(candidates, torques.get(node.joint, 0.0), speeds.get(node.joint, 0.0))
         limits, note = _limits(node.lower, node.upper, chosen)
@@ -56,7 +61,7 @@ def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, 
         most = IN_LEGS if number in carrying else ACCELERATIONS[1]
         can = SPARE_TORQUE * chosen.stall_torque / max(inertias[node.joint], 1e-6)
         entry = Servo(
-            id=number,
+            id=ids[number - 1] if ids else number,
             model=chosen.name,
             bus="main",
             direction=1,
@@ -66,8 +71,18 @@ def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, 
             max_acceleration=float(math.floor(min(max(can, ACCELERATIONS[0]), most))),
             gains=Gains(p=find_table(chosen.name, 2)["position_p_gain"].initial),  # the maker's default
         )
-        drafts.append(ServoDraft(node.joint, entry, why, note))
+        drafts.append(ServoDraft(node.joint, entry, why, note, numbered=bool(ids)))
     return tuple(drafts)
+
+
+def _numbers(names: Iterable[str]) -> list[int]:
+    """The number that each joint's name ends with, or holds; none unless they are different ids of servos."""
+    found = [re.findall("[0-9]+", name) for name in names]
+    for place in (-1, 0):
+        numbers = [int(one[place]) for one in found if one]
+        if len(set(numbers)) == len(found) and all(1 <= one <= MAX_ID for one in numbers):
+            return numbers
+    return []
 
 
 def _candidates(strongest: float) -> list[ServoModel]:

@@ -35,13 +35,21 @@ def axes_with_up(up: FloatArray) -> FloatArray:
     return np.stack((first, second, up) if up[axis] > 0 else (second, first, up))
 
 
-def rest_axes(rest: dict[str, FloatArray]) -> FloatArray | None:
+def rest_axes(rest: dict[str, FloatArray], *, where: str = "") -> FloatArray | None:
     """Axes (3, 3) of the rest pose, rows forward, left, up, each along a file axis: up from hips to head, left from the
-    right hip to the left; None if they coincide."""
+    right hip to the left; None if they coincide. Raises InputError where arms and legs do not agree which side is left.
+    where: the file."""
     up = _nearest_axis(rest["head"] - 0.5 * (rest["l_hip"] + rest["r_hip"]))
     if up is None:
         return None
-    across = sum((rest[f"l_{part}"] - rest[f"r_{part}"] for part in ("hip", "shoulder")), np.zeros(3))
+    hips, shoulders = (rest[f"l_{part}"] - rest[f"r_{part}"] for part in ("hip", "shoulder"))
+    if hips @ shoulders < 0.0:
+        raise InputError(
+            "left and right are swapped between arms and legs: in the rest pose they run in opposite directions",
+            where=where,
+            next_step="Exchange the names of the left and the right arm (or leg) joints in the program that wrote it",
+        )
+    across = hips + shoulders
     left = _nearest_axis(across * (up == 0.0))
     return None if left is None else np.stack((np.cross(left, up), left, up))
 
@@ -155,7 +163,7 @@ def canonical_frames(
     rest = rest_joint_positions(tree, joints)
     in_file_units = Skeleton(tuple(rest), np.stack(list(rest.values())))
     metres, unit_note = (unit, "") if unit is not None else choose_unit(stature(in_file_units), where=source)
-    body = rest_axes(rest)
+    body = rest_axes(rest, where=source)
     if body is None:
         raise InputError(REST_AXES_ERROR, where=source, next_step="Export the file with a standing rest pose")
     tracks = {name: pose.point(at.joint, at.local) for name, at in joints.items()}

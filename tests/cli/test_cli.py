@@ -18,7 +18,7 @@ from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError, TorqueError
 from messages import shows
 from retarget import cli
-from retarget.cli import main
+from retarget.cli import controls, main
 from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, REFUSED, STOPPED, exit_code_of
 from sim.performer import synthetic_performer
@@ -208,7 +208,7 @@ def test_a_run_receives_the_word(
     clock, asked, done = MonotonicClock(), list[Asked](), threading.Event()
     server = ControlSocket(tmp_path / "control", status=lambda: LiveStatus(None, True, False, None))
     if not known:
-        monkeypatch.delitem(WORDS, "stop")
+        monkeypatch.setattr(controls, "WORDS", {word: WORDS[word] for word in WORDS if word != "stop"})
 
     def serve() -> None:
         deadline = clock.now() + 5.0
@@ -218,7 +218,8 @@ def test_a_run_receives_the_word(
 
     thread = threading.Thread(target=serve)
     thread.start()
-    found = run(capsys, "--socket", str(server.path), *words)
+    place = [str(server.path)] if known else ["--socket", str(server.path)]
+    found = run(capsys, *place, *words)
     done.set()
     thread.join()
     server.close()

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -291,6 +292,41 @@ def test_every_draft_can_be_driven(robot: str) -> None:
             mode=ServoMode.POSITION,
         )
         assert spec.problems() == () and draft.entry.max_velocity < model.no_load_speed
+
+
+@pytest.mark.parametrize(
+    ("names", "ids"),
+    [
+        ("J09 J03 arm_J250", [9, 3, 250]),
+        ("1_pan 17_lift2 4_roll2", [1, 17, 4]),
+        ("l_j1 r_j1 j2", [1, 2, 3]),
+        ("j1 j2 wrist", [1, 2, 3]),
+        ("j1 j0 j2", [1, 2, 3]),
+        ("j1 j253 j2", [1, 2, 3]),
+    ],
+)
+def test_different_numbers_in_all_names_are_ids(names: str, ids: list[int]) -> None:
+    text = arm(2.5)
+    for one in guessed(text):
+        text = text.replace(f'"{one.joint}"', f'"@{one.joint}"')
+    old = [one.joint for one in guessed(text)]
+    new = [*names.split(), *(f"more{number}" for number in range(100, 97 + len(old)))]
+    for joint, name in zip(old, new, strict=True):
+        text = text.replace(f'"{joint}"', f'"{name}"')
+    drafts = guessed(text)
+    assert [one.entry.id for one in drafts][:3] == ids
+    assert all(one.numbered is (ids != [1, 2, 3]) for one in drafts)
+    text = profile_text(replace(DRAFTED, servos=drafts))
+    assert text.count("name), direction") == len(drafts) * drafts[0].numbered
+
+
+@pytest.mark.parametrize(
+    ("model", "volts"),
+    [("XM430-W350", (9.5, 14.8)), ("XL430-W250", (6.0, 14.0)), ("XL330-M288", (4.0, 6.0)), ("XC430-W240", (6.0, 14.8))],
+)
+def test_the_supply_is_what_its_servos_bear(model: str, volts: tuple[float, float], tmp_path: Path) -> None:
+    servos = tuple(replace(one, entry=one.entry.model_copy(update={"model": model})) for one in DRAFTED.servos)
+    assert read(profile_text(replace(DRAFTED, servos=servos)), tmp_path).safety.voltage == volts
 
 
 def test_models_by_torque() -> None:

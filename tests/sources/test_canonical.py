@@ -52,6 +52,13 @@ def test_the_rest_pose_decides_between_all_24_orientations() -> None:
             np.testing.assert_array_equal(axes @ np.stack([np.cross(left, up), left, up], axis=1), np.eye(3))
 
 
+def test_arms_and_legs_that_do_not_agree_which_side_is_left_are_refused() -> None:
+    rest = body(np.eye(3)[1], np.eye(3)[0])
+    swapped = rest | {"l_shoulder": rest["r_shoulder"], "r_shoulder": rest["l_shoulder"]}
+    with refuses(InputError, where="walk.bvh", next_step="arm"):
+        rest_axes(swapped, where="walk.bvh")
+
+
 def test_frames_overrule_the_rest_pose_only_when_they_stand_near_the_ground() -> None:
     eye = np.eye(3)
     rest = rest_axes(body(eye[1], eye[0]))

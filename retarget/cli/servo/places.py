@@ -9,6 +9,7 @@ import typer
 
 from hardware.bus import BAUDS, BusSpec
 from hardware.clock import Clock, MonotonicClock, VirtualClock
+from hardware.dynamixel.checks import Span, needed_ticks
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import Look, as_bus, look, look_at_bus
@@ -23,12 +24,12 @@ from hardware.dynamixel.line_scan import (
     scan_line,
 )
 from hardware.dynamixel.serial_port import BytePort, SerialPort
-from hardware.errors import BusError
+from hardware.errors import BusError, RetargetError
 from hardware.servo import ServoSpec
 from retarget.cli.application import ask, progress_bar
 from retarget.cli.buses import posture_ticks
-from retarget.errors import UsageError
-from retarget.model.robot import RobotBody, load_uncalibrated
+from retarget.errors import UsageError, suggest
+from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
 from sim.emulator.fault_state import load_fault_plan
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
@@ -167,6 +168,78 @@ def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[s
     servos, buses = body.joint_map.servos, body.profile.bus_specs()
     plan = None if faults is None else load_fault_plan(faults, {bus.name: bus.ids for bus in buses})
     return robot_lines(servos, buses, start=posture_ticks(body), now=clock.now(), plan=plan, powered=True)
+
+
+# Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """One servo. device: its present id; servo, needed: its entry in the profile and its ticks, None without."""
+
+    place: Place
+    device: int
+    servo: ServoSpec | None = None
+    needed: Span | None = None
+
+
+def find_target(where: Where, joint: str | None, device: int | None = None) -> Target:
+    """The servo that is meant; its port is not open. device: its present id, None: that of the profile.
+
+    Raises UsageError where that names none, or several.
+    """
+    robot = where.robot
+    if robot is None:
+        if joint is not None:
+            raise UsageError("a joint of which robot", where="--joint", found=joint, allowed="--robot NAME beside it")
+        if device is None:
+            raise UsageError("which servo", where="servo setup", allowed="--id N, or --robot NAME --joint NAME")
+        return Target(find_places(where)[0], device)
+    body = load_uncalibrated(robot)
+    servo = _servo(body, where.port, joint, device)
+    places = find_places(where, bus=None if servo is None else servo.bus)
+    if len(places) != 1:
+        names = ", ".join(place.where for place in places)
+        raise UsageError("which bus", where="--robot", found=names, allowed="--joint NAME, or --port PATH of one")
+    if servo is None:
+        assert device is not None
+        return Target(places[0], device)
+    needed = needed_ticks(_calibrated(robot, body).joint_map)[servo.joint]
+    return Target(places[0], servo.id if device is None else device, servo, needed)
+
+
+def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | None) -> ServoSpec | None:
+    """The servo of the profile; None where only an id is named that the profile does not have."""
+    servos = body.joint_map.servos
+    if joint is not None:
+        found = [one for one in servos if one.joint == joint]
+        if not found:
+            known = [one.joint for one in servos]
+            step = suggest(joint, known)
+            raise UsageError(
+                "no such joint", where="--joint", found=repr(joint), allowed=", ".join(known), next_step=step
+            )
+        return found[0]
+    if device is None:
+        raise UsageError("which servo", where="servo setup", allowed="--joint NAME, or --id N of the profile")
+    buses = body.profile.bus_specs()
+    there = {bus.name for bus in buses if bus.port == port} or {bus.name for bus in buses}
+    found = [one for one in servos if one.id == device and one.bus in there]
+    if len(found) > 1:
+        joints = ", ".join(f"{one.joint} (bus {one.bus})" for one in found)
+        raise UsageError(
+            "several servos have this id", where="--id", found=f"{device}: {joints}", allowed="--joint NAME"
+        )
+    return found[0] if found else None
+
+
+def _calibrated(robot: str, body: RobotBody) -> RobotBody:
+    """The body with the zero ticks of its calibration, where they are valid: the ticks that a joint needs depend on
+    them."""
+    try:
+        return load_robot(robot)
+    except RetargetError:
+        return body
 
 
 # A look at every servo of the open ports, by the profile of the robot or as found.

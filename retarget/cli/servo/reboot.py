@@ -10,12 +10,28 @@ from hardware.dynamixel.found_servos import Look
 from hardware.dynamixel.torque import restart
 from hardware.errors import BusError, counted
 from retarget.cli.exit import stop_on_signals
-from retarget.cli.servo.places import Only, Where, agreed, find_places, ids_of, look_at, names, opened
+from retarget.cli.servo.places import (
+    Only,
+    Where,
+    agreed,
+    find_places,
+    find_target,
+    ids_of,
+    look_at,
+    names,
+    opened,
+)
 from retarget.errors import UsageError
 
 
 def reboot(
-    where: Where, only: Only, ids: str = "", everyone: bool = False, yes: bool = False, dry_run: bool = False
+    where: Where,
+    only: Only,
+    ids: str = "",
+    joint: str | None = None,
+    everyone: bool = False,
+    yes: bool = False,
+    dry_run: bool = False,
 ) -> None:
     """Restart servos, which clears their latched errors; their torque goes off, and their RAM is the maker's again.
 
@@ -24,16 +40,21 @@ def reboot(
 
     Options:
         ids (--id) 1,2,5-9: These servos.
+        joint NAME: The servo of this joint of the robot.
         everyone (--all): Every servo that is found.
         yes: Do not ask; also where torque is on.
         dry_run: Say what would be done, and do not open a port.
     """
     wanted = ids_of(ids, option="--id", highest=MAX_ID)
-    if (wanted is None) != everyone:
-        raise UsageError("which servos", where="servo reboot", allowed="either --id 1,2 or --all")
-    places = find_places(where)
+    if [wanted is not None, joint is not None, everyone].count(True) != 1:
+        raise UsageError("which servos", where="servo reboot", allowed="one of --id 1,2, --joint NAME and --all")
+    if joint is None:
+        places = find_places(where)
+    else:
+        target = find_target(where, joint)
+        places, wanted = [target.place], [target.device]
     if dry_run:
-        who = "all servos" if everyone else f"ids {ids}"
+        who = "all servos" if wanted is None else f"ids {', '.join(map(str, wanted))}"
         for place in places:
             typer.echo(f"would read errors and torque of {who} on {place.where}, and after a question restart them")
         return

@@ -1,11 +1,11 @@
 """`retarget servo setup`: write id, speed and other EEPROM settings of one servo."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import typer
 
-from hardware.dynamixel.checks import Span, needed_ticks, wishes
+from hardware.dynamixel.checks import wishes
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only
@@ -21,22 +21,21 @@ from hardware.dynamixel.settings import (
     settings_of,
 )
 from hardware.dynamixel.single_requests import OneOff
-from hardware.errors import BusError, HardwareError, RetargetError
-from hardware.servo import ServoSpec
+from hardware.errors import BusError, HardwareError
 from retarget.cli.exit import stop_on_signals
 from retarget.cli.servo.places import (
     Only,
     Place,
+    Target,
     Where,
     agreed,
     check_speed,
     chosen_speeds,
-    find_places,
+    find_target,
     opened,
     search,
 )
-from retarget.errors import UsageError, suggest
-from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
+from retarget.errors import UsageError
 
 # The settings asked for; those that no servo can hold are refused before a port is opened.
 
@@ -83,78 +82,6 @@ def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
         else:
             return
     raise UsageError(refused, where="servo setup")
-
-
-# Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """One servo. device: its present id; servo, needed: its entry in the profile and its ticks, None without."""
-
-    place: Place
-    device: int
-    servo: ServoSpec | None = None
-    needed: Span | None = None
-
-
-def find_target(where: Where, joint: str | None, device: int | None) -> Target:
-    """The servo that is meant; its port is not open. device: its present id, None: that of the profile.
-
-    Raises UsageError where that names none, or several.
-    """
-    robot = where.robot
-    if robot is None:
-        if joint is not None:
-            raise UsageError("a joint of which robot", where="--joint", found=joint, allowed="--robot NAME beside it")
-        if device is None:
-            raise UsageError("which servo", where="servo setup", allowed="--id N, or --robot NAME --joint NAME")
-        return Target(find_places(where)[0], device)
-    body = load_uncalibrated(robot)
-    servo = _servo(body, where.port, joint, device)
-    places = find_places(where, bus=None if servo is None else servo.bus)
-    if len(places) != 1:
-        names = ", ".join(place.where for place in places)
-        raise UsageError("which bus", where="--robot", found=names, allowed="--joint NAME, or --port PATH of one")
-    if servo is None:
-        assert device is not None
-        return Target(places[0], device)
-    needed = needed_ticks(_calibrated(robot, body).joint_map)[servo.joint]
-    return Target(places[0], servo.id if device is None else device, servo, needed)
-
-
-def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | None) -> ServoSpec | None:
-    """The servo of the profile; None where only an id is named that the profile does not have."""
-    servos = body.joint_map.servos
-    if joint is not None:
-        found = [one for one in servos if one.joint == joint]
-        if not found:
-            known = [one.joint for one in servos]
-            step = suggest(joint, known)
-            raise UsageError(
-                "no such joint", where="--joint", found=repr(joint), allowed=", ".join(known), next_step=step
-            )
-        return found[0]
-    if device is None:
-        raise UsageError("which servo", where="servo setup", allowed="--joint NAME, or --id N of the profile")
-    buses = body.profile.bus_specs()
-    there = {bus.name for bus in buses if bus.port == port} or {bus.name for bus in buses}
-    found = [one for one in servos if one.id == device and one.bus in there]
-    if len(found) > 1:
-        joints = ", ".join(f"{one.joint} (bus {one.bus})" for one in found)
-        raise UsageError(
-            "several servos have this id", where="--id", found=f"{device}: {joints}", allowed="--joint NAME"
-        )
-    return found[0] if found else None
-
-
-def _calibrated(robot: str, body: RobotBody) -> RobotBody:
-    """The body with the zero ticks of its calibration, where they are valid: the ticks that a joint needs depend on
-    them."""
-    try:
-        return load_robot(robot)
-    except RetargetError:
-        return body
 
 
 # The values that a servo is to hold: the options first, then its profile.

@@ -23,9 +23,10 @@ def lab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 HOT = Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0, end=0.01)
 
 
-def test_a_latched_error_is_explained_and_cleared(lab: ServoLab) -> None:
+@pytest.mark.parametrize("servo", [("--id", "7"), ("--joint", "r_hip_yaw")])
+def test_a_latched_error_is_explained_and_cleared(servo: tuple[str, str], lab: ServoLab) -> None:
     lab.faults = [HOT]
-    code, out, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", "--id", "7", typed="y\n")
+    code, out, err = lab.run("reboot", "--robot", "op3", "--port", "emulator", *servo, typed="y\n")
     assert (code, err) == (0, "")
     shows(out, "OVERHEATING", 1)
     assert lab.memory(7).value("hardware_error_status") == 0
@@ -59,8 +60,9 @@ def test_a_servo_that_does_not_come_back_is_reported(lab: ServoLab) -> None:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        ((), "either --id 1,2 or --all"),
-        (("--all", "--id", "3"), "either --id 1,2 or --all"),
+        ((), "one of --id 1,2, --joint NAME and --all"),
+        (("--all", "--id", "3"), "one of --id 1,2, --joint NAME and --all"),
+        (("--joint", "r_kne"), "Did you mean r_knee"),
         (("--id", "33"), "no servo answers to id 33"),
         (("--id", "254"), "--id: these are no ids; found '254'; allowed: such as 1,2,5-9; 0 to 252"),
         (("--id", "200"), "no servo answers to id 200"),

@@ -8,9 +8,9 @@ from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.settings import Asked
 from hardware.joint_map import JointMap
 from messages import refuses
-from retarget.cli.servo import places, setup
-from retarget.cli.servo.places import Where, find_places
-from retarget.cli.servo.setup import check_asked, find_target
+from retarget.cli.servo import places
+from retarget.cli.servo.places import Where, find_places, find_target
+from retarget.cli.servo.setup import check_asked
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 
@@ -29,9 +29,8 @@ def divided(monkeypatch: pytest.MonkeyPatch) -> RobotBody:
     )
     profile = robot.profile.model_copy(update={"buses": buses})
     body = replace(robot, profile=profile, joint_map=JointMap(servos))
-    for module in (places, setup):
-        monkeypatch.setattr(module, "load_uncalibrated", lambda name: body)
-    monkeypatch.setattr(setup, "load_robot", lambda name: body)
+    for name in ("load_uncalibrated", "load_robot"):
+        monkeypatch.setattr(places, name, lambda name: body)
     return body
 
 
