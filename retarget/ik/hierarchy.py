@@ -58,6 +58,7 @@ class Hierarchy:
         limits: JointLimits,
         fed: Container[str] | None = None,
         limbs: Mapping[str, Limb] | None = None,
+        lengths: Mapping[str, float] | None = None,
         locked: BoolArray | None = None,
         iterations: int | None = None,
         observers: Observers | None = None,
@@ -65,13 +66,20 @@ class Hierarchy:
     ) -> None:
         """frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
-        limb tasks stand for. locked (nv,): DoFs that never move. iterations: instead of the file's. observers: what
-        looks at itself and at the obstacles of `scene`. Raises ConfigError: a name that the body does not have.
+        limb tasks stand for. lengths: m, of landmarks, for weights per length. locked (nv,): DoFs that never move.
+        iterations: instead of the file's. observers: what looks at itself and at the obstacles of `scene`. Raises
+        ConfigError: a name that the body does not have.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
         levels = _compile(
-            priorities, body, frames, fed=frames if fed is None else fed, limbs=limbs or {}, observers=names
+            priorities,
+            body,
+            frames,
+            fed=frames if fed is None else fed,
+            limbs=limbs or {},
+            lengths=lengths or {},
+            observers=names,
         )
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
         self.observers = None if watching is None else watching.for_solver(body, shapes)
@@ -220,6 +228,7 @@ def _compile(
     *,
     fed: Container[str],
     limbs: Mapping[str, Limb],
+    lengths: Mapping[str, float],
     observers: tuple[str, ...],
 ) -> list[list[Slot]]:
     """The slots of every level."""
@@ -228,7 +237,9 @@ def _compile(
         is_soft = index == len(priorities.levels) - 1 and any(task.type == "posture" for task in level.tasks)
         slots: list[Slot] = []
         for task in level.tasks:
-            slots += compile_task(task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, observers=observers)
+            slots += compile_task(
+                task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, lengths=lengths, observers=observers
+            )
         levels.append(slots)
     return levels
 

@@ -90,12 +90,14 @@ def compile_task(
     fed: Container[str],
     is_soft: bool,
     limbs: Mapping[str, Limb],
+    lengths: Mapping[str, float],
     observers: Sequence[str] = (),
 ) -> list[Slot]:
     """Slots of one task; none for observers on a body without any.
 
-    limbs: what names of limb tasks stand for. observers: their names, in order. fed: names whose targets will ever be
-    set; a task on another one is left out. is_soft: in a last level with a posture, where `weight` is a stiffness.
+    limbs: what names of limb tasks stand for. lengths: m, of landmarks, for weights per length. observers: their names,
+    in order. fed: names whose targets will ever be set; a task on another one is left out. is_soft: in a last level
+    with a posture, where `weight` is a stiffness.
 
     Raises ConfigError: a name that the body does not have, in a task that is not optional; observers in a last level
     with a posture.
@@ -113,8 +115,10 @@ def compile_task(
     # An axis or a heading has its direction from the file; the others have a target only where a sensor or a landmark
     # feeds it. A row without a target would hold the frame at the origin.
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
+    by_length = isinstance(task, PositionTask) and task.per == "length"
+    units = dict(_named(task, lengths)) if by_length else {}
     return [
-        _placed(task, name, frame, is_soft=is_soft)
+        _placed(task, name, frame, is_soft=is_soft, unit=units.get(name, 1.0))
         for name, frame in _named(task, frames)
         if name in fed or not needs_target
     ]
@@ -155,12 +159,14 @@ def _placed(
     frame: Frame,
     *,
     is_soft: bool,
+    unit: float,
 ) -> Slot:
-    """A task on one frame."""
+    """A task on one frame. unit: length (m) of a position's error that weighs as the task says."""
     gain, point = task.gain, as_vector(frame.position)
     if isinstance(task, PositionTask):
         cap = task.max_error or 0.05
-        rows = _row_weights(task.weight, is_soft=is_soft)
+        x, y, z = _row_weights(task.weight, is_soft=is_soft)
+        rows = (x / unit, y / unit, z / unit)
         made = SolverTask.position(frame.body, point, weight=rows, gain=gain, max_error=cap)
         return Slot(SlotKind.POSITION, name, made)
     cap = task.max_error or 0.2

@@ -2,7 +2,11 @@
 
 A human folds at the hips to the knees; most servo humanoids do not. What is asked of the robot stays inside this
 envelope, so that the landmarks above the hips are asked from a trunk that the robot can hold. It depends on the robot
-alone: body, joint limits, soles and stance. It is measured once, by the solver itself.
+alone: body, joint limits, observers, soles and stance. It is measured once, by the solver itself.
+
+The heights are those that the robot reaches upright without touching itself. How far it leans at each is measured
+without its observers: which lean they leave depends on whether the pelvis is ahead of the feet or behind them, and a
+lean that is asked too far costs no more than that lean.
 """
 
 from dataclasses import dataclass
@@ -10,7 +14,7 @@ from math import atan2, hypot
 
 import numpy as np
 
-from retarget._solver import Solver, Task
+from retarget._solver import Observers, Solver, Task
 from retarget.ik.support_polygon import Stance, half_spaces
 from retarget.model.body import Frame, JointLimits
 from retarget.model.robot import TRUNK, RobotBody
@@ -19,7 +23,8 @@ from retarget.types import FloatArray
 
 HEIGHTS = 9
 """Pelvis heights at which the lean is measured."""
-DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+FORWARD = (1.0, 0.0)
+DIRECTIONS = (FORWARD, (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Forward, left, back, right."""
 STEP_M, STEP_RAD = 0.005, 0.05
 """Height and lean are searched in small steps, so that every posture is found from one close by."""
@@ -74,22 +79,32 @@ class Envelope:
         return Envelope(heights, np.column_stack(columns))
 
 
-def measure_envelope(robot: RobotBody, limits: JointLimits, stance: Stance, *, edges: FloatArray) -> Envelope:
+def measure_envelope(
+    robot: RobotBody, limits: JointLimits, stance: Stance, *, edges: FloatArray, observers: Observers | None = None
+) -> Envelope:
     """Let a robot crouch and lean with its trunk as far as it goes, from its stance, with planted soles; m and rad.
 
     limits (nv,): of its body. The centre of mass stays inside `edges` (e, 3). The height is its landmark `pelvis`'.
     """
-    probe = _Probe(robot, limits, stance, edges)
-    bottom, top = probe.extreme(-STEP_M), probe.extreme(STEP_M)
+    apart, probe = _Probe(robot, limits, stance, edges, observers), _Probe(robot, limits, stance, edges)
+    postures = apart.upright(-STEP_M) | apart.upright(STEP_M)
+    bottom, top = min(postures), max(postures)
     heights = np.linspace(bottom + SPARE * (top - bottom), top, HEIGHTS)
-    lean = np.array([probe.leans(float(height)) for height in heights])
+    lean = np.array([probe.leans(float(height), postures) for height in heights])
     return Envelope(heights, np.maximum((1.0 - SPARE) * lean, 1e-3))
 
 
 class _Probe:
-    """A solver without rates: soles, balance, the height of the pelvis, the trunk, in this order."""
+    """A solver without rates: limbs apart, soles, balance, the height of the pelvis, the trunk, in this order."""
 
-    def __init__(self, robot: RobotBody, limits: JointLimits, stance: Stance, edges: FloatArray) -> None:
+    def __init__(
+        self,
+        robot: RobotBody,
+        limits: JointLimits,
+        stance: Stance,
+        edges: FloatArray,
+        observers: Observers | None = None,
+    ) -> None:
         body, start, soles = robot.body, stance.q, [sole.frame for sole in stance.soles]
         pelvis, trunk = robot.frame(robot.profile.landmarks["pelvis"].frame), robot.frame(TRUNK)
         self._kinematics, self._start, self._pelvis, self._trunk = robot.kinematics, start, pelvis, trunk
@@ -99,7 +114,9 @@ class _Probe:
                 Task.position(sole.body, as_vector(sole.position)),
                 Task.orientation(sole.body, as_quat(sole.quat)),
             ]
+        apart = [] if observers is None else [Task.reactive(against="self"), Task.preventive(against="self")]
         levels = [
+            apart,
             planted,
             [Task.support(len(edges))],
             [Task.position(pelvis.body, as_vector(pelvis.position), weight=(0.0, 0.0, 1.0))],
@@ -117,34 +134,39 @@ class _Probe:
             max_acceleration=free,
             locked=np.zeros(body.nv, dtype=bool),
             n_ik=ITERATIONS,
+            observers=observers,
+            activation="all",
         )
-        self._kept = len(planted) + 1  # soles and balance
+        self._kept = len(apart) + len(planted) + 1  # and balance
         self._targets = np.zeros(self._solver.target_size)
         for index, sole in enumerate(soles):
-            self._set(0, 2 * index, self._point(start, sole))
-            self._set(0, 2 * index + 1, self._orientation(start, sole))
-        self._set(1, 0, half_spaces(edges).ravel())
-        self._set(4, 0, start)
+            self._set(1, 2 * index, self._point(start, sole))
+            self._set(1, 2 * index + 1, self._orientation(start, sole))
+        for index in range(len(apart)):
+            self._set(0, index, ())
+        self._set(2, 0, half_spaces(edges).ravel())
+        self._set(5, 0, start)
         self._standing = float(self._point(start, pelvis)[2])
 
-    def extreme(self, step: float) -> float:
-        """Height (m) reached upright when it is asked for in steps of `step` m from the standing posture."""
+    def upright(self, step: float) -> dict[float, FloatArray]:
+        """Postures (nq,) by height (m), each `step` m from the one before, from the standing one on: as far as the
+        robot gets without leaning back."""
         self._solver.reset(self._start)
-        reached = self._standing
+        reached = {self._standing: self._start}
         # Continuation: small steps, each from the posture before, since one large step may end in another branch.
         for count in range(1, int(FARTHEST_M / abs(step))):
             asked = self._standing + count * step
-            height = self._go(asked, UPRIGHT)
-            if not abs(height - asked) <= MISSED_M:
+            missed = abs(self._go(asked, UPRIGHT) - asked)
+            if not (missed <= MISSED_M and self._leaned(FORWARD) >= -MISSED_RAD):
                 break
-            reached = height
+            reached[asked] = self._solver.q
         return reached
 
-    def leans(self, height: float) -> list[float]:
-        """Lean (rad) reached towards each of DIRECTIONS with the pelvis at `height` m."""
-        self._solver.reset(self._start)
-        for between in np.linspace(self._standing, height, 2 + int(abs(height - self._standing) / STEP_M)):
-            self._go(float(between), UPRIGHT)
+    def leans(self, height: float, postures: dict[float, FloatArray]) -> list[float]:
+        """Lean (rad) reached towards each of DIRECTIONS with the pelvis at `height` m, from the upright posture (nq,)
+        nearest to it by height."""
+        self._solver.reset(postures[min(postures, key=lambda near: abs(near - height))])
+        self._go(height, UPRIGHT)
         upright = self._solver.q
         return [self._lean(upright, height, direction) for direction in DIRECTIONS]
 
@@ -155,9 +177,7 @@ class _Probe:
         reached = 0.0
         for asked in np.arange(STEP_RAD, FARTHEST_RAD, STEP_RAD).tolist():
             now = self._go(height, turn((-y * asked, x * asked, 0.0)))
-            up = rotated(self._orientation(self._solver.q, self._trunk), (0.0, 0.0, 1.0))
-            # The trunk's own upward axis, seen in the plane of the direction and the vertical.
-            lean = atan2(x * up[0] + y * up[1], up[2])
+            lean = self._leaned(direction)
             if not (abs(lean - asked) <= MISSED_RAD and abs(now - height) <= MISSED_M):
                 break
             reached = lean
@@ -165,11 +185,16 @@ class _Probe:
 
     def _go(self, height: float, trunk: Quat) -> float:
         """Go on to a height (m) and a trunk. Returns the height reached; NaN where soles or balance are lost."""
-        self._set(2, 0, (0.0, 0.0, height))
-        self._set(3, 0, trunk)
+        self._set(3, 0, (0.0, 0.0, height))
+        self._set(4, 0, trunk)
         q = self._solver.frame(self._targets, 1.0)
         lost = float(self._solver.task_errors[: self._kept].max()) > MISSED_M
         return float("nan") if lost else float(self._point(q, self._pelvis)[2])
+
+    def _leaned(self, direction: tuple[float, float]) -> float:
+        """Lean (rad) of the trunk towards a direction: of its upward axis, in the plane of that and the vertical."""
+        up = rotated(self._orientation(self._solver.q, self._trunk), (0.0, 0.0, 1.0))
+        return atan2(direction[0] * up[0] + direction[1] * up[1], up[2])
 
     def _set(self, level: int, task: int, target: FloatArray | tuple[float, ...]) -> None:
         start, stop = self._solver.target_slice(level, task)

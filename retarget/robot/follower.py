@@ -237,11 +237,14 @@ class Follower:
         priorities = stepping_priorities(priorities, soles) if steps else priorities
         balance = StandingBalance(priorities, stance) if soles else None
         edges = balance.edges if legs_move and balance else None
-        envelope = None if edges is None else measure_envelope(robot, limits, stance, edges=edges)
+        self.observers = robot_observers(robot)
+        envelope = None
+        if edges is not None:
+            apart = self.observers.with_margin(priorities.observers.margin).for_solver(robot.body)
+            envelope = measure_envelope(robot, limits, stance, edges=edges, observers=apart)
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.scene_obstacles = SceneObstacles(scene)
-        self.observers = robot_observers(robot)
         carrying = standing_dofs(robot)
         build = partial(self._hierarchy_of, limits=limits, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
@@ -283,6 +286,7 @@ class Follower:
             frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))
             | carrying_frames(self._robot),
             limbs=robot_limbs(self._robot),
+            lengths={name: entry.robot_length for name, entry in self._robot.profile.landmarks.items()},
             postures=robot_postures(self._robot, self.stance),
             limits=limits,
             locked=locked,

@@ -84,6 +84,9 @@ class PositionTask(_Weighed):
     """Sensors (of a human); landmarks or frames (of a robot). One name or a list."""
     weight: RowWeights = (1.0, 1.0, 1.0)
     """One number, or one per row x, y, z; a row of weight 0 is not there."""
+    per: Literal["metre", "length"] = "metre"
+    """`length`: the weight is [m], of an error as long as the `robot_length` of the landmark, so that it means the same
+    on a small robot."""
 
 
 class LimbTask(_Weighed):

@@ -209,17 +209,38 @@ LIMBS = {"l_arm": Limb(FRAMES["chest"], FRAMES["l_wrist"], 0.5)}
 )
 def test_kinds(task: Task, kinds: list[SlotKind]) -> None:
     for is_soft in (False, True):
-        slots = compile_task(task, BODY, FRAMES, fed=FRAMES, is_soft=is_soft, limbs=LIMBS)
+        slots = compile_task(task, BODY, FRAMES, fed=FRAMES, is_soft=is_soft, limbs=LIMBS, lengths={})
         assert [slot.kind for slot in slots] == kinds
 
 
 def test_tasks_that_nothing_feeds_are_left_out_but_axes_are_not() -> None:
     position = PositionTask(type="position", of=("head", "l_wrist"))
-    assert [slot.name for slot in compile_task(position, BODY, FRAMES, fed={"head"}, is_soft=False, limbs=LIMBS)] == [
-        "head"
-    ]
+    assert [
+        slot.name for slot in compile_task(position, BODY, FRAMES, fed={"head"}, is_soft=False, limbs=LIMBS, lengths={})
+    ] == ["head"]
     axis = AxisTask(type="axis", of=("pelvis",), axis=(0, 0, 1), direction=(0, 0, 1))
-    assert len(compile_task(axis, BODY, FRAMES, fed=(), is_soft=False, limbs=LIMBS)) == 1
+    assert len(compile_task(axis, BODY, FRAMES, fed=(), is_soft=False, limbs=LIMBS, lengths={})) == 1
+
+
+def test_weights_per_length_count_errors_in_lengths_of_the_landmark() -> None:
+    """Two hands that cannot both be reached: the one with half of the length counts twice as much."""
+
+    def reached(tasks: tuple[dict[str, Any], ...], **more: Any) -> FloatArray:
+        hierarchy = compiled(({"name": "hands", "tasks": tasks}, LEVELS[-1]), **more)
+        targets = hierarchy.blank()
+        for name, y in (("l_wrist", 1.5), ("head", -0.5)):
+            hierarchy.set_position(targets, name, np.array([0.3, y, 1.4]))
+        return settled(hierarchy, targets, frames=5)
+
+    task = {"type": "position", "of": ("l_wrist", "head"), "weight": 1.0, "per": "length"}
+    per_metre = (
+        {"type": "position", "of": "l_wrist", "weight": 4.0},
+        {"type": "position", "of": "head", "weight": 2.0},
+    )
+    lengths = {"l_wrist": 0.25, "head": 0.5}
+    assert (reached((task,), lengths=lengths) == reached(per_metre)).all()
+    with pytest.raises(ConfigError, match="does not have"):
+        reached((task,), lengths={"l_wrist": 0.25})
 
 
 # The base pose from the lower sole.

@@ -1,5 +1,6 @@
 """Before the clip begins the robot goes to where the performer is, on its soles, and can be stopped on the way."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -15,6 +16,7 @@ from hardware.servo_health import RAMP_S
 from retarget.human.samples import Playback
 from retarget.ik.support_polygon import plant
 from retarget.model.body import JointLimits
+from retarget.model.observers import robot_observers
 from retarget.model.robot import HEAD, TRUNK, RobotBody, load_robot
 from retarget.report import motion_metrics
 from retarget.report.motion_metrics import LimitViolations, limit_violations
@@ -39,6 +41,7 @@ from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
+from retarget.schema.profile_parts import Observer
 from retarget.sources.open import open_source
 from retarget.types import FloatArray, HumanPosture, IntArray
 from sim.mock_bus import mock_bus
@@ -372,6 +375,45 @@ def test_the_op3_crouches_to_bent_knees_and_stands_on_nearly_straight_ones() -> 
     # Sole to ankle 0.0305, shin and thigh 0.22 straight; knees bend from 11 to 148 degrees.
     assert 0.08 < envelope().lowest < 0.10
     assert 0.24 < envelope().highest < 0.2507
+
+
+def test_no_height_is_asked_at_which_the_robot_touches_itself() -> None:
+    stance, robot = plant(op3(), op3().profile.postures.stand), op3()
+    apart = robot_observers(robot).for_solver(robot.body)
+    limits = following_limits(robot, stance)
+    kept = measure_envelope(robot, limits, stance, edges=stance.edges(0.01), observers=apart)
+    assert kept.lowest > envelope().lowest + 0.02 and kept.highest == envelope().highest
+
+
+def with_a_belly() -> RobotBody:
+    """OP3 with a box ahead of its hips, which its thighs meet when they fold by half of what servos allow."""
+    belly = Observer.model_validate(
+        {
+            "link": "body_link",
+            "shape": {"box": {"pos": [0.06, 0.0, 0.0], "size": [0.02, 0.05, 0.02]}},
+            "influence": 0.04,
+            "margin": 0.005,
+        }
+    )
+    profile = op3().profile
+    observers = {**profile.observers, "belly": belly}
+    return replace(op3(), profile=profile.model_copy(update={"observers": observers}))
+
+
+def test_a_robot_whose_hips_fold_little_stays_down_while_the_performer_squats() -> None:
+    """Lean and crouch want the same hips. It stood up again, as a lean counted for more than a crouch on small legs."""
+    motion = postures(performer())
+    heights = [human.joints[human.joint_names.index("pelvis"), 2] for human in motion[:TICKS]]
+    low = int(np.argmin(heights[:300]))
+    robot = Follower(with_a_belly(), load_priorities("servo"), dimensions(performer()))
+    robot.start(motion[0])
+    settled(robot, motion[0])
+    held = [robot.step(motion[min(tick, low)], DT) for tick in range(low + round(2.0 / DT))][low:]
+    z = np.array([posture.landmarks_reached[PELVIS, 2] for posture in held])
+    standing = float(robot.stance.points["pelvis"][2])
+    assert float((z - np.minimum.accumulate(z)).max()) < 0.003
+    assert standing - z[-1] > 0.75 * (standing - float(held[-1].landmarks_asked[PELVIS, 2]))
+    assert robot.hierarchy.solver.clearance[0] > 0.0 and held[-1].support_distance > 0.0
 
 
 @given(st.floats(0.0, 0.4), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
