@@ -53,7 +53,7 @@ MODEL = "pose_landmarker_lite.task"
 """The bundle of both models: the one that finds a person and the one that finds landmarks."""
 BUNDLE = "vision_bundle.mjs"
 """The code's module."""
-FILES = (BUNDLE, "wasm/vision_wasm_internal.js", "wasm/vision_wasm_internal.wasm", MODEL)
+FILES = (BUNDLE, "wasm/vision_wasm_module_internal.js", "wasm/vision_wasm_module_internal.wasm", MODEL)
 """Files without which nothing runs."""
 
 

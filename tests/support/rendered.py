@@ -193,7 +193,7 @@ def drawn(
 
 def write_video(path: Path, pictures: Iterable[Image]) -> None:
     """A film for Chromium's fake camera: .y4m, or .mjpeg, which is smaller."""
-    kind = ["-pix_fmt", "yuv420p"] if path.suffix == ".y4m" else ["-c:v", "mjpeg", "-q:v", "3"]
+    kind = ["-pix_fmt", "yuv420p"] if path.suffix == ".y4m" else ["-c:v", "mjpeg", "-q:v", "3", "-pix_fmt", "yuvj420p"]
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{WIDTH}x{HEIGHT}", "-r", f"{RATE:g}", "-i", "-"]
     command = ["ffmpeg", "-y", "-loglevel", "error", *raw, *kind, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE) as process:

@@ -154,7 +154,7 @@ def test_poses_go_on_to_the_run_byte_for_byte() -> None:
         assert only.payload == FRAME.encode() and only.source == ("127.0.0.1", 1)
         assert before <= only.arrival <= one.clock.now()
         anna.socket.send("x" * 70_000)  # longer than any frame: the connection ends
-        with pytest.raises(Exception, match=r"1009|too big"):
+        with pytest.raises(Exception, match="1009"):
             anna.hear("none")
 
 
@@ -163,7 +163,7 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
         with one.browser(name="anna") as anna:
             anna.hear("welcome")
             with one.browser(name="boris") as boris:
-                assert "one at a time" in boris.hear("refused")["why"]
+                assert "performer" in boris.hear("refused")["why"]
             assert one.told("one at a time")
             with one.browser(name="anna") as again:  # the same page, loaded anew
                 assert again.hear("welcome")
@@ -176,7 +176,7 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             with one.browser("watch", "olga") as olga:
                 assert olga.hear("bodies")["robot"] is None, "who comes later sees it, too"
         with one.browser(name="anna") as anna:
-            assert "another performer" in anna.hear("refused")["why"]
+            assert "measured" in anna.hear("refused")["why"]
         with one.browser(name="boris") as boris:
             boris.hear("welcome")
             boris.socket.send(FRAME)
@@ -257,7 +257,7 @@ def test_what_no_page_of_ours_says_is_refused(shared: Page, messages: list[str |
     with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as socket:
         for message in messages:
             socket.send(message)
-        assert "load it anew" in Browser(socket).hear("refused")["why"]
+        assert "anew" in Browser(socket).hear("refused")["why"]
 
 
 def test_a_flood_is_sent_away_and_the_run_goes_on() -> None:
@@ -279,7 +279,7 @@ def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
             carla.say(say="health", trouble="the camera sees two people", rtt_ms=3.0, send_ms=40.0)
         carla.say(say="health", trouble="it is dark")
         assert shared.told("it is dark")
-    assert sum("two people" in line for line in shared.said) == 1
+    assert sum("two" in line for line in shared.said) == 1
     assert [said["rtt_ms"] for said in shared.control.health if "rtt_ms" in said] == [3.0] * 3
 
 
@@ -331,7 +331,7 @@ def test_the_end_and_its_reason_are_shown() -> None:
             anna = outer.enter_context(one.browser())
             anna.hear("welcome")
             raise ConfigError("the left arm was not seen to rise")
-        assert "left arm" in anna.hear("note")["text"]
+        assert "arm" in anna.hear("note")["text"]
         assert anna.hear("state")["state"] == "ended"
 
 
