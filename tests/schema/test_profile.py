@@ -269,8 +269,8 @@ def test_what_protocol_1_has_not_is_refused_at_once(tmp_path: Path) -> None:
     error = refused(tmp_path, ("protocol: 2", "protocol: 1\n    watchdog_s: 0.2"), (LINE, f"{pan}  {tilt}"))
     keys = {problem.where.rpartition(": ")[2] for problem in error.problems}
     assert keys >= {
-        *("buses.main.watchdog_s", "buses.main.baud", "bus_rig.head_pan.mode", "bus_rig.head_pan.gains.p"),
-        *("bus_rig.head_tilt.homing_offset", "bus_rig.head_tilt.gains.p", "bus_rig.head_tilt.gains.feedforward_1"),
+        *("buses.main.watchdog_s", "buses.main.baud", "servos.head_pan.mode", "servos.head_pan.gains.p"),
+        *("servos.head_tilt.homing_offset", "servos.head_tilt.gains.p", "servos.head_tilt.gains.feedforward_1"),
     }
 
 

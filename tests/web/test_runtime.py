@@ -18,7 +18,7 @@ from retarget.errors import InputError, UsageError
 from retarget.web import runtime
 from retarget.web.runtime import MODEL, Package, install, runtime_folder, with_scaling
 
-WASM = ("package/wasm/vision_wasm_internal.js", "package/wasm/vision_wasm_internal.wasm")
+WASM = ("package/wasm/vision_wasm_module_internal.js", "package/wasm/vision_wasm_module_internal.wasm")
 
 
 def model() -> bytes:
