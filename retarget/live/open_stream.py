@@ -14,7 +14,7 @@ from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import SensorValidity
+from retarget.live.sensor_validity import CAMERA_LIMITS, LIMITS, SensorValidity, ValidityLimits
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
 from retarget.sources.camera import WebDecoder
@@ -52,11 +52,13 @@ BONES = "unity_bones"
 
 @dataclass(frozen=True)
 class StreamKind:
-    """How one kind of sender is read. roles: the convention of its names; clock: makes the map of its stamps."""
+    """How one kind of sender is read. roles: the convention of its names; clock: makes the map of its stamps; limits:
+    of the validity of its sensors."""
 
     decoder: Callable[[], StreamDecoder]
     roles: str
     clock: Callable[[], ClockMap]
+    limits: ValidityLimits = LIMITS
 
 
 def stream_kinds() -> dict[str, StreamKind]:
@@ -68,7 +70,7 @@ def stream_kinds() -> dict[str, StreamKind]:
         "mvn": StreamKind(MvnDecoder, "mvn", lambda: ClockMap(resolution=1e-3)),
         "json": StreamKind(JsonPoseDecoder, "json", ClockMap),
         "natnet": StreamKind(NatnetDecoder, "natnet", ClockMap),
-        "web": StreamKind(WebDecoder, "json", ClockMap),
+        "web": StreamKind(WebDecoder, "json", ClockMap, CAMERA_LIMITS),
     }
 
 
@@ -106,7 +108,7 @@ def open_stream(
         roles,
         admission=Admission() if address is None else admission_for(address),
         clock_map=how.clock(),
-        validity=SensorValidity(roles.sensors),
+        validity=SensorValidity(roles.sensors, how.limits),
         playout=Playout(count, delay=None if latest else PlayoutDelay()),
         smooth=smooth,
         tap=tap,

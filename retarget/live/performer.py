@@ -243,7 +243,7 @@ class LivePerformer:
             return "paused by the operator"
         sensors = ", ".join(f"{name}: {WORDS[state]}" for name, state in self._holding().items())
         late = "ticks were missed" if self._timing.behind else ""
-        now = self._problems.briefly(self._clock.now(), SILENCE_S) or sensors or late
+        now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after) or sensors or late
         if now and self.engagement.tries + self._approach.tries:
             return f"{TOO_SHORT}, at last: {now}"
         return now or TOO_SHORT
@@ -331,5 +331,6 @@ class LivePerformer:
     def _is_good(self, reading: StreamReading, now: float) -> bool:
         """Whether data are good enough to move: the sender sends, no sensor has jumped, the base sensors are fresh, and
         ticks are on time."""
-        silent, known = now - self.stream.last > SILENCE_S, bool(np.count_nonzero(reading.fresh))
+        silent = now - self.stream.last > self.stream.validity.limits.silent_after
+        known = bool(np.count_nonzero(reading.fresh))
         return known and not (silent or self._timing.behind or self._problems.foreign or self._holding())

@@ -69,6 +69,8 @@ class ValidityLimits:
 
 
 LIMITS = ValidityLimits()
+CAMERA_LIMITS = ValidityLimits(silent_after=0.2, stale_after=0.22)
+"""Of the page of `web://`: a camera gives 15 to 30 pictures a second, and a busy browser leaves one out."""
 
 # The state of one sensor at one instant.
 
@@ -129,7 +131,7 @@ class SensorValidity:
     """
 
     def __init__(self, names: Sequence[str], limits: ValidityLimits = LIMITS) -> None:
-        self.names = tuple(names)
+        self.names, self.limits = tuple(names), limits
         self.refused = Dropped()
         sides = [mirrored_name(name) for name in self.names]
         others = [
