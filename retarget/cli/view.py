@@ -11,6 +11,7 @@ import typer
 from hardware.clock import MonotonicClock
 from retarget.cli.application import note
 from retarget.cli.exit import StopRequest, stop_on_signals
+from retarget.live.performer import LivePerformer
 from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
@@ -178,4 +179,6 @@ def _extras(
         states = machine.guard.states
         return None if states is None else states.current
 
-    return Extras(words=now, current=current, obstacles=obstacles, truth=truth)
+    samples = prepared.samples
+    latency = samples.latency.recent if isinstance(samples, LivePerformer) else lambda: None
+    return Extras(words=now, current=current, obstacles=obstacles, truth=truth, latency=latency)

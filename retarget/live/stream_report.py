@@ -301,6 +301,8 @@ def spread_of(times: Sequence[float]) -> Spread:
     return Spread(p50, p99)
 
 
+LATEST = 25
+"""Frames of a second of a camera, over which the latency of now is taken."""
 MOST_TIMED = 100_000
 """Frames whose way to the goals is kept: the last quarter of an hour of a headset."""
 
@@ -313,6 +315,11 @@ class GoalLatency:
         self._stream, self._last = stream, stream.last
         self.times: deque[float] = deque(maxlen=MOST_TIMED)
         """s, of every frame that was the newest when goals were sent."""
+
+    def recent(self) -> float | None:
+        """The median of the newest LATEST frames, s; None before the first."""
+        latest = [*self.times][-LATEST:]
+        return float(np.median(latest)) if latest else None
 
     def note(self, now: float) -> None:
         """Goals were sent at `now`, s."""

@@ -216,9 +216,11 @@ def in_truth(body: BodyModel, goal: FloatArray, numbers: FloatArray) -> tuple[Fl
 @dataclass(frozen=True)
 class Extras:
     """words: what the robot does now, and why. current: that of its servos, (s,) A. obstacles: their poses
-    (o, 7). truth: the state of a simulated body. Each is None where it is not known or does not exist."""
+    (o, 7). truth: the state of a simulated body. latency: s, from a live frame to goals, of late. Each is None where it
+    is not known or does not exist."""
 
     words: Callable[[], tuple[str, str]] = lambda: ("", "")
     current: Callable[[], FloatArray | None] = lambda: None
     obstacles: Callable[[], FloatArray | None] = lambda: None
     truth: Callable[[], FloatArray | None] = lambda: None
+    latency: Callable[[], float | None] = lambda: None

@@ -184,6 +184,7 @@ class ViewFeed:
             known |= {"goal": robot.q[row], "modes": robot.observer_modes[row], "asked": asked}
             known |= {"present": robot.present[row], "temperature": robot.temperature[row]}
             known |= {"current": extras.current(), "truth": extras.truth()}
+        known["latency"] = extras.latency()
         self._send(Row(time=time, state=state, why=why, obstacle_poses=extras.obstacles(), **known))
 
     def _send(self, message: PageSetup | Row | Note | str) -> None:

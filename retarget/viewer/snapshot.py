@@ -93,7 +93,7 @@ class Row:
     joints of the cast, NaN: not reported. asked, reached (k, 3) m: its landmarks, NaN: not asked. sensors (s, 3) m: of
     the performer, NaN: not valid. obstacle_poses (o, 7): position, m, and quaternion. modes (o,) of the observers,
     temperature (n,), degrees Celsius, and current (n,), A, of the servos. truth: the numbers of `truth_names` of a
-    simulated body. None: not known.
+    simulated body. latency: s, from a live frame to goals, of late. None: not known.
     """
 
     time: float
@@ -110,6 +110,7 @@ class Row:
     temperature: FloatArray | None = None
     current: FloatArray | None = None
     truth: FloatArray | None = None
+    latency: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

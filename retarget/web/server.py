@@ -130,6 +130,7 @@ class PageServer:
     _solids: dict[str, SolidBody | None] = field(default_factory=dict)
     _needs_grip: bool = False
     _held: bool | None = None
+    _round_trip_ms: float = 0.0
 
     # Files.
 
@@ -250,6 +251,8 @@ class PageServer:
         if not client.performs:
             return
         self._word(HEALTH + json.dumps(said))
+        if isinstance(said.get("rtt_ms"), int | float):
+            self._round_trip_ms = float(said["rtt_ms"])
         trouble, now = str(said.get("trouble") or "")[:MOST_SAID], self.clock.now()
         if trouble and trouble.isprintable() and now - client.reported.get(trouble, -np.inf) > REPORTED_AGAIN_S:
             self.notify(f"the page: {trouble}")
@@ -329,6 +332,8 @@ class PageServer:
         for who, solid in self._solids.items():
             if solid is not None:
                 state[who] = [round(value, 4) for value in solid.poses(postures[who][None]).ravel().tolist()]
+        if row.latency is not None:
+            state["latency_ms"] = {"page to goal": round(0.5 * self._round_trip_ms + 1e3 * row.latency, 1)}
         return state | {"clipped": [*self._clipped(cast, row)]}
 
     def _clipped(self, cast: Cast, row: Row) -> Iterator[str]:

@@ -299,9 +299,13 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         asked = robot.points(goal[None], robot.landmark_frames(landmarks))[0]
         asked[landmarks.index("l_hand")] += [0.0, 0.0, 0.12]
         sensors = np.array([[0.0, 0.0, 1.6], [np.nan] * 3])
+        anna.say(say="health", rtt_ms=4.0)
+        one.told("here")
+        one.until(lambda: not [*one.control.poll(0.0)] and one.control.health)
         one.feed._send(
             Row(
                 time=1.0,
+                latency=0.007,
                 human=human_posture(),
                 goal=goal,
                 state="holding",
@@ -313,6 +317,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         state = anna.hear("state")
         assert (state["state"], state["why"]) == ("holding", "l_wrist: lost")
         assert state["sensors"] == {"head": True, "l_wrist": False}
+        assert state["latency_ms"] == {"page to goal": 9.0}
         assert state["clipped"] == ["left hand 12 cm out of reach"]
         assert {who: len(state[who]) for who in links} == {who: 7 * count for who, count in links.items()}
         assert np.isfinite(state["robot"]).all() and np.isfinite(state["human"]).all()
