@@ -239,7 +239,7 @@ def test_weights_per_length_count_errors_in_lengths_of_the_landmark() -> None:
     )
     lengths = {"l_wrist": 0.25, "head": 0.5}
     assert (reached((task,), lengths=lengths) == reached(per_metre)).all()
-    with pytest.raises(ConfigError, match="head"):
+    with pytest.raises(ConfigError):
         reached((task,), lengths={"l_wrist": 0.25})
 
 
