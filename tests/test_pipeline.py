@@ -173,8 +173,8 @@ class Stepped:
 
 @pytest.mark.parametrize("priorities", ["servo", "balanced"])
 def test_goals_are_those_of_a_run(priorities: str) -> None:
-    clip: list[SensorSample | None] = [frames().sample(max(0.0, (tick - 500) * DT)) for tick in range(900)]
-    clip[100:110] = clip[700:730] = [None] * 10  # during the approach, and in a crouch
+    clip: list[SensorSample | None] = [frames().sample(max(0.0, (tick - 700) * DT)) for tick in range(1100)]
+    clip[100:110] = clip[900:930] = [None] * 10  # during the approach, and in a crouch
     size = calibrate(synthetic_performer())
 
     def perform(performer: Performer, robot: object) -> Performance:
