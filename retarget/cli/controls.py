@@ -36,15 +36,17 @@ if TYPE_CHECKING:
 
 
 class Asked(Enum):
-    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until GO_ON,
-    or PAUSE, the key that pauses and goes on. RELEASE: the dead-man control was let go; it holds until GRIP."""
+    """What a control asks for. STOP_TOO_SOON: a second stop that does not count (see `Press`). HOLD lasts until PAUSE,
+    the key that pauses and goes on, and PAGE_HOLD until PAGE_GO_ON. RELEASE: the dead-man control was let go; it holds
+    until GRIP."""
 
     STOP = auto()
     STOP_TOO_SOON = auto()
     TORQUE_OFF = auto()
     HOLD = auto()
     PAUSE = auto()
-    GO_ON = auto()
+    PAGE_HOLD = auto()
+    PAGE_GO_ON = auto()
     GRIP = auto()
     RELEASE = auto()
     HEADING = auto()
@@ -691,11 +693,18 @@ class LiveControls:
         elif asked is Asked.RELEASE:
             self._engage(self._holds | {Asked.RELEASE})
             self._notify(reason)
+        elif asked is Asked.PAGE_HOLD and asked not in self._holds:
+            self._engage(self._holds | {asked})
+            self._notify(reason)
+        elif asked is Asked.PAGE_GO_ON and Asked.PAGE_HOLD in self._holds:
+            self._engage(self._holds - {Asked.PAGE_HOLD})
+            self._notify(reason)
+        elif asked in (Asked.PAGE_HOLD, Asked.PAGE_GO_ON):
+            return
         elif Asked.HOLD not in self._holds:
-            if asked is not Asked.GO_ON:
-                self._engage(self._holds | {Asked.HOLD})
-                self._notify(reason)
-        elif asked in (Asked.PAUSE, Asked.GO_ON):
+            self._engage(self._holds | {Asked.HOLD})
+            self._notify(reason)
+        elif asked is Asked.PAUSE:
             self._engage(self._holds - {Asked.HOLD})
             self._notify("going on" if self.engaged else "no pause any more: it goes on when it is held")
 

@@ -339,6 +339,9 @@ class StreamOptions:
         if source.startswith("web:"):
             if view is not None:
                 raise UsageError("web:// has a page of its own", where="--view", next_step="Leave it out")
+            if self.oversight.dead_man not in (None, PAGE):
+                step = f"Use --dead-man {PAGE}, on a second device if need be"
+                raise UsageError("web:// has a dead-man control of its own", where="--dead-man", next_step=step)
             return
         of_web = {
             "--listen": self.listen,

@@ -5,6 +5,7 @@ from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address
+from itertools import islice
 
 import numpy as np
 
@@ -318,7 +319,7 @@ class GoalLatency:
 
     def recent(self) -> float | None:
         """The median of the newest LATEST frames, s; None before the first."""
-        latest = [*self.times][-LATEST:]
+        latest = [*islice(reversed(self.times), LATEST)]
         return float(np.median(latest)) if latest else None
 
     def note(self, now: float) -> None:

@@ -37,8 +37,8 @@ BUFFER_BYTES = 1 << 17
 """Room of the socket: two rows of the largest robot; what does not fit is dropped."""
 LONGEST_ANSWER = 4096
 """Bytes of an answer of the page, and more."""
-MOST_WORDS = 64
-"""Words of the page that wait for the run: more than one tick hears."""
+MOST_WORDS = 1024
+"""Words of the page that wait for the run: of a minute in which it hears none."""
 
 
 @dataclass(frozen=True)

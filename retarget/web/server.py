@@ -81,8 +81,11 @@ SLOW_BYTES = 1 << 18
 """Bytes that wait for a browser before rows are left out for it: some seconds of them."""
 MOST_SAID = 200
 """Characters of a sentence of a page that are shown."""
-REPORTED_AGAIN_S, MOST_TROUBLES = 10.0, 20
-"""The same trouble of a page is reported again after so long, s; and so many are known apart."""
+REPORTED_AGAIN_S, MOST_REPORTED = 10.0, 50
+"""The same sentence goes to the terminal again after so long, s; and so many are known apart."""
+LOST_S = 0.5
+"""A performer whose page sends no frame for so long, s, or leaves, pauses the robot, which has held since 0.2 s. It
+goes on when asked to."""
 OUT_OF_REACH_M = 0.03
 """A landmark of the robot is farther than this from where it is asked before the page says so, m."""
 LAST_SHOWN_S = 1.5
@@ -94,15 +97,15 @@ NEXT_PORTS = 20
 @dataclass(eq=False)
 class Client:
     """A browser. identity: what its page calls itself; held: when its dead-man control was last confirmed, None where
-    it has none. reported: what it said is wrong, and when. room: messages that it may send at once, as of
-    `since`."""
+    it has none. performs: "camera", "headset", or "" for who looks on; sent: when its last frame came. room: messages
+    that it may send at once, as of `since`."""
 
     socket: ServerConnection
     room: float = BURST
     since: float = 0.0
     identity: str = ""
-    performs: bool = False
-    reported: dict[str, float] = field(default_factory=dict)
+    performs: str = ""
+    sent: float = np.inf
     held: float | None = None
 
 
@@ -127,6 +130,11 @@ class PageServer:
     """Numbers of performers, by what their pages call themselves."""
     _cast: Cast | None = None
     _setup: PageSetup | None = None
+    _measured: tuple[str, str] | None = None
+    """Identity and input of who the robot follows."""
+    _stop: bool = False
+    _reported: dict[str, float] = field(default_factory=dict)
+    """When a sentence went to the terminal."""
     _solids: dict[str, SolidBody | None] = field(default_factory=dict)
     _needs_grip: bool = False
     _held: bool | None = None
@@ -168,6 +176,7 @@ class PageServer:
         finally:
             if self.clients.pop(client, 0) is None and client.performs:
                 self.notify("the performer's page is gone")
+                self._lost(client)
 
     async def _welcome(self, client: Client) -> None:
         """Hear who a browser is, and answer with what goes on. Raises _Ended for one that may not take part."""
@@ -178,8 +187,8 @@ class PageServer:
         if len(self.clients) >= MOST_CLIENTS:
             raise _Ended(f"more than {MOST_CLIENTS} pages are open: close one")
         if given != "watch":
-            self._admit(client.identity)
-            client.performs = True
+            self._admit(client.identity, given)
+            client.performs = given
             self.notify(f"a performer is here, with a {given}")
         settings = self.settings
         welcome = {
@@ -195,15 +204,24 @@ class PageServer:
         for text in (json.dumps(welcome), *self.said.values()):
             await client.socket.send(text)
 
-    def _admit(self, identity: str) -> None:
-        """Raise _Ended while another performer is here, and for another one than who was measured."""
+    def _admit(self, identity: str, given: str) -> None:
+        """Raise _Ended while another performer is here, and for another one, or another input, than was measured. A
+        page of the same identity, loaded anew or doubled, takes the place of the older one."""
         if any(one.performs and one.identity != identity for one in self.clients):
             raise _Ended("another performer is here: one at a time. This page can look after the robot instead")
-        if self._setup is not None and identity not in self._known:
-            raise _Ended("the robot follows another performer, who was measured: end the run, and start it anew")
-        if self._setup is None:
-            self._known.clear()
+        if self._measured not in (None, (identity, given)):
+            raise _Ended("the robot follows who was measured, by the same input: end the run, and start it anew")
+        for older in [one for one in self.clients if one.performs]:
+            older.performs = ""
+            _send(older, json.dumps({"hear": "refused", "why": "this page was opened once more, and performs there"}))
         self._known.setdefault(identity, len(self._known) + 1)
+
+    def _lost(self, client: Client) -> None:
+        """A performer is gone, or sends nothing any more: the robot holds already, and goes on when asked to. Where
+        there is a dead-man control, it does as much."""
+        client.sent = np.inf
+        if self._measured is not None and client.held is None:
+            self._word(PAUSE)
 
     def _take(self, client: Client, message: str | bytes) -> None:
         """One message of a browser. Raises _Ended for one that floods, or says what no page of ours says."""
@@ -224,23 +242,31 @@ class PageServer:
     def _forward(self, client: Client, frame: bytes, now: float) -> None:
         """Poses to the run; where it takes none, it waits for newer ones."""
         if client.performs and len(frame) <= MAX_DATAGRAM:
+            client.sent = now
             with suppress(OSError):
                 self.poses.send(HEADER.pack(now, self._known[client.identity]) + frame)
 
     def stop(self, client: Client, said: dict[str, Any]) -> None:
-        """Somebody pressed STOP."""
-        with suppress(OSError):
-            self.feed.send(STOP)
+        """STOP was pressed: it is sent to the run again and again, and every page hears that it is."""
+        self._stop = True
+        self._send_stop()
+        self._send_all("stop", {})
+
+    def _send_stop(self) -> None:
+        if self._stop:
+            with suppress(OSError):
+                self.feed.send(STOP)
 
     def pause(self, client: Client, said: dict[str, Any]) -> None:
-        """Somebody pauses the robot, or lets it go on."""
+        """A page pauses the robot, or lets it go on."""
         self._word(PAUSE if said["say"] == "pause" else GO_ON)
 
     def hold(self, client: Client, said: dict[str, Any]) -> None:
-        """A dead-man control is held, or let go: from now on the robot needs one that is held."""
+        """A dead-man control is held, or let go: from now on the robot needs it, and every other one that is in use."""
         client.held = self.clock.now() if said.get("held") is True else -np.inf
         self._needs_grip = True
-        self._grip()
+        if said.get("held") is not True:
+            self._grip()
 
     def pong(self, client: Client, said: dict[str, Any]) -> None:
         """Answer at once: the page measures the way there and back."""
@@ -250,32 +276,37 @@ class PageServer:
         """What a performer's page says of itself goes on to the run, and a new trouble into its terminal."""
         if not client.performs:
             return
-        self._word(HEALTH + json.dumps(said))
-        if isinstance(said.get("rtt_ms"), int | float):
-            self._round_trip_ms = float(said["rtt_ms"])
-        trouble, now = str(said.get("trouble") or "")[:MOST_SAID], self.clock.now()
-        if trouble and trouble.isprintable() and now - client.reported.get(trouble, -np.inf) > REPORTED_AGAIN_S:
+        health = {key: value for key in HEALTH_KEYS if (value := _plain(said.get(key))) is not None}
+        self._word(HEALTH + json.dumps(health))
+        self._round_trip_ms = float(health.get("rtt_ms") or 0.0)
+        if trouble := str(health.get("trouble") or ""):
             self.notify(f"the page: {trouble}")
-            client.reported = (
-                {**client.reported, trouble: now} if len(client.reported) < MOST_TROUBLES else {trouble: now}
-            )
 
     async def beat(self) -> None:
-        """Confirm again and again that a dead-man control is held, until the run has ended."""
+        """Confirm again and again that a dead-man control is held, or a STOP asked for, and look for a performer who is
+        lost, until the run has ended."""
         while not self.ended.is_set():
             self._grip()
+            self._send_stop()
+            for client in self.clients:
+                if client.performs and self.clock.now() - client.sent > LOST_S:
+                    self._lost(client)
             await asyncio.sleep(HEARTBEAT_S)
 
     def _grip(self) -> None:
         now = self.clock.now()
-        held = any(one.held is not None and now - one.held <= HELD_S for one in self.clients)
+        in_use = [one.held for one in self.clients if one.held is not None]
+        held = bool(in_use) and all(now - at <= HELD_S for at in in_use)
         if self._needs_grip and (held or self._held is not False):
             self._word(GRIP if held else RELEASE)
         self._held = held
 
     def notify(self, text: str) -> None:
-        """Say a sentence in the terminal of the run."""
-        self._word(f"{NOTE}{text}")
+        """Say a sentence in the terminal of the run, the same one seldom."""
+        now = self.clock.now()
+        if now - self._reported.get(text, -np.inf) > REPORTED_AGAIN_S:
+            self._reported = {**self._reported, text: now} if len(self._reported) < MOST_REPORTED else {text: now}
+            self._word(f"{NOTE}{text}")
 
     def _word(self, word: str) -> None:
         with suppress(OSError):
@@ -311,6 +342,7 @@ class PageServer:
     def _begin(self, setup: PageSetup) -> None:
         try:
             self._setup, self._cast = setup, cast_of(setup)
+            self._measured = next(((one.identity, one.performs) for one in self.clients if one.performs), ("", ""))
         except RetargetError as error:
             self.feed.send(REFUSED + str(error).encode())
             return
@@ -354,6 +386,24 @@ class PageServer:
     def close(self) -> None:
         """Say that the run has ended."""
         self._send_all("state", {"state": "ended"})
+
+
+HEALTH_KEYS = (
+    *("fps", "infer_ms", "rtt_ms", "send_ms"),
+    *("camera", "trouble", "permission", "agent", "secure", "wasm", "hidden"),
+)
+"""What a page says of itself that the run hears."""
+LARGEST = 1e6
+"""Largest number of it."""
+
+
+def _plain(value: object) -> float | str | bool | None:
+    """A number in range, a short printable text or a truth value; None for anything else."""
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, str):
+        return value[:MOST_SAID] if value.isprintable() else None
+    return float(value) if isinstance(value, int | float) and 0.0 <= value <= LARGEST else None
 
 
 _SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {

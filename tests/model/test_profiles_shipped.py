@@ -40,7 +40,7 @@ class Published:
 PUBLISHED = {
     "op3": Published(3.14747, 20),
     "poppy": Published(2.86791, 25),
-    "toddlerbot": Published(3.45363, 30, bare=5),
+    "toddlerbot": Published(3.45363, 30, bare=3),
     "wolfgang": Published(7.11661, 20),
 }
 NAMES = sorted(PUBLISHED)

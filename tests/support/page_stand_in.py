@@ -160,6 +160,8 @@ class StandIn:
                     news = asyncio.create_task(self._tell(connection))
                 elif message.get("say") in ("pause", "go on"):
                     self.paused = message["say"] == "pause"
+                elif message.get("say") == "stop":
+                    await connection.send(json.dumps({"hear": "stop"}))
                 elif message.get("say") == "ping":
                     await connection.send(json.dumps({"hear": "pong", "t": message["t"]}))
         finally:

@@ -165,22 +165,45 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             with one.browser(name="boris") as boris:
                 assert "performer" in boris.hear("refused")["why"]
             assert one.told("one at a time")
-            with one.browser(name="anna") as again:  # the same page, loaded anew
-                assert again.hear("welcome")
+            with one.browser(name="anna") as again:  # the same page, loaded anew or doubled
+                assert again.hear("welcome") and anna.hear("refused")
+                anna.socket.send(FRAME.replace("1.5", "2.5"))
+                again.socket.send(FRAME)
+                assert [found.payload for found in one.poses()] == [FRAME.encode()]
         one.told("the performer's page is gone")
         with one.browser(name="boris") as boris:
             boris.hear("welcome")
             boris.socket.send(FRAME)
-            assert one.poses()[0].source == ("127.0.0.1", 1), "no performer was measured yet"
+            assert one.poses()[0].source == ("127.0.0.1", 2), "another source: the run has its own rule"
             one.feed.begin(PageSetup(None, None, None, human()), rate_hz=100.0)
             with one.browser("watch", "olga") as olga:
                 assert olga.hear("bodies")["robot"] is None, "who comes later sees it, too"
-        with one.browser(name="anna") as anna:
-            assert "measured" in anna.hear("refused")["why"]
+        assert one.asked() == [Asked.PAGE_HOLD], "who is measured has gone: it goes on when asked to"
+        for kind, name in (("headset", "anna"), ("camera", "boris")):
+            with one.browser(kind, name) as other:
+                assert "measured" in other.hear("refused")["why"]
         with one.browser(name="boris") as boris:
             boris.hear("welcome")
             boris.socket.send(FRAME)
-            assert one.poses()[0].source == ("127.0.0.1", 1)
+            assert one.poses()[0].source == ("127.0.0.1", 2)
+            assert one.asked() == [Asked.PAGE_HOLD], "nothing more comes"
+
+
+def test_a_stop_is_sent_until_the_run_ends() -> None:
+    with page() as one, one.browser("watch", "olga") as olga:
+        olga.say(say="stop")
+        assert olga.hear("stop")
+        for _ in range(3):
+            assert one.until(one.feed.stop_asked)
+            one.feed._stop = False  # as if the run had not heard it
+
+
+def test_all_dead_man_controls_that_are_in_use_must_be_held() -> None:
+    with page() as one, one.browser("watch", "olga") as olga, one.browser(name="anna") as anna:
+        olga.say(say="held", held=True)
+        assert one.asked() == [Asked.GRIP]
+        anna.say(say="held", held=False)
+        assert one.asked() == [Asked.RELEASE], "the other one is held"
 
 
 def human() -> str:
@@ -190,10 +213,11 @@ def human() -> str:
 def test_what_a_page_asks_for_reaches_the_operator() -> None:
     with page() as one, one.browser("watch", "olga") as olga:
         olga.say(say="pause")
-        assert one.asked() == [Asked.HOLD]
+        assert one.asked() == [Asked.PAGE_HOLD]
         olga.say(say="go on")
-        assert one.asked() == [Asked.GO_ON]
+        assert one.asked() == [Asked.PAGE_GO_ON]
         olga.say(say="stop")
+        assert olga.hear("stop"), "it is confirmed"
         assert one.until(one.feed.stop_asked)
         with pytest.raises(KeyboardInterrupt):
             one.control.look()
@@ -277,6 +301,7 @@ def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
     with shared.browser("camera", "carla") as carla:
         for _ in range(3):
             carla.say(say="health", trouble="the camera sees two people", rtt_ms=3.0, send_ms=40.0)
+        carla.say(say="health", rtt_ms=1e300, send_ms=-1.0, agent="x" * 9000, fps=[1], secure="\n")
         carla.say(say="health", trouble="it is dark")
         assert shared.told("it is dark")
     assert sum("two" in line for line in shared.said) == 1

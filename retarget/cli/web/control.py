@@ -23,7 +23,7 @@ GRIPPED_S = 0.5
 """A dead-man control that the page's process does not confirm for so long counts as let go, s: five of its messages."""
 MOST_HEALTH = 600
 """What a page said of itself that is kept: ten minutes, once a second."""
-PAUSED = "paused on the page: the robot holds until it goes on there, or by p"
+PAUSED = "paused on the page: the robot holds until it goes on there"
 PAGE = "page"
 """`--dead-man` on the page."""
 LABEL = "H on the page, a finger on its pad, or the grip of a controller"
@@ -47,9 +47,9 @@ class PageControl:
         while self._asked:
             word = self._asked.popleft()
             if word == PAUSE:
-                yield Asked.HOLD, PAUSED
+                yield Asked.PAGE_HOLD, PAUSED
             elif word == GO_ON:
-                yield Asked.GO_ON, "going on, as asked on the page"
+                yield Asked.PAGE_GO_ON, "no pause of the page any more"
             elif word == GRIP:
                 self._gripped = now
                 yield from self._grip(held=True)

@@ -74,9 +74,13 @@ export class Link {
 
   // A stop is never lost: without a link it is said first of all when there is one again.
   stop() {
-    this.stopOwed = this.socket?.readyState !== WebSocket.OPEN;
-    if (!this.stopOwed) this.socket.send(JSON.stringify({ say: "stop" }));
-    return !this.stopOwed;
+    this.stopOwed = true;
+    this.#sayStop();
+  }
+
+  // Again and again, until the server says that it has heard it.
+  #sayStop() {
+    if (this.stopOwed && this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ say: "stop" }));
   }
 
   // The run is over: nobody answers at this address any more.
@@ -88,8 +92,7 @@ export class Link {
   #opened(socket) {
     if (socket !== this.socket) return;
     socket.send(JSON.stringify({ say: "hello", input: this.input, id: this.id }));
-    if (this.stopOwed) socket.send(JSON.stringify({ say: "stop" }));
-    this.stopOwed = false;
+    this.#sayStop();
   }
 
   #received(text) {
@@ -97,6 +100,9 @@ export class Link {
     const message = JSON.parse(text);
     if (message.hear === "pong") {
       this.rounds = [...this.rounds.slice(1 - PINGS), performance.now() - message.t];
+    } else if (message.hear === "stop") {
+      this.stopOwed = false;
+      this.hear(message);
     } else if (message.hear === "refused") {
       this.#drop();
       this.#enter(LINK.REFUSED, message.why);
@@ -121,6 +127,7 @@ export class Link {
   #beat() {
     if (this.socket && performance.now() - this.heard > SILENCE_MS) this.#closed("the server is silent");
     else this.say({ say: "ping", t: performance.now() });
+    this.#sayStop();
   }
 
   #drop() {

@@ -171,7 +171,7 @@ function headline() {
   if (link.state === LINK.OPENING && !page.welcome) return { state: "connecting", why: "" };
   if (link.state !== LINK.OPEN) return { state: "not connected", why: lostWords() };
   const state = page.run?.state || "waiting";
-  const asked = page.stopAsked && !STOPPING.test(state) ? "A stop is asked for." : "";
+  const asked = page.stopAsked && !STOPPING.test(state) ? (link.stopOwed ? "STOP is on its way." : "A stop is asked for.") : "";
   const why = asked || page.run?.why || (BEFORE.test(state) ? "Nothing moves yet." : "");
   return { state: page.paused && MOVING.test(state) ? "paused" : state, why, note: noteNow(), paused: page.paused };
 }
