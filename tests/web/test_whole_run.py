@@ -57,7 +57,7 @@ def test_poses_of_a_page_move_a_robot(tmp_path: Path) -> None:
     report = json.loads((tmp_path / "run.json").read_text())
     assert process.returncode == 0 and report["live"]["address"] == "web://:8890"
     assert report["live"]["frames"] > 300 and report["live"]["latency_ms"]["goal"]["p50"] < 100.0
-    assert report["tracking_mm"]["l_hand"]["p95"] < 150.0 and report["pelvis_excursion_ratio"] is not None
+    assert report["tracking_mm"]["l_hand"]["p95"] < 150.0
 
 
 def performance(folder: Path) -> Path:
