@@ -68,6 +68,8 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 
+MOST_HOLDS = 64
+"""Pages that may use a dead-man control in one run."""
 MOST_CLIENTS = 8
 """Browsers at a time: a performer, and who looks after the robot."""
 MOST_PER_S, BURST = 150.0, 300.0
@@ -96,9 +98,8 @@ NEXT_PORTS = 20
 
 @dataclass(eq=False)
 class Client:
-    """A browser. identity: what its page calls itself; held: when its dead-man control was last confirmed, None where
-    it has none. performs: "camera", "headset", or "" for who looks on; sent: when its last frame came. room: messages
-    that it may send at once, as of `since`."""
+    """A browser. identity: what its page calls itself. performs: "camera", "headset", or "" for who looks on; sent:
+    when its last frame came. room: messages that it may send at once, as of `since`."""
 
     socket: ServerConnection
     room: float = BURST
@@ -106,7 +107,6 @@ class Client:
     identity: str = ""
     performs: str = ""
     sent: float = np.inf
-    held: float | None = None
 
 
 class _Ended(Exception):
@@ -130,13 +130,17 @@ class PageServer:
     """Numbers of performers, by what their pages call themselves."""
     _cast: Cast | None = None
     _setup: PageSetup | None = None
+    _latest: tuple[str, str] | None = None
+    """Identity and input of the performer who came last."""
     _measured: tuple[str, str] | None = None
-    """Identity and input of who the robot follows."""
+    """The same of who the robot follows."""
+    _holds: dict[str, float] = field(default_factory=dict)
+    """Of every page that has used a dead-man control, by its identity: when it was last held. A page that is gone lets
+    go: the robot holds until it is back."""
     _stop: bool = False
     _reported: dict[str, float] = field(default_factory=dict)
     """When a sentence went to the terminal."""
     _solids: dict[str, SolidBody | None] = field(default_factory=dict)
-    _needs_grip: bool = False
     _held: bool | None = None
     _round_trip_ms: float = 0.0
 
@@ -214,13 +218,14 @@ class PageServer:
         for older in [one for one in self.clients if one.performs]:
             older.performs = ""
             _send(older, json.dumps({"hear": "refused", "why": "this page was opened once more, and performs there"}))
+        self._latest = identity, given
         self._known.setdefault(identity, len(self._known) + 1)
 
     def _lost(self, client: Client) -> None:
         """A performer is gone, or sends nothing any more: the robot holds already, and goes on when asked to. Where
         there is a dead-man control, it does as much."""
         client.sent = np.inf
-        if self._measured is not None and client.held is None:
+        if self._measured is not None and client.identity not in self._holds:
             self._word(PAUSE)
 
     def _take(self, client: Client, message: str | bytes) -> None:
@@ -263,8 +268,9 @@ class PageServer:
 
     def hold(self, client: Client, said: dict[str, Any]) -> None:
         """A dead-man control is held, or let go: from now on the robot needs it, and every other one that is in use."""
-        client.held = self.clock.now() if said.get("held") is True else -np.inf
-        self._needs_grip = True
+        if client.identity not in self._holds and len(self._holds) >= MOST_HOLDS:
+            raise _Ended(f"more than {MOST_HOLDS} pages have used a dead-man control: end the run, and start it anew")
+        self._holds[client.identity] = self.clock.now() if said.get("held") is True else -np.inf
         if said.get("held") is not True:
             self._grip()
 
@@ -295,11 +301,10 @@ class PageServer:
 
     def _grip(self) -> None:
         now = self.clock.now()
-        in_use = [one.held for one in self.clients if one.held is not None]
-        held = bool(in_use) and all(now - at <= HELD_S for at in in_use)
-        if self._needs_grip and (held or self._held is not False):
+        held = bool(self._holds) and all(now - at <= HELD_S for at in self._holds.values())
+        if self._holds and (held or self._held is not False):
             self._word(GRIP if held else RELEASE)
-        self._held = held
+            self._held = held
 
     def notify(self, text: str) -> None:
         """Say a sentence in the terminal of the run, the same one seldom."""
@@ -342,7 +347,7 @@ class PageServer:
     def _begin(self, setup: PageSetup) -> None:
         try:
             self._setup, self._cast = setup, cast_of(setup)
-            self._measured = next(((one.identity, one.performs) for one in self.clients if one.performs), ("", ""))
+            self._measured = self._latest
         except RetargetError as error:
             self.feed.send(REFUSED + str(error).encode())
             return

@@ -204,6 +204,13 @@ def test_all_dead_man_controls_that_are_in_use_must_be_held() -> None:
         assert one.asked() == [Asked.GRIP]
         anna.say(say="held", held=False)
         assert one.asked() == [Asked.RELEASE], "the other one is held"
+        with one.browser("watch", "otto") as otto:
+            otto.say(say="held", held=True)
+            assert otto.hear("welcome")
+        olga.say(say="held", held=True)
+        anna.say(say="held", held=True)
+        olga.say(say="ping", t=1.0)
+        assert olga.hear("pong") and not [*one.control.poll(one.clock.now())], "who has left has let go"
 
 
 def human() -> str:

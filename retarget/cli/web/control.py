@@ -124,7 +124,8 @@ def opened_web(
     ConfigError where it cannot be served."""
     try:
         import segno
-        import websockets  # noqa: F401  (the page's process needs it)
+        import trustme  # noqa: F401  (the page's process needs these two)
+        import websockets  # noqa: F401
     except ImportError as error:
         raise ConfigError(
             "web:// needs websockets, segno and trustme",
