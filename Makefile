@@ -20,12 +20,13 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help web demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
+.PHONY: help web browser demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
 	@echo 'make web     what web:// needs: your camera, phone or headset as the performer'
 	@echo 'make test    every test but the long ones'
+	@echo 'make browser  the tests of web:// in headless Chromium, with the real body tracker; minutes'
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes'
 	@echo 'make golden-store  renew the stored runs that make test compares with'
@@ -58,6 +59,18 @@ test: $(VENV)/.with-test
 
 long: $(VENV)/.with-test
 	$(BIN)/python -m pytest -m long --timeout 0 $(PYTEST)
+
+# iwer stands in for a headset.
+IWER := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/retarget/iwer-2.5.0
+
+browser: $(VENV)/.with-test,browser
+	@missing=0; for tool in chromium ffmpeg npm; do \
+		command -v $$tool >/dev/null || command -v $$tool-browser >/dev/null || { missing=1; \
+			echo "missing: $$tool" >&2; echo "   get it: Debian, Ubuntu: apt install $$tool; Fedora: dnf install $$tool" >&2; }; \
+	done; exit $$missing
+	$(BIN)/retarget web install
+	[ -d '$(IWER)' ] || npm install --silent --no-save --ignore-scripts --prefix '$(IWER)' iwer@2.5.0
+	RETARGET_IWER='$(IWER)/node_modules/iwer/build/iwer.min.js' $(BIN)/python -m pytest tests/web --timeout 0 -rs $(PYTEST)
 
 lint: $(VENV)/.with-test $(VENV)/.with-lint
 	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 || { echo 'missing: rustfmt or clippy' >&2; \

@@ -456,7 +456,7 @@ def headset_script() -> str:
     """iwer in place of a headset. Its grips call themselves emulated always; here only where a test says so."""
     place = Path(os.environ.get("RETARGET_IWER", ""))
     if not place.is_file():
-        pytest.skip("iwer 2.5.0 is not there: npm pack iwer@2.5.0, and RETARGET_IWER=package/build/iwer.min.js of it")
+        pytest.skip("iwer stands in for a headset: make browser fetches it, and sets RETARGET_IWER")
     return (
         place.read_text(encoding="utf-8")
         + """;
