@@ -159,7 +159,6 @@ class CommandRun:
             self.options.robot,
             listen=live.listen,
             dead_man=live.oversight.dead_man == PAGE,
-            use_generated_legs=live.use_generated_legs,
             notify=self.notify,
         ) as (self._feed, receiver):
             said, show = self.notify, self._feed.note
@@ -289,7 +288,7 @@ class StreamOptions:
         recalibrate: Measure a --person anew who was measured before.
         check_sides: Raise your left arm to the front first: usual, but not for replay://.
         yes: The sides are known to be right: no check.
-        smoothing off|light|strong: Of the sensors: by a One-Euro filter.
+        smoothing off|light|strong: Of the sensors: by a One-Euro filter. A camera's has its own.
         latest: The newest poses at once, no playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
         listen: web:// for the network, over HTTPS.
@@ -328,6 +327,7 @@ class StreamOptions:
             duration=playback.end,
             mirror=playback.mirror,
             smoothing=self.smoothing,
+            use_generated_legs=self.use_generated_legs,
             latest=self.latest,
             person=self.person,
             recalibrate=self.recalibrate,
@@ -345,7 +345,7 @@ class StreamOptions:
             return
         of_web = {
             "--listen": self.listen,
-            "--use-generated-legs": self.use_generated_legs,
+            "--use-generated-legs": self.use_generated_legs and not source.startswith("replay:"),
             f"--dead-man {PAGE}": self.oversight.dead_man == PAGE,
         }
         for option in filter(of_web.__getitem__, of_web):
@@ -416,7 +416,13 @@ def _performing(
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         stream = open_stream(
-            address, performer, receiver=web.receiver, tap=tap, smoothing=begins.smoothing, latest=begins.latest
+            address,
+            performer,
+            receiver=web.receiver,
+            tap=tap,
+            smoothing=begins.smoothing,
+            latest=begins.latest,
+            use_generated_legs=begins.use_generated_legs,
         )
         stack.callback(stream.receiver.close)
         return begin_live(
@@ -549,13 +555,12 @@ class RunRequest:
 
     def checked(self) -> tuple[RunOptions, Outputs]:
         """The options of the run, and its files. Raises UsageError for what does not go together."""
-        options = replace(self.options, gate=not self.no_gate)
+        usual = "web" if self.source.startswith("web:") else "five"
+        options = replace(self.options, gate=not self.no_gate, performer=self.options.performer or usual)
         outputs = Outputs.checked(
             report=self.report, save=self.save, plots=self.plots, record=self.record, overwrite=self.overwrite
         )
         if is_address(self.source):
-            if self.source.startswith("web:") and options.performer == RunOptions.performer:
-                options = replace(options, performer="web")  # takes what a camera or headset sees
             played = options.playback
             start = [] if played.start is None else ["--start"]
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []

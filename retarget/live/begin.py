@@ -42,9 +42,9 @@ class LiveOptions:
 
     patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
     stopped. mirror: swap left and right. mass: kg of the performer, if known. smoothing: a name of
-    `playout.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. person: name under which the size is
-    kept, None: it is not kept. recalibrate: measure also a person who was measured before. check_sides: ask for the
-    left arm first. Raises UsageError for a countdown outside of its range.
+    `playout.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. use_generated_legs: see `WebDecoder`.
+    person: name under which the size is kept, None: it is not kept. recalibrate: measure also a person who was measured
+    before. check_sides: ask for the left arm first. Raises UsageError for a countdown outside of its range.
     """
 
     patience: float = 10.0
@@ -54,6 +54,7 @@ class LiveOptions:
     mass: float | None = None
     smoothing: str = LIGHT
     latest: bool = False
+    use_generated_legs: bool = False
     person: str | None = None
     recalibrate: bool = False
     check_sides: bool = False

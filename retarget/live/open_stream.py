@@ -14,7 +14,7 @@ from retarget.live.playout import LIGHT, Playout, PlayoutDelay, pose_filter
 from retarget.live.raw_recording import RawTap, open_replay, recorded_kind
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.roles import roles_of
-from retarget.live.sensor_validity import CAMERA_LIMITS, LIMITS, SensorValidity, ValidityLimits
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
 from retarget.sources.camera import WebDecoder
@@ -52,13 +52,11 @@ BONES = "unity_bones"
 
 @dataclass(frozen=True)
 class StreamKind:
-    """How one kind of sender is read. roles: the convention of its names; clock: makes the map of its stamps; limits:
-    of the validity of its sensors."""
+    """How one kind of sender is read. roles: the convention of its names; clock: makes the map of its stamps."""
 
     decoder: Callable[[], StreamDecoder]
     roles: str
     clock: Callable[[], ClockMap]
-    limits: ValidityLimits = LIMITS
 
 
 def stream_kinds() -> dict[str, StreamKind]:
@@ -70,7 +68,7 @@ def stream_kinds() -> dict[str, StreamKind]:
         "mvn": StreamKind(MvnDecoder, "mvn", lambda: ClockMap(resolution=1e-3)),
         "json": StreamKind(JsonPoseDecoder, "json", ClockMap),
         "natnet": StreamKind(NatnetDecoder, "natnet", ClockMap),
-        "web": StreamKind(WebDecoder, "json", ClockMap, CAMERA_LIMITS),
+        "web": StreamKind(WebDecoder, "json", ClockMap),
     }
 
 
@@ -82,10 +80,11 @@ def open_stream(
     tap: RawTap | None = None,
     smoothing: str = LIGHT,
     latest: bool = False,
+    use_generated_legs: bool = False,
 ) -> LiveStream:
     """Open the port, or the recording, of an address; or read what the caller's own receiver gets, which is poses in
     JSON where there is no address. smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at once, instead
-    of a playout buffer.
+    of a playout buffer. use_generated_legs: see `WebDecoder`.
 
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
     have.
@@ -93,6 +92,8 @@ def open_stream(
     kind, decoder = _decoder(address)
     if kind == "vmc" and performer.roles == BONES:
         decoder = VmcBodyDecoder()
+    elif kind == "web":
+        decoder = WebDecoder(use_generated_legs=use_generated_legs)
     how = stream_kinds()[kind]
     roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
     count = len(roles.sensors)
@@ -108,7 +109,7 @@ def open_stream(
         roles,
         admission=Admission() if address is None else admission_for(address),
         clock_map=how.clock(),
-        validity=SensorValidity(roles.sensors, how.limits),
+        validity=SensorValidity(roles.sensors),
         playout=Playout(count, delay=None if latest else PlayoutDelay()),
         smooth=smooth,
         tap=tap,

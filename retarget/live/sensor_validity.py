@@ -70,7 +70,7 @@ class ValidityLimits:
 
 LIMITS = ValidityLimits()
 CAMERA_LIMITS = ValidityLimits(silent_after=0.2, stale_after=0.22)
-"""Of the page of `web://`: a camera gives 15 to 30 pictures a second, and a busy browser leaves one out."""
+"""Of a camera: it gives 15 to 30 pictures a second, and a busy browser leaves one out."""
 
 # The state of one sensor at one instant.
 
@@ -138,11 +138,16 @@ class SensorValidity:
             self.names.index(side) if side != name and side in self.names else -1
             for name, side in zip(self.names, sides, strict=True)
         ]
-        self._validity = Validity(np.array(others, dtype=np.int64), limits)
+        self._others = np.array(others, dtype=np.int64)
+        self._validity = Validity(self._others, limits)
         self._states: StateArray = np.full(len(others), ValidityState.STALE, dtype=np.uint8)
         self._reported = self._states.copy()
         self._was_fresh = np.zeros(len(others), dtype=bool)
         self._now = 0.0
+
+    def restart(self, limits: ValidityLimits) -> None:
+        """Judge by other limits from now on, as if nothing had come so far: another input takes over."""
+        self.limits, self._validity = limits, Validity(self._others, limits)
 
     def take(
         self, rows: IntArray, time: float, *, position: FloatArray, orientation: FloatArray, tracked: BoolArray

@@ -10,7 +10,7 @@ from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
-from retarget.live.sensor_validity import SensorValidity, StateArray, ValidityState
+from retarget.live.sensor_validity import CAMERA_LIMITS, LIMITS, SensorValidity, StateArray, ValidityState
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
@@ -56,7 +56,7 @@ class LiveStream:
     """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; no data from outside raise.
 
     frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived. tap:
-    records the admitted datagrams, None: they are not recorded.
+    records the admitted datagrams, None: they are not recorded. smooth: not used on what a camera's decoder smooths.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class LiveStream:
         """The sender's names of the poses that it has sent; bounded."""
         self.undecoded = b""
         """The last datagram that held no poses."""
-        self.tap, self._smooth = tap, smooth
+        self.tap, self._smooth, self._camera = tap, smooth, False
         self._parts = PoseParts(len(roles.sensors))
 
     def has_sent(self, sensor: str) -> bool:
@@ -121,6 +121,9 @@ class LiveStream:
             self.frames += 1
             self.last = datagram.arrival
             self._note_names(frame)
+            if frame.camera is not self._camera:
+                self._camera = frame.camera
+                self.validity.restart(CAMERA_LIMITS if frame.camera else LIMITS)
             time = self.clock_map.map(datagram.arrival, frame.stamp, frame.number)
             poses = None if time is None else self.roles.take(frame)
             if time is not None and poses is not None:
@@ -130,7 +133,7 @@ class LiveStream:
     def read(self, now: float) -> StreamReading:
         """Every sensor at `now`, s."""
         played, states = self.playout.read(now), self.validity.judge(now)
-        if self._smooth is None:
+        if self._smooth is None or self._camera:
             return StreamReading(played.position, played.orientation, states)
         if np.count_nonzero(states) and (gone := _GONE[states]).any():  # a reappearance elsewhere is no motion
             self._smooth.reset(gone)

@@ -131,7 +131,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
 
 def config_files(options: RunOptions, robot: RobotBody | None) -> list[tuple[ConfigFile, bytes]]:
     """The files that a run of these options is made of, with what is in them. Raises UsageError, OSError."""
-    found = [("performer.yaml", find(Kind.PERFORMER, options.performer))]
+    found = [("performer.yaml", find(Kind.PERFORMER, options.performer or "five"))]
     for stage, name in zip(("human", "robot"), priority_names(robot, options), strict=False):
         found.append((f"priorities_of_the_{stage}.yaml", find(Kind.PRIORITIES, name)))
     if options.scene is not None:

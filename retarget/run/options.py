@@ -111,14 +111,15 @@ MAX_ITERATIONS = 100
 class RunOptions:
     """Options of a run, named as on the command line. Raises UsageError for a value that cannot be meant.
 
-    None: as the robot's profile or the priority files say. gate: whether goals are checked before they are sent.
-    physics: of the simulated mechanics. playback: of a recording.
+    None: as the robot's profile or the priority files say; of `performer`, five. gate: whether goals are checked before
+    they are sent. physics: of the simulated mechanics. playback: of a recording.
 
     Robot:
         robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
         bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (has mass, can fall), physics+wire,
             none; real servos: profile, or a PORT.
-        performer NAME|FILE: The sensors: five, five_head, three, six, ten, all, avatar, optitrack, web, ..., or a file.
+        performer NAME|FILE: The sensors: five (usual), five_head, three, six, ten, all, avatar, optitrack, web (of
+            web://), ..., or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
         allow_contact: Begin also where the body touches the scene.
@@ -138,7 +139,7 @@ class RunOptions:
 
     robot: str
     bus: str = "mock"
-    performer: str = "five"
+    performer: str | None = None
     priorities: str | None = None
     iterations: int | None = None
     parts: Parts = "whole"

@@ -466,7 +466,7 @@ class CameraDecoder:
         else:
             position, orientation, tracked = self._body.take(frame, counts, dt)
         position, orientation = self._calm(frame.time, position, orientation, tracked)
-        return StreamFrame(SENSORS, position, orientation, tracked, stamp=frame.time, number=frame.number)
+        return StreamFrame(SENSORS, position, orientation, tracked, frame.time, frame.number, camera=True)
 
     def _calm(
         self, time: float, position: FloatArray, orientation: FloatArray, tracked: BoolArray
@@ -484,14 +484,31 @@ _OF_A_CAMERA = re.compile(rb'"axes"\s*:\s*"camera"')
 
 
 class WebDecoder:
-    """Implements StreamDecoder for a page of `web://`: a camera's landmarks, or a headset's poses as JSON."""
+    """Implements StreamDecoder for a page of `web://`: a camera's landmarks, or a headset's poses as JSON.
 
-    def __init__(self) -> None:
-        self.dropped = Dropped()
+    use_generated_legs: take over the legs that headsets make up, which do not see them.
+    """
+
+    def __init__(self, *, use_generated_legs: bool = False) -> None:
+        self.dropped, self._takes_legs = Dropped(), use_generated_legs
         self._camera, self._poses = CameraDecoder(), JsonPoseDecoder()
         self._camera.dropped = self._poses.dropped = self.dropped
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The performer of one message. See `StreamDecoder`."""
-        decoder = self._camera if _OF_A_CAMERA.search(datagram) else self._poses
-        return decoder.decode(datagram)
+        if _OF_A_CAMERA.search(datagram):
+            return self._camera.decode(datagram)
+        frames = self._poses.decode(datagram)
+        return frames if self._takes_legs else [_without_legs(frame) for frame in frames]
+
+
+_LEGS = frozenset({"l_knee", "r_knee", "l_ankle", "r_ankle"})
+
+
+def _without_legs(frame: StreamFrame) -> StreamFrame:
+    if _LEGS.isdisjoint(frame.names):
+        return frame
+    kept = [row for row, name in enumerate(frame.names) if name not in _LEGS]
+    names = tuple(frame.names[row] for row in kept)
+    parts = frame.position[kept], frame.orientation[kept], frame.tracked[kept]
+    return StreamFrame(names, *parts, frame.stamp, frame.number)

@@ -32,7 +32,8 @@ class StreamFrame:
     names: the sender's own names of k poses, each once. position (k, 3) m and orientation (k, 4) wxyz: NaN where the
     datagram has none. tracked (k,): whether the sender marks the pose as tracked; True where it has no such mark.
     stamp: time of capture, s of the sender's clock, and number: of the frame; both as they came (they may jump, wrap or
-    repeat), None where the sender sends none.
+    repeat), None where the sender sends none. camera: whether they are of a camera's pictures, which come
+    seldom, and are smoothed by their decoder.
     """
 
     names: tuple[str, ...]
@@ -41,6 +42,7 @@ class StreamFrame:
     tracked: BoolArray
     stamp: float | None = None
     number: int | None = None
+    camera: bool = False
 
     def __post_init__(self) -> None:
         count = len(self.names)

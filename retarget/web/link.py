@@ -16,22 +16,22 @@ SERVER = "retarget.web.server"
 """The module that serves the page."""
 HEADER = struct.Struct("<dI")
 """Before each frame of poses: when it arrived, s of this machine's monotonic clock, and the number of its performer."""
-PAUSE, GO_ON, GRIP, RELEASE = "pause", "go on", "grip", "release"
-HEALTH, NOTE = "health ", "note "
-"""Words of the page to the run; behind the last two stand what a browser says of itself, as JSON, and a sentence."""
+PAUSE, GO_ON = "pause", "go on"
+GRIP, RELEASE, HEALTH, NOTE = "grip ", "release ", "health ", "note "
+"""Words of the page to the run. Behind the last four stand the number of a dead-man control, twice, what a browser says
+of itself, as JSON, and a sentence."""
 
 
 @dataclass(frozen=True)
 class Settings:
     """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
-    for any. robot: its name. dead_man: the robot moves only while it is held. use_generated_legs: legs that a headset
-    makes up are used. poses: number of the socket to the run for poses."""
+    for any. robot: its name. dead_man: the robot moves only while it is held. poses: number of the socket to the
+    run for poses."""
 
     listen: bool
     port: int
     robot: str
     dead_man: bool = False
-    use_generated_legs: bool = False
     poses: int = -1
 
 

@@ -7,8 +7,8 @@ The page sends JSON: `hello` with an input and a name; poses, as docs/live.md ha
 `{"axes": "camera", "time": 12.345, "frame": 741, "size": [640, 480], "landmarks": [[u, v, x, y, z, visibility], ...]}`.
 u and v are shares of the picture's width and height; x, y and z are metres with the hips as origin, x to the right of
 the picture, y down and z away from the camera. It may also send `stop`, `pause`, `go on`, `held` (ten times a second,
-true or false) and `health`. The server sends `welcome` or `refused`, `note`, `bodies` (triangles of each link), and
-`state` 25 times a second.
+true or false) and `health`. The server sends `welcome` or `refused`, `note`, `paused` (why, "" where it is not),
+`bodies` (triangles of each link), and `state` 25 times a second.
 
 A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop or pause the
 robot. Nothing is served without the key in its address, and one performer at a time is heard.
@@ -38,7 +38,6 @@ from websockets.http11 import Request, Response
 
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import RetargetError
-from retarget import __version__
 from retarget.errors import ConfigError
 from retarget.live.address import EVERYWHERE, local_interfaces
 from retarget.model.meshes import SolidBody, solid_body
@@ -75,10 +74,10 @@ MOST_CLIENTS = 8
 MOST_PER_S, BURST = 150.0, 300.0
 """Messages a second that a browser may send on average (a headset at 90 Hz, and what a page says of itself), and how
 many at once (a page that was busy for two seconds)."""
-HELD_S = 0.3
-"""A dead-man control that is not confirmed for so long, s, counts as let go: three of the page's messages."""
+HELLO_S = 2.0
+"""A browser that does not say for so long who it is, s, is sent away: the page says so at once."""
 HEARTBEAT_S = 0.1
-"""Time between two messages to the run that the control is held, s."""
+"""Time between two messages to the run that a STOP is asked for, s."""
 SLOW_BYTES = 1 << 18
 """Bytes that wait for a browser before rows are left out for it: some seconds of them."""
 MOST_SAID = 200
@@ -88,6 +87,8 @@ REPORTED_AGAIN_S, MOST_REPORTED = 10.0, 50
 LOST_S = 0.5
 """A performer whose page sends no frame for so long, s, or leaves, pauses the robot, which has held since 0.2 s. It
 goes on when asked to."""
+ASKED, LOST = "it was asked for on a page", "the performer was lost: page, link or camera"
+"""Why the robot is paused."""
 OUT_OF_REACH_M = 0.03
 """A landmark of the robot is farther than this from where it is asked before the page says so, m."""
 LAST_SHOWN_S = 1.5
@@ -134,19 +135,17 @@ class PageServer:
     """Identity and input of the performer who came last."""
     _measured: tuple[str, str] | None = None
     """The same of who the robot follows."""
-    _holds: dict[str, float] = field(default_factory=dict)
-    """Of every page that has used a dead-man control, by its identity: when it was last held. A page that is gone lets
-    go: the robot holds until it is back."""
+    _holds: dict[str, int] = field(default_factory=dict)
+    """Numbers of the pages that have used a dead-man control, by their identity."""
     _stop: bool = False
     _reported: dict[str, float] = field(default_factory=dict)
     """When a sentence went to the terminal."""
     _solids: dict[str, SolidBody | None] = field(default_factory=dict)
-    _held: bool | None = None
     _round_trip_ms: float = 0.0
 
     # Files.
 
-    def answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    async def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The file that a request asks for, a refusal, or None for a WebSocket that may open."""
         judged = self.access.judge(request.path, lambda name: only_value(request.headers.get_all(name)))
         if isinstance(judged, Refused):
@@ -157,10 +156,7 @@ class PageServer:
         path = served_file(judged.removeprefix("/"))
         if path is None:
             return connection.respond(HTTPStatus.NOT_FOUND, "there is no such file\n")
-        body = path.read_bytes()
-        kind = TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-        headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), **HEADERS})
-        return Response(HTTPStatus.OK, "OK", headers, body)
+        return file_response(path.name, await asyncio.to_thread(path.read_bytes))  # of 10 MB, while poses come
 
     # Browsers.
 
@@ -178,13 +174,18 @@ class PageServer:
         except ConnectionClosed:
             pass
         finally:
+            if client.identity in self._holds:
+                self._word(f"{RELEASE}{self._holds[client.identity]}")
             if self.clients.pop(client, 0) is None and client.performs:
                 self.notify("the performer's page is gone")
                 self._lost(client)
 
     async def _welcome(self, client: Client) -> None:
         """Hear who a browser is, and answer with what goes on. Raises _Ended for one that may not take part."""
-        hello = _parsed(await client.socket.recv())
+        try:
+            hello = _parsed(await asyncio.wait_for(client.socket.recv(), HELLO_S))
+        except TimeoutError:
+            raise _Ended(f"the page has not said for {HELLO_S:g} s what it is: load it anew") from None
         client.identity, given = str(hello.get("id", ""))[:64], hello.get("input")
         if hello.get("say") != "hello" or given not in ("camera", "headset", "watch") or not client.identity:
             raise _Ended("the page says something else than its server understands: load it anew")
@@ -198,11 +199,8 @@ class PageServer:
         welcome = {
             "hear": "welcome",
             "robot": settings.robot,
-            "title": settings.robot,
             "runtime": runtime_folder() is not None,
             "dead_man": settings.dead_man,
-            "use_generated_legs": settings.use_generated_legs,
-            "version": __version__,
         }
         self.clients[client] = None
         for text in (json.dumps(welcome), *self.said.values()):
@@ -222,11 +220,11 @@ class PageServer:
         self._known.setdefault(identity, len(self._known) + 1)
 
     def _lost(self, client: Client) -> None:
-        """A performer is gone, or sends nothing any more: the robot holds already, and goes on when asked to. Where
-        there is a dead-man control, it does as much."""
+        """A performer is gone, or sends nothing any more: the robot holds already, and goes on when asked to. In a
+        headset, it goes on when the grip is taken anew."""
         client.sent = np.inf
-        if self._measured is not None and client.identity not in self._holds:
-            self._word(PAUSE)
+        if self._measured is not None and not (client.performs == "headset" and client.identity in self._holds):
+            self._pause(LOST)
 
     def _take(self, client: Client, message: str | bytes) -> None:
         """One message of a browser. Raises _Ended for one that floods, or says what no page of ours says."""
@@ -264,15 +262,18 @@ class PageServer:
 
     def pause(self, client: Client, said: dict[str, Any]) -> None:
         """A page pauses the robot, or lets it go on."""
-        self._word(PAUSE if said["say"] == "pause" else GO_ON)
+        self._pause(ASKED if said["say"] == "pause" else "")
+
+    def _pause(self, why: str) -> None:
+        self._word(PAUSE if why else GO_ON)
+        self._send_all("paused", {"why": why})
 
     def hold(self, client: Client, said: dict[str, Any]) -> None:
         """A dead-man control is held, or let go: from now on the robot needs it, and every other one that is in use."""
         if client.identity not in self._holds and len(self._holds) >= MOST_HOLDS:
             raise _Ended(f"more than {MOST_HOLDS} pages have used a dead-man control: end the run, and start it anew")
-        self._holds[client.identity] = self.clock.now() if said.get("held") is True else -np.inf
-        if said.get("held") is not True:
-            self._grip()
+        number = self._holds.setdefault(client.identity, len(self._holds))
+        self._word(f"{GRIP if said.get('held') is True else RELEASE}{number}")
 
     def pong(self, client: Client, said: dict[str, Any]) -> None:
         """Answer at once: the page measures the way there and back."""
@@ -289,22 +290,13 @@ class PageServer:
             self.notify(f"the page: {trouble}")
 
     async def beat(self) -> None:
-        """Confirm again and again that a dead-man control is held, or a STOP asked for, and look for a performer who is
-        lost, until the run has ended."""
+        """Repeat that a STOP is asked for, and look for a performer who is lost, until the run has ended."""
         while not self.ended.is_set():
-            self._grip()
             self._send_stop()
             for client in self.clients:
                 if client.performs and self.clock.now() - client.sent > LOST_S:
                     self._lost(client)
             await asyncio.sleep(HEARTBEAT_S)
-
-    def _grip(self) -> None:
-        now = self.clock.now()
-        held = bool(self._holds) and all(now - at <= HELD_S for at in self._holds.values())
-        if self._holds and (held or self._held is not False):
-            self._word(GRIP if held else RELEASE)
-            self._held = held
 
     def notify(self, text: str) -> None:
         """Say a sentence in the terminal of the run, the same one seldom."""
@@ -363,8 +355,7 @@ class PageServer:
         assert cast is not None and setup is not None, "a run says first who is seen"
         sensors = {} if row.sensors is None else dict(zip(setup.sensors, row.sensors, strict=True))
         known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
-        paused = row.state.startswith("paused") and self._held is not False
-        state = {"time": round(row.time, 3), "state": row.state, "why": row.why, "paused": paused, "sensors": known}
+        state = {"time": round(row.time, 3), "state": row.state, "why": row.why, "sensors": known}
         postures = {"human": row.human, "robot": row.goal}
         for who, solid in self._solids.items():
             if solid is not None:
@@ -420,6 +411,14 @@ _SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
     "health": PageServer.health,
 }
 """What a page may say beside poses."""
+
+
+def file_response(name: str, body: bytes) -> Response:
+    """The answer to a request for a file."""
+    kind = TYPES.get(Path(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
+    return Response(
+        HTTPStatus.OK, "OK", Headers({"Content-Type": kind, "Content-Length": str(len(body)), **HEADERS}), body
+    )
 
 
 def served_file(place: str) -> Path | None:

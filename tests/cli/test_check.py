@@ -175,6 +175,17 @@ def test_a_switch_that_is_on_is_undone_on_the_command_line(tmp_path: Path, asked
     assert (asked["options"].playback.mirror, asked["options"].gate, asked["outputs"].overwrite) == (False, True, False)
 
 
+@pytest.mark.parametrize(
+    ("typed", "performer"),
+    [("web://", "web"), ("web:// --performer five", "five"), ("json://:14150", "five")],
+)
+def test_the_performer_is_the_usual_one_of_the_source_or_as_typed(
+    typed: str, performer: str, asked: dict[str, Any]
+) -> None:
+    assert code_of("run", "--robot", "op3", "--source", *typed.split()) == DONE
+    assert asked["options"].performer == performer
+
+
 def test_paths_of_what_is_read_count_from_the_session_file(
     tmp_path: Path, asked: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

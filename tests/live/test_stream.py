@@ -6,14 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from camera_people import datagrams, landmarks
 from hardware.guard import CheckedGoal
 from live_rig import ROLE_SETS, LiveRig, live_stream
 from live_rig import five as five_sensors
 from messages import Facts, refuses
+from rendered import performer, raising
 from retarget import rotations
 from retarget.errors import UsageError
+from retarget.live.address import parse_address
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram
 from retarget.live.begin import LiveOptions
+from retarget.live.open_stream import open_stream
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.roles import (
     CONVENTIONS,
@@ -21,8 +25,10 @@ from retarget.live.roles import (
     Roles,
     roles_of,
 )
+from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.schema.performer import Performer, PerformerSensor, load_performer
+from retarget.sources.camera import CameraDecoder
 from retarget.sources.raw_record import RawReader
 from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
 from retarget.sources.vmc import VmcDecoder
@@ -208,3 +214,38 @@ def test_a_sensor_is_at_the_role_of_its_joint_and_turns_with_the_role_of_its_seg
         assert (place.position, place.offset) == (points[sensor].name, points[sensor].offset)
         assert place.orientation == (segments[sensor].name if sensor in segments else "")
         assert sensor not in segments or place.rest == segments[sensor].rest
+
+
+# A page of `web://`: a camera or a headset, which is known from what it sends.
+
+SEEN_BY_CAMERA = datagrams(landmarks(raising(performer(1.7), "l", seconds=2.0)))
+WORN = [
+    json.dumps({"axes": "webxr", "time": 1.0 + k / 60.0, "poses": {"head": {"p": [0.001 * k, 1.6, 0.0]}}}).encode()
+    for k in range(60)
+]
+
+
+@pytest.mark.parametrize(("payloads", "rate", "lost_after"), [(SEEN_BY_CAMERA, 30.0, 0.22), (WORN, 60.0, 0.142)])
+@pytest.mark.parametrize("before", [[], SEEN_BY_CAMERA[:10], WORN[:10]], ids=["first", "after a camera", "after worn"])
+def test_a_camera_alone_may_leave_pictures_out(
+    payloads: list[bytes], rate: float, lost_after: float, before: list[bytes]
+) -> None:
+    stream = open_stream(parse_address("web://"), load_performer("web"), receiver=Queue([]))
+    head, now = stream.roles.sensors.index("head"), 1.0
+    for number, payload in enumerate([*before, *payloads[20:50]]):
+        now = 1.0 + number / rate
+        stream.take(Datagram(now, ("127.0.0.1", 1), payload), now, moving=False)
+        stream.read(now)
+    assert stream.read(now + lost_after - 0.01).states[head] == ValidityState.FRESH
+    assert stream.read(now + lost_after + 0.01).states[head] == ValidityState.STALE
+
+
+def test_a_camera_is_smoothed_once() -> None:
+    stream = open_stream(parse_address("web://"), load_performer("web"), receiver=Queue([]), latest=True)
+    decoder = CameraDecoder()
+    for number, payload in enumerate(SEEN_BY_CAMERA):
+        now = 1.0 + number / 30.0
+        stream.take(Datagram(now, ("127.0.0.1", 1), payload), now, moving=False)
+        shown, (alone,) = stream.read(now), decoder.decode(payload)
+        for row, name in enumerate(stream.roles.sensors):
+            np.testing.assert_array_equal(shown.position[row], alone.position[alone.names.index(name)])

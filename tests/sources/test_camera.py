@@ -300,3 +300,12 @@ def test_a_page_sends_landmarks_or_poses() -> None:
     (seen,) = decoder.decode(datagram(ROWS, time=1.0, number=7))
     assert (seen.names, seen.number) == (SENSORS, 7)
     assert decoder.decode(b"{}") == [] and decoder.dropped.count == 1
+
+
+def test_legs_that_a_headset_makes_up_are_used_only_when_asked_for() -> None:
+    poses = {name: {"p": [0.1, 0.5, 0.0]} for name in ("l_ankle", "head", "r_knee", "l_elbow")}
+    sent = json.dumps({"axes": "webxr", "time": 1.0, "poses": poses}).encode()
+    (taken,), (left_out,) = WebDecoder(use_generated_legs=True).decode(sent), WebDecoder().decode(sent)
+    assert taken.names == tuple(poses) and left_out.names == ("head", "l_elbow")
+    assert (left_out.position.shape, left_out.stamp) == ((2, 3), 1.0)
+    np.testing.assert_array_equal(left_out.position, taken.position[[1, 3]])

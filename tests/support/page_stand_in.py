@@ -3,31 +3,22 @@ and says what a test asks for. Nothing of a run is in it."""
 
 import asyncio
 import json
-import mimetypes
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from pathlib import Path
 from typing import Any
 
 from websockets.asyncio.server import Server, ServerConnection, serve
-from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-ROOT = Path(__file__).parents[2]
-PAGE, BODIES = ROOT / "retarget/web/page", ROOT / "retarget/report/bodies.js"
+from retarget.web.server import file_response, served_file
+
 KEY = "key-of-the-test"
 STATE_HZ = 20.0
-POLICY = (
-    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:; connect-src 'self'; "
-    "img-src 'self' data: blob:; style-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
-)
-TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm", ".svg": "image/svg+xml"}
 Message = dict[str, Any]
 
 
@@ -42,22 +33,20 @@ class Said:
 
 @dataclass
 class StandIn:
-    """runtime: the folder of the body tracker, None without. files: what is served instead of files, by path below the
+    """runtime: whether the real body tracker is there. files: what is served instead of files, by path below the
     key. welcome, state, bodies: what every page hears. refused: inputs that are refused, with the reason. said: by all
-    pages. asked: paths of HTTP. port, host: where it serves."""
+    pages. port, host: where it serves."""
 
-    runtime: Path | None = None
+    runtime: bool = False
     files: dict[str, bytes] = field(default_factory=dict)
     welcome: Message = field(default_factory=dict)
     state: Message = field(default_factory=lambda: {"state": "waiting"})
     bodies: Message | None = None
     refused: dict[str, str] = field(default_factory=dict)
     said: list[Said] = field(default_factory=list)
-    asked: list[str] = field(default_factory=list)
     port: int = 0
     host: str = "127.0.0.1"
     connections: int = 0
-    paused: bool = False
     _live: set[ServerConnection] = field(default_factory=set)
     _loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.new_event_loop)
     _server: Server | None = None
@@ -102,41 +91,17 @@ class StandIn:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         path = request.path.split("?")[0]
-        self.asked.append(path)
         if not path.startswith(f"/{KEY}/"):
             return connection.respond(HTTPStatus.FORBIDDEN, "no key")
         name = path.removeprefix(f"/{KEY}/")
         if name == "ws":
             return None
-        body = self._body(name)
-        if body is None:
-            return connection.respond(HTTPStatus.NOT_FOUND, "no such file")
-        kind = TYPES.get(Path(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
-        headers = Headers(
-            {
-                "Content-Type": "text/html; charset=utf-8" if not name else kind,
-                "Content-Length": str(len(body)),
-                "Content-Security-Policy": POLICY,
-                "X-Content-Type-Options": "nosniff",
-                "Referrer-Policy": "no-referrer",
-                "Cache-Control": "no-store",
-            }
-        )
-        return Response(200, "OK", headers, body)
-
-    def _body(self, name: str) -> bytes | None:
         if name in self.files:
-            return self.files[name]
-        place: Path | None = None
-        if not name:
-            place = PAGE / "index.html"
-        elif name == "bodies.js":
-            place = BODIES
-        elif name.startswith("page/"):
-            place = PAGE / name.removeprefix("page/")
-        elif name.startswith("runtime/") and self.runtime:
-            place = self.runtime / name.removeprefix("runtime/")
-        return place.read_bytes() if place and place.is_file() else None
+            return file_response(name, self.files[name])
+        place = served_file(name)
+        if place is None or (name.startswith("runtime/") and not self.runtime):
+            return connection.respond(HTTPStatus.NOT_FOUND, "no such file")
+        return file_response(place.name, place.read_bytes())
 
     async def _serve_page(self, connection: ServerConnection) -> None:
         number = self.connections
@@ -159,7 +124,7 @@ class StandIn:
                     await self._begin(connection)
                     news = asyncio.create_task(self._tell(connection))
                 elif message.get("say") in ("pause", "go on"):
-                    self.paused = message["say"] == "pause"
+                    await self._broadcast({"hear": "paused", "why": "why not" if message["say"] == "pause" else ""})
                 elif message.get("say") == "stop":
                     await connection.send(json.dumps({"hear": "stop"}))
                 elif message.get("say") == "ping":
@@ -169,8 +134,8 @@ class StandIn:
                 news.cancel()
 
     async def _begin(self, connection: ServerConnection) -> None:
-        known = {"robot": "op3", "title": "ROBOTIS OP3", "dead_man": False, "version": "0.2.0"}
-        runtime = self.runtime is not None or "runtime/vision_bundle.mjs" in self.files
+        known = {"robot": "op3", "dead_man": False}
+        runtime = self.runtime or "runtime/vision_bundle.mjs" in self.files
         await connection.send(json.dumps({"hear": "welcome", "runtime": runtime} | known | self.welcome))
         if self.bodies:
             await connection.send(json.dumps({"hear": "bodies"} | self.bodies))
@@ -178,7 +143,7 @@ class StandIn:
     async def _tell(self, connection: ServerConnection) -> None:
         with suppress(ConnectionClosed):
             while True:
-                await connection.send(json.dumps({"hear": "state", "paused": self.paused} | self.state))
+                await connection.send(json.dumps({"hear": "state"} | self.state))
                 await asyncio.sleep(1 / STATE_HZ)
 
     async def _broadcast(self, message: Message) -> None:

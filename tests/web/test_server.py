@@ -17,7 +17,7 @@ import pytest
 from followers import dimensions, op3, performer
 from hardware.clock import MonotonicClock
 from retarget.cli.controls import Asked
-from retarget.cli.web.control import GRIPPED_S, PageControl, directions
+from retarget.cli.web.control import HELD_S, PageControl, directions
 from retarget.errors import ConfigError
 from retarget.live.admission import Datagram
 from retarget.model.human import build_human
@@ -259,16 +259,23 @@ class Words:
         return found
 
 
-def test_a_dead_man_control_lapses_where_the_server_hangs() -> None:
+def test_all_dead_man_controls_are_held_and_lapse_where_the_server_hangs() -> None:
     words = Words()
     control = PageControl(words, lambda text: None)  # type: ignore[arg-type]
     assert not [*control.poll(0.0)], "it is not in use"
-    words.next = ["grip"]
-    assert [asked for asked, _ in control.poll(1.0)] == [Asked.GRIP]
-    words.next = ["grip"]
-    assert not [*control.poll(1.4)] and not [*control.poll(1.4 + GRIPPED_S)]
-    assert [asked for asked, _ in control.poll(1.41 + GRIPPED_S)] == [Asked.RELEASE]
-    assert not [*control.poll(9.0)]
+    asked: dict[tuple[float, tuple[str, ...]], list[Asked]] = {
+        (1.0, ("grip 0",)): [Asked.GRIP],
+        (1.2, ("grip 0",)): [],
+        (1.19 + HELD_S, ()): [],
+        (1.21 + HELD_S, ()): [Asked.RELEASE],
+        (2.0, ("grip 0", "release 1")): [],
+        (2.1, ("grip 1",)): [Asked.GRIP],
+        (9.0, ("grip 1",)): [Asked.RELEASE],
+        (9.1, ()): [],
+    }
+    for (now, said), found in asked.items():
+        words.next = [*said]
+        assert [one for one, _ in control.poll(now)] == found, now
 
 
 @pytest.mark.parametrize(
@@ -289,6 +296,13 @@ def test_what_no_page_of_ours_says_is_refused(shared: Page, messages: list[str |
         for message in messages:
             socket.send(message)
         assert "anew" in Browser(socket).hear("refused")["why"]
+
+
+def test_a_page_that_does_not_say_what_it_is_is_sent_away(shared: Page) -> None:
+    where = urlsplit(shared.address)
+    with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as socket:
+        assert "has not said" in Browser(socket).hear("refused")["why"]
+    assert shared.told("a page was sent away: the page has not said")
 
 
 def test_a_flood_is_sent_away_and_the_run_goes_on() -> None:

@@ -19,8 +19,8 @@ from retarget.viewer.feed import MOST_WORDS, ViewFeed
 from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, PoseReceiver, Settings, open_web
 from retarget.web.runtime import runtime_folder
 
-GRIPPED_S = 0.5
-"""A dead-man control that the page's process does not confirm for so long counts as let go, s: five of its messages."""
+HELD_S = 0.3
+"""A dead-man control that is not confirmed for so long counts as let go, s: three messages of its page."""
 MOST_HEALTH = 600
 """What a page said of itself that is kept: ten minutes, once a second."""
 PAUSED = "paused on the page: the robot holds until it goes on there"
@@ -37,8 +37,8 @@ class PageControl:
     def __init__(self, feed: ViewFeed, notify: Notify) -> None:
         self._feed, self._notify = feed, notify
         self._asked: deque[str] = deque(maxlen=MOST_WORDS)
-        self._gripped = -inf  # [s] when it was last confirmed
-        self._held: bool | None = None  # None: not in use
+        self._gripped = dict[str, float]()  # [s] when each dead-man control in use was last confirmed
+        self._held: bool | None = None  # None: none is in use
         self.health: deque[dict[str, Any]] = deque(maxlen=MOST_HEALTH)
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
@@ -50,13 +50,14 @@ class PageControl:
                 yield Asked.PAGE_HOLD, PAUSED
             elif word == GO_ON:
                 yield Asked.PAGE_GO_ON, "no pause of the page any more"
-            elif word == GRIP:
-                self._gripped = now
-                yield from self._grip(held=True)
-            elif word == RELEASE:
-                yield from self._grip(held=False)
-        if self._held and now - self._gripped > GRIPPED_S:
-            yield from self._grip(held=False)
+            elif word.startswith(GRIP):
+                self._gripped[word.removeprefix(GRIP)] = now
+            elif word.startswith(RELEASE):
+                self._gripped[word.removeprefix(RELEASE)] = -inf
+        held = all(now - at <= HELD_S for at in self._gripped.values())  # a page that is gone has let go
+        if self._gripped and held is not self._held:
+            self._held = held
+            yield GRIPS[held]
 
     def listen(self) -> None:
         """Report what the page's process says, and keep what is asked for."""
@@ -76,11 +77,6 @@ class PageControl:
 
     def close(self) -> None:
         """Do nothing: the page closes with its run."""
-
-    def _grip(self, *, held: bool) -> Iterator[tuple[Asked, str]]:
-        if held is not self._held:
-            self._held = held
-            yield GRIPS[held]
 
 
 @dataclass(frozen=True)
@@ -117,7 +113,6 @@ def opened_web(
     *,
     listen: bool = False,
     dead_man: bool = False,
-    use_generated_legs: bool = False,
     notify: Notify,
 ) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
     """The page of a run, and the poses that it sends. Says where it is, with a code for a phone to read. Raises
@@ -132,9 +127,7 @@ def opened_web(
             found=str(error),
             next_step="Install them: pip install 'retarget[web]'",
         ) from error
-    settings = Settings(
-        listen=listen, port=address.port, robot=robot, dead_man=dead_man, use_generated_legs=use_generated_legs
-    )
+    settings = Settings(listen=listen, port=address.port, robot=robot, dead_man=dead_man)
     with open_web(settings) as (feed, receiver):
         where, _, fingerprint = feed.address.partition(" ")
         for line in directions(where, fingerprint):

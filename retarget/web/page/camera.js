@@ -223,18 +223,12 @@ export class Camera {
     return Math.round(1e4 * this.done.length / Math.min(COUNTED_MS, now - this.startedAt)) / 10;
   }
 
-  // Whether it gives no pictures any more.
-  get lost() {
-    if (this.state !== CAMERA.RUNNING) return this.state === CAMERA.FAILED;
-    return performance.now() - this.pictureAt > STILL_MS || this.video.srcObject.getVideoTracks()[0].muted;
-  }
-
   // What is wrong now, in a sentence; "" where nothing is.
   get trouble() {
     if (this.state === CAMERA.FAILED) return this.failure;
     if (this.state !== CAMERA.RUNNING) return "";
     const now = performance.now();
-    if (this.lost) return SENTENCES.still;
+    if (now - this.pictureAt > STILL_MS || this.video.srcObject.getVideoTracks()[0].muted) return SENTENCES.still;
     if (now - this.startedAt > COUNTED_MS) this.isSlow = this.fps < (this.isSlow ? FAST_FPS : SLOW_FPS);
     if ((this.isSlow || this.wrong.key) && this.#brightness() < DARK) return SENTENCES.dark;
     if (this.isSlow) return SENTENCES.slow;

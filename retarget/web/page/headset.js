@@ -12,9 +12,11 @@ const STOP_BUTTONS = [4, 5]; // A/X, B/Y of the xr-standard mapping; both stop, 
 const BOTH_PINCHED_MS = 1000;
 const PULSE = [0.8, 200]; // strength, ms
 
-// WebXR's joints of a tracked body -> ours. The legs are made up by today's headsets.
-const BODY = { "hips": "pelvis", "spine-upper": "chest", "left-arm-lower": "l_elbow", "right-arm-lower": "r_elbow" };
-const LEGS = { "left-lower-leg": "l_knee", "right-lower-leg": "r_knee", "left-foot-ankle": "l_ankle", "right-foot-ankle": "r_ankle" };
+// WebXR's joints of a tracked body -> ours. The legs are made up by today's headsets: the run leaves them out.
+const BODY = {
+  "hips": "pelvis", "spine-upper": "chest", "left-arm-lower": "l_elbow", "right-arm-lower": "r_elbow",
+  "left-lower-leg": "l_knee", "right-lower-leg": "r_knee", "left-foot-ankle": "l_ankle", "right-foot-ankle": "r_ankle",
+};
 const WRIST = { left: "l_wrist", right: "r_wrist" };
 
 // Why this browser cannot be a headset, in a sentence; "" if it can.
@@ -37,7 +39,7 @@ function pose(found) {
 }
 
 // Poses of one frame in `space`, by our names. What is not known is left out.
-function posesOf(frame, space, viewer, useLegs) {
+function posesOf(frame, space, viewer) {
   const poses = {};
   if (viewer) poses.head = pose(viewer);
   for (const source of frame.session.inputSources) {
@@ -45,7 +47,7 @@ function posesOf(frame, space, viewer, useLegs) {
     const at = source.hand ? frame.getJointPose(source.hand.get("wrist"), space) : source.gripSpace && frame.getPose(source.gripSpace, space);
     if (name && at) poses[name] = pose(at);
   }
-  for (const [joint, name] of Object.entries(useLegs ? { ...BODY, ...LEGS } : BODY)) {
+  for (const [joint, name] of Object.entries(BODY)) {
     const at = frame.body?.get(joint) && frame.getPose(frame.body.get(joint), space);
     if (at) poses[name] = pose(at);
   }
@@ -62,7 +64,7 @@ export function pressed(sources, pinching) {
 }
 
 export class Headset {
-  // page: {send(frame), deadMan, scene, stop(), interrupted(why), ended(), words() -> {state, why, note}}
+  // page: {send(frame), deadMan, scene, stop(), ended(), words() -> {state, why, note}}
   constructor(page) {
     this.page = page;
     this.session = null;
@@ -83,8 +85,7 @@ export class Headset {
   }
 
   // Must be called from a click. Raises Error with a sentence.
-  async start(welcome) {
-    this.useLegs = Boolean(welcome?.use_generated_legs);
+  async start() {
     const name = await mode();
     if (!name) throw new Error("No headset is connected.");
     const features = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking", "body-tracking"] };
@@ -93,7 +94,7 @@ export class Headset {
     });
     this.session = session;
     session.onend = () => this.#ended();
-    session.onvisibilitychange = () => session.visibilityState !== "visible" && this.page.interrupted("The menu of the headset was open.");
+    session.onvisibilitychange = () => session.visibilityState !== "visible" && this.letGo();
     session.onselectstart = (event) => this.#select(event, true);
     session.onselectend = (event) => this.#select(event, false);
     const gl = document.createElement("canvas").getContext("webgl2", { xrCompatible: true });
@@ -113,7 +114,7 @@ export class Headset {
 
   #ended() {
     this.session = null;
-    this.page.interrupted("The headset was left.");
+    this.letGo();
     this.page.ended();
   }
 
@@ -150,7 +151,7 @@ export class Headset {
   #send(time, frame, viewer) {
     if (time < this.due) return;
     this.due = Math.max(this.due + 1000 / PER_SECOND, time);
-    const poses = posesOf(frame, this.space, viewer, this.useLegs);
+    const poses = posesOf(frame, this.space, viewer);
     this.trouble = poses.head ? "" : "The headset does not know where it is. Look around, with more light.";
     if (!Object.keys(poses).length) return;
     this.page.send({ axes: "webxr", quaternion: "xyzw", time: time / 1e3, frame: this.count++, poses });

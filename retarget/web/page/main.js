@@ -1,4 +1,4 @@
-// The page of a run: what it shows, in which view, in which words. Nothing moves by itself after anything was lost.
+// The page of a run: what it shows, in which view, in which words. The server pauses the robot when poses stay away.
 
 import { CAMERA, Camera, cameraMissing } from "./camera.js";
 import { DeadMan, listenForHolding, listenForStop } from "./controls.js";
@@ -7,7 +7,6 @@ import { LINK, Link, median } from "./link.js";
 import { Scene } from "./scene.js";
 
 const byId = (id) => document.getElementById(id);
-const MOVING = /approach|follow|hold/; // states in which an interruption is made a pause
 const BEFORE = /idle|waiting|countdown|calibrating|sides/; // states without torque
 const STOPPING = /stop|fault|off|rest|return|end/;
 const TONES = [[/follow/, "good"], [STOPPING, "bad"], [/refused|not connected/, "bad"], [/hold|pause|approach|arming/, "wary"]];
@@ -24,10 +23,8 @@ const page = {
   welcome: null,
   run: null, // the newest message "state"
   note: { text: "", at: 0 },
-  paused: false,
-  interruption: "", // why this page paused the run
+  paused: "", // why the robot is paused
   refusal: "",
-  cameraLost: false,
   stopAsked: false,
   ages: [], // ms, from the capture of a picture to its frame on the way, since the last report
   headsetMissing: "",
@@ -37,7 +34,7 @@ const link = new Link(hear, linked);
 const deadMan = new DeadMan((message) => link.say(message), (held) => byId("pad").classList.toggle("held", held));
 const camera = new Camera(byId("video"), byId("overlay"), sendPoses);
 const scene = new Scene(byId("human"), byId("robot"));
-const headset = new Headset({ send: sendPoses, deadMan, scene, stop, interrupted, ended: () => choose("choose"), words: headline });
+const headset = new Headset({ send: sendPoses, deadMan, scene, stop, ended: () => choose("choose"), words: headline });
 
 // Out.
 
@@ -52,21 +49,10 @@ function stop() {
   show();
 }
 
-function pause(paused) {
-  page.paused = paused;
-  if (!paused) page.interruption = "";
-  link.say({ say: paused ? "pause" : "go on" });
-  show();
-}
-
-// Something took the performer away. What moved is paused, and goes on only when somebody says so; in a headset, when
-// the grip is taken anew.
-function interrupted(why) {
+// Something took the performer away: the dead man counts again when it is taken anew.
+function letGo() {
   deadMan.release();
   headset.letGo();
-  if (page.input !== "camera" || !MOVING.test(page.run?.state || "")) return;
-  page.interruption = why;
-  pause(true);
 }
 
 // In.
@@ -78,9 +64,9 @@ function hear(message) {
     page.note = { text: message.text, at: performance.now() };
   } else if (message.hear === "bodies") {
     scene.meet(message);
+  } else if (message.hear === "paused") {
+    page.paused = message.why;
   } else if (message.hear === "state") {
-    if ("paused" in message) page.paused = message.paused;
-    if (page.run?.paused && !message.paused) page.interruption = ""; // somebody let it go on
     page.run = message;
     scene.pose(message);
     if (message.state === "ended") ended();
@@ -96,13 +82,12 @@ function ended() {
 function welcomed(message) {
   page.welcome = message;
   if (message.dead_man) deadMan.use();
-  if (page.interruption) link.say({ say: "pause" });
-  document.title = message.title || message.robot;
-  for (const place of document.querySelectorAll(".robot")) place.textContent = message.title || message.robot;
+  document.title = message.robot;
+  for (const place of document.querySelectorAll(".robot")) place.textContent = message.robot;
 }
 
 function linked(state, why) {
-  if (state === LINK.LOST) interrupted("The link to the robot was lost.");
+  if (state === LINK.LOST) letGo();
   if (state === LINK.REFUSED) {
     page.refusal = why;
     if (page.input !== "watch") choose("choose");
@@ -115,18 +100,18 @@ function linked(state, why) {
 function join(input) {
   page.input = input;
   page.run = null;
+  page.paused = "";
   link.open(input);
 }
 
 function choose(view) {
   if (view !== "choose") page.refusal = "";
   page.view = view;
-  page.interruption = "";
   if (view !== "camera") camera.stop();
   const input = view === "choose" ? "watch" : view;
   if (input !== page.input || link.state === LINK.REFUSED) join(input);
   if (view === "camera") startCamera("");
-  if (view === "headset") headset.start(page.welcome).catch((error) => {
+  if (view === "headset") headset.start().catch((error) => {
     page.refusal = error.message;
     choose("choose");
   });
@@ -146,11 +131,6 @@ async function listCameras() {
   const devices = await camera.devices();
   byId("camera").replaceChildren(...devices.map((device, i) => new Option(device.label || `Camera ${i + 1}`, device.deviceId, false, device.deviceId === camera.device)));
   byId("which").hidden = devices.length < 2;
-}
-
-function noticeCamera() {
-  if (camera.lost && !page.cameraLost) interrupted("The camera was lost.");
-  page.cameraLost = camera.lost;
 }
 
 // A phone that goes dark would end the performance.
@@ -173,7 +153,7 @@ function headline() {
   const state = page.run?.state || "waiting";
   const asked = page.stopAsked && !STOPPING.test(state) ? (link.stopOwed ? "STOP is on its way." : "A stop is asked for.") : "";
   const why = asked || page.run?.why || (BEFORE.test(state) ? "Nothing moves yet." : "");
-  return { state: page.paused && MOVING.test(state) ? "paused" : state, why, note: noteNow(), paused: page.paused };
+  return { state, why, note: noteNow() };
 }
 
 function lostWords() {
@@ -187,7 +167,8 @@ function noteNow() {
 }
 
 function trouble() {
-  const paused = page.interruption && `${page.interruption} The robot is paused until you press "Go on".`;
+  if (document.hidden && page.view === "camera") return "This page is hidden, so nothing is sent now.";
+  const paused = page.paused && `The robot is paused until "Go on" is pressed: ${page.paused}.`;
   return (page.view === "camera" && camera.trouble) || (page.view === "headset" && headset.trouble) || paused || (page.view === "choose" && page.refusal) || "";
 }
 
@@ -292,20 +273,20 @@ async function askPermission() {
 
 function wire() {
   byId("stop").onclick = stop;
-  byId("pause").onclick = () => pause(!page.paused);
+  byId("pause").onclick = () => link.say({ say: page.paused ? "go on" : "pause" });
   byId("hold").onchange = () => { deadMan.use(); show(); };
   byId("again").onclick = () => startCamera(byId("camera").value);
-  byId("camera").onchange = () => { interrupted("The camera was changed."); startCamera(byId("camera").value); };
+  byId("camera").onchange = () => startCamera(byId("camera").value);
   byId("leave").onclick = () => choose("choose");
   for (const button of document.querySelectorAll("[data-input]")) button.onclick = () => choose(button.dataset.input);
   listenForStop(stop);
   listenForHolding(deadMan, byId("pad"));
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden) interrupted("This page was hidden.");
+    if (document.hidden) letGo();
     else stayAwake();
     health();
   });
-  setInterval(() => { noticeCamera(); show(); }, 100);
+  setInterval(show, 100);
   setInterval(health, 1000);
 }
 
