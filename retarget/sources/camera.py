@@ -194,14 +194,15 @@ _FORWARD, _UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+    return np.asarray(vector / max(math.sqrt(vector @ vector), 1e-9))
 
 
 def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
     """Axes (3, 3) of a part in columns (forward, left, up), of its upward line and what is left of it."""
     up = _unit(up)
     left = _unit(left - (left @ up) * up)
-    return np.stack([np.cross(left, up), left, up], axis=1)
+    (a, b, c), (x, y, z) = left, up
+    return np.array([[b * z - c * y, a, x], [c * x - a * z, b, y], [a * y - b * x, c, z]])
 
 
 def _smooth(share: float) -> float:
@@ -403,15 +404,7 @@ class Body:
         nod = PITCH_SHARE * (nod - self._nod.take(nod, dt))
         roll = math.atan2(float(left[2]), max(float(np.hypot(left[0], left[1])), 1e-3))
         yaw = math.atan2(float(-left[0]), float(left[1]))
-        turns = [
-            rotations.from_axis_angle(axis, np.array(angle))
-            for axis, angle in zip(_TURNS, (yaw, nod, roll), strict=True)
-        ]
-        return rotations.multiply(rotations.multiply(turns[0], turns[1]), turns[2])
-
-
-_TURNS = (_UP, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-"""Axes of yaw (to the left), nod (down) and roll (the left ear up)."""
+        return rotations.from_euler((yaw, nod, roll), "zyx")  # to the left, down, and the left ear up
 
 
 # The decoders.

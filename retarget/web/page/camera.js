@@ -59,9 +59,9 @@ export class Camera {
     this.state = CAMERA.OFF;
     this.failure = "";
     this.worker = null;
-    this.newest = null; // the one picture that waits for the worker
+    this.waits = false; // whether the picture on the screen has not been looked at
     this.busy = false;
-    this.lastTime = 0;
+    this.time = 0; // s, of that picture
     this.startedAt = this.pictureAt = 0;
     this.tellsCapture = null;
     this.frames = 0;
@@ -95,9 +95,7 @@ export class Camera {
     this.failure = "";
     this.worker?.terminate();
     this.worker = null;
-    this.newest?.picture.close();
-    this.newest = null;
-    this.busy = false;
+    this.waits = this.busy = false;
     this.video.srcObject?.getTracks().forEach((track) => track.stop());
     this.video.srcObject = null;
     this.overlay.width = 0;
@@ -145,18 +143,15 @@ export class Camera {
     });
   }
 
-  // A new picture is on the screen: it takes the place of the one that waits.
-  async #picture(now, about) {
+  // A new picture is on the screen.
+  #picture(now, about) {
     if (this.state !== CAMERA.RUNNING) return;
     this.video.requestVideoFrameCallback((...next) => this.#picture(...next));
     this.pictureAt = performance.now();
     const time = this.#timeOf(now, about);
-    if (!(time > this.lastTime)) return;
-    this.lastTime = time;
-    const large = this.video.videoWidth > WIDEST;
-    const picture = await createImageBitmap(this.video, large ? { resizeWidth: 640 } : {});
-    this.newest?.picture.close();
-    this.newest = { picture, time };
+    if (!(time > this.time)) return;
+    this.time = time;
+    this.waits = true;
     this.#feed();
   }
 
@@ -166,11 +161,14 @@ export class Camera {
     return (this.tellsCapture ? captureTime : now) / 1e3;
   }
 
-  #feed() {
-    if (this.busy || !this.newest || !this.worker) return;
+  // The worker gets one picture at a time, and the newest there is.
+  async #feed() {
+    if (this.busy || !this.waits) return;
+    const { time, worker } = this, large = this.video.videoWidth > WIDEST;
     this.busy = true;
-    this.worker.postMessage(this.newest, [this.newest.picture]);
-    this.newest = null;
+    this.waits = false;
+    const picture = await createImageBitmap(this.video, large ? { resizeWidth: 640 } : {});
+    worker.postMessage({ picture, time }, [picture]);
   }
 
   #found({ time, landmarks, crowded, took_ms }) {
