@@ -280,14 +280,14 @@ class PageServer:
         _send(client, json.dumps({"hear": "pong", "t": said.get("t")}))
 
     def health(self, client: Client, said: dict[str, Any]) -> None:
-        """What a performer's page says of itself goes on to the run, and a new trouble into its terminal."""
+        """A new trouble of a page goes into the terminal, and what a performer's page says of itself to the run."""
+        if (trouble := _plain(said.get("trouble"))) and isinstance(trouble, str):
+            self.notify(f"the page: {trouble}")
         if not client.performs:
             return
         health = {key: value for key in HEALTH_KEYS if (value := _plain(said.get(key))) is not None}
         self._word(HEALTH + json.dumps(health))
         self._round_trip_ms = float(health.get("rtt_ms") or 0.0)
-        if trouble := str(health.get("trouble") or ""):
-            self.notify(f"the page: {trouble}")
 
     async def beat(self) -> None:
         """Repeat that a STOP is asked for, and look for a performer who is lost, until the run has ended."""

@@ -1,4 +1,4 @@
-"""A robot follows a camera: landmarks of a rendered performer, recorded, through a whole run."""
+"""A robot follows what a page sent, recorded, through a whole run: landmarks of a rendered performer, or a headset."""
 
 import json
 from collections.abc import Callable
@@ -75,3 +75,28 @@ def test_a_robot_follows_a_camera_but_not_what_is_wrong(
         return
     data = json.loads(report.read_text())
     assert data["stop"]["reason"] is None and data["hand_path_ratio"] > 0.7
+
+
+def test_a_headset_asks_for_the_hands_that_the_same_poses_as_json_ask_for(tmp_path: Path) -> None:
+    hands = []
+    for kind, axes in (("web://", "webxr"), ("json://:14150", "openxr")):
+        recording, saved = tmp_path / f"{axes}.raw", tmp_path / f"{axes}.npz"
+        writer = RawWriter(recording, url=kind)
+        for number in range(60 * 14):
+            time = 1.0 + number / 60.0
+            up = 0.5 - 0.5 * np.cos(2.0 * np.pi * max(time - 3.0, 0.0) / 4.0)  # of the left hand, to the front
+            sway = 0.001 * np.sin(1.5 * time)
+            places = {"head": (sway, 1.6, 0.0), "l_wrist": (-0.25 + sway, 0.8 + 0.6 * up, -0.5 * up)}
+            places |= {"r_wrist": (0.25 + sway, 0.8, 0.0)}
+            poses = {name: {"p": place, "q": [0.0, 0.0, 0.0, 1.0]} for name, place in places.items()}
+            message = {"axes": axes, "quaternion": "xyzw", "time": time, "frame": number, "poses": poses}
+            writer.append(json.dumps(message).encode(), time_ns=round(1e9 * time), address="127.0.0.1", port=5)
+            writer.flush()
+        writer.close()
+        asked = ["--source", f"replay://{recording}", "--performer", "web", "--countdown", "0", "--save", saved]
+        assert code_of("run", "--robot", "op3", *asked) == DONE
+        with np.load(saved) as run:
+            names = run["landmark_names"].tolist()
+            hands.append(run["landmarks_asked"][:, [names.index("l_hand"), names.index("r_hand")]])
+    assert np.nanmax(hands[0][:, 0, 2]) - np.nanmin(hands[0][:, 0, 2]) > 0.1
+    np.testing.assert_allclose(hands[0], hands[1], atol=1e-3)  # [m]

@@ -262,6 +262,9 @@ def test_an_input_that_cannot_be_chosen_says_why(
             arg=[given, words],
         )
         assert button.is_disabled() and page.locator("[data-input=watch]").is_enabled()
+        if given == "camera":  # and there is no headset: the terminal hears it
+            says(page, words)
+            two_more_reports(stand_in, trouble=page.inner_text("#trouble"))
 
 
 def test_without_a_secure_context_it_says_what_to_do_and_still_looks_on(launch: Launch) -> None:
@@ -271,6 +274,7 @@ def test_without_a_secure_context_it_says_what_to_do_and_still_looks_on(launch: 
         with launch(flag) as insecure, opened(insecure, stand_in, address=address) as page:
             page.wait_for_function("() => document.querySelector('.ways').textContent.includes('https')")
             assert "adb" in page.inner_text("[data-input=camera]")
+            stand_in.wait(lambda: any("https" in said.message["trouble"] for said in stand_in.messages("health")))
             choose(page, "watch")
             page.click("#stop")
             stand_in.wait(lambda: stand_in.messages("stop"))

@@ -169,7 +169,7 @@ function noteNow() {
 function trouble() {
   if (document.hidden && page.view === "camera") return "This page is hidden, so nothing is sent now.";
   const paused = page.paused && `The robot is paused until "Go on" is pressed: ${page.paused}.`;
-  return (page.view === "camera" && camera.trouble) || (page.view === "headset" && headset.trouble) || paused || (page.view === "choose" && page.refusal) || "";
+  return (page.view === "camera" && camera.trouble) || (page.view === "headset" && headset.trouble) || paused || (page.view === "choose" && (page.refusal || (page.headsetMissing && cameraMissing(page.welcome?.runtime)))) || "";
 }
 
 // "l_wrist" as people say it.
