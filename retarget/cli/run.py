@@ -555,7 +555,7 @@ class RunRequest:
 
     def checked(self) -> tuple[RunOptions, Outputs]:
         """The options of the run, and its files. Raises UsageError for what does not go together."""
-        usual = "web" if self.source.startswith("web:") else "five"
+        usual = "web" if self.source.startswith("web:") else self.options.performer_name
         options = replace(self.options, gate=not self.no_gate, performer=self.options.performer or usual)
         outputs = Outputs.checked(
             report=self.report, save=self.save, plots=self.plots, record=self.record, overwrite=self.overwrite

@@ -112,7 +112,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
         numpy=np.__version__,
         machine=platform.machine(),
         source=source.encode(errors="replace").decode(),  # of a file whose name is not UTF-8
-        **{name: getattr(options, name) for name in OPTIONS},
+        **{name: getattr(options, name) for name in OPTIONS} | {"performer": options.performer_name},
         **{name: getattr(options.physics, name) for name in OF_PHYSICS},
         goes_to_rest=goes_to_rest,
         ticks=samples.ticks,
@@ -131,7 +131,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
 
 def config_files(options: RunOptions, robot: RobotBody | None) -> list[tuple[ConfigFile, bytes]]:
     """The files that a run of these options is made of, with what is in them. Raises UsageError, OSError."""
-    found = [("performer.yaml", find(Kind.PERFORMER, options.performer or "five"))]
+    found = [("performer.yaml", find(Kind.PERFORMER, options.performer_name))]
     for stage, name in zip(("human", "robot"), priority_names(robot, options), strict=False):
         found.append((f"priorities_of_the_{stage}.yaml", find(Kind.PRIORITIES, name)))
     if options.scene is not None:

@@ -187,6 +187,11 @@ class RunOptions:
             raise UsageError("there is no gate to leave out", where="--no-gate", found=robot)
 
     @property
+    def performer_name(self) -> str:
+        """Name or file of the performer's sensors."""
+        return self.performer or "five"
+
+    @property
     def simulated(self) -> bool:
         """Whether no real servo is on the bus, so that time need not be real."""
         return self.bus in SIMULATED

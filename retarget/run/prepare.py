@@ -181,7 +181,7 @@ def prepare_for(
     first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
-    performer = load_performer(options.performer or "five")
+    performer = load_performer(options.performer_name)
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
     for_human, for_robot, on_steps = stage_priorities(robot, options)
