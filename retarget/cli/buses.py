@@ -89,10 +89,16 @@ class PhysicsBench:
         self._bus: WitnessedBus | None = None
         self._robot: RobotBody
         self._to_push = "push" in options.physics.perturbations
+        self.topples = False
+        """Whether the robot topples at rest when its torque goes off; known once the bus is made."""
 
     def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
         """The bus that the options name. Raises RetargetError."""
         options = self._options
+        if options.has_mass:
+            from sim.buses import topples_at_rest
+
+            self.topples = topples_at_rest(robot) is not None
         if not options.has_physics:
             return make_bus(options.bus, robot, clock, faults=options.faults)
         self._bus = self._physics_bus(robot, clock)

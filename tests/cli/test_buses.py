@@ -112,6 +112,16 @@ def play(asked: RunOptions, push: Push | None = None, *, rest: bool = True) -> R
     return bench.seen(run)
 
 
+@pytest.mark.parametrize("robot", ["op3", "toddlerbot"])
+def test_before_torque_goes_off_a_run_says_to_hold_who_cannot_stay(
+    robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = follow_clip(lambda: synthetic_performer().cut(0.0, 0.3), options(robot=robot, seconds=0.3), Outputs())
+    said = capsys.readouterr().err
+    assert report == DONE and said.find("hold the robot") < said.index("torque is off")
+    assert ("hold the robot" in said) is (robot == "toddlerbot")
+
+
 def test_a_run_stands_reports_and_ends_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def still() -> SensorFrames:
         return synthetic_performer().cut(0.0, 0.3)
