@@ -258,7 +258,9 @@ class Follower:
                 standing_strength(robot, priorities, stance),
                 FallbackHierarchy(build, priorities, self.hierarchy, soles=still, carrying=carrying),
                 stopping(stance),
-                Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None,
+                Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping, highest=envelope.highest)
+                if steps and envelope is not None
+                else None,
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)

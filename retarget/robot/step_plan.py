@@ -66,7 +66,7 @@ class StepInput:
     far (m) the robot's balance is inside the region over its left sole, and over its right one. outside: whether its
     mass is to stand, and is outside the region of standing on both; settled: whether it rests where standing asks for
     it. down: whether the swing foot is in its place on the floor. contact (2,): whether each sole presses on the floor;
-    True where it is not measured."""
+    True where it is not measured. risen: whether it is as high as one leg can carry it."""
 
     foot: int | None
     over: tuple[float, float]
@@ -74,6 +74,7 @@ class StepInput:
     settled: bool
     down: bool
     contact: tuple[bool, bool] = (True, True)
+    risen: bool = True
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,8 @@ def _no_longer_asked(now: StepInput, support: int | None) -> bool:
 
 
 def _weight_over_support_foot(now: StepInput, support: int | None) -> bool:
-    """The balance is well inside the region over the support foot, which presses on the floor."""
-    return support is not None and now.over[support] > OVER_M and now.contact[support]
+    """The balance is well inside the region over the support foot, which presses on the floor and can carry alone."""
+    return support is not None and now.over[support] > OVER_M and now.contact[support] and now.risen
 
 
 TRANSITIONS = (

@@ -105,6 +105,11 @@ def test_no_weight_goes_to_a_sole_without_contact() -> None:
     assert after(plan, replace(OVER_LEFT, contact=(True, False)), TICKS) is StepState.SWING
 
 
+def test_no_foot_lifts_before_one_leg_can_carry() -> None:
+    plan = StepPlan()
+    assert after(plan, replace(OVER_LEFT, risen=False), 10 * TICKS) is StepState.SHIFT_WEIGHT
+
+
 def test_the_weight_is_held_over_the_foot_before_the_other_lifts() -> None:
     plan = StepPlan()
     for _ in range(20):  # there, and gone again too soon
