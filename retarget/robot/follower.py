@@ -242,6 +242,8 @@ class Follower:
         if edges is not None:
             apart = self.observers.with_margin(priorities.observers.margin).for_solver(robot.body)
             envelope = measure_envelope(robot, limits, stance, edges=edges, observers=apart)
+        self.notes = (envelope.note,) if envelope is not None and envelope.note else ()
+        """Sentences for the operator about what this robot cannot follow."""
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.scene_obstacles = SceneObstacles(scene)
