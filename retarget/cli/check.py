@@ -9,7 +9,7 @@ import typer
 from hardware.bus import BusSpec
 from hardware.errors import counted
 from hardware.servo import DEFAULT_P_GAIN, p_gain
-from retarget.cli.controls import HOLD_IT
+from retarget.cli.buses import HOLD_IT
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers

@@ -718,7 +718,6 @@ class LiveControls:
             self._since = self._clock.now()
 
 
-HOLD_IT = "hold the robot before torque goes off"
 TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Once more switches it off"
 TORQUE_WORDS = {
     Torque.OFF: "torque is off",
@@ -734,20 +733,14 @@ def announced(
     *,
     notify: Notify,
     too_soon: Callable[[], int],
-    topples: bool = False,
 ) -> Callable[[], bool]:
     """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
-    summary; once that a stop key was pressed too soon (`too_soon`: how often) to count; and first of all to hold a
-    robot that `topples` when its torque goes off."""
-    said = ignored = warned = False
+    summary; and once that a stop key was pressed too soon (`too_soon`: how often) to count."""
+    said = ignored = False
 
     def asked() -> bool:
-        nonlocal said, ignored, warned
+        nonlocal said, ignored
         forced, stop = torque_off_asked(), machine.guard.stop
-        if topples and not warned:
-            warned = True
-            with suppress(OSError):
-                notify(f"{HOLD_IT}: at rest it goes down without torque")
         if too_soon() and not (ignored or forced):
             ignored = True
             with suppress(OSError):
