@@ -216,6 +216,32 @@ class WeightShift:
         return after
 
 
+# Rise: a crouch that two legs share can be more than one leg can hold, so the robot rises before it lifts a foot.
+
+RISE_SPEED, RISE_ACCELERATION = 1.0, 4.0
+"""1/s and 1/s^2: shares of its way with which a robot that is too low for one leg rises, and goes down again."""
+RISEN_M = 0.003
+"""It has risen when it is so near (m) to the height that one leg can carry."""
+
+
+class Rise:
+    """lowest: height (m) of the pelvis at which one leg can carry the robot. It starts where it is asked."""
+
+    def __init__(self, lowest: float) -> None:
+        self.lowest = lowest
+        self._glide = Glide((0.0,), acceleration=RISE_ACCELERATION, speed=RISE_SPEED)  # share of the way up
+
+    def restart(self) -> None:
+        """Stay where it is asked."""
+        self._glide.restart((0.0,))
+
+    def step(self, asked: float, dt: float, *, due: bool) -> float:
+        """How far (m) above the height `asked` (m) the pelvis is to be `dt` s later. due: whether one leg carries, or
+        is to."""
+        (share,) = self._glide.step((float(due),), dt)
+        return share * max(self.lowest - asked, 0.0)
+
+
 AWAY = 1.3
 """Most that the pelvis goes aside, in shares of the way to over one sole."""
 BENT = 0.02
@@ -231,10 +257,6 @@ ASTRAY_M = 0.01
 LED_S = 0.15
 """Time constant (s) with which the whole body is led aside, and with which on one foot its hands return to their
 goals."""
-RISE_SPEED, RISE_ACCELERATION = 1.0, 4.0
-"""1/s and 1/s^2: shares of its way with which a robot that is too low for one leg rises, and goes down again."""
-RISEN_M = 0.003
-"""It has risen when it is so near (m) to the height that one leg can carry."""
 LED = (StepState.SHIFT_WEIGHT, StepState.RETURN_WEIGHT)
 """States in which the whole body is led aside."""
 StoppingOn = Callable[[Stance], Stopping]
@@ -284,8 +306,7 @@ class Stepping:
         self.plan = StepPlan()
         self._pelvis = list(robot.profile.landmarks).index("pelvis")
         standing = float(stance.points[robot.profile.landmarks["pelvis"].frame][2])
-        self._lowest = min(standing - one_leg_squat(robot), highest)  # m, of the pelvis on one leg
-        self._rise = Glide((0.0,), acceleration=RISE_ACCELERATION, speed=RISE_SPEED)  # share of the way up to there
+        self._rise = Rise(min(standing - one_leg_squat(robot), highest))
         self.contact: BoolArray | None = None
         self.restart()
 
@@ -294,7 +315,7 @@ class Stepping:
         self.plan.restart()
         self.stopping = self._stoppings[None]
         self._velocity: FloatArray | None = None
-        self._rise.restart((0.0,))
+        self._rise.restart()
         self._whole = 1.0  # share of the way of the pelvis aside that the whole body goes: hands would hold it up
 
     @property
@@ -333,7 +354,7 @@ class Stepping:
         before = self.plan.single_support
         down = self.plan.state is StepState.TOUCHDOWN and self._off(q, 1 - int(self.plan.support or 0)) < DOWN_M
         contact = (True, True) if self.contact is None else (bool(self.contact[0]), bool(self.contact[1]))
-        risen = at.landmarks[self._pelvis][2] > self._lowest - RISEN_M
+        risen = at.landmarks[self._pelvis][2] > self._rise.lowest - RISEN_M
         self.plan.step(StepInput(FOOT.get(asked.carrying), (left, right), outside, settled, down, contact, risen), dt)
         if self.plan.single_support != before:
             self._change_support(q, velocity)
@@ -341,8 +362,7 @@ class Stepping:
         self._aim_soles(targets, q, dt, apart=asked.apart)
         self._whole += (1.0 - exp(-dt / LED_S)) * (float(self.plan.state in LED) - self._whole)
         x, y = (goal - standing).tolist()
-        (share,) = self._rise.step((float(self.plan.support is not None),), dt)
-        up = share * max(self._lowest - asked.landmarks[self._pelvis][2], 0.0)
+        up = self._rise.step(asked.landmarks[self._pelvis][2], dt, due=self.plan.support is not None)
         return asked.led(self._pelvis, (x, y, up), self._whole)
 
     def _change_support(self, q: FloatArray, velocity: FloatArray) -> None:
