@@ -9,6 +9,8 @@ from hardware.arrays import TickArray
 from hardware.bus import BusSpec
 from hardware.clock import Clock
 from hardware.dynamixel.bus import DynamixelBus
+from hardware.errors import BusError
+from retarget.errors import ConfigError
 from retarget.model.robot import RobotBody
 from retarget.schema.scene import Scene
 from sim.emulator.fault_state import load_fault_plan
@@ -20,6 +22,9 @@ from sim.physics.perturbation import NOMINAL, Perturbation
 from sim.physics.simulation import Simulation
 from sim.physics.witness import Witness, WitnessedBus
 from sim.physics.world import build_world
+
+SETTLE_S = 1.0
+"""Time, s, for a robot to settle on its servos, after the hand that holds it first has let go (0.6 s)."""
 
 
 def emulated_bus(
@@ -99,3 +104,26 @@ def simulation_of(
         notify=notify,
     )
     return Simulation(world, perturbation=perturbation, seed=seed)
+
+
+def topples_at_rest(robot: RobotBody) -> str | None:
+    """How a robot on its soles goes down, in words, when its torque goes off in its posture `rest`. None: it stays, or
+    it cannot be simulated.
+
+    Statics alone cannot tell: a robot at rest leans on stops of joints and on its own links. So it is let go.
+    """
+    if not robot.stands:
+        return None
+    rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
+    try:
+        simulation = simulation_of(robot, start=robot.joint_map.to_ticks(rest))
+        witness = Witness(simulation)
+        for on in (True, False):
+            simulation.switch(np.full(len(rest), on))
+            witness.switched(on)
+            simulation.advance(simulation.time + SETTLE_S * on)
+        witness.see_it_out()
+    except (ConfigError, BusError):  # no masses, or a simulation that diverges
+        return None
+    seen = witness.toppled or witness.fall
+    return None if seen is None else seen.how

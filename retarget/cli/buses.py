@@ -1,6 +1,7 @@
 """From `--bus` to the bus: servos of this process, an emulated wire, simulated mechanics, or real servos."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,6 +78,7 @@ AFTER_FALL_S = 1.0
 """A run goes on this long after a fall, s."""
 LIVE_PUSH_S = 30.0
 """Time, s, of a live performance within which a push comes; of a recording, within its length."""
+HOLD_IT = "hold the robot before torque goes off"
 CHEST = "chest"
 """The frame that is pushed, where the profile has it; else the centre of mass of the root link."""
 
@@ -89,10 +91,16 @@ class PhysicsBench:
         self._bus: WitnessedBus | None = None
         self._robot: RobotBody
         self._to_push = "push" in options.physics.perturbations
+        self.topples = False
+        """Whether the robot topples at rest when its torque goes off; known once the bus is made."""
 
     def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
         """The bus that the options name. Raises RetargetError."""
         options = self._options
+        if options.has_mass:
+            from sim.buses import topples_at_rest
+
+            self.topples = topples_at_rest(robot) is not None
         if not options.has_physics:
             return make_bus(options.bus, robot, clock, faults=options.faults)
         self._bus = self._physics_bus(robot, clock)
@@ -112,6 +120,20 @@ class PhysicsBench:
             if fall is not None and now >= fall.time + AFTER_FALL_S and machine.guard.may_go_to_rest:
                 machine.guard.latch(StopCause.FALLEN, f"the robot has fallen: {fall.how}")
             return question()
+
+        return asked
+
+    def warning(self, torque_off_asked: Callable[[], bool]) -> Callable[[], bool]:
+        """`torque_off_asked`, which is asked from the begin of a stop on, and says at first to hold a robot that
+        topples."""
+        left = [HOLD_IT] if self.topples else []
+
+        def asked() -> bool:
+            forced = torque_off_asked()
+            if left:
+                with suppress(OSError):  # a lost terminal must not keep a stop from being received
+                    self._notify(f"{left.pop()}: at rest it goes down without torque")
+            return forced
 
         return asked
 

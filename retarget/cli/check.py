@@ -9,6 +9,7 @@ import typer
 from hardware.bus import BusSpec
 from hardware.errors import counted
 from hardware.servo import DEFAULT_P_GAIN, p_gain
+from retarget.cli.buses import HOLD_IT
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
@@ -106,6 +107,7 @@ def _kind(path: Path) -> Kind:
 
 
 def _robot(path: Path) -> str:
+    from sim.buses import topples_at_rest
     from sim.physics.mount import simulation_problem
 
     problems = _unknown_priorities(scan(read_text(path), path))
@@ -138,7 +140,8 @@ def _robot(path: Path) -> str:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
         facts["carries"] = "; ".join(map(str, heaviest_loads(robot)))
         facts["to rest"] = str(goes_to_rest or "nothing is checked")
-        facts["at rest"] = at_rest(robot)
+        how = topples_at_rest(robot)
+        facts["at rest"] = at_rest(robot) + ("" if how is None else f"; it goes down without torque ({how}): {HOLD_IT}")
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
     facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"

@@ -193,6 +193,7 @@ class CommandRun:
         forced = operator.forced_stop
         if recorded.machine is not None:
             forced = announced(forced, recorded.machine, notify=log, too_soon=operator.too_soon)
+        forced = self.bench.warning(forced)
         forced = self.bench.watching(forced, recorded, live=live)
         watch = Watch(show, asked, forced, operator.why)
         watch = page.watch(self.recorder.watch(watch, recorded))

@@ -115,12 +115,17 @@ def compile_task(
     # An axis or a heading has its direction from the file; the others have a target only where a sensor or a landmark
     # feeds it. A row without a target would hold the frame at the origin.
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
+    named = [(name, frame) for name, frame in _named(task, frames) if name in fed or not needs_target]
     by_length = isinstance(task, PositionTask) and task.per == "length"
-    units = dict(_named(task, lengths)) if by_length else {}
+    if by_length and (unknown := [name for name, _ in named if name not in lengths]):
+        raise ConfigError(
+            "a position task weighs per length what has no known length",
+            found=", ".join(unknown),
+            allowed=", ".join(lengths) or "landmarks of a robot, with their robot_length",
+            next_step="Leave out per: length, or name a landmark",
+        )
     return [
-        _placed(task, name, frame, is_soft=is_soft, unit=units.get(name, 1.0))
-        for name, frame in _named(task, frames)
-        if name in fed or not needs_target
+        _placed(task, name, frame, is_soft=is_soft, unit=lengths[name] if by_length else 1.0) for name, frame in named
     ]
 
 

@@ -115,6 +115,8 @@ FEET_LEVEL_M = 0.06
 """Both ankles on one floor are no more apart in height: shoes and noise are less."""
 HANDS_AHEAD_M = 0.3
 """Hands that hang, or are held aside, are no farther ahead of the head or behind it."""
+KNEES_AHEAD_M = 0.1
+"""A straight leg's knee is no farther ahead of its ankle; bent so far, a body is 3 cm (2 %) lower."""
 LOWEST_HEAD_M = 0.7
 """Lower above the ankles, the sender's axes or unit are others: no words about the posture."""
 FRESH_SHARE = 0.8
@@ -269,11 +271,16 @@ class RestCapture:
             if abs(higher) > FEET_LEVEL_M:
                 one, other = ("left", "right") if higher > 0.0 else ("right", "left")
                 found.append(f"your {one} foot is {abs(higher):.2f} m above your {other} one")
+        bent = [
+            float(at[f"{s}_knee"][0] - at[f"{s}_ankle"][0]) for s in "lr" if {f"{s}_knee", f"{s}_ankle"} <= at.keys()
+        ]
+        if bent and max(bent) > KNEES_AHEAD_M:
+            found.append(f"your knees are bent, {max(bent):.2f} m ahead of your feet")
         reach = 0.5 * float(at["l_wrist"][0] + at["r_wrist"][0]) - float(at["head"][0])
         if abs(reach) > HANDS_AHEAD_M:
             found.append(f"your hands are {abs(reach):.2f} m {'ahead of' if reach > 0.0 else 'behind'} your head")
         if found:
-            step = "Stand upright on both feet, looking ahead, arms hanging or straight out to the sides"
+            step = "Stand upright on both feet, legs straight, looking ahead, arms hanging or straight out to the sides"
             raise self._refused("the performer does not stand upright", "; ".join(found), step=step)
 
     def _refuse_unlike(self, fit: RestFit) -> None:

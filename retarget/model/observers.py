@@ -46,12 +46,15 @@ class DroppedPair:
 @dataclass(frozen=True, eq=False)
 class PairRules:
     """neutral: posture (nq,) in which pairs that touch are dropped. resting: others in which the body is at home: a
-    pair's margin is at most a share of its distance in any of them. ignored: links, and why. where: for messages."""
+    pair's margin is at most a share of its distance in any of them. ignored: links, and why. where: for messages.
+    given: the body is that of a person, as it was measured: whatever touches is dropped, as there is no profile to
+    correct."""
 
     neutral: FloatArray
     resting: tuple[FloatArray, ...] = ()
     ignored: tuple[tuple[int, int, str], ...] = field(default=())
     where: str = ""
+    given: bool = False
 
 
 def checked_pairs(
@@ -78,7 +81,7 @@ def checked_pairs(
     for (first, second), depth in zip(pairs[touching], -distance[touching], strict=True):
         names = observers.names[first], observers.names[second]
         steps = steps_between(body, int(observers.links[first]), int(observers.links[second]))
-        if steps > NEAR_LINKS:
+        if steps > NEAR_LINKS and not rules.given:
             problems.append(_far_apart(names, steps, depth, rules.where))
         dropped.append(DroppedPair(*names, f"touch by {1e3 * depth:.1f} mm in the neutral posture"))
     if problems:
@@ -330,10 +333,7 @@ ObserverSet = Literal["none", "lines", "lines_and_head", "capsules"]
 
 
 def human_observers(human: Human, settings: ObserverSettings, chosen: ObserverSet | None = None) -> Observers | None:
-    """The observers of a human of this size; None where the settings want none. chosen: instead of the settings' set.
-
-    Raises ConfigError: parts far apart along the body touch in the neutral posture.
-    """
+    """The observers of a human of this size; None where the settings want none. chosen: not the settings' set."""
     chosen = settings.human if chosen is None else chosen
     if chosen == "none":
         return None
@@ -350,7 +350,7 @@ def human_observers(human: Human, settings: ObserverSettings, chosen: ObserverSe
                 row = geom_shape(geom)
                 assert row is not None, "a human is made of capsules and balls"
                 parts[geom.name] = Part(geom.body, *row, *zone)
-    rules = PairRules(neutral=human.posture(NEUTRAL), where="virtual human")
+    rules = PairRules(neutral=human.posture(NEUTRAL), given=True)
     return assemble(human.body, parts, rules)
 
 

@@ -190,7 +190,10 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
         yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
     yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
     yield Finding("pelvis travel", _number(report.pelvis_excursion_ratio, "% of what was asked", scale=100.0))
-    yield Finding("foot path", _number(report.foot_path_ratio, "% of the performer's", scale=100.0))
+    if report.foot_path_ratio is not None and run.robot is not None and run.robot.stands and report.steps is None:
+        yield Finding("foot path", "none: its feet stay planted")
+    else:
+        yield Finding("foot path", _number(report.foot_path_ratio, "% of the performer's", scale=100.0))
     yield Finding("over the ground", _travel(report))
     yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
     yield Finding("highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3))

@@ -9,6 +9,7 @@ without its observers: which lean they leave depends on whether the pelvis is ah
 lean that is asked too far costs no more than that lean.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import atan2, hypot
 
@@ -19,7 +20,7 @@ from retarget.ik.support_polygon import Stance, half_spaces
 from retarget.model.body import Frame, JointLimits
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.rotations import Quat, as_quat, as_vector, product, rotated, turn
-from retarget.types import FloatArray
+from retarget.types import MM, FloatArray
 
 HEIGHTS = 9
 """Pelvis heights at which the lean is measured."""
@@ -34,6 +35,8 @@ FARTHEST_M, FARTHEST_RAD = 1.0, 1.4
 """Heights over or under the standing posture, and leans, beyond which nothing is tried."""
 SPARE = 0.05
 """Share of the crouch and of the lean that is not asked for: at its very end a leg has no room to brake."""
+LEAST_CROUCH_M, LEAST_SHARE = 0.01, 2.0 / 3.0
+"""A crouch of less is none; one of a smaller share of what the joints allow is worth a note."""
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 ITERATIONS = 8
 """Most iterations of the solver, per step."""
@@ -41,10 +44,12 @@ ITERATIONS = 8
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """heights (h,) m of the pelvis frame over the soles, rising; lean (h, 4) rad: most forward, left, back, right."""
+    """heights (h,) m of the pelvis frame over the soles, rising; lean (h, 4) rad: most forward, left, back, right.
+    note: a sentence for the operator where the robot crouches little, else ""."""
 
     heights: FloatArray
     lean: FloatArray
+    note: str = ""
 
     @property
     def lowest(self) -> float:
@@ -76,7 +81,7 @@ class Envelope:
         """The part of it with the pelvis no higher than `top` m, where any is left."""
         heights = np.linspace(self.lowest, min(max(top, float(self.heights[1])), self.highest), HEIGHTS)
         columns = [np.interp(heights, self.heights, lean) for lean in self.lean.T]
-        return Envelope(heights, np.column_stack(columns))
+        return Envelope(heights, np.column_stack(columns), self.note)
 
 
 def measure_envelope(
@@ -91,11 +96,27 @@ def measure_envelope(
     bottom, top = min(postures), max(postures)
     heights = np.linspace(bottom + SPARE * (top - bottom), top, HEIGHTS)
     lean = np.array([probe.leans(float(height), postures) for height in heights])
-    return Envelope(heights, np.maximum((1.0 - SPARE) * lean, 1e-3))
+    possible = postures if observers is None else probe.upright(-STEP_M)
+    return Envelope(heights, np.maximum((1.0 - SPARE) * lean, 1e-3), _note(probe.standing - bottom, probe, possible))
+
+
+def _note(depth: float, probe: "_Probe", possible: Iterable[float]) -> str:
+    """What to say of a crouch `depth` m deep. possible: heights (m) that the robot reaches without observers."""
+    most = probe.standing - min(possible)
+    if depth >= max(LEAST_SHARE * most, LEAST_CROUCH_M):
+        return ""
+    if most < LEAST_CROUCH_M:
+        return "the robot cannot crouch: its joints, soles or balance do not let the pelvis down from posture stand"
+    crouches = "cannot crouch" if depth < LEAST_CROUCH_M else f"crouches only {MM * depth:.0f} mm"
+    return (
+        f"the robot {crouches}, though its joints allow {MM * most:.0f} mm: its links would come nearer to each other "
+        "than the margins of its observers"
+    )
 
 
 class _Probe:
-    """A solver without rates: limbs apart, soles, balance, the height of the pelvis, the trunk, in this order."""
+    """A solver without rates: limbs apart, soles, balance, the height of the pelvis, the trunk, in this order.
+    standing: height of the pelvis in the stance, m."""
 
     def __init__(
         self,
@@ -146,16 +167,16 @@ class _Probe:
             self._set(0, index, ())
         self._set(2, 0, half_spaces(edges).ravel())
         self._set(5, 0, start)
-        self._standing = float(self._point(start, pelvis)[2])
+        self.standing = float(self._point(start, pelvis)[2])
 
     def upright(self, step: float) -> dict[float, FloatArray]:
         """Postures (nq,) by height (m), each `step` m from the one before, from the standing one on: as far as the
         robot gets without leaning back."""
         self._solver.reset(self._start)
-        reached = {self._standing: self._start}
+        reached = {self.standing: self._start}
         # Continuation: small steps, each from the posture before, since one large step may end in another branch.
         for count in range(1, int(FARTHEST_M / abs(step))):
-            asked = self._standing + count * step
+            asked = self.standing + count * step
             missed = abs(self._go(asked, UPRIGHT) - asked)
             if not (missed <= MISSED_M and self._leaned(FORWARD) >= -MISSED_RAD):
                 break

@@ -212,7 +212,7 @@ class OnSoles:
 
 class Follower:
     """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: `Stepping` of a
-    robot that steps, else None."""
+    robot that steps, else None. note: a sentence for the operator where it can hardly crouch, else ""."""
 
     def __init__(
         self,
@@ -242,6 +242,7 @@ class Follower:
         if edges is not None:
             apart = self.observers.with_margin(priorities.observers.margin).for_solver(robot.body)
             envelope = measure_envelope(robot, limits, stance, edges=edges, observers=apart)
+        self.note = "" if envelope is None else envelope.note
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.scene_obstacles = SceneObstacles(scene)
@@ -258,7 +259,9 @@ class Follower:
                 standing_strength(robot, priorities, stance),
                 FallbackHierarchy(build, priorities, self.hierarchy, soles=still, carrying=carrying),
                 stopping(stance),
-                Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping) if steps else None,
+                Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping, highest=envelope.highest)
+                if steps and envelope is not None
+                else None,
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)

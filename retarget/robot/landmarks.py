@@ -227,9 +227,10 @@ class AskedLandmarks:
     carrying: Carrying = Carrying.BOTH
 
     def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
-        """The same for a body that is led aside, m: its pelvis by all of that, all others by a share."""
+        """The same for a body that is led aside and up, m: its pelvis by all of that, all others by a share of the way
+        aside, and as far up."""
         x, y, z = aside
-        part = (share * x, share * y, share * z)
+        part = (share * x, share * y, z)
         landmarks = [plus(place, aside if row == pelvis else part) for row, place in enumerate(self.landmarks)]
         return replace(self, landmarks=landmarks)
 

@@ -11,7 +11,7 @@ from enum import Enum
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
-from retarget.robot.balance import ENOUGH, moving_share, one_leg_load
+from retarget.robot.balance import ENOUGH, missed_on_one_leg, moving_share, one_leg_load
 from retarget.schema.priorities import (
     CentreOfMassTask,
     Level,
@@ -22,7 +22,7 @@ from retarget.schema.priorities import (
     ReactiveTask,
     Steps,
 )
-from retarget.types import Carrying
+from retarget.types import MM, Carrying
 
 OVER_M = 0.003
 """Distance (m) inside the region over one sole that capture point and zero-moment point have before the other foot
@@ -66,7 +66,7 @@ class StepInput:
     far (m) the robot's balance is inside the region over its left sole, and over its right one. outside: whether its
     mass is to stand, and is outside the region of standing on both; settled: whether it rests where standing asks for
     it. down: whether the swing foot is in its place on the floor. contact (2,): whether each sole presses on the floor;
-    True where it is not measured."""
+    True where it is not measured. risen: whether it is as high as one leg can carry it."""
 
     foot: int | None
     over: tuple[float, float]
@@ -74,6 +74,7 @@ class StepInput:
     settled: bool
     down: bool
     contact: tuple[bool, bool] = (True, True)
+    risen: bool = True
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,8 @@ def _no_longer_asked(now: StepInput, support: int | None) -> bool:
 
 
 def _weight_over_support_foot(now: StepInput, support: int | None) -> bool:
-    """The balance is well inside the region over the support foot, which presses on the floor."""
-    return support is not None and now.over[support] > OVER_M and now.contact[support]
+    """The balance is well inside the region over the support foot, which presses on the floor and can carry alone."""
+    return support is not None and now.over[support] > OVER_M and now.contact[support] and now.risen
 
 
 TRANSITIONS = (
@@ -240,13 +241,15 @@ def _refuse_unplanted(priorities: Priorities, soles: tuple[str, ...]) -> None:
 
 SOLES = 2
 """Soles of a robot that steps."""
+MISSED_M = 0.001
+"""Distance (m) of soles or mass from their places from which on a robot counts as unable to shift its weight."""
 
 
 def with_steps(
     priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str
 ) -> tuple[Priorities, tuple[str, ...]]:
     """The priorities with `asked` instead of their own `steps`, and notes for the operator: a robot that is too weak to
-    stand on one leg stays planted.
+    stand on one leg, or cannot get its weight over it, stays planted.
 
     asked: None keeps those of the file. parts: of the robot that follow. Raises UsageError or ConfigError where this
     robot cannot step so, as it is mounted.
@@ -260,9 +263,13 @@ def with_steps(
             kind = ConfigError if asked is None else UsageError
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
             raise kind(f"steps {steps} are not possible here", where=where, found=found, next_step=next_step)
-    if steps == "shift" and (load := one_leg_load(robot)).share > ENOUGH:
-        steps = "planted"
-        notes = (f"both soles stay planted: {load}, more than {100 * ENOUGH:.0f}%",)
+    if steps == "shift":
+        missed, load = missed_on_one_leg(robot), one_leg_load(robot)
+        why = f"{load}, more than {100 * ENOUGH:.0f}%" if load.share > ENOUGH else ""
+        if missed > MISSED_M:
+            why = f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
+        if why:
+            steps, notes = "planted", (f"both soles stay planted: {why}",)
     return priorities if steps == priorities.steps else priorities.model_copy(update={"steps": steps}), notes
 
 

@@ -9,7 +9,7 @@ from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
 from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
-from retarget.robot.balance import GRAVITY, Edges, inside, moving_share, moving_spaces, shrunk
+from retarget.robot.balance import GRAVITY, Edges, inside, moving_share, moving_spaces, one_leg_squat, shrunk
 from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import AskedLandmarks, Reached
 from retarget.robot.reference_governor import Glide
@@ -216,6 +216,32 @@ class WeightShift:
         return after
 
 
+# Rise: a crouch that two legs share can be more than one leg can hold, so the robot rises before it lifts a foot.
+
+RISE_SPEED, RISE_ACCELERATION = 1.0, 4.0
+"""1/s and 1/s^2: shares of its way with which a robot that is too low for one leg rises, and goes down again."""
+RISEN_M = 0.003
+"""It has risen when it is so near (m) to the height that one leg can carry."""
+
+
+class Rise:
+    """lowest: height (m) of the pelvis at which one leg can carry the robot. It starts where it is asked."""
+
+    def __init__(self, lowest: float) -> None:
+        self.lowest = lowest
+        self._glide = Glide((0.0,), acceleration=RISE_ACCELERATION, speed=RISE_SPEED)  # share of the way up
+
+    def restart(self) -> None:
+        """Stay where it is asked."""
+        self._glide.restart((0.0,))
+
+    def step(self, asked: float, dt: float, *, due: bool) -> float:
+        """How far (m) above the height `asked` (m) the pelvis is to be `dt` s later. due: whether one leg carries, or
+        is to."""
+        (share,) = self._glide.step((float(due),), dt)
+        return share * max(self.lowest - asked, 0.0)
+
+
 AWAY = 1.3
 """Most that the pelvis goes aside, in shares of the way to over one sole."""
 BENT = 0.02
@@ -253,9 +279,16 @@ class Stepping:
     how often. `contact`: which soles (2,) press on the floor, left and right; None where it is not measured."""
 
     def __init__(
-        self, robot: RobotBody, priorities: Priorities, stance: Stance, hierarchy: Hierarchy, *, stopping: StoppingOn
+        self,
+        robot: RobotBody,
+        priorities: Priorities,
+        stance: Stance,
+        hierarchy: Hierarchy,
+        *,
+        stopping: StoppingOn,
+        highest: float,
     ) -> None:
-        """hierarchy: of these priorities, which are `stepping_priorities`."""
+        """hierarchy: of these priorities, which are `stepping_priorities`. highest: of the pelvis, m."""
         share, leg = moving_share(priorities), robot.profile.landmarks["pelvis"].robot_length
         assert share is not None, "checked with the levels"
         self._body, self._stance, self._hierarchy = robot.body.solver_body(), stance, hierarchy
@@ -272,6 +305,8 @@ class Stepping:
         self._weight = WeightShift(room=self._balance.room, height=float(com[2]))
         self.plan = StepPlan()
         self._pelvis = list(robot.profile.landmarks).index("pelvis")
+        standing = float(stance.points[robot.profile.landmarks["pelvis"].frame][2])
+        self._rise = Rise(min(standing - one_leg_squat(robot), highest))
         self.contact: BoolArray | None = None
         self.restart()
 
@@ -280,6 +315,7 @@ class Stepping:
         self.plan.restart()
         self.stopping = self._stoppings[None]
         self._velocity: FloatArray | None = None
+        self._rise.restart()
         self._whole = 1.0  # share of the way of the pelvis aside that the whole body goes: hands would hold it up
 
     @property
@@ -318,14 +354,16 @@ class Stepping:
         before = self.plan.single_support
         down = self.plan.state is StepState.TOUCHDOWN and self._off(q, 1 - int(self.plan.support or 0)) < DOWN_M
         contact = (True, True) if self.contact is None else (bool(self.contact[0]), bool(self.contact[1]))
-        self.plan.step(StepInput(FOOT.get(asked.carrying), (left, right), outside, settled, down, contact), dt)
+        risen = at.landmarks[self._pelvis][2] > self._rise.lowest - RISEN_M
+        self.plan.step(StepInput(FOOT.get(asked.carrying), (left, right), outside, settled, down, contact, risen), dt)
         if self.plan.single_support != before:
             self._change_support(q, velocity)
         goal = self._aim_weight(targets, com, moving, dt, place=place)
         self._aim_soles(targets, q, dt, apart=asked.apart)
         self._whole += (1.0 - exp(-dt / LED_S)) * (float(self.plan.state in LED) - self._whole)
         x, y = (goal - standing).tolist()
-        return asked.led(self._pelvis, (x, y, 0.0), self._whole)
+        up = self._rise.step(asked.landmarks[self._pelvis][2], dt, due=self.plan.support is not None)
+        return asked.led(self._pelvis, (x, y, up), self._whole)
 
     def _change_support(self, q: FloatArray, velocity: FloatArray) -> None:
         """Stop on the soles that carry from now on; a swing foot begins in its place."""

@@ -203,7 +203,7 @@ def prepare_for(
         machine=machine,
         priorities=(for_human, for_robot),
         has_bus=options.bus != "none",
-        notes=(*human.notes, *robot.body.notes, *on_steps),
+        notes=(*human.notes, *robot.body.notes, *on_steps, *filter(None, (follower.note,))),
         scene=scene,
         observers=follower.observers,
         scene_obstacles=follower.scene_obstacles,

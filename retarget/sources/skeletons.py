@@ -4,9 +4,9 @@ The names are in `skeletons.yaml`.
 """
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -49,38 +49,38 @@ STYLES: Mapping[str, dict[str, tuple[str, ...]]] = {
 """Family of joint names -> canonical joint (and `head_top`) -> names, best first."""
 
 
-def plain_names(names: tuple[str, ...]) -> list[str]:
-    """Joint names as they are compared with the tables."""
-    plain = [re.sub(r"[\s._\-]", "", name.rsplit(":", 1)[-1]).lower() for name in names]
-    shared = commonprefix([name for name in plain if name])  # noqa: RUF071 - characters are meant, no paths
-    if len(shared) < 3 or len(plain) < 2:
-        return plain
-    return [name.removeprefix(shared) for name in plain]
-
-
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
     """Canonical joint (and `head_top`) -> index in `names`, by the style that names the most; None if none fits."""
-    index = _index(names)
-    found = [joints for names in STYLES.values() if set(REQUIRED) <= set(joints := _matched(names, index))]
+    found = [joints for _, joints in _matches(names) if set(REQUIRED) <= set(joints)]
     return max(found, key=len, default=None)
 
 
 def missing_joints(names: tuple[str, ...]) -> dict[str, str]:
     """Canonical joint -> its name in the style that fits best, for those that are needed and not in `names`; empty
     where half of them are missing, for then no style fits."""
-    index = _index(names)
-    styles = {style: set(REQUIRED) - set(_matched(joints, index)) for style, joints in STYLES.items()}
-    style = min(styles, key=lambda style: len(styles[style]))
-    missing = [joint for joint in REQUIRED if joint in styles[style]]
+    style, joints = max(_matches(names), key=lambda match: len(set(REQUIRED) & set(match[1])))
+    missing = [joint for joint in REQUIRED if joint not in joints]
     return {joint: STYLES[style][joint][0] for joint in missing} if 2 * len(missing) < len(REQUIRED) else {}
 
 
-def _index(names: tuple[str, ...]) -> dict[str, int]:
-    """Name as it is compared -> the first joint that has it."""
-    index: dict[str, int] = {}
-    for i, name in enumerate(plain_names(names)):
-        index.setdefault(name, i)
-    return index
+MOST_PREFIXES = 5
+"""Prefixes of names that are tried: the commonest."""
+
+
+def _matches(names: tuple[str, ...]) -> list[tuple[str, dict[str, int]]]:
+    """Each style with the joints of it that occur, by each prefix that the names of a skeleton may have: other joints
+    of the file need not have it."""
+    plain = [re.sub(r"[\s._\-]", "", name.rsplit(":", 1)[-1]).lower() for name in names]
+    words = {option for style in STYLES.values() for joint in REQUIRED for option in style.get(joint, ())}
+    prefixes = Counter(name.removesuffix(word) for name in plain for word in words if name.endswith(word))
+    found = []
+    for prefix in dict.fromkeys(["", *(prefix for prefix, _ in prefixes.most_common(MOST_PREFIXES))]):
+        index: dict[str, int] = {}
+        for i, name in enumerate(plain):
+            if name.startswith(prefix):
+                index.setdefault(name.removeprefix(prefix), i)
+        found += [(style, _matched(joints, index)) for style, joints in STYLES.items()]
+    return found
 
 
 def _matched(names: Mapping[str, tuple[str, ...]], index: Mapping[str, int]) -> dict[str, int]:

@@ -17,7 +17,7 @@ from hardware.errors import BusError
 from hardware.guard_state import StopCause
 from hardware.servo import loop_stiffness
 from messages import refuses, shows, shows_lines
-from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, posture_ticks
+from retarget.cli.buses import AFTER_FALL_S, HOLD_IT, PhysicsBench, make_bus, posture_ticks
 from retarget.cli.exit import DONE, STOPPED
 from retarget.cli.run import finished, follow_clip
 from retarget.errors import ConfigError, UsageError
@@ -110,6 +110,16 @@ def play(asked: RunOptions, push: Push | None = None, *, rest: bool = True) -> R
             bench._bus.witness.simulation.push(push)
         run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
     return bench.seen(run)
+
+
+@pytest.mark.parametrize("robot", ["op3", "toddlerbot"])
+def test_before_torque_goes_off_a_run_says_to_hold_who_cannot_stay(
+    robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = follow_clip(lambda: synthetic_performer().cut(0.0, 0.3), options(robot=robot, seconds=0.3), Outputs())
+    said = capsys.readouterr().err
+    assert report == DONE and said.find(HOLD_IT) < said.index("torque is off")
+    assert (HOLD_IT in said) is (robot == "toddlerbot")
 
 
 def test_a_run_stands_reports_and_ends_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

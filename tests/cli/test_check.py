@@ -1,6 +1,7 @@
 """`retarget check` and `retarget robots` as a user meets them: output, messages, exit codes."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,11 @@ from command_line import code_of, copy_of_op3
 from command_line import said_by as run
 from messages import shows, shows_lines
 from retarget.cli import run as run_module
+from retarget.cli.buses import HOLD_IT
 from retarget.cli.exit import DONE, REFUSED
+from retarget.model.robot import load_robot
 from retarget.schema.catalogue import Kind, entries, shipped_folder
+from sim.buses import topples_at_rest
 
 
 @pytest.fixture(autouse=True)
@@ -26,6 +30,16 @@ def test_shipped_robot_is_good(capsys: pytest.CaptureFixture[str]) -> None:
     assert (code, err) == (0, "")
     shows(out, "op3")
     assert "20 x XM430-W350" in out
+
+
+@pytest.mark.parametrize("robot", ["op3", "poppy", "wolfgang", "toddlerbot"])
+def test_a_robot_that_does_not_stay_at_rest_is_to_be_held(robot: str, capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, "check", robot)
+    (at_rest,) = re.findall(r"at rest: .*", out)
+    assert (HOLD_IT in at_rest) is (robot == "toddlerbot")
+    robot_body = load_robot(robot)
+    hanging = robot_body.profile.model_copy(update={"root": "suspended"})
+    assert topples_at_rest(replace(robot_body, profile=hanging)) is None, "only who stands can go down"
 
 
 def test_it_says_whether_physics_takes_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -153,6 +153,14 @@ def test_unknown_names_are_refused_with_the_nearest() -> None:
         compiled(({"name": "posture", "tasks": ({"type": "posture", "stiffness": {"spnie": 1.0}},)},))
 
 
+@pytest.mark.parametrize("optional", [True, False])
+def test_a_weight_per_length_of_what_has_none_is_refused(optional: bool) -> None:
+    """It was taken as one per metre, or as a frame that the body does not have."""
+    task = {"type": "position", "of": ("l_wrist",), "per": "length", "optional": optional}
+    with refuses(ConfigError, "l_wrist", "per length"):
+        compiled(({"name": "hands", "tasks": (task,)},))
+
+
 BALL: dict[str, Any] = {"shape": {"sphere": {"radius": 0.1}}, "velocity": (1.0, 0.0, 0.0), "at": {"pos": (0, 0, 1)}}
 
 

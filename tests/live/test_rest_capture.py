@@ -267,9 +267,11 @@ def standing() -> dict[str, FloatArray]:
 def measured(at: dict[str, FloatArray]) -> float:
     """Stature (m) of a second of standing still."""
     capture = RestCapture(where="test")
-    position = np.array([at[name] for name in FIVE])
+    names, position, count = tuple(at), np.array(list(at.values())), len(at)
     for tick in range(60):
-        capture.take(0.02 * tick, SensorSample(FIVE, position, np.full((5, 4), np.nan), np.ones(5, dtype=bool)))
+        capture.take(
+            0.02 * tick, SensorSample(names, position, np.full((count, 4), np.nan), np.ones(count, dtype=bool))
+        )
     return capture.result().dimensions.stature
 
 
@@ -281,14 +283,25 @@ def leaning(degrees: float) -> dict[str, FloatArray]:
     return at | {name: hips + turn @ (at[name] - hips) for name in UPPER}
 
 
+def crouched(degrees: float) -> dict[str, FloatArray]:
+    """Thighs and shanks turned by as much, so that the body comes straight down; with sensors on the knees."""
+    person, at, angle = proportional_dimensions(STATURE), standing(), np.deg2rad(degrees)
+    leg = person.length("l_knee") + person.length("l_ankle")
+    at |= {name: at[name] - [0.0, 0.0, (1.0 - np.cos(angle)) * leg] for name in UPPER}
+    ahead = person.length("l_ankle") * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    return at | {f"{side}_knee": at[f"{side}_ankle"] + ahead for side in "lr"}
+
+
 def test_who_stands_upright_is_measured_within_two_percent() -> None:
     assert measured(standing()) == pytest.approx(STATURE, rel=0.02)
     assert measured(leaning(8.0)) == pytest.approx(STATURE, rel=0.02)
+    assert measured(crouched(10.0)) == pytest.approx(STATURE, rel=0.02)
 
 
 @pytest.mark.parametrize(
     ("at", "found"),
     [
+        (crouched(16.0), "your knees are bent, 0.1. m ahead of your feet"),
         (leaning(25.0), "your head is 0.[23]. m ahead of your feet"),
         (standing() | {"head": standing()["head"] + [0.3, 0.0, -0.05]}, "your head is 0.2. m ahead of your feet"),
         (standing() | {"head": standing()["head"] - [0.0, 0.2, 0.0]}, "your head is 0.20 m to the right of your feet"),

@@ -148,6 +148,16 @@ def test_what_is_far_apart_along_the_body_and_touches_is_refused() -> None:
     assert dropped(calm)[frozenset(("a", "d"))] == "because"
 
 
+def test_a_person_whose_legs_touch_is_no_mistake() -> None:
+    """Hip joints in one place, as some files have them: what touches is not looked at, and all else is."""
+    usual = proportional_dimensions(1.7)
+    offset = usual.offset.copy()
+    offset[[POINTS.index("l_hip"), POINTS.index("r_hip")], 1] = 0.0
+    made = human_observers(build_human(replace(usual, offset=offset)), ObserverSettings(human="capsules"))
+    assert made is not None and frozenset(("l_knee", "r_knee")) in dropped(made)
+    assert frozenset(("l_elbow", "r_knee")) in looked_at(made)
+
+
 def test_every_pair_of_op3_is_looked_at_or_dropped_with_a_reason() -> None:
     found = robot_observers(op3())
     assert len(found.names) == 23 and len(found.pairs) == 223 and len(found.dropped) == 28

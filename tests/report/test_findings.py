@@ -10,7 +10,7 @@ from rich.console import Console
 
 from retarget.report.findings import Finding, findings, limit_use, show_summary
 from retarget.report.measure import measure
-from retarget.report.report import BothMoved, Percentiles, Report, Spread
+from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from rig import Rig, person, result, scripted_run, short_clip
@@ -125,6 +125,12 @@ def test_a_sentence_says_whether_it_follows(
     alike |= {"reachable_hands_mm": None, "hand_path_ratio": 1.0, "pelvis_excursion_ratio": None}
     found = of("following", run, replace(report, **(alike | differs)))
     assert (found.measured, found.kept) == (words, kept)
+
+
+def test_feet_that_are_to_stay_are_said_to_stay(run: RunResult, report: Report) -> None:
+    still = replace(report, foot_path_ratio=0.0)
+    assert of("foot path", run, still).measured == "none: its feet stay planted"
+    assert of("foot path", run, replace(still, steps=StepsReport(3, 0, 3))).measured == "0.0 % of the performer's"
 
 
 def test_the_joint_that_turned_used_most_of_its_speed(run: RunResult) -> None:

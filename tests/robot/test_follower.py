@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from followers import DT, dimensions, follower, op3, performer, postures, settled
 from hardware.clock import VirtualClock
 from hardware.servo_health import RAMP_S
+from messages import shows
 from retarget.human.samples import Playback
 from retarget.ik.support_polygon import plant
 from retarget.model.body import JointLimits
@@ -383,6 +384,25 @@ def test_no_height_is_asked_at_which_the_robot_touches_itself() -> None:
     limits = following_limits(robot, stance)
     kept = measure_envelope(robot, limits, stance, edges=stance.edges(0.01), observers=apart)
     assert kept.lowest > envelope().lowest + 0.02 and kept.highest == envelope().highest
+
+
+def test_a_crouch_that_margins_take_away_is_said_and_one_that_is_none() -> None:
+    """From 8 mm on OP3's shins are nearer to its feet in any deep crouch: that is no fault of the search."""
+    stance, robot = plant(op3(), op3().profile.postures.stand), op3()
+    limits, observers = following_limits(robot, stance), robot_observers(robot)
+    wide = replace(observers.with_margin(0.012), influence=observers.influence + 0.1)
+    said = [
+        measure_envelope(robot, limits, stance, edges=stance.edges(0.01), observers=apart.for_solver(robot.body)).note
+        for apart in (observers, wide)
+    ]
+    assert not said[0] and not envelope().note
+    shows(said[1], "25 mm", "160 mm", "margins")
+    stiff = limits.lower.copy()
+    stiff[6:] = stance.q[7:]
+    kept = replace(limits, lower=stiff, upper=np.r_[limits.upper[:6], stiff[6:]])
+    none = measure_envelope(robot, kept, stance, edges=stance.edges(0.01))
+    shows(none.note, "cannot crouch")
+    assert none.below(0.2).note == none.note
 
 
 def with_a_belly() -> RobotBody:

@@ -14,10 +14,11 @@ from followers import DT, Followed, assert_within_limits, collect, dimensions, o
 from hardware.clock import VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
+from retarget.ik.gravity_torque import GravityTorque
 from retarget.ik.support_polygon import convex_hull, plant, support_distance
 from retarget.ik.tasks import SUPPORT_EDGES
 from retarget.report.measure import measure
-from retarget.robot.balance import GRAVITY
+from retarget.robot.balance import GRAVITY, SUSTAINED, StandingStrength
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import CONTACT_WAIT_S, StepState
 from retarget.robot.stepping import HIGH, LOW, WAY, StepBalance, SwingFoot, WeightShift
@@ -37,19 +38,20 @@ def stepper() -> Follower:
     return Follower(op3(), priorities, dimensions(performer()))
 
 
-def lifting(carrying: Carrying, high: float = 0.3) -> HumanPosture:
-    """The performer, standing, one ankle lifted."""
+def lifting(carrying: Carrying, high: float = 0.3, low: float = 0.0) -> HumanPosture:
+    """The performer, standing, one ankle lifted, and all but the ankles `low` m lower."""
     joints = STANDS.joints.copy()
+    joints[["ankle" not in name for name in STANDS.joint_names], 2] -= low
     if carrying in (LEFT, RIGHT):
         joints[STANDS.joint_names.index("r_ankle" if carrying is LEFT else "l_ankle"), 2] += high
     return replace(STANDS, joints=joints, carrying=carrying)
 
 
-def played(robot: Follower, story: Sequence[tuple[Carrying, float]]) -> Followed:
-    """Each for so many seconds."""
+def played(robot: Follower, story: Sequence[tuple[Carrying, float]], *, low: float = 0.0) -> Followed:
+    """Each for so many seconds, `low` m below standing."""
     rows = [robot.start(STANDS)]
     for carrying, seconds in story:
-        human = lifting(carrying)
+        human = lifting(carrying, low=low)
         rows += [robot.step(human, DT) for _ in range(round(seconds / DT))]
     return collect(rows)
 
@@ -103,6 +105,23 @@ def test_no_foot_is_off_the_floor_before_the_balance_is_over_the_other() -> None
         for row in np.flatnonzero(height[:, 1 - foot] > 5e-4):
             assert balance.depth(balance.over[foot], com[row], velocity[row], still) > 0.0
     assert done.support.min() > 0.02
+
+
+def test_a_crouched_robot_rises_to_what_one_leg_can_carry() -> None:
+    """A performer who crouches, then on one foot: both knees share the crouch, and one leg alone could not hold it."""
+    robot = stepper()
+    done = played(robot, ((BOTH, 3.0), (LEFT, 4.0), (BOTH, 4.0)), low=0.35)
+    strength, left = StandingStrength(op3(), robot.stance, share=SUSTAINED), robot.stance.soles[:1]
+    on_left = GravityTorque(op3(), replace(robot.stance, soles=left))
+    lifted = soles(done.q)[:, 1, 2] > 5e-4
+    assert lifted.sum() * DT > 1.0 and state(robot) is StepState.DOUBLE_SUPPORT
+    used = [np.abs(on_left.torques(q, np.zeros(3))[strength.dofs]) / strength.most for q in done.q[lifted]]
+    assert np.max(used) < 1.15
+    crouch = done.q[[round(3.0 / DT), -1], 2]
+    assert np.ptp(crouch) < 2e-3 and done.q[lifted, 2].min() > crouch.max() + 0.02, (
+        "on both feet it crouches as deep as ever"
+    )
+    assert_within_limits(done.joints)
 
 
 def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> None:

@@ -17,6 +17,7 @@ from retarget.sources.skeletons import (
     JointTree,
     joints_by_name,
     joints_by_shape,
+    missing_joints,
 )
 
 
@@ -32,6 +33,18 @@ def test_each_style_finds_its_own_joints(style: str) -> None:
     assert len(set(names.values())) == len(names), "a name stands for two joints"
     found = joints_by_name(tuple(names.values()))
     assert found == {joint: i for i, joint in enumerate(names)}
+
+
+@pytest.mark.parametrize("prefix", ["Character1_", "Bip01 ", "Ann:"])
+@pytest.mark.parametrize("style", STYLES)
+def test_a_prefix_of_the_skeleton_alone_is_left_out(style: str, prefix: str) -> None:
+    """Beside it stand joints that have none, or another one."""
+    names = first_names(style)
+    extras = ("Reference", "Camera", "Solver_Head", *(f"prop_{name}" for name in ("head", "tip")))
+    found = joints_by_name((*extras, *(prefix + name for name in names.values())))
+    assert found == {joint: len(extras) + i for i, joint in enumerate(names)}
+    lacking = tuple(prefix + name for joint, name in names.items() if joint != "l_knee")
+    assert set(missing_joints((*extras, *lacking))) == {"l_knee"}
 
 
 LIMBS = [f"{side}_{part}" for side in "lr" for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
