@@ -55,7 +55,7 @@ def compare(folder: Path, cycles: int, repeats: int) -> list[Cycles]:
     for _ in range(repeats):
         with emulated_servos(folder) as path:
             sdk = [SdkGroups(path, COUNT, BAUD, plain=plain) for plain in (False, True)]
-            sides = [OurBus(path, COUNT, BAUD), *sdk]
+            sides: list[BusSide] = [OurBus(path, COUNT, BAUD), *sdk]
             runs.append(by_turns(sides, COUNT, cycles))
             for side in sides:
                 side.close()

@@ -189,6 +189,16 @@ class Hierarchy:
         for place in self._places[SlotKind.POSTURE]:
             targets[place.start + 1 : place.stop] = q
 
+    def set_joints(self, targets: FloatArray, columns: IntArray, positions: FloatArray) -> None:
+        """Draw the joints at `columns` of q to these positions (n,), rad, until `reset_posture`."""
+        for place in self._places[SlotKind.POSTURE]:
+            targets[place.start + 1 + columns] = positions
+
+    def reset_posture(self, targets: FloatArray) -> None:
+        """Draw all joints to the posture of the file again."""
+        for place in self._places[SlotKind.POSTURE]:
+            targets[place.start : place.stop] = self._blank[place.start : place.stop]
+
     def set_previous(self, targets: FloatArray, q: FloatArray, dt: float, *, settle: float = inf) -> None:
         """The posture (nq,) of `dt` seconds ago, which holds joints back.
 

@@ -13,15 +13,13 @@ from retarget.report.clearance import compared_pairs, moving_geoms
 from retarget.report.tracking import (
     EVERY,
     Performance,
-    arm_postures,
     as_carried,
     asked_limbs,
     asked_torso,
-    chain_to_anchor,
     headings,
-    position_limits,
     turned,
 )
+from retarget.robot.arm_branches import PARTS, arm_postures, chain_to_anchor, position_limits
 from retarget.schema.profile_parts import Landmark
 from retarget.types import BoolArray, FloatArray
 
@@ -126,8 +124,6 @@ FIRST_STEP, SHRINKING = 0.15, 0.8
 The last ones are below a degree's tenth."""
 BLOCK = 64
 """So many instants are searched together, which bounds the memory."""
-PARTS_OF_ARM = ("hand", "upper_arm", "forearm")
-"""Landmarks of each side whose lines an arm takes over: the whole arm, and its parts."""
 
 
 def best_angles(robot: RobotBody, asked: Performance, weights: Mapping[str, float]) -> dict[str, FloatArray]:
@@ -163,7 +159,7 @@ def best_postures(
     robot: RobotBody, stance: Stance, side: str, wanted: FloatArray, weights: Mapping[str, float]
 ) -> FloatArray:
     """Postures (t, nq) of the arm of a side, the rest in its stance, whose lines are nearest to those wanted (t, k, 3)
-    m: of the landmarks `PARTS_OF_ARM` that the profile has, as the trunk of the stance sees them."""
+    m: of the landmarks `PARTS` that the profile has, as the trunk of the stance sees them."""
     landmark, arm, chance = f"{side}_hand", _arm(robot, side), np.random.default_rng(0)
     scale = np.array([weights.get(name, 1.0) / entry.robot_length for name, entry in arm.items()])
     frames, anchors = tuple(entry.frame for entry in arm.values()), tuple(entry.anchor[0] for entry in arm.values())
@@ -203,7 +199,7 @@ def best_postures(
 def _arm(robot: RobotBody, side: str) -> dict[str, Landmark]:
     """The landmarks of the arm of a side, by name."""
     marks = robot.profile.landmarks
-    return {name: marks[name] for part in PARTS_OF_ARM if (name := f"{side}_{part}") in marks}
+    return {name: marks[name] for part in PARTS if (name := f"{side}_{part}") in marks}
 
 
 def arm_clearance(robot: RobotBody, stance: Stance, landmark: str) -> Callable[[FloatArray], BoolArray]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, takewhile
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from retarget.ik.support_polygon import Stance, plant
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.report import motion_metrics
+from retarget.robot.arm_branches import arm_postures, chain_to_anchor, position_limits
 from retarget.robot.landmarks import PELVIS, Facing
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import AxisTask, CentreOfMassTask, OrientationTask, PositionTask, Priorities, Task
@@ -422,33 +423,6 @@ def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatA
         return False
 
     return np.array([gets_to(at) for at in places], dtype=np.bool_)
-
-
-def position_limits(robot: RobotBody) -> tuple[FloatArray, FloatArray]:
-    """Limits (nv,) of the DoFs, rad or m: of the servos, where there are any."""
-    body = robot.body
-    lower, upper = body.lower.copy(), body.upper.copy()
-    dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
-    lower[dofs], upper[dofs] = robot.joint_map.lower, robot.joint_map.upper
-    return lower, upper
-
-
-def arm_postures(robot: RobotBody, stance: Stance, landmark: str, count: int) -> FloatArray:
-    """Postures (count, nq) with the limb of a landmark anywhere within its limits, and the rest in its stance."""
-    body, moving = robot.body, robot.body.joint_dof[list(chain_to_anchor(robot, landmark))]
-    (lower, upper), (_, columns) = position_limits(robot), body.scalar_joints()
-    postures = np.tile(stance.q, (count, 1))
-    spread = np.random.default_rng(0).uniform(lower[moving], upper[moving], (count, moving.size))
-    postures[:, columns[moving]] = spread
-    return postures
-
-
-def chain_to_anchor(robot: RobotBody, landmark: str) -> tuple[int, ...]:
-    """Joints between a landmark's frame and the link that carries its first anchor, or the root of the body."""
-    entry, body = robot.profile.landmarks[landmark], robot.body
-    base = robot.frame(entry.anchor[0]).body
-    links = takewhile(lambda link: link != base, body.chain_to_root(robot.frame(entry.frame).body))
-    return tuple(joint for link in links for joint in np.flatnonzero(body.joint_body == link).tolist())
 
 
 def _arm_solver(

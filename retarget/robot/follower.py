@@ -21,6 +21,7 @@ from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
+from retarget.robot.arm_branches import ITERATIONS, ArmBranches
 from retarget.robot.balance import GRAVITY, StandingBalance, StandingStrength, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import measure_envelope
 from retarget.robot.following_limits import following_limits
@@ -249,6 +250,10 @@ class Follower:
         carrying = standing_dofs(robot)
         build = partial(self._hierarchy_of, limits=limits, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
+        free = np.full_like(limits.max_velocity, inf)
+        unhurried = replace(limits, max_velocity=free, max_acceleration=free)
+        search = partial(self._hierarchy_of, limits=unhurried, iterations=ITERATIONS)
+        self._arms = ArmBranches(robot, priorities, stance, search)
         self._soles = OnSoles(balance)
         if legs_move:
             stopping = partial(Stopping, robot.body, limits, carrying=carrying)
@@ -302,6 +307,7 @@ class Follower:
         """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
         self.landmark_map.restart()
         self._governor.restart()
+        self._arms.restart()
         self._settling, self._time.scale = Settling(), 1.0
         self.scene_obstacles.restart()
         self._q = self.stance.q
@@ -352,9 +358,11 @@ class Follower:
             soles.strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
         if to_stance:
             self._governor.ask_nothing(targets)
+            is_led = True
         else:
             self._governor.aim(targets, asked, self._reached, dt)
-        hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if to_stance else inf)
+            is_led = self._arms.step(hierarchy, targets, self._q, dt, limbs=asked.limbs, reached=self._reached)
+        hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if is_led else inf)
         fallback = soles.fallback
         first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, self._q, dt)
         self._q = self._safe(first, dt)
@@ -425,6 +433,7 @@ class Follower:
             self._soles.stopping.begin(q, velocity)
         if self._soles.to_stance is not None:
             self._soles.to_stance.reset(q)
+        self._arms.reset(q)
         self._reached = self._reader.read(q)
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:

@@ -5,7 +5,8 @@ import numpy as np
 from followers import DT, dimensions, follower, op3, performer, postures
 from retarget.ik.support_polygon import plant
 from retarget.report.likeness import LEAN, LIMBS, arm_clearance, best_angles, best_postures, limb_angles
-from retarget.report.tracking import EVERY, Performance, arm_postures, hands_from_shoulders
+from retarget.report.tracking import EVERY, Performance, hands_from_shoulders
+from retarget.robot.arm_branches import arm_postures
 from retarget.types import FloatArray, HumanPosture
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from followers import DT, follower, op3, performance, performer, postures
 from retarget import rotations
-from retarget.report.tracking import HANDS, asked_arms, chain_to_anchor, reachable_hands, within_reach
+from retarget.report.tracking import HANDS, asked_arms, reachable_hands, within_reach
+from retarget.robot.arm_branches import chain_to_anchor
 from retarget.robot.landmarks import AskedLandmarks
 from retarget.types import FloatArray, HumanPosture
 
