@@ -119,7 +119,7 @@ KNEES_AHEAD_M = 0.1
 """A straight leg's knee is no farther ahead of its ankle; bent so far, a body is 3 cm (2 %) lower."""
 LOWEST_HEAD_M = 0.7
 """Lower above the ankles, the sender's axes or unit are others: no words about the posture."""
-FRESH_SHARE = 0.8
+FRESH_SHARE = 0.9
 """Share of the capture in which a sensor must be fresh to count."""
 FEWEST = 20
 """Least number of samples of a capture."""
@@ -189,7 +189,7 @@ class RestCapture:
         track[~fresh] = np.nan
         counts = fresh.mean(axis=0) >= FRESH_SHARE
         if stale := [name for name, ok in zip(names, counts, strict=True) if not ok and name in self._needed]:
-            step = "See that these are worn, switched on and named in the performer's file"
+            step = "See that these are worn, switched on, named in the performer's file and sent without gaps"
             raise self._refused("sensors are not fresh", ", ".join(stale), step=step)
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)

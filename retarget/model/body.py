@@ -296,6 +296,12 @@ class JointLimits:
     max_velocity: FloatArray
     max_acceleration: FloatArray
 
+    @property
+    def unhurried(self) -> "JointLimits":
+        """The same limits of position, and no others."""
+        free = np.full_like(self.max_velocity, np.inf)
+        return JointLimits(self.lower, self.upper, free, free)
+
 
 # One number per degree of freedom, by the names that people use in a priority file.
 

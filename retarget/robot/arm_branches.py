@@ -12,7 +12,7 @@ until a descent from where it is ends near what is asked. While the performer's 
 a second, in which a moving arm would have gone on.
 """
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from itertools import takewhile
 from math import inf
 
@@ -40,15 +40,15 @@ CAUGHT = 0.26
 """[rad] A branch is wrong that ends farther from what is asked, and by so much farther than another: 15 degrees are
 seen at once, and less is not worth a way that is seen as well."""
 ARRIVED = 0.09
-"""[rad] A descent that ends no farther from the goal's own end (5 degrees) is in its branch."""
+"""[rad] An arm is in the branch of its goal if descents from both end as far from what is asked, to 5 degrees."""
 UNLIKE_S, CHECK_S = 0.6, 0.05
 """[s] For so long an arm is unlike before its branch is looked at, and the time between two looks."""
 STILL = 0.35
 """[rad] A performer's arm that moves by no more than this, for as long as an arm is to be unlike, is not on its way."""
 SECOND_COSTS = 0.3
 """[rad/s] Of two branches that differ by this, the one is taken that is a second nearer."""
-LED_SPEED, LED_RISE_S, LED_JERK_S = 1.0, 0.15, 0.04
-"""Share of its servos' speeds with which an arm is led; s until it has its speed, and its acceleration."""
+LED_RISE_S, LED_JERK_S = 0.15, 0.04
+"""s until an arm that is led has its servos' speed, and their acceleration."""
 MOST_LED_S = 3.0
 """[s] An arm that has not arrived by then is led no longer: something is in its way."""
 
@@ -57,11 +57,11 @@ class ArmBranches:
     """Leads the arms of one robot. `restart`, then one `step` per tick."""
 
     def __init__(self, robot: RobotBody, priorities: Priorities, stance: Stance, build: Build) -> None:
-        """build: a hierarchy without limits of speed. The limb tasks of `priorities` say how like a posture is."""
+        """build: a hierarchy of ITERATIONS without limits of speed. Limb tasks of `priorities` are what is weighed."""
         tasks = [task for level in priorities.levels for task in level.tasks if isinstance(task, LimbTask)]
         weights = {name: task.weight for task in tasks for name in task.of if name in limb_names(robot.profile)}
         sides = [{name: weights[name] for part in PARTS if (name := f"{side}_{part}") in weights} for side in "lr"]
-        self._arms = [_Arm(robot, priorities, stance, limbs, build) for limbs in sides if limbs]
+        self._arms = [_Arm(_Descent(robot, priorities, stance, limbs, build)) for limbs in sides if limbs]
 
     def restart(self) -> None:
         """Lead no arm."""
@@ -95,29 +95,8 @@ class ArmBranches:
 class _Arm:
     """One arm: for how long it has been unlike, and the way on which it is led, if it is."""
 
-    def __init__(
-        self, robot: RobotBody, priorities: Priorities, stance: Stance, weights: Mapping[str, float], build: Build
-    ) -> None:
-        """weights: of its limbs, by name."""
-        names = list(weights)
-        marks, body = [robot.profile.landmarks[name] for name in names], robot.body
-        self._robot, self._names = robot, names
-        self._rows = [limb_names(robot.profile).index(name) for name in names]
-        self._ends, self._begins = tuple(mark.frame for mark in marks), tuple(mark.anchor[0] for mark in marks)
-        moving = body.joint_dof[list(chain_to_anchor(robot, names[0]))]
-        locked = np.ones(body.nv, dtype=np.bool_)
-        locked[moving] = False
-        self._hierarchy = build(arm_priorities(priorities, names), locked)
-        self._targets = self._hierarchy.blank()
-        self._source, self._slots = self._hierarchy.position_slots(names, SlotKind.LIMB)
-        self._columns = body.scalar_joints()[1][moving]
-        servos = np.isin(robot.servo_columns, self._columns)
-        self._servos, self._speed = robot.servo_columns[servos], LED_SPEED * robot.joint_map.max_velocity[servos]
-        # With this scale the distance of all lines together is the root of the mean square of their angles, weighed.
-        share = np.array(list(weights.values()))
-        self._scale = (share / np.linalg.norm(share) / [mark.robot_length for mark in marks])[:, None]
-        self._spread = arm_postures(robot, stance, names[0], SPREAD)
-        self._seen = self._scale * self._lines(self._spread)
+    def __init__(self, descent: "_Descent") -> None:
+        self._descent, self._servos = descent, descent.servos
         self.release()
 
     def release(self) -> None:
@@ -134,9 +113,9 @@ class _Arm:
 
     def look(self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached) -> bool:
         """Whether the arm of posture q (nq,) is led in the tick of `dt` s that comes. limbs: lines asked, m."""
-        wanted = np.array([limbs[row] for row in self._rows])
-        is_unlike = self._unlike(np.array([reached.limbs[row] for row in self._rows]), wanted) > CAUGHT
-        if self._seen_at is None or self._unlike(wanted, self._seen_at) > STILL:
+        wanted = np.array([limbs[row] for row in self._descent.rows])
+        is_unlike = self._descent.unlike(np.array([reached.limbs[row] for row in self._descent.rows]), wanted) > CAUGHT
+        if self._seen_at is None or self._descent.unlike(wanted, self._seen_at) > STILL:
             self._seen_at, self._unlike_s = wanted, 0.0
         self._unlike_s = self._unlike_s + dt if is_unlike else 0.0
         self._looked_s += dt
@@ -146,66 +125,87 @@ class _Arm:
             self._seen_at, self._unlike_s = wanted, -inf  # not again until the performer's arm has moved
         if self._looked_s >= CHECK_S and (self._unlike_s > UNLIKE_S or self._moves is not None):
             self._looked_s = 0.0
-            self._choose(q, wanted, reached, dt)
+            self._choose(q, wanted, reached.trunk, dt)
         return self._moves is not None
 
     def lead(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
         """Go on with the way: no limb tasks for the arm, and its joints drawn to where they are to be."""
         assert self._moves is not None and self._goal is not None, "the arm is led"
-        _, slots = hierarchy.position_slots(self._names, SlotKind.LIMB)
+        _, slots = hierarchy.position_slots(self._descent.names, SlotKind.LIMB)
         targets[slots[:, 0]] = 0.0
         hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal))
 
-    def _choose(self, q: FloatArray, wanted: FloatArray, reached: Reached, dt: float) -> None:
+    def _choose(self, q: FloatArray, wanted: FloatArray, trunk: Quat, dt: float) -> None:
         """Choose where the arm of posture q (nq,) is led from the next tick of `dt` s on, if its branch is wrong."""
-        here, _ = self._descend(q, wanted)
+        here, _ = self._descent.end(q, wanted)
         if self._goal is not None:
             goal = q.copy()
             goal[self._servos] = self._goal
-            there, _ = self._descend(goal, wanted)
-            if there < min(CAUGHT, here - ARRIVED):
+            if self._descent.end(goal, wanted)[0] < min(CAUGHT, here - ARRIVED):
                 return  # it is on its way
-        if here < CAUGHT:
+        end = self._descent.better(q, wanted, trunk, than=here) if here >= CAUGHT else None
+        if end is None:
             self.release()
             return
-        seen = self._scale * as_carried(reached.trunk, wanted)
+        self._goal = end[self._servos]
+        if self._moves is None:
+            speed, self._led_s = self._descent.speed, 0.0
+            self._moves = TrajectoryGenerator(speed, speed / LED_RISE_S, speed / LED_RISE_S / LED_JERK_S, dt=dt)
+            self._moves.reset(q[self._servos])
+
+
+class _Descent:
+    """Descents of one arm, from where it is and from postures spread over all that it can do."""
+
+    def __init__(
+        self, robot: RobotBody, priorities: Priorities, stance: Stance, weights: Mapping[str, float], build: Build
+    ) -> None:
+        """weights: of its limbs, by name."""
+        self.names = list(weights)
+        marks, body = [robot.profile.landmarks[name] for name in self.names], robot.body
+        self.rows = [limb_names(robot.profile).index(name) for name in self.names]
+        """Of the arm's lines in `limb_names`."""
+        ends, begins = tuple(mark.frame for mark in marks), tuple(mark.anchor[0] for mark in marks)
+        self._lines: Callable[[FloatArray], FloatArray] = lambda q: robot.points(q, ends) - robot.points(q, begins)
+        moving = body.joint_dof[list(chain_to_anchor(robot, self.names[0]))]
+        locked = np.ones(body.nv, dtype=np.bool_)
+        locked[moving] = False
+        hierarchy = build(arm_priorities(priorities, self.names), locked)
+        self._solver, self._targets = hierarchy.solver, hierarchy.blank()
+        self._source, self._slots = hierarchy.position_slots(self.names, SlotKind.LIMB)
+        self._columns = body.scalar_joints()[1][moving]
+        servos = np.isin(robot.servo_columns, self._columns)
+        self.servos, self.speed = robot.servo_columns[servos], robot.joint_map.max_velocity[servos]
+        """Places of its servos in q, and their speeds, rad/s."""
+        # With this scale the distance of all lines together is the root of the mean square of their angles, weighed.
+        share = np.array(list(weights.values()))
+        self._scale = (share / np.linalg.norm(share) / [mark.robot_length for mark in marks])[:, None]
+        self._spread = arm_postures(robot, stance, self.names[0], SPREAD)
+        self._seen = self._scale * self._lines(self._spread)
+
+    def unlike(self, lines: FloatArray, wanted: FloatArray) -> float:
+        """How unlike lines (k, 3) m are to those wanted, rad."""
+        return float(np.linalg.norm(self._scale * (lines - wanted)))
+
+    def end(self, q: FloatArray, wanted: FloatArray) -> tuple[float, FloatArray]:
+        """Where a descent from posture q (nq,) ends: how unlike, rad, and the posture (nq,)."""
+        self._targets[self._slots] = np.column_stack([np.ones(len(wanted)), wanted])[self._source]
+        self._solver.reset(q)
+        end = self._solver.frame(self._targets, 1.0)
+        return self.unlike(self._lines(end[None])[0], wanted), end
+
+    def better(self, q: FloatArray, wanted: FloatArray, trunk: Quat, *, than: float) -> FloatArray | None:
+        """A posture (nq,) in another branch than q (nq,) that is less unlike than `than`, by CAUGHT, rad, if any is."""
+        seen = self._scale * as_carried(trunk, wanted)
         ways = []
         for start in self._spread[np.argpartition(np.sum((self._seen - seen) ** 2, axis=(1, 2)), STARTS)[:STARTS]]:
             tried = q.copy()
             tried[self._columns] = start[self._columns]
-            there, end = self._descend(tried, wanted)
-            if there < here - CAUGHT:
-                ways.append((there + SECOND_COSTS * self._seconds(q, end), end))
-        if not ways:
-            self.release()
-            return
-        _, end = min(ways, key=lambda way: way[0])
-        self._goal = end[self._servos]
-        if self._moves is None:
-            acceleration = self._speed / LED_RISE_S
-            self._moves = TrajectoryGenerator(self._speed, acceleration, acceleration / LED_JERK_S, dt=dt)
-            self._moves.reset(q[self._servos])
-            self._led_s = 0.0
-
-    def _seconds(self, q: FloatArray, end: FloatArray) -> float:
-        """Time, s, of the way between two postures (nq,)."""
-        return float((np.abs(end - q)[self._servos] / self._speed).max())
-
-    def _descend(self, q: FloatArray, wanted: FloatArray) -> tuple[float, FloatArray]:
-        """Where a descent from posture q (nq,) ends: how unlike, rad, and the posture (nq,)."""
-        solver = self._hierarchy.solver
-        self._targets[self._slots] = np.column_stack([np.ones(len(wanted)), wanted])[self._source]
-        solver.reset(q)
-        end = solver.frame(self._targets, 1.0)
-        return self._unlike(self._lines(end[None])[0], wanted), end
-
-    def _lines(self, q: FloatArray) -> FloatArray:
-        """The lines (n, k, 3) m of the arm's limbs in postures (n, nq)."""
-        return self._robot.points(q, self._ends) - self._robot.points(q, self._begins)
-
-    def _unlike(self, lines: FloatArray, wanted: FloatArray) -> float:
-        """How unlike lines (k, 3) m are to those wanted, rad."""
-        return float(np.linalg.norm(self._scale * (lines - wanted)))
+            there, end = self.end(tried, wanted)
+            if there < than - CAUGHT:
+                seconds = float((np.abs(end - q)[self.servos] / self.speed).max())
+                ways.append((there + SECOND_COSTS * seconds, end))
+        return min(ways, key=lambda way: way[0])[1] if ways else None
 
 
 def arm_priorities(priorities: Priorities, limbs: Container[str]) -> Priorities:

@@ -213,7 +213,7 @@ class OnSoles:
 
 class Follower:
     """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: `Stepping` of a
-    robot that steps, else None. note: a sentence for the operator where it can hardly crouch, else ""."""
+    robot that steps, else None."""
 
     def __init__(
         self,
@@ -243,21 +243,17 @@ class Follower:
         if edges is not None:
             apart = self.observers.with_margin(priorities.observers.margin).for_solver(robot.body)
             envelope = measure_envelope(robot, limits, stance, edges=edges, observers=apart)
-        self.note = "" if envelope is None else envelope.note
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.scene_obstacles = SceneObstacles(scene)
         carrying = standing_dofs(robot)
         build = partial(self._hierarchy_of, limits=limits, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
-        free = np.full_like(limits.max_velocity, inf)
-        unhurried = replace(limits, max_velocity=free, max_acceleration=free)
-        search = partial(self._hierarchy_of, limits=unhurried, iterations=ITERATIONS)
-        self._arms = ArmBranches(robot, priorities, stance, search)
-        self._soles = OnSoles(balance)
+        unhurried = partial(self._hierarchy_of, limits=limits.unhurried, iterations=ITERATIONS)
+        self._arms = ArmBranches(robot, priorities, stance, unhurried)
+        self._soles, still = OnSoles(balance), frozenset(soles)
         if legs_move:
             stopping = partial(Stopping, robot.body, limits, carrying=carrying)
-            still = frozenset(soles)
             returns = "pelvis" in robot.profile.landmarks
             self._soles = OnSoles(
                 balance,
@@ -273,7 +269,7 @@ class Follower:
         self._governor = ReferenceGovernor(
             robot,
             self.hierarchy,
-            still=frozenset(soles),
+            still=still,
             trunk_at_stance=self._reader.trunk_at_stance,
             lead_time=priorities.lead_time,
         )
@@ -283,6 +279,11 @@ class Follower:
     def steps(self) -> Stepping | None:
         """The stepping of a robot that steps."""
         return self._soles.steps
+
+    @property
+    def note(self) -> str:
+        """A sentence for the operator where it can hardly crouch, else ""."""
+        return self.landmark_map.note
 
     def _hierarchy_of(
         self, priorities: Priorities, locked: BoolArray, *, limits: JointLimits, iterations: int | None

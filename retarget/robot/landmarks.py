@@ -311,6 +311,11 @@ class LandmarkMap:
         self.standing = AskedLandmarks(ends, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
         """What asks the robot to stand as in its stance."""
 
+    @property
+    def note(self) -> str:
+        """A sentence for the operator where the robot can hardly crouch, else ""."""
+        return "" if self._envelope is None else self._envelope.note
+
     def restart(self) -> None:
         """A new performance: take the heading of its first posture as it is."""
         self._facing.restart()

@@ -12,7 +12,7 @@ from command_line import code_of
 from landmarks import read_frames
 from messages import mentions
 from rendered import RATE
-from retarget.cli.exit import DONE, REFUSED, STOPPED
+from retarget.cli.exit import DONE, REFUSED
 from retarget.sources.raw_record import RawWriter
 from retarget.types import FloatArray
 
@@ -41,7 +41,7 @@ def half_outside(rows: FloatArray) -> FloatArray:
         (lambda rows: 1e9 * rows, 1, REFUSED, "a landmark that is no part of a body"),
         (lambda rows: rows[:0], 1, REFUSED, "picture without a person"),
         (half_outside, 1, REFUSED, "head"),
-        (None, 4, STOPPED, "nothing that can be used"),
+        (None, 4, REFUSED, "not fresh"),
     ],
     ids=["good", "mirrored", "at infinity", "two people", "half a person", "4 a second"],
 )
