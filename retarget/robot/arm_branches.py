@@ -42,7 +42,7 @@ seen at once, and less is not worth a way that is seen as well."""
 ARRIVED = 0.09
 """[rad] An arm is in the branch of its goal if descents from both end as far from what is asked, to 5 degrees."""
 UNLIKE_S, CHECK_S = 0.6, 0.05
-"""[s] For so long an arm is unlike before its branch is looked at, and the time between two looks."""
+"""[s] For so long an arm is unlike before its branch is looked at; the time between two looks at an arm."""
 STILL = 0.35
 """[rad] A performer's arm that moves by no more than this, for as long as an arm is to be unlike, is not on its way."""
 SECOND_COSTS = 0.3
@@ -113,20 +113,24 @@ class _Arm:
 
     def look(self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached) -> bool:
         """Whether the arm of posture q (nq,) is led in the tick of `dt` s that comes. limbs: lines asked, m."""
-        wanted = np.array([limbs[row] for row in self._descent.rows])
-        is_unlike = self._descent.unlike(np.array([reached.limbs[row] for row in self._descent.rows]), wanted) > CAUGHT
-        if self._seen_at is None or self._descent.unlike(wanted, self._seen_at) > STILL:
-            self._seen_at, self._unlike_s = wanted, 0.0
-        self._unlike_s = self._unlike_s + dt if is_unlike else 0.0
         self._looked_s += dt
         self._led_s += dt
+        if self._looked_s >= CHECK_S:
+            passed, self._looked_s = self._looked_s, 0.0
+            wanted = np.array([limbs[row] for row in self._descent.rows])
+            self._judge(wanted, np.array([reached.limbs[row] for row in self._descent.rows]), passed)
+            if self._unlike_s > UNLIKE_S or self._moves is not None:
+                self._choose(q, wanted, reached.trunk, dt)
+        return self._moves is not None
+
+    def _judge(self, wanted: FloatArray, lines: FloatArray, passed: float) -> None:
+        """Note for how long lines (k, 3) m have been unlike those wanted, `passed` s after the last time."""
+        if self._seen_at is None or self._descent.unlike(wanted, self._seen_at) > STILL:
+            self._seen_at, self._unlike_s = wanted, 0.0
+        self._unlike_s = self._unlike_s + passed if self._descent.unlike(lines, wanted) > CAUGHT else 0.0
         if self._moves is not None and self._led_s > MOST_LED_S:
             self.release()
             self._seen_at, self._unlike_s = wanted, -inf  # not again until the performer's arm has moved
-        if self._looked_s >= CHECK_S and (self._unlike_s > UNLIKE_S or self._moves is not None):
-            self._looked_s = 0.0
-            self._choose(q, wanted, reached.trunk, dt)
-        return self._moves is not None
 
     def lead(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
         """Go on with the way: no limb tasks for the arm, and its joints drawn to where they are to be."""
