@@ -47,8 +47,9 @@ STILL = 0.35
 """[rad] A performer's arm that moves by no more than this, for as long as an arm is to be unlike, is not on its way."""
 SECOND_COSTS = 0.3
 """[rad/s] Of two branches that differ by this, the one is taken that is a second nearer."""
-LED_RISE_S, LED_JERK_S = 0.15, 0.04
-"""s until an arm that is led has its servos' speed, and their acceleration."""
+LED_SPEED, LED_RISE_S, LED_JERK_S = 0.5, 0.3, 0.04
+"""Share of its servos' speeds at which an arm is led; s until it has that, and its acceleration. An arm's mass that is
+thrown round tips a light robot: at full speed Poppy fell, with mass, where it stands at half of it."""
 MOST_LED_S = 3.0
 """[s] An arm that has not arrived by then is led no longer: something is in its way."""
 
@@ -179,8 +180,8 @@ class _Descent:
         self._source, self._slots = hierarchy.position_slots(self.names, SlotKind.LIMB)
         self._columns = body.scalar_joints()[1][moving]
         servos = np.isin(robot.servo_columns, self._columns)
-        self.servos, self.speed = robot.servo_columns[servos], robot.joint_map.max_velocity[servos]
-        """Places of its servos in q, and their speeds, rad/s."""
+        self.servos, self.speed = robot.servo_columns[servos], LED_SPEED * robot.joint_map.max_velocity[servos]
+        """Places of its servos in q, and the speeds, rad/s, at which they are led."""
         # With this scale the distance of all lines together is the root of the mean square of their angles, weighed.
         share = np.array(list(weights.values()))
         self._scale = (share / np.linalg.norm(share) / [mark.robot_length for mark in marks])[:, None]
