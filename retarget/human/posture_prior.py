@@ -112,7 +112,7 @@ class Crouch:
 # With a head and two hands nothing measures the legs. The feet stay where they are while the head moves above them, and
 # go after it once it would leave them behind; in a crouch the head may be further forward. Of a performer who walks
 # the middle of the feet is below the head, whatever the gait: it goes at the head's own velocity. In a jump, and on
-# tiptoe, the feet leave the floor: the legs are no longer than they are.
+# tiptoe, the feet leave the floor: the legs are no longer than they are, and bend a little off it.
 
 HEAD_LEAD_M = (0.03, 0.40)
 """Distance, m, of the head forward of the ankles, upright and in a deep crouch."""
@@ -120,6 +120,8 @@ REACH_M = 0.12
 """Distance, m, that the head of a performer who stands may wander from there before the feet follow."""
 GLIDE_S = 0.15
 """Time constant with which the feet follow."""
+SLACK_M = 0.03
+"""Legs that leave the floor bend until they are shorter by this, m: a straight one leaves a body no posture but one."""
 TRAVEL_M_S = (0.5, 1.0)
 """Speeds of the head at which a performer begins to walk, and walks: a head that leans is slower, or turns back."""
 TRAVEL_SETTLE_S = 0.3
@@ -174,7 +176,8 @@ class VirtualFeet:
         away = self.ankles - head
         distance = np.linalg.norm(away, axis=1)
         for foot in np.flatnonzero(distance > self._longest):
-            self.ankles[foot] = head + self._longest / distance[foot] * away[foot]
+            bent = SLACK_M * (1.0 - exp((self._longest - distance[foot]) / SLACK_M))
+            self.ankles[foot] = head + (self._longest - bent) / distance[foot] * away[foot]
 
 
 # Support phase, from height and speed of the ankles alone: both feet, left, right, or none in flight.

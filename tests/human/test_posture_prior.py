@@ -5,7 +5,17 @@ from math import cos, exp, pi, sin
 import numpy as np
 import pytest
 
-from retarget.human.posture_prior import HEAD_LEAD_M, LIFT_M, REACH_M, Balance, Crouch, Heading, Point, VirtualFeet
+from retarget.human.posture_prior import (
+    HEAD_LEAD_M,
+    LIFT_M,
+    REACH_M,
+    SLACK_M,
+    Balance,
+    Crouch,
+    Heading,
+    Point,
+    VirtualFeet,
+)
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.schema.priorities import CentreOfMassTask, HeadingSettings
@@ -71,6 +81,21 @@ def test_they_stay_while_the_head_sways_and_while_it_goes_down() -> None:
         ahead = HEAD_LEAD_M[0] + share * (HEAD_LEAD_M[1] - HEAD_LEAD_M[0])
         feet.step([ahead, 0.0, 1.6 - 0.8 * share], (1.0, 0.0), crouch=share, dt=0.05)
     assert (feet.ankles == before).all()
+
+
+def test_in_a_jump_they_leave_the_floor_on_legs_that_bend_a_little() -> None:
+    feet, floor = standing(), standing().ankles[0, 2]
+    heads = np.linspace(1.5, 2.2, 140)  # [m] up from a crouch; the last ones are a jump
+    heights, lengths = [], []
+    for head in heads:
+        feet.step([HEAD_LEAD_M[0], 0.0, head], (1.0, 0.0), crouch=0.0, dt=0.01)
+        heights.append(feet.ankles[0, 2])
+        lengths.append(np.linalg.norm(feet.ankles[0] - [HEAD_LEAD_M[0], 0.0, head]))
+    off = np.array(heights) > floor
+    assert off.any() and not off.all() and (np.diff(heights) >= 0.0).all()
+    longest = max(lengths)
+    assert longest - lengths[-1] == pytest.approx(SLACK_M, abs=4e-3)
+    assert max(np.diff(heights)) < 2.1 * (heads[1] - heads[0])  # no jerk as they leave it
 
 
 # The heading from a few sensors: what hints at it, how fast it follows, that it does not depend on the rate.
