@@ -47,9 +47,9 @@ STILL = 0.35
 """[rad] A performer's arm that moves by no more than this, for as long as an arm is to be unlike, is not on its way."""
 SECOND_COSTS = 0.3
 """[rad/s] Of two branches that differ by this, the one is taken that is a second nearer."""
-LED_SPEED, LED_RISE_S, LED_JERK_S = 0.5, 0.3, 0.04
+LED_SPEED, LED_RISE_S, LED_JERK_S = 0.35, 0.3, 0.04
 """Share of its servos' speeds at which an arm is led; s until it has that, and its acceleration. An arm's mass that is
-thrown round tips a light robot: at full speed Poppy fell, with mass, where it stands at half of it."""
+thrown round tips a light robot: with mass, Poppy fell at full speed and ToddlerBot at half of it; both stand so."""
 MOST_LED_S = 3.0
 """[s] An arm that has not arrived by then is led no longer: something is in its way."""
 
