@@ -95,7 +95,7 @@ def test_in_a_jump_they_leave_the_floor_on_legs_that_bend_a_little() -> None:
     assert off.any() and not off.all() and (np.diff(heights) >= 0.0).all()
     longest = max(lengths)
     assert longest - lengths[-1] == pytest.approx(SLACK_M, abs=4e-3)
-    assert max(np.diff(heights)) < 2.1 * (heads[1] - heads[0])  # no jerk as they leave it
+    assert max(np.diff(heights)) < 2.1 * (heads[1] - heads[0])  # at most twice as fast as the head, as they leave it
 
 
 # The heading from a few sensors: what hints at it, how fast it follows, that it does not depend on the rate.
