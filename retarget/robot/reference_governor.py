@@ -5,7 +5,7 @@ from its length, so a new robot needs no tuning.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import copysign, exp, sqrt
 
 import numpy as np
@@ -87,9 +87,11 @@ class OnlineTrajectory:
         return ox + share * rx, oy + share * ry, oz + share * rz
 
 
+Shares = tuple[float, float, float]
 STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
 """Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
-its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry.
+its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry, and the limbs of one whose
+mass in motion is not looked at.
 
 How a limb's acceleration maps to a joint's depends on the posture. A fifth leaves room for unfavourable ones, and a
 robot that is held cannot tip. The own motion of a limb is that of several joints, of which one alone is looked at here:
@@ -148,17 +150,19 @@ class ReferenceGovernor:
         *,
         still: frozenset[str],
         trunk_at_stance: Quat,
+        may_tip: bool,
         lead_time: float = 0.0,
     ) -> None:
         """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
-        lead_time: s, see `OnlineTrajectory`."""
+        may_tip: whether limbs that are thrown about could tip the robot. lead_time: s, see `OnlineTrajectory`."""
         marks, soles = robot.profile.landmarks, [foot.frame for foot in robot.profile.feet.values()]
         points = {
             name: _limits(robot, mark.frame, mark.anchor, mark.robot_length)
             for name, mark in marks.items()
             if name not in still
         }
-        limbs = {name: _limb_limits(robot, name, limb.length) for name, limb in robot_limbs(robot).items()}
+        shares = STANDING if may_tip else HELD
+        limbs = {name: _limb_limits(robot, name, limb.length, shares) for name, limb in robot_limbs(robot).items()}
         self._points = _Channels(hierarchy, SlotKind.POSITION, tuple(marks), points, lead_time=lead_time)
         self._limbs = _Channels(hierarchy, SlotKind.LIMB, tuple(limbs), limbs, lead_time=lead_time)
         self._trunk = OnlineTrajectory(_limits(robot, TRUNK, soles), lead_time=lead_time)
@@ -197,22 +201,25 @@ class ReferenceGovernor:
         self._hierarchy.set_look_at(targets, HEAD, np.zeros(3), 0.0)
 
 
-def _limb_limits(robot: RobotBody, name: str, length: float) -> ChannelLimits:
+def _limb_limits(robot: RobotBody, name: str, length: float, shares: Shares) -> ChannelLimits:
     """Limits of a limb, which all joints from the trunk to its end turn; of the trunk's line, those of the legs. A limb
     that turns has farther to go than a point on its line: it may use all of its servos' speed."""
     mark = robot.profile.landmarks.get(name)
     if mark is None:
         return _limits(robot, TRUNK, [foot.frame for foot in robot.profile.feet.values()], length)
-    limits, movers = _limits(robot, mark.frame, [TRUNK], length), joints_between(robot, mark.frame, [TRUNK])
-    return replace(limits, speed=length * float(robot.limits.max_velocity[movers].min()))
+    own, catch_up, _ = shares
+    return _limits(robot, mark.frame, [TRUNK], length, (own, catch_up, 1.0))
 
 
-def _limits(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0) -> ChannelLimits:
-    """Limits of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1)."""
+def _limits(
+    robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0, shares: Shares | None = None
+) -> ChannelLimits:
+    """Limits of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1).
+    shares: of the servos', by how the robot stands if absent."""
     limits, movers = robot.limits, joints_between(robot, frame, others)
     acceleration = lever * float(limits.max_acceleration[movers].min())
     speed = lever * float(limits.max_velocity[movers].min())
-    own, catch_up, fast = STANDING if robot.stands else HELD
+    own, catch_up, fast = shares or (STANDING if robot.stands else HELD)
     return ChannelLimits(own * acceleration, catch_up * acceleration, fast * speed)
 
 
