@@ -87,7 +87,6 @@ class OnlineTrajectory:
         return ox + share * rx, oy + share * ry, oz + share * rz
 
 
-Shares = tuple[float, float, float]
 STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
 """Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
 its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry, and the limbs of one whose
@@ -161,8 +160,9 @@ class ReferenceGovernor:
             for name, mark in marks.items()
             if name not in still
         }
-        shares = STANDING if may_tip else HELD
-        limbs = {name: _limb_limits(robot, name, limb.length, shares) for name, limb in robot_limbs(robot).items()}
+        limbs = {
+            name: _limb_limits(robot, name, limb.length, may_tip=may_tip) for name, limb in robot_limbs(robot).items()
+        }
         self._points = _Channels(hierarchy, SlotKind.POSITION, tuple(marks), points, lead_time=lead_time)
         self._limbs = _Channels(hierarchy, SlotKind.LIMB, tuple(limbs), limbs, lead_time=lead_time)
         self._trunk = OnlineTrajectory(_limits(robot, TRUNK, soles), lead_time=lead_time)
@@ -201,21 +201,26 @@ class ReferenceGovernor:
         self._hierarchy.set_look_at(targets, HEAD, np.zeros(3), 0.0)
 
 
-def _limb_limits(robot: RobotBody, name: str, length: float, shares: Shares) -> ChannelLimits:
+def _limb_limits(robot: RobotBody, name: str, length: float, *, may_tip: bool) -> ChannelLimits:
     """Limits of a limb, which all joints from the trunk to its end turn; of the trunk's line, those of the legs. A limb
     that turns has farther to go than a point on its line: it may use all of its servos' speed."""
     mark = robot.profile.landmarks.get(name)
     if mark is None:
         return _limits(robot, TRUNK, [foot.frame for foot in robot.profile.feet.values()], length)
-    own, catch_up, _ = shares
-    return _limits(robot, mark.frame, [TRUNK], length, (own, catch_up, 1.0))
+    own, catch_up, _ = STANDING if may_tip else HELD
+    return _limits(robot, mark.frame, [TRUNK], length, shares=(own, catch_up, 1.0))
 
 
 def _limits(
-    robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0, shares: Shares | None = None
+    robot: RobotBody,
+    frame: str,
+    others: Sequence[str],
+    lever: float = 1.0,
+    *,
+    shares: tuple[float, float, float] | None = None,
 ) -> ChannelLimits:
     """Limits of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1).
-    shares: of the servos', by how the robot stands if absent."""
+    shares: see STANDING; by what holds the robot if absent."""
     limits, movers = robot.limits, joints_between(robot, frame, others)
     acceleration = lever * float(limits.max_acceleration[movers].min())
     speed = lever * float(limits.max_velocity[movers].min())
