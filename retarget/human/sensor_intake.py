@@ -1,8 +1,8 @@
 """Sensor intake: sensors as goals of the body, without jumps, and no further from each other than a body can be.
 
 A sensor that is lost stands still for a while, and so does one that jumps faster than any human: most jumps come back.
-One that is there again, or stays where it jumped to, gets an offset that fades: the goal stays continuous, and ends where
-the sensor is. A sensor that comes back by a weight starts where the body has it, and moves slowly.
+One that is there again, or stays where it jumped to, gets an offset that fades: the goal stays continuous, and ends
+where the sensor is. A sensor that comes back by a weight starts where the body has it, and moves slowly.
 """
 
 from collections.abc import Sequence
@@ -125,7 +125,7 @@ class SensorIntake:
         self._begun[back] = np.inf
         self._doubt = np.where(jumps, DOUBT_S, np.maximum(self._doubt - dt, 0.0))
         self._doubt[back | ~valid | (self._doubt < 1e-9)] = 0.0
-        return valid & (self._doubt == 0.0)
+        return np.asarray(valid & (self._doubt == 0.0))
 
     def _take_irregular(
         self, position: FloatArray, valid: BoolArray, calm: BoolArray, *, reached: FloatArray, dt: float

@@ -70,7 +70,7 @@ def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend() -> None:
 
 
 def test_a_sensor_that_jumps_and_comes_back_leaves_no_trace() -> None:
-    """A wrist is 0.5 m off for 0.1 s: the robot does not hold, and 0.3 s later every joint of the robot is where it is without."""
+    """A wrist is 0.5 m off for 0.1 s: the robot does not hold, and is 0.3 s later where it is without that."""
     options = LiveOptions(countdown=0.5, duration=4.0)
     clean = run(LiveRig(FakeSender(), options=options)).record.robot
     rig = LiveRig(FakeSender(faults=[moved("l_wrist", 7.0, 7.1, (0.5, 0.0, 0.0))]), options=options)
