@@ -284,9 +284,10 @@ class StreamOptions:
     """Options that only a live source has.
 
     Live streams:
-        countdown S: Time to get into the pose of the calibration; usually 3, and 0 for replay://.
+        countdown S: To get into the pose; usually 3, for replay:// 0.
         person NAME: Keep the performer's size under this name.
         recalibrate: Measure a --person anew who was measured before.
+        stature M: The performer's stature, which is not measured then.
         check_sides: Raise your left arm to the front first: usual, but not for replay://.
         yes: The sides are known to be right: no check.
         smoothing off|light|strong: Of the sensors: by a One-Euro filter. A camera's has its own.
@@ -299,6 +300,7 @@ class StreamOptions:
     countdown: float | None = None
     person: str | None = None
     recalibrate: bool = False
+    stature: float | None = None
     check_sides: bool | None = None
     yes: bool = False
     smoothing: str = LIGHT
@@ -332,6 +334,7 @@ class StreamOptions:
             latest=self.latest,
             person=self.person,
             recalibrate=self.recalibrate,
+            stature=self.stature,
             check_sides=sides_are_checked(source, self.check_sides, yes=self.yes),
         )
 

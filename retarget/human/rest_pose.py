@@ -131,6 +131,8 @@ SENSOR_SPREAD_M = 0.01
 """Spread, m, of the distance of a sensor from the joint centre that it stands for."""
 LOOSE_SPREAD_M = 0.05
 """The same for one that is known to sit beside it: a controller in the hand, a cap on the head."""
+KNOWN_SPREAD_M = 0.001
+"""The same of a stature that is known."""
 MAX_LOOSE_M = 0.2
 MAX_RESIDUAL_M = 0.06
 """A fit that misses the sensors by more (root mean square) is no rest pose of a human."""
@@ -168,10 +170,11 @@ def fit_rest_pose(
     *,
     loose: Sequence[str] = (),
     mass: float | None = None,
+    stature: float | None = None,
     source: str = "",
 ) -> RestFit:
     """Fit a person to sensors at rest. names: k canonical sensor names; position (k, 3) m, world, z up. loose: those
-    that sit beside their joints, at unknown offsets.
+    that sit beside their joints, at unknown offsets. mass, kg, and stature, m: if known.
 
     Head and wrists are needed, ankles should be there. Raises InputError: sensors missing, or no upright human.
     """
@@ -205,6 +208,8 @@ def fit_rest_pose(
         if on_ground:
             height = FRACTIONS.ankle_height * np.exp(parameters[STATURE])
             parts.append((points[ankles, 2] - height) / SENSOR_SPREAD_M)
+        if stature is not None:
+            parts.append(np.array([stature_of(offsets(parameters)) - stature]) / KNOWN_SPREAD_M)
         return np.concatenate(parts)
 
     start = _first_guess(dict(zip(names, position, strict=True)), source=source)

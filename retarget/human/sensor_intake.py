@@ -1,8 +1,8 @@
 """Sensor intake: sensors as goals of the body, without jumps, and no further from each other than a body can be.
 
-A lost sensor, one that comes back, and one that jumps faster than any human get an offset that fades: the goal stays
-continuous, and ends where the sensor is. A sensor that comes back by a weight starts where the body has it, and moves
-slowly.
+A sensor that is lost stands still for a while, and so does one that jumps faster than any human: most jumps come back.
+One that is there again, or stays where it jumped to, gets an offset that fades: the goal stays continuous, and ends
+where the sensor is. A sensor that comes back by a weight starts where the body has it, and moves slowly.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,8 @@ from retarget.types import BoolArray, FloatArray
 
 FASTEST_M_S = 15.0
 """No sensor on a person moves faster: the fist of a boxer reaches about 10 m/s."""
+DOUBT_S = 0.1
+"""A sensor that jumped is followed to where it stays for so long; with its fade it is there 0.3 s after the jump."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class IntakeTimes:
     which an offset fades. speed: greatest speed, m/s, of a sensor that comes back by its weight."""
 
     hold: float = 0.2
-    fade: float = 0.075
+    fade: float = 0.05
     speed: float = 0.6
 
 
@@ -39,6 +41,9 @@ class SensorIntake:
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.all_present = False
         self.measured = np.zeros((count, 3))
+        self._sent, self._was_valid = np.zeros((count, 3)), np.zeros(count, dtype=bool)  # of the sample before
+        self._doubt = np.zeros(count)  # [s] for which a sensor that jumped has still to stay
+        self._begun = np.full((count, 3), np.inf)  # where its last jump began
         self._offset = np.zeros((count, 3))
         self._lost_for = np.full(count, np.inf)
         self._has_lost = True
@@ -51,8 +56,9 @@ class SensorIntake:
     def start(self, position: FloatArray, valid: BoolArray) -> None:
         """Take the valid sensors of the first sample, (k, 3) m, as they are."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
-        self.measured[:] = self.position
-        self.present[:] = valid
+        self.measured[:] = self._sent[:] = self.position
+        self.present[:] = self._was_valid[:] = valid
+        self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present = bool(valid.all())
         self._offset[:] = 0.0
         self._lost_for[:] = np.where(valid, 0.0, np.inf)
@@ -76,11 +82,13 @@ class SensorIntake:
         # NaN compares false: an invalid sensor never counts as a calm one.
         calm = rotations.squares(moved) <= (FASTEST_M_S * dt) ** 2
         if self._has_lost or np.count_nonzero(calm & valid) != len(calm):
-            self._take_irregular(position, valid, calm, reached=reached, dt=dt)
+            believed = self._believed(position, valid, dt)
+            self._take_irregular(position, believed, calm, reached=reached, dt=dt)
             if weight is not None:
                 self._begin_return(weight)
         else:
             self.measured[:] = position
+        self._sent[:], self._was_valid[:] = position, valid
         if self._is_fading:
             self._offset *= exp(-dt / self._times.fade)
             self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
@@ -106,15 +114,27 @@ class SensorIntake:
         self._is_returning = bool(self._left.any())
         self.position += self._left[:, None] * self._away
 
+    def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
+        """Which valid sensors (k,) have not just jumped: not at all, or back, or long enough ago."""
+        step = rotations.squares(position - self._sent)
+        jumps = valid & self._was_valid & (step > (FASTEST_M_S * dt) ** 2)
+        # A jump that ends much nearer to where the one before began leads back.
+        back = jumps & (rotations.squares(position - self._begun) < 0.25 * step)
+        leaves = jumps & ~back & (self._doubt == 0.0)
+        self._begun[leaves] = self.measured[leaves]
+        self._begun[back] = np.inf
+        self._doubt = np.where(jumps, DOUBT_S, np.maximum(self._doubt - dt, 0.0))
+        self._doubt[back | ~valid | (self._doubt < 1e-9)] = 0.0
+        return np.asarray(valid & (self._doubt == 0.0))
+
     def _take_irregular(
         self, position: FloatArray, valid: BoolArray, calm: BoolArray, *, reached: FloatArray, dt: float
     ) -> None:
-        """Losses, returns and jumps of sensors."""
+        """Losses and returns of sensors; one that has jumped is not valid until it is believed."""
         absent_before = ~self.present
         back = valid & (absent_before | (self._lost_for > 0.0))
-        jump = valid & ~calm & ~back
         asked_before = np.where(absent_before[:, None], reached, self.position)
-        changed = back | jump
+        changed = back | (valid & ~calm)
         self._back = back
         self._offset[changed] = asked_before[changed] - position[changed]
         self.measured[valid] = position[valid]

@@ -18,6 +18,7 @@ from retarget.live.playout import LIGHT
 from retarget.live.rest_capture import (
     CAPTURE_S,
     KNOWN_CAPTURE_S,
+    LIVE_STATURE_M,
     Alignment,
     Calibrated,
     RestCapture,
@@ -41,10 +42,10 @@ class LiveOptions:
     """How a live run begins.
 
     patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
-    stopped. mirror: swap left and right. mass: kg of the performer, if known. smoothing: a name of
+    stopped. mirror: swap left and right. mass, kg, and stature, m, of the performer: if known. smoothing: a name of
     `playout.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. use_generated_legs: see `WebDecoder`.
     person: name under which the size is kept, None: it is not kept. recalibrate: measure also a person who was measured
-    before. check_sides: ask for the left arm first. Raises UsageError for a countdown outside of its range.
+    before. check_sides: ask for the left arm first. Raises UsageError for a countdown or a stature out of range.
     """
 
     patience: float = 10.0
@@ -52,6 +53,7 @@ class LiveOptions:
     duration: float | None = None
     mirror: bool = False
     mass: float | None = None
+    stature: float | None = None
     smoothing: str = LIGHT
     latest: bool = False
     use_generated_legs: bool = False
@@ -67,6 +69,11 @@ class LiveOptions:
                 found=f"{self.countdown:g}",
                 allowed=f"0 to {LONGEST_COUNTDOWN_S:g} s",
                 next_step="Leave it out, or give some seconds",
+            )
+        low, high = LIVE_STATURE_M
+        if self.stature is not None and not low <= self.stature <= high:
+            raise UsageError(
+                "stature out of range", where="--stature", found=f"{self.stature:g}", allowed=f"{low:g} to {high:g} m"
             )
 
 
@@ -193,6 +200,8 @@ POLL_S = 0.01
 """Time, s, between two polls of the stream while nothing moves."""
 SETTLE_S = 0.3
 """Time in which the smoothing filter settles after the offset of a sensor was corrected."""
+SAY_S = 1.0
+"""Least time, s, between two sentences on what is wrong with the pose: long enough to hear and follow one."""
 TRY_S = 0.1
 """Time, s, between two checks whether the performer stands still by now."""
 
@@ -231,19 +240,21 @@ class Beginning:
         Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
         """
         stream, notify = self.stream, self.notify
-        pose = "Stand upright and still, facing where the robot faces, arms hanging or straight out to the sides"
+        pose = "Stand upright and still, legs straight, facing where the robot faces, arms hanging or straight out to "
+        pose += "the sides"
         self.enter(RunState.COUNTDOWN)
         if self.options.countdown > 0.0:
             notify(f"{pose}: {self.options.countdown:g} s")
         self._poll_for(self.options.countdown, measured=False)
         self.enter(RunState.CALIBRATING)
-        size = known or self._skeleton_size()
+        size = known or (None if self.options.stature is not None else self._skeleton_size())
         seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
         roles = stream.roles
         capture = RestCapture(where=self.where, seconds=seconds, loose=roles.loose, needed=needed(roles))
         found = self._captured(capture, size)
         height = f"{found.dimensions.stature:.2f} m tall"
-        notify(f"measured: {height}" if size is None else f"known: {height} ({size.origin})")
+        origin = "--stature" if size is None and self.options.stature is not None else size and size.origin
+        notify(f"known: {height} ({origin})" if origin else f"measured: {height}")
         if found.offset.any():
             stream.roles = roles.shifted(found.offset)
             off = np.linalg.norm(found.offset, axis=1)
@@ -312,11 +323,13 @@ class Beginning:
     def _captured(self, capture: RestCapture, size: HumanDimensions | None) -> Calibrated:
         """The calibration from the first interval of standing still.
 
-        A stream that falls silent is reported at once, and is then the reason of the InputError at the end.
+        A stream that falls silent is reported at once, and is then the reason of the InputError at the end. What is
+        wrong with the pose is said when it changes, at most every SAY_S.
         """
         problems, names = StreamProblems(self.stream), self.stream.roles.sensors
         end, look = self.clock.now() + self.options.patience + CAPTURE_S, 0.0
         tries, refused = Counter[str](), dict[str, InputError]()  # by what was wrong
+        said, quiet = "", self.clock.now() + CAPTURE_S + SAY_S  # at first the performer may still be getting into it
         for now, reading in self._readings(measured=True):
             capture.take(now, live_sample(names, frozen_as_fresh(reading), Alignment()))
             if message := problems.look(now):
@@ -325,10 +338,14 @@ class Beginning:
                 continue
             look = now + TRY_S
             try:
-                found = capture.result(mass=self.options.mass, size=size)
+                found = capture.result(mass=self.options.mass, stature=self.options.stature, size=size)
             except InputError as error:
-                tries[error.problems[0].what] += 1
-                refused[error.problems[0].what] = error
+                problem = error.problems[0]
+                tries[problem.what] += 1
+                refused[problem.what] = error
+                if quiet <= now < end and problem.what != said:
+                    said, quiet = problem.what, now + SAY_S
+                    self.notify(f"not yet, {problem.what}: {problem.found}. {problem.next_step}")
                 if now >= end and (why := problems.why(now)):
                     raise InputError(why, where=f"{self.where}, calibration") from None
                 if now >= end:
@@ -374,6 +391,13 @@ def begin_live(
     if options.person is not None:
         check_person_place(options.person)
         person = None if options.recalibrate else read_person(options.person)
+    if person is not None and options.stature is not None:
+        raise UsageError(
+            "the size of this person is known",
+            where="--stature",
+            found=f"--person {options.person}",
+            next_step="Leave one of them out, or give --recalibrate",
+        )
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     refuse_unmeasurable(stream.roles, where=where)

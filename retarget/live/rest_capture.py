@@ -13,7 +13,7 @@ from retarget.frames import SensorSample, Skeleton
 from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
 from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import StreamReading
-from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
+from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_decoder import NatnetDecoder
 from retarget.sources.stream_frame import StreamDecoder
@@ -68,7 +68,7 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
     names: k canonical sensors; position (k, 3) m, of the stream's world, z up, NaN where unknown. Without ankles the
     stream's own floor is used. Raises InputError where left and right show no direction.
     """
-    at = {name: point for name, point in zip(names, position, strict=True) if np.isfinite(point).all()}
+    at = _located(names, position)
     forward = facing_of(at)
     if forward is None:
         raise InputError(
@@ -109,8 +109,9 @@ STILL_M = 0.03
 """Largest distance of a sensor from its mean position: breathing and swaying move a head by a centimetre."""
 LIVE_STATURE_M = (1.2, 2.2)
 """A smaller performer crouches, kneels or sits, or the unit is not metres; a taller one is no human."""
-OFF_FEET_M = 0.15
-"""The head of a person who stands upright is no farther from above the middle of the feet: 5 cm ahead of the ankles."""
+OFF_BASE_M = 0.15
+"""The head of a person who stands upright is no farther from above the hips and the middle of the feet: 5 cm ahead of
+the ankles."""
 FEET_LEVEL_M = 0.06
 """Both ankles on one floor are no more apart in height: shoes and noise are less."""
 HANDS_AHEAD_M = 0.3
@@ -141,6 +142,11 @@ class Calibrated:
     position: FloatArray
     missing: tuple[str, ...]
     offset: FloatArray
+
+
+def _located(names: Sequence[str], position: FloatArray) -> dict[str, FloatArray]:
+    """Name -> position (3,) of those of positions (k, 3) m that are known."""
+    return {name: at for name, at in zip(names, position, strict=True) if np.isfinite(at).all()}
 
 
 def frozen_as_fresh(reading: StreamReading) -> StreamReading:
@@ -176,8 +182,11 @@ class RestCapture:
             self._times.popleft()
             self._samples.popleft()
 
-    def result(self, *, mass: float | None = None, size: HumanDimensions | None = None) -> Calibrated:
-        """Return size (m) and alignment of the performer. size: the known size, which is only checked.
+    def result(
+        self, *, mass: float | None = None, stature: float | None = None, size: HumanDimensions | None = None
+    ) -> Calibrated:
+        """Return size (m) and alignment of the performer. mass, kg, and stature, m: if known. size: the known size,
+        which is only checked.
 
         Raises InputError: no fresh data, not still, not standing in a rest pose, or not of that size.
         """
@@ -195,15 +204,22 @@ class RestCapture:
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_motion(names, track, mean)
         alignment = align(names, mean, where=self._where)
+        if size is not None or stature is not None:
+            known = size or proportional_dimensions(stature or 0.0)
+            beyond = self._refuse_other(_located(names, alignment.positions(mean)), known)
+            # Without ankles the floor is as far below the head as this person is tall.
+            alignment = replace(alignment, origin=alignment.origin + np.array([0.0, 0.0, beyond]))
         standing, offset = alignment.positions(mean), np.zeros((len(names), 3))
-        at = {name: place for name, place in zip(names, standing, strict=True) if np.isfinite(place).all()}
+        at = _located(names, standing)
         if size is None:
             turns = alignment.orientations(self._turns(counts))
             rows = [row for row, ok in enumerate(counts) if ok]
             loose = [names[row] for row in rows if names[row] in self._loose and np.isfinite(turns[row]).all()]
             counted = [names[row] for row in rows]
             try:
-                fit = fit_rest_pose(counted, standing[rows], loose=loose, mass=mass, source=self._where)
+                fit = fit_rest_pose(
+                    counted, standing[rows], loose=loose, mass=mass, stature=stature, source=self._where
+                )
             except InputError:
                 self._refuse_crooked(at)
                 raise
@@ -211,11 +227,6 @@ class RestCapture:
             size = fit.dimensions
             standing[rows] -= fit.offset
             offset[rows] = np.nan_to_num(rotations.rotate(rotations.conjugate(turns[rows]), fit.offset))
-        else:
-            beyond = self._refuse_other(at, size)
-            # Without ankles the floor is as far below the head as this person is tall.
-            alignment = replace(alignment, origin=alignment.origin + np.array([0.0, 0.0, beyond]))
-            standing = alignment.positions(mean)
         self._refuse_crooked(at)
         missing = tuple(name for name, ok in zip(names, counts, strict=True) if not ok)
         return Calibrated(size, alignment, names, standing, missing, offset)
@@ -249,7 +260,7 @@ class RestCapture:
                 "the performer is not of the size that is known, or does not stand upright",
                 f"the head {found:.2f} m above the {'ankles' if ankles else 'floor'}",
                 allowed=f"{low:.2f} to {high:.2f} m ({size.origin})",
-                step="Stand upright; measure anew with --recalibrate, or give another --person",
+                step="Stand upright; measure anew with --recalibrate, or give another --person or --stature",
             )
         return 0.0 if ankles else float(found - expected)
 
@@ -257,16 +268,20 @@ class RestCapture:
         """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m in our world, where the
         performer faces x."""
         feet = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
+        bases = {"feet": feet if len(feet) == 2 else [], "hips": [at["pelvis"]] if "pelvis" in at else []}
         if not at.keys() >= set(REQUIRED) or any(at["head"][2] - foot[2] < LOWEST_HEAD_M for foot in feet):
             return
         found = []
-        if len(feet) == 2:
-            ahead, aside = (at["head"] - np.mean(feet, axis=0))[:2].tolist()
-            if abs(ahead) > OFF_FEET_M:
-                found.append(f"your head is {abs(ahead):.2f} m {'ahead of' if ahead > 0.0 else 'behind'} your feet")
-            if abs(aside) > OFF_FEET_M:
+        for part, base in bases.items():
+            ahead, aside = (at["head"] - np.mean(base, axis=0))[:2].tolist() if base else (0.0, 0.0)
+            if abs(ahead) > OFF_BASE_M:
+                found.append(f"your head is {abs(ahead):.2f} m {'ahead of' if ahead > 0.0 else 'behind'} your {part}")
+            if abs(aside) > OFF_BASE_M:
                 side = "left" if aside > 0.0 else "right"
-                found.append(f"your head is {abs(aside):.2f} m to the {side} of your feet")
+                found.append(f"your head is {abs(aside):.2f} m to the {side} of your {part}")
+            if found:
+                break
+        if len(feet) == 2:
             higher = float(feet[0][2] - feet[1][2])
             if abs(higher) > FEET_LEVEL_M:
                 one, other = ("left", "right") if higher > 0.0 else ("right", "left")

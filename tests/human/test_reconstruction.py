@@ -124,6 +124,21 @@ def test_a_lost_and_a_jumping_sensor_make_no_jump() -> None:
     assert run.errors_mm[-1] == pytest.approx(np.zeros(5), abs=1.0)
 
 
+@pytest.mark.parametrize("name", ["head", "l_wrist", "r_ankle"])
+def test_a_jump_that_comes_back_leaves_no_trace(name: str) -> None:
+    """A sensor is 0.5 m off for 0.1 s: 0.3 s later every joint is where it is without that."""
+
+    def jump(k: int, sample: SensorSample) -> SensorSample:
+        position = sample.position.copy()
+        if 36 <= k < 42:
+            position[sample.names.index(name)] += [-0.3, 0.0, 0.4]
+        return SensorSample(sample.names, position, sample.orientation, sample.valid)
+
+    frames = thinned(synthetic_performer().cut(0.0, 1.5), 2)
+    away = reconstruct(frames, "human", change=jump).joints - reconstruct(frames, "human").joints
+    assert np.linalg.norm(away, axis=-1)[42 + round(0.3 * frames.rate_hz)].max() < 0.005
+
+
 def test_nothing_valid_at_the_start_stands_still() -> None:
     frames = thinned(synthetic_performer().cut(0.0, 1.0), 4)
 

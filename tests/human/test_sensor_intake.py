@@ -9,7 +9,7 @@ from messages import refuses
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import LOOP_LIMIT_S, SEAM_S, Clip, Playback, lay_on_ticks
-from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
+from retarget.human.sensor_intake import DOUBT_S, IntakeTimes, Reach, SensorIntake
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.schema.performer import load_performer
 from retarget.types import BoolArray, FloatArray
@@ -50,17 +50,38 @@ def test_ordinary_motion_passes_unchanged() -> None:
         assert (intake.position == position).all()
 
 
-def test_a_leap_becomes_an_offset_that_fades() -> None:
+def test_a_leap_that_stays_becomes_an_offset_that_fades() -> None:
     intake = started()
     there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
     steps, before = [], intake.position.copy()
-    for _ in range(round(8 * TIMES.fade / DT)):
+    for _ in range(round((DOUBT_S + 8 * TIMES.fade) / DT)):
         intake.step(there, valid(True, True), reached=HERE, dt=DT)
         steps.append(np.abs(intake.position - before).max())
         before = intake.position.copy()
     assert max(steps) <= 0.5 * DT / TIMES.fade + 1e-9
     assert intake.position == pytest.approx(there, abs=1e-3)
     assert intake.measured == pytest.approx(there)
+
+
+@pytest.mark.parametrize("lasting", [1, 3, 12])
+def test_a_leap_that_comes_back_is_not_followed(lasting: int) -> None:
+    intake = started()
+    for k in range(60):
+        at = HERE + np.array([1.5 * DT * k, 0.0, 0.0])  # [m] 1.5 m/s
+        leap = np.array([[0.0, 0.0, 0.0], [0.0, 0.5 if 10 <= k < 10 + lasting else 0.0, 0.0]])
+        intake.step(at + leap, valid(True, True), reached=HERE, dt=DT)
+        assert np.abs(intake.position - at).max() <= 1.5 * DT * (lasting + 1) + 1e-9
+    assert intake.position == pytest.approx(at, abs=1e-3)
+
+
+def test_the_way_back_of_a_leap_that_was_followed_is_followed_at_once() -> None:
+    intake = started()
+    there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    for at in [HERE] + 60 * [there] + 24 * [HERE] + 60 * [there]:
+        intake.step(at, valid(True, True), reached=HERE, dt=DT)
+        if at is HERE:
+            assert (intake.measured == HERE).all()
+    assert (intake.measured == there).all()
 
 
 def test_a_short_loss_is_bridged_and_a_long_one_frees_the_body() -> None:

@@ -1,6 +1,7 @@
 """How a live run begins: options out of range are refused before a port is opened; the help names every performer."""
 
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +245,41 @@ def test_without_ankles_the_floor_is_as_far_below_the_head_as_the_person_is_tall
     assert origin(found)[2] == pytest.approx(0.06, abs=0.004)
     with refuses(InputError):
         started(worn, placed(0.0, (0.0, 0.0, 0.5)), performer=three)
+
+
+def test_who_does_not_stand_upright_is_told_why_at_once_and_measured_then() -> None:
+    def leans(time: float, poses: Poses) -> Poses:
+        return poses | {"head": poses["head"] + [0.3 if time < 4.0 else 0.0, 0.0, 0.0]}
+
+    said: list[str] = []
+    stream = live_stream(FakeSender(frames=standing().frames, faults=[leans]), five())
+    begin = Beginning(
+        stream=stream, options=LiveOptions(countdown=0.5), clock=VirtualClock(), where=WHERE, notify=said.append
+    )
+    begin.wait_for_data()
+    begin.measure(None)
+    assert "0.3" in said[1] and said[-1].startswith("measured: ")
+    shows(said)
+
+
+def test_a_stature_is_taken_and_no_second_one() -> None:
+    with refuses(UsageError, "--stature", allowed=(1.2, 2.2)):
+        LiveOptions(stature=168.0)
+    said: list[str] = []
+    begun = partial(
+        begin_live,
+        live_stream(standing(), five()),
+        clock=VirtualClock(),
+        rate_hz=100.0,
+        where=WHERE,
+        notify=said.append,
+    )
+    found = begun(LiveOptions(countdown=0.5, stature=1.7))
+    assert found.dimensions.stature == pytest.approx(1.7, abs=0.005)
+    assert said[-1] == "known: 1.70 m tall (--stature)"
+    write_person(person_of("anna", proportional_dimensions(1.7), sensors=("head",), date="2020-01-01"))
+    with refuses(UsageError, "--stature"):
+        begun(LiveOptions(countdown=0.5, stature=1.7, person="anna"))
 
 
 def test_a_stream_that_falls_silent_is_the_reason_and_no_tracker_is() -> None:

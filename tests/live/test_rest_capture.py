@@ -264,15 +264,15 @@ def standing() -> dict[str, FloatArray]:
     return {name: points[name] - [0.0, 0.0, floor] for name in FIVE}
 
 
-def measured(at: dict[str, FloatArray]) -> float:
-    """Stature (m) of a second of standing still."""
+def measured(at: dict[str, FloatArray], stature: float | None = None) -> float:
+    """Stature (m) of a second of standing still; `stature`: the known one."""
     capture = RestCapture(where="test")
     names, position, count = tuple(at), np.array(list(at.values())), len(at)
     for tick in range(60):
         capture.take(
             0.02 * tick, SensorSample(names, position, np.full((count, 4), np.nan), np.ones(count, dtype=bool))
         )
-    return capture.result().dimensions.stature
+    return capture.result(stature=stature).dimensions.stature
 
 
 def leaning(degrees: float) -> dict[str, FloatArray]:
@@ -292,6 +292,26 @@ def crouched(degrees: float) -> dict[str, FloatArray]:
     return at | {f"{side}_knee": at[f"{side}_ankle"] + ahead for side in "lr"}
 
 
+def bowing(degrees: float) -> dict[str, FloatArray]:
+    """Bent forward at the hips, which go back so far that the head stays above the feet."""
+    pelvis = np.array([0.0, 0.0, 0.5 * STATURE])
+    at = leaning(degrees) | {"pelvis": pelvis}
+    back = at["head"] * [1.0, 0.0, 0.0]
+    return {name: place - (0.0 if "ankle" in name else 1.0) * back for name, place in at.items()}
+
+
+def test_a_known_stature_is_kept_whatever_the_posture_hides() -> None:
+    crouching = {name: at for name, at in crouched(35.0).items() if "knee" not in name}
+    assert measured(crouching) < 0.97 * STATURE
+    assert measured(crouching, STATURE) == pytest.approx(STATURE, rel=0.005)
+    too_low = np.array([0.0, 0.0, 0.06])  # [m] the sender's floor
+    three = {name: at + too_low for name, at in standing().items() if "ankle" not in name}
+    assert measured(three) > 1.03 * STATURE
+    assert measured(three, STATURE) == pytest.approx(STATURE, rel=0.005)
+    with refuses(InputError, "1.20 m"):
+        measured(standing(), 1.2)
+
+
 def test_who_stands_upright_is_measured_within_two_percent() -> None:
     assert measured(standing()) == pytest.approx(STATURE, rel=0.02)
     assert measured(leaning(8.0)) == pytest.approx(STATURE, rel=0.02)
@@ -303,6 +323,7 @@ def test_who_stands_upright_is_measured_within_two_percent() -> None:
     [
         (crouched(16.0), "your knees are bent, 0.1. m ahead of your feet"),
         (leaning(25.0), "your head is 0.[23]. m ahead of your feet"),
+        (bowing(22.0), "your head is 0.2. m ahead of your hips"),
         (standing() | {"head": standing()["head"] + [0.3, 0.0, -0.05]}, "your head is 0.2. m ahead of your feet"),
         (standing() | {"head": standing()["head"] - [0.0, 0.2, 0.0]}, "your head is 0.20 m to the right of your feet"),
         (standing() | {"l_ankle": standing()["l_ankle"] + [0.05, 0.0, 0.1]}, "left foot is 0.10 m above your right"),

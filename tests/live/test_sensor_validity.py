@@ -53,10 +53,11 @@ JUMPED, FRESH = ValidityState.JUMPED, ValidityState.FRESH
 
 def test_a_jump_back_is_accepted_and_a_jump_on_waits_anew() -> None:
     line, there = Line(), [2.0, 0.0, 0.0]
-    assert line.take(0.01, {0: PLACES[0] + there}) == [False] and line.states(0.01)[0] == FRESH
-    assert line.take(0.02, {0: PLACES[0] + there}) == [False] and line.states(0.02)[0] == JUMPED
-    assert line.take(0.03, {0: PLACES[0]}) == [True] and line.states(0.03)[0] == FRESH
-    for i in range(4, 30):
+    for i in range(1, 16):
+        assert line.take(0.01 * i, {0: PLACES[0] + there}) == [False]
+        assert line.states(0.01 * i)[0] == (JUMPED if 0.01 * i > LIMITS.stale_after else FRESH)
+    assert line.take(0.16, {0: PLACES[0]}) == [True] and line.states(0.16)[0] == FRESH
+    for i in range(17, 30):
         assert line.take(0.01 * i, {0: PLACES[0] + there}) == [False]
     for i in range(30, 78):
         assert line.take(0.01 * i, {0: PLACES[0] + [5.0, 0.0, 0.0]}) == [False]
@@ -197,12 +198,13 @@ def test_a_jump_is_refused_at_once_and_accepted_when_it_stays(rate: float, far: 
     ]
 
 
-def test_one_outlier_is_dropped_and_no_more() -> None:
+@pytest.mark.parametrize("count", [1, 13])
+def test_outliers_are_dropped_and_no_more(count: int) -> None:
     stream = walk()
-    stream.position[100, L_WRIST, 0] += 2.0
+    stream.position[100 : 100 + count, L_WRIST, 0] += 2.0
     judged = judge(stream)
-    assert np.argwhere(~judged.usable).tolist() == [[100, L_WRIST]] and not judged.alarms()
-    assert judged.validity.refused.reasons == {UNREACHABLE: 1}
+    assert np.argwhere(~judged.usable).tolist() == [[100 + i, L_WRIST] for i in range(count)] and not judged.alarms()
+    assert judged.validity.refused.reasons == {UNREACHABLE: count}
 
 
 def test_a_sensor_not_in_use_is_reported_once_and_may_come_later() -> None:

@@ -1,5 +1,6 @@
 """The report of a finished run: the bus's clock as it went, every failure, and the last seconds alone."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +161,17 @@ def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPa
 # Every robot that is shipped stands through the demo with mass, goes to rest, and moves.
 
 pytest.importorskip("mujoco")
+
+
+def test_what_moved_is_the_simulated_body_and_not_what_was_sent() -> None:
+    """A body that froze has gone no way, whatever goals were sent to it."""
+    run = play(synthetic_performer().cut(0.0, 2.5), RunOptions(robot="op3", bus="physics"))
+    moved, physics = measure(run), run.physics
+    assert physics is not None and moved.hand_path_ratio is not None and moved.hand_path_ratio > 0.5
+    frozen = replace(physics, body=np.tile(physics.body[len(physics.body) // 2], (len(physics.body), 1)))
+    still = measure(replace(run, physics=frozen))
+    assert still.hand_path_ratio == 0.0 and not still.pelvis_excursion_ratio and not still.foot_path_ratio
+    assert (still.travelled_m.robot, still.turned_deg.robot) == (0.0, 0.0)
 
 
 @pytest.mark.long

@@ -131,7 +131,8 @@ def test_depth_is_bounded() -> None:
     fits = "a: " + "[" * (MAX_DEPTH - 1) + "]" * (MAX_DEPTH - 1)
     assert read(fits)
     shows(str(refused("a: " + "[" * MAX_DEPTH + "]" * MAX_DEPTH)))
-    shows(str(refused("[" * 100_000)))
+    shows(str(refused("[" * 50)))
+    assert refused("[" * 100_000).problems  # by the parser itself, from PyYAML 6.0.4 on
     shows(str(refused("\n".join(" " * i + "a:" for i in range(200)))))
 
 

@@ -22,7 +22,7 @@ from retarget.run.options import RunOptions
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray, RunState
-from sim.faults.sender import FakeSender, Poses, SenderFault, lost, silent, swapped
+from sim.faults.sender import FakeSender, Poses, SenderFault, lost, moved, silent, swapped
 
 
 def run(rig: LiveRig) -> RunResult:
@@ -67,6 +67,19 @@ def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend() -> None:
     assert rig.said.count("the performer is followed") == 2
     shows(rig.said, "l_ankle, r_ankle", "jumped")
     assert result.stop is None
+
+
+def test_a_sensor_that_jumps_and_comes_back_leaves_no_trace() -> None:
+    """A wrist is 0.5 m off for 0.1 s: the robot does not hold, and is 0.3 s later where it is without that."""
+    options = LiveOptions(countdown=0.5, duration=4.0)
+    clean = run(LiveRig(FakeSender(), options=options)).record.robot
+    rig = LiveRig(FakeSender(faults=[moved("l_wrist", 7.0, 7.1, (0.5, 0.0, 0.0))]), options=options)
+    jumped = run(rig).record.robot
+    assert len(rig.said) == 3  # into the pose, measured, followed: no hold
+    assert clean is not None and jumped is not None
+    away = np.rad2deg(np.abs(jumped.q - clean.q)[:, 7:].max(axis=1))
+    begun = int(np.flatnonzero(away)[0])
+    assert away[begun + round(0.4 * 125) :].max() < 1.0
 
 
 def dancing(time: float, poses: Poses) -> Poses:

@@ -66,13 +66,14 @@ pub struct Sent {
 }
 
 /// A sensor at a place that no human can have reached: its last place there and when, and since when it goes on from there.
-/// confirmed: more than one pose came from there; a single outlier is only dropped.
+/// swapped: how many poses put it at the place of its other side. Two of them are a swap at once. Other poses from there are only
+/// dropped until the last accepted pose of the sensor is old: most jumps come back.
 #[derive(Clone, Copy, Debug)]
 struct Jump {
     place: Vec3,
     last: f64,
     since: f64,
-    confirmed: bool,
+    swapped: u32,
 }
 
 /// One sensor. position, orientation, at: the last accepted pose and its time; place_changed, turn_changed: when they last changed,
@@ -233,14 +234,13 @@ impl Validity {
         let limits = self.limits;
         let sensor = &self.sensors[sent.row];
         let (elapsed, away) = (time - sensor.at, distance(sent.position, sensor.position));
+        let at_other = u32::from(reach < self.by_speed(elapsed));
         let is_late = |elapsed: f64| (-limits.settled_after..=0.0).contains(&elapsed);
         let mut jump = match sensor.jump {
             Some(jump) if is_late(time - jump.last) => return false,
             // It came before the last one, or twice: good enough to use, but not the last accepted pose.
             None if is_late(elapsed) => return away <= self.by_speed(0.0),
-            None if elapsed > 0.0 && away > reach => {
-                Jump { place: sent.position, last: time, since: time, confirmed: false }
-            }
+            None if elapsed > 0.0 && away > reach => Jump { place: sent.position, last: time, since: time, swapped: 0 },
             // A clock that was set back starts anew, and nothing is known of a new sensor.
             None => return self.accept(time, sent, false),
             Some(jump) => jump,
@@ -255,13 +255,14 @@ impl Validity {
             if gap > limits.stale_after || on > self.by_speed(gap) {
                 jump.since = time;
             }
-            jump = Jump { place: sent.position, last: time, confirmed: true, ..jump };
+            (jump.place, jump.last) = (sent.position, time);
             if time - jump.since >= limits.settled_after {
                 return self.accept(time, sent, true);
             }
         } else if sensor.jump.is_some() {
-            jump = Jump { place: sent.position, last: time, since: time, confirmed: true };
+            (jump.place, jump.last, jump.since) = (sent.position, time, time);
         }
+        jump.swapped = jump.swapped.saturating_add(at_other);
         self.sensors[sent.row].jump = Some(jump);
         false
     }
@@ -284,7 +285,7 @@ impl Validity {
         // A capture far in the future is no more recent than one far back.
         let recent = move |time: f64| (now - time).abs() <= limits.stale_after;
         self.sensors.iter().map(move |sensor| match sensor.jump {
-            Some(jump) if jump.confirmed && recent(jump.last) => State::Jumped,
+            Some(jump) if recent(jump.last) && (jump.swapped > 1 || !recent(sensor.at)) => State::Jumped,
             _ if !recent(sensor.at) && recent(sensor.outside_at) => State::OutOfRange,
             _ if recent(sensor.at) && sensor.frozen => State::Frozen,
             _ if recent(sensor.at) => State::Fresh,

@@ -1,0 +1,36 @@
+"""The gallery: the performer and each robot side by side, animated; the one that is shown is small enough."""
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from benchmarks import gallery
+from benchmarks.docs_tables import ROBOTS
+from sim.performer import synthetic_performer
+
+BODIES = 1 + len(ROBOTS)
+
+
+def test_the_picture_that_is_shown_moves_and_is_small() -> None:
+    with Image.open(gallery.IMAGE) as image:
+        assert getattr(image, "n_frames", 1) == round(gallery.SECONDS * gallery.FPS)
+        assert image.width == gallery.WIDTH
+    assert gallery.IMAGE.stat().st_size <= 1e6
+
+
+def test_the_performer_and_each_robot_stand_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gallery, "synthetic_performer", lambda: synthetic_performer().cut(0.0, 0.5))
+    monkeypatch.setattr(gallery, "SECONDS", 0.3)
+    shown = gallery.postures()
+    assert len(shown) == BODIES
+    first, *others = gallery.pictures(shown)
+    assert len(others) == 2
+    # Columns of pixels below the names: some with a body, and white ones between the bodies.
+    floor = (
+        first.crop((0, first.height // 4, first.width, first.height))
+        .convert("L")
+        .point(lambda grey: 255 * (grey < 200))
+    )
+    filled = [bool(floor.crop((x, 0, x + 1, floor.height)).getbbox()) for x in range(floor.width)]
+    assert sum(after and not before for before, after in zip([False, *filled], filled, strict=False)) == BODIES
