@@ -12,7 +12,8 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import SensorSample
-from retarget.human.posture_prior import Balance, CarryingFeet, Crouch, Heading, VirtualFeet
+from retarget.human.heading import Heading
+from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, VirtualFeet
 from retarget.human.second_posture import SecondPosture
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
@@ -22,7 +23,7 @@ from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS
 from retarget.model.observers import ObserverSet, human_observers
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import Performer
-from retarget.schema.priorities import CentreOfMassTask, PostureTask, Priorities
+from retarget.schema.priorities import CarriedTask, CentreOfMassTask, PostureTask, Priorities
 from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 
 # Sensor layout: the performer's sensors, read out of a source's samples.
@@ -151,9 +152,12 @@ class Reconstructor:
         )
         self._hierarchy, self._second_hierarchy = build(), build()
         self._reader = PostureReader(human)
-        self._heading = Heading(priorities.heading)
+        standing = dict(zip(POINTS, human.dimensions.standing().tolist(), strict=True))
+        above = standing["head"][2] - standing["l_ankle"][2]
+        self._heading = Heading(priorities.heading, above, feet=self._feet is None)
         self._balance = _balance(priorities)
         self._balance_error = next((i for i, slot in enumerate(self._hierarchy.slots) if slot.kind in _BALANCE), None)
+        self._carried = _carried(priorities)
         self._crouch = _crouch(priorities, human)
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
         joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
@@ -200,6 +204,8 @@ class Reconstructor:
         self._reach.clamp(self._intake.position, self._intake.present)
         if self._balance is not None:
             self._balance.start()
+        if self._carried is not None:
+            self._carried.start()
         self._obstacles.restart()
         self._q = self._placed()
         self._obstacles.tick(self._hierarchy, 0.0)
@@ -284,6 +290,10 @@ class Reconstructor:
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
         hierarchy.set_previous(targets, self._q, dt)
+        if self._carried is not None:
+            moved = self._carried.step(points)
+            if "pelvis" not in points:
+                hierarchy.set_carried(targets, self._q[:3] + moved, dt)
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _bear(self, points: Points, dt: float) -> None:
@@ -371,6 +381,14 @@ def _balance(priorities: Priorities) -> Balance | None:
     for _, _, task in priorities.tasks():
         if isinstance(task, CentreOfMassTask) and task.mode == "over_feet":
             return Balance(task)
+    return None
+
+
+def _carried(priorities: Priorities) -> Carried | None:
+    """What carries the pelvis; None where the priorities have no such task."""
+    for _, _, task in priorities.tasks():
+        if isinstance(task, CarriedTask):
+            return Carried(task.by)
     return None
 
 

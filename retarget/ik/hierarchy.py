@@ -209,6 +209,12 @@ class Hierarchy:
             targets[place.start] = 1.0 / expm1(min(dt / min(place.slot.settle, settle), 50.0))
             targets[place.start + 1 : place.stop] = q
 
+    def set_carried(self, targets: FloatArray, position: FloatArray, dt: float) -> None:
+        """Set where the root would be if it were only carried along, (3,) m, `dt` s after the last frame."""
+        for place in self._places[SlotKind.CARRIED]:
+            targets[place.start] = 1.0 / expm1(min(dt / place.slot.settle, 50.0))
+            targets[place.start + 1 : place.stop] = position
+
     def _set(self, targets: FloatArray, kind: SlotKind, name: str, value: FloatArray, weight: float) -> None:
         for place in self._by_name.get((kind, name), ()):
             targets[place.start] = weight

@@ -196,6 +196,20 @@ class PostureTask(_Weighed):
     """[s] Time constant with which free joints approach it; 0: at once."""
 
 
+class CarriedTask(_Weighed):
+    """The root of a human goes the way of the sensors that carry it, and leaves that way only slowly. It is what
+    `settle` of a posture is for joints: without it, what pulls at the whole body, as balance does, moves it at once."""
+
+    type: Literal["carried"]
+    """Of the task."""
+    by: Annotated[dict[Name, Positive], Field(min_length=1, max_length=16)]
+    """Share of each sensor; of a sum other than 1 only the proportions matter. Those that are not there take no part."""
+    settle: Positive
+    """[s] Time constant with which the root leaves that way for a goal of the same weight."""
+    weight: RowWeights = (1.0, 1.0, 1.0)
+    """One number, or one per row x, y, z."""
+
+
 class ReactiveTask(Schema):
     """Observers that touch push their part out."""
 
@@ -238,6 +252,7 @@ Task = Annotated[
     | CentreOfMassTask
     | StrengthTask
     | PostureTask
+    | CarriedTask
     | ReactiveTask
     | PreventiveTask,
     Field(discriminator="type"),
@@ -254,6 +269,10 @@ class HeadingSettings(Schema):
     """[1/m] By part with a left and a right sensor: weight of the line between the two."""
     hands: NotNegative = 1.0
     """[1/m] Weight of how far forward of the ankles the hands are."""
+    learned: NotNegative = 0.0
+    """Weight of what recorded people's hands and heads say of their heading (`retarget/human/heading.yaml`)."""
+    stance: Annotated[NotNegative, Field(le=1.0)] = 0.0
+    """Share of the hints of hands, head and feet that is averaged for as long as both feet are planted."""
     velocity: NotNegative = 0.5
     """[s/m] Weight of the velocity of the head."""
     walking: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ascending)] = (0.5, 1.0)
