@@ -127,9 +127,9 @@ class Crouch:
         """How much of the crouch belongs to a head `height` m above the ankles: 0 upright, 1 lowered."""
         return min(max((self._high - height) / (self._high - self._low), 0.0), 1.0)
 
-    def posture(self, height: float) -> FloatArray:
-        """The posture (nq,) that is natural with the head `height` m above the ankles."""
-        return np.asarray(self._upright + self.share(height) * self._change)
+    def posture(self, share: float) -> FloatArray:
+        """The posture (nq,) that is natural with this share of the crouch."""
+        return np.asarray(self._upright + share * self._change)
 
 
 # Virtual feet of a performer without ankle sensors: planted while the head stays above them, else they go with it.

@@ -284,11 +284,13 @@ class Reconstructor:
         targets[self._slots] = self._block[self._source]
         for turn in turns:
             hierarchy.set_orientation(targets, turn.sensor, turn.link)
-        hierarchy.set_heading(targets, self._heading.forward)
         if self._balance is not None:
             hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
+        lowered = 0.0
         if self._crouch is not None and "head" in points:
-            hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
+            lowered = self._crouch.share(self._head_height(points))
+            hierarchy.set_posture(targets, self._crouch.posture(lowered))
+        hierarchy.set_heading(targets, self._heading.forward, lowered=lowered)
         hierarchy.set_previous(targets, self._q, dt)
         if self._carried is not None:
             moved = self._carried.step(points)

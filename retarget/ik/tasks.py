@@ -65,13 +65,14 @@ class SlotKind(Enum):
 class Slot:
     """A solver task and what sets its target. name: as in `of`, or the posture's.
 
-    direction: unit x, y, z in the heading frame, for an axis or a heading. settle: time constant of a PREVIOUS or a CARRIED, s.
+    direction: unit x, y, z in the heading frame, for an axis or a heading. lowered: what it becomes. settle: time constant of a PREVIOUS or a CARRIED, s.
     """
 
     kind: SlotKind
     name: str
     task: SolverTask
     direction: tuple[float, float, float] | None = None
+    lowered: tuple[float, float, float] | None = None
     settle: float = 0.0
 
 
@@ -197,7 +198,8 @@ def _placed(
     made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
     if isinstance(task, HeadingTask):
         return Slot(SlotKind.HEADING, name, made, direction=as_vector(_LEFT))
-    return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)))
+    lowered = None if task.lowered is None else as_vector(_unit(task.lowered))
+    return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)), lowered=lowered)
 
 
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:

@@ -123,6 +123,8 @@ class AxisTask(_Weighed):
     """In the frame of what `of` names; its length does not matter."""
     direction: Direction
     """In the heading frame, z up."""
+    lowered: Direction | None = None
+    """What `direction` becomes as the head of a human comes down, like `lowered` of a posture; absent: it stays."""
     weight: Positive = 1.0
     """Of both rows."""
 
