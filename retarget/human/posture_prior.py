@@ -80,29 +80,39 @@ class Balance:
         self.weight = 1.0 if fade is None else 1.0 / (1.0 + (hypot(*self._travel.now) / fade) ** 4)
 
 
-# What carries the pelvis: it goes about as head and feet do on average, which their motions tell without delay.
+# What carries the pelvis: it goes about as head and feet do on average, which their motions tell without delay. Feet that
+# both fly, as in a jump with the legs drawn up, do not take it along.
+
+FLYING_M_S = 3.0
+"""Feet that go so fast beside the head, on average, carry half as much."""
 
 
 class Carried:
-    """How far the pelvis goes with the sensors around it. by: their shares."""
+    """How far the pelvis goes with the sensors around it. by: their shares, the first of which always carries."""
 
     def __init__(self, by: Mapping[str, float]) -> None:
-        self._by = by
+        (self._first, self._share), *others = by.items()
+        self._others = dict(others)
         self._before: dict[str, list[float]] = {}
 
     def start(self) -> None:
         """Begin without a past."""
         self._before = {}
 
-    def step(self, points: dict[str, list[float]]) -> FloatArray:
-        """How far (3,) m it is carried to the next points: x, y, z m by sensor, of those that are there."""
+    def step(self, points: dict[str, list[float]], dt: float) -> FloatArray:
+        """How far (3,) m it is carried in `dt` s, to the next points: x, y, z m by sensor, of those that are there."""
         before, self._before = self._before, points
-        shares = [(name, share) for name, share in self._by.items() if name in points and name in before]
-        total = sum(share for _, share in shares)
-        moved = np.zeros(3)
-        for name, share in shares:
-            moved += share / total * np.subtract(points[name], before[name])
-        return moved
+        there = {name: share for name, share in self._others.items() if name in points and name in before}
+        total = sum(there.values())
+        others = np.zeros(3)
+        for name, share in there.items():
+            others += share / total * np.subtract(points[name], before[name])
+        if self._first not in points or self._first not in before:
+            return others
+        first = np.subtract(points[self._first], before[self._first])
+        beside = (others - first) / (FLYING_M_S * dt)
+        total /= 1.0 + float(beside @ beside)
+        return np.asarray((self._share * first + total * others) / (self._share + total))
 
 
 # Crouch: the natural posture for a height of the head, from upright to a deep crouch.

@@ -293,7 +293,7 @@ class Reconstructor:
         hierarchy.set_heading(targets, self._heading.forward, lowered=lowered)
         hierarchy.set_previous(targets, self._q, dt)
         if self._carried is not None:
-            moved = self._carried.step(points)
+            moved = self._carried.step(points, dt)
             if "pelvis" not in points:
                 hierarchy.set_carried(targets, self._q[:3] + moved, dt)
         self._q = hierarchy.solver.frame(targets, dt)
