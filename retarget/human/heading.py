@@ -29,7 +29,9 @@ STANCE_S = 10.0
 _STEP_SETTLE_S = 0.05
 """Time constant of the low-pass on the speed of the feet."""
 _PLANTED_M_S = 0.4
-"""Feet that are both slower are planted, unless they creep."""
+"""Feet that are both slower are planted."""
+_APART_M = 0.05
+"""Feet nearer to each other than this do not show how they turn."""
 
 
 class _Table:
@@ -174,7 +176,7 @@ def _hands_ahead(positions: Mapping[str, Point]) -> complex:
 
 class _Stance:
     """The mean of hints since both feet were planted, over `STANCE_S` at most. Planted feet do not turn, so what hands and
-    head said a while ago is still true of the hips."""
+    head said a while ago is still true of the hips. Feet that shuffle take it along."""
 
     def __init__(self, settle: float) -> None:
         self._settle = settle
@@ -186,6 +188,7 @@ class _Stance:
         for foot in self._feet:
             foot.start()
         self._mean, self._age = hints, self._settle
+        self._line = 0j
 
     def step(self, positions: Mapping[str, Point], hints: complex, dt: float) -> complex:
         """The mean `dt` s later, with these hints. positions: as of `Heading.step`."""
@@ -196,5 +199,9 @@ class _Stance:
             self._age = min(self._age + dt, STANCE_S)
         else:  # The mean of the stance before is forgotten as fast as any other.
             self._age += (1.0 - exp(-dt / self._settle)) * (self._settle - self._age)
+        before, self._line = self._line, _line(positions, "ankle")
+        if min(abs(before), abs(self._line)) > _APART_M:
+            turn = self._line * before.conjugate()
+            self._mean *= turn / abs(turn)
         self._mean += (1.0 - exp(-dt / self._age)) * (hints - self._mean)
         return self._mean
