@@ -52,7 +52,7 @@ class Balance:
 
     def __init__(self, task: CentreOfMassTask) -> None:
         self._task = task
-        self._travel = Velocity(SPEED_SETTLE_S)
+        self._travel = Velocity(SPEED_SETTLE_S, 3)
         self.goal: FloatArray = np.zeros(3)
         self.weight = 0.0
 
@@ -63,8 +63,7 @@ class Balance:
     def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float) -> None:
         """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector."""
         if len(feet) == 2:
-            (x, y, _), (u, v, _) = feet
-            self._travel.step((0.5 * (x + u), 0.5 * (y + v)), dt)
+            self._travel.step([0.5 * (left + right) for left, right in zip(*feet, strict=True)], dt)
         else:
             self._travel.step(None, dt)
         if not feet:
