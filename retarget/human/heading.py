@@ -195,13 +195,13 @@ class _Stance:
         for foot, name in zip(self._feet, ("l_ankle", "r_ankle"), strict=True):
             foot.step(positions.get(name), dt)
         speed = max(hypot(*foot.now) for foot in self._feet)
+        before, self._line = self._line, _line(positions, "ankle")
         if speed < _PLANTED_M_S and "l_ankle" in positions and "r_ankle" in positions:
             self._age = min(self._age + dt, STANCE_S)
+            if min(abs(before), abs(self._line)) > _APART_M:
+                turn = self._line * before.conjugate()
+                self._mean *= turn / abs(turn)
         else:  # The mean of the stance before is forgotten as fast as any other.
             self._age += (1.0 - exp(-dt / self._settle)) * (self._settle - self._age)
-        before, self._line = self._line, _line(positions, "ankle")
-        if min(abs(before), abs(self._line)) > _APART_M:
-            turn = self._line * before.conjugate()
-            self._mean *= turn / abs(turn)
         self._mean += (1.0 - exp(-dt / self._age)) * (hints - self._mean)
         return self._mean

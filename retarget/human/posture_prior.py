@@ -23,6 +23,8 @@ SPEED_SETTLE_S = 0.2
 """Time constant of the low-pass on the speed of travel."""
 LIFT_M = 0.08
 """A foot lifted so far above the other carries half as much."""
+HEEL_M = 0.3
+"""The same in a deep crouch, where an ankle is high because the heel is up: whoever kneels sits on that foot."""
 
 
 class Velocity:
@@ -60,8 +62,9 @@ class Balance:
         """Start at rest, without a past."""
         self._travel.start()
 
-    def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float) -> None:
-        """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector."""
+    def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float, lowered: float = 0.0) -> None:
+        """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector. lowered:
+        how much of a crouch the body is in, 0 to 1."""
         if len(feet) == 2:
             self._travel.step([0.5 * (left + right) for left, right in zip(*feet, strict=True)], dt)
         else:
@@ -70,7 +73,8 @@ class Balance:
             self.weight = 0.0
             return
         lowest = min(foot[2] for foot in feet)
-        loads = [1.0 / (1.0 + ((foot[2] - lowest) / LIFT_M) ** 2) for foot in feet]
+        lift = LIFT_M + lowered**4 * (HEEL_M - LIFT_M)
+        loads = [1.0 / (1.0 + ((foot[2] - lowest) / lift) ** 2) for foot in feet]
         total = sum(loads)
         for axis in (0, 1):
             over = sum(load * foot[axis] for load, foot in zip(loads, feet, strict=True)) / total

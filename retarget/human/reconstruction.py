@@ -286,9 +286,8 @@ class Reconstructor:
             hierarchy.set_orientation(targets, turn.sensor, turn.link)
         if self._balance is not None:
             hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
-        lowered = 0.0
+        lowered = self._crouched(points)
         if self._crouch is not None and "head" in points:
-            lowered = self._crouch.share(self._head_height(points))
             hierarchy.set_posture(targets, self._crouch.posture(lowered))
         hierarchy.set_heading(targets, self._heading.forward, lowered=lowered)
         hierarchy.set_previous(targets, self._q, dt)
@@ -302,7 +301,7 @@ class Reconstructor:
         """Where the feet that are there bear the body, `dt` s later."""
         if self._balance is not None:
             feet = [points[name] for name in _FEET if name in points]
-            self._balance.step(feet, self._heading.forward, dt=dt)
+            self._balance.step(feet, self._heading.forward, dt=dt, lowered=self._crouched(points))
 
     def _posture(self, dt: float) -> HumanPosture:
         """What there is to see, `dt` s after the posture before."""
@@ -363,6 +362,12 @@ class Reconstructor:
         """Height (m) of the head above the lower ankle, or above where ankles stand."""
         ground = [points[name][2] for name in _FEET if name in points]
         return points["head"][2] - (min(ground) if ground else 0.0)
+
+    def _crouched(self, points: Points) -> float:
+        """How much of the crouch of the priorities the body is in: 0 upright, 1 lowered."""
+        if self._crouch is None or "head" not in points:
+            return 0.0
+        return self._crouch.share(self._head_height(points))
 
     def _lowered(self, points: Points) -> float:
         """How lowered the head is: 0 upright, 1 in a deep crouch."""
