@@ -38,6 +38,23 @@ def test_over_the_foot_that_stays_down() -> None:
     assert balance.goal[1] == pytest.approx(-0.1)
 
 
+def test_a_raised_heel_carries_in_a_deep_crouch() -> None:
+    """Whoever kneels on the right knee sits on the right foot, the ankle of which is high."""
+    balance = Balance(TASK)
+    kneeling = [LEFT, [0.0, -0.1, 0.1 + LIFT_M]]
+    balance.step(kneeling, (1.0, 0.0), dt=0.01, lowered=1.0)
+    assert balance.goal[1] < 0.1 / 10.0
+    balance.step(kneeling, (1.0, 0.0), dt=0.01, lowered=0.3)
+    assert balance.goal[1] > 0.1 / 3.5
+
+
+def test_fades_in_a_jump() -> None:
+    balance = Balance(TASK)
+    for k in range(30):
+        balance.step([[0.0, 0.1, 0.02 * k], [0.0, -0.1, 0.02 * k]], (1.0, 0.0), dt=0.01)
+    assert balance.weight < 0.05
+
+
 @pytest.mark.parametrize("rate", [24.0, 120.0])
 def test_fades_with_the_speed_of_travel(rate: float) -> None:
     balance = Balance(TASK)
