@@ -37,7 +37,9 @@ _APART_M = 0.05
 class _Table:
     """Weights between the nodes of a grid, bilinear; beyond its ends as at them, and falling to 0 with the distance."""
 
-    def __init__(self, distances: Sequence[float], heights: Sequence[float], weights: Sequence[Sequence[complex]]) -> None:
+    def __init__(
+        self, distances: Sequence[float], heights: Sequence[float], weights: Sequence[Sequence[complex]]
+    ) -> None:
         self._distances, self._heights = [0.0, *distances], list(heights)
         self._weights = [[0j] * len(heights), *(list(row) for row in weights)]
 
@@ -149,7 +151,7 @@ _LIMBS = ("ankle", "wrist", "knee", "elbow")
 
 
 def _hint(table: _Table, away: complex, up: float, height: float, *, mirror: bool = False) -> complex:
-    """What a table says of a part that is `away` (m, on the ground) from where it is seen, and `up` m above the floor."""
+    """What a table says of a part that is `away` (m, on the ground) from where it is seen, `up` m above the floor."""
     distance = abs(away) / height
     weight = table.at(distance, up / height)
     return (weight.conjugate() if mirror else weight) * (away / height) / max(distance, _NEAR)
@@ -175,8 +177,10 @@ def _hands_ahead(positions: Mapping[str, Point]) -> complex:
 
 
 class _Stance:
-    """The mean of hints since both feet were planted, over `STANCE_S` at most. Planted feet do not turn, so what hands and
-    head said a while ago is still true of the hips. Feet that shuffle take it along."""
+    """The mean of hints since both feet were planted, over `STANCE_S` at most.
+
+    Planted feet do not turn, so what hands and head said a while ago is still true of the hips. Feet that shuffle take
+    it along."""
 
     def __init__(self, settle: float) -> None:
         self._settle = settle

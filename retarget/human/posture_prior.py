@@ -73,7 +73,7 @@ class Balance:
             self.weight = 0.0
             return
         lowest = min(foot[2] for foot in feet)
-        lift = LIFT_M + lowered**4 * (HEEL_M - LIFT_M)
+        lift = LIFT_M + lowered**4 * (HEEL_M - LIFT_M)  # only near the ground is a high ankle a heel
         loads = [1.0 / (1.0 + ((foot[2] - lowest) / lift) ** 2) for foot in feet]
         total = sum(loads)
         for axis in (0, 1):
@@ -83,8 +83,8 @@ class Balance:
         self.weight = 1.0 if fade is None else 1.0 / (1.0 + (hypot(*self._travel.now) / fade) ** 4)
 
 
-# What carries the pelvis: it goes about as head and feet do on average, which their motions tell without delay. Feet that
-# both fly, as in a jump with the legs drawn up, do not take it along.
+# What carries the pelvis: it goes about as head and feet do on average, which their motions tell without delay. Feet
+# that both fly, as in a jump with the legs drawn up, do not take it along.
 
 FLYING_M_S = 3.0
 """Feet that go so fast beside the head, on average, carry half as much."""

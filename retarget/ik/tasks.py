@@ -65,7 +65,8 @@ class SlotKind(Enum):
 class Slot:
     """A solver task and what sets its target. name: as in `of`, or the posture's.
 
-    direction: unit x, y, z in the heading frame, for an axis or a heading. lowered: what it becomes. settle: time constant of a PREVIOUS or a CARRIED, s.
+    direction: unit x, y, z in the heading frame, for an axis or a heading. lowered: what it becomes as the head comes
+    down. settle: time constant of a PREVIOUS or a CARRIED, s.
     """
 
     kind: SlotKind

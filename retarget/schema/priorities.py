@@ -200,12 +200,13 @@ class PostureTask(_Weighed):
 
 class CarriedTask(_Weighed):
     """The root of a human goes the way of the sensors that carry it, and leaves that way only slowly. It is what
-    `settle` of a posture is for joints: without it, what pulls at the whole body, as balance does, moves it at once."""
+    `settle` of a posture is for joints: without it, what pulls at the whole body moves it at once, as balance does."""
 
     type: Literal["carried"]
     """Of the task."""
     by: Annotated[dict[Name, Positive], Field(min_length=1, max_length=16)]
-    """Share of each sensor; of a sum other than 1 only the proportions matter. Those that are not there take no part."""
+    """Share of each sensor, first of the one that always carries. Only proportions matter; those that are not there
+    take no part."""
     settle: Positive
     """[s] Time constant with which the root leaves that way for a goal of the same weight."""
     weight: RowWeights = (1.0, 1.0, 1.0)

@@ -88,7 +88,7 @@ def test_one_hand_that_reaches_forward_turns_the_body_little() -> None:
 
 def test_planted_feet_keep_the_heading_while_the_trunk_bends_to_the_side() -> None:
     """Head and hands go half a metre to the side and back, as in a side bend; its own direction is 90 degrees off."""
-    bent = {name: (p[0], p[1] + (0.5 if p[2] > 0.5 else 0.0), p[2] - (0.4 if p[2] > 0.5 else 0.0)) for name, p in STANDING.items()}
+    bent = {name: p if "ankle" in name else (p[0], p[1] + 0.5, p[2] - 0.4) for name, p in STANDING.items()}
 
     def turned_by(settings: HeadingSettings) -> float:
         heading = Heading(settings, ABOVE)

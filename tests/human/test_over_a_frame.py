@@ -179,7 +179,7 @@ def test_who_gets_down_leans_the_trunk_as_people_do() -> None:
 
 @pytest.mark.parametrize("rate", [40.0, 120.0])
 def test_the_pelvis_does_not_jump_where_straight_legs_begin_to_bend(rate: float) -> None:
-    """The head of a person on straight legs goes down by 5 cm in an eighth of a second, and stays there: straight legs that
+    """The head of a person on straight legs goes down by 5 cm in an eighth of a second, and stays there. Legs that
     begin to bend would throw the pelvis aside."""
     position = np.repeat(standing(0.2)[None], round(rate), axis=0)
     time = np.arange(len(position)) / rate

@@ -19,6 +19,7 @@ from retarget.schema.priorities import CentreOfMassTask
 
 TASK = CentreOfMassTask(type="centre_of_mass", mode="over_feet", forward=0.07, fade_speed=0.5)
 LEFT, RIGHT = [0.0, 0.1, 0.1], [0.0, -0.1, 0.1]
+SHARES = {"head": 0.66, "l_ankle": 0.17, "r_ankle": 0.17}
 
 
 def test_ahead_of_the_middle_of_the_feet() -> None:
@@ -84,7 +85,7 @@ def test_the_pelvis_goes_with_head_and_feet_but_not_with_feet_that_fly() -> None
     points = {"head": [0.0, 0.0, 1.6], "l_ankle": [0.0, 0.1, 0.1], "r_ankle": [0.0, -0.1, 0.1]}
 
     def way(head: float, left: float, right: float, axis: int) -> float:
-        carried, after = Carried({"head": 0.66, "l_ankle": 0.17, "r_ankle": 0.17}), {k: list(p) for k, p in points.items()}
+        carried, after = Carried(SHARES), {name: list(point) for name, point in points.items()}
         assert (carried.step(points, 0.01) == 0.0).all()
         for name, speed in (("head", head), ("l_ankle", left), ("r_ankle", right)):
             after[name][axis] += 0.01 * speed
@@ -96,7 +97,7 @@ def test_the_pelvis_goes_with_head_and_feet_but_not_with_feet_that_fly() -> None
 
 
 def test_a_sensor_that_is_not_there_does_not_carry() -> None:
-    carried = Carried({"head": 0.66, "l_ankle": 0.17, "r_ankle": 0.17})
+    carried = Carried(SHARES)
     carried.step({"head": [0.0, 0.0, 1.6]}, 0.01)
     assert carried.step({"head": [0.01, 0.0, 1.6], "l_ankle": [0.0, 0.0, 0.1]}, 0.01) == pytest.approx([0.01, 0.0, 0.0])
     assert (carried.step({}, 0.01) == 0.0).all()
