@@ -1,5 +1,5 @@
-"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, feet,
-which of them carry, and where the performer faces.
+"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, feet, and
+which of them carry.
 
 A standing body is in balance when its centre of mass is over the feet that carry it; the faster it travels, the less
 that holds, so the weight of this goal falls with speed. The speed is that of the feet: a crouch moves the head, and
@@ -13,7 +13,7 @@ import numpy as np
 
 from retarget.model.human import Human, PostureReader
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
-from retarget.schema.priorities import CentreOfMassTask, HeadingSettings
+from retarget.schema.priorities import CentreOfMassTask
 from retarget.types import Carrying, FloatArray
 
 Point = Sequence[float]
@@ -23,6 +23,8 @@ SPEED_SETTLE_S = 0.2
 """Time constant of the low-pass on the speed of travel."""
 LIFT_M = 0.08
 """A foot lifted so far above the other carries half as much."""
+HEEL_M = 0.3
+"""The same in a deep crouch, where an ankle is high because the heel is up: whoever kneels sits on that foot."""
 
 
 class Velocity:
@@ -52,7 +54,7 @@ class Balance:
 
     def __init__(self, task: CentreOfMassTask) -> None:
         self._task = task
-        self._travel = Velocity(SPEED_SETTLE_S)
+        self._travel = Velocity(SPEED_SETTLE_S, 3)
         self.goal: FloatArray = np.zeros(3)
         self.weight = 0.0
 
@@ -60,24 +62,60 @@ class Balance:
         """Start at rest, without a past."""
         self._travel.start()
 
-    def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float) -> None:
-        """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector."""
+    def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float, lowered: float = 0.0) -> None:
+        """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector. lowered:
+        how much of a crouch the body is in, 0 to 1."""
         if len(feet) == 2:
-            (x, y, _), (u, v, _) = feet
-            self._travel.step((0.5 * (x + u), 0.5 * (y + v)), dt)
+            self._travel.step([0.5 * (left + right) for left, right in zip(*feet, strict=True)], dt)
         else:
             self._travel.step(None, dt)
         if not feet:
             self.weight = 0.0
             return
         lowest = min(foot[2] for foot in feet)
-        loads = [1.0 / (1.0 + ((foot[2] - lowest) / LIFT_M) ** 2) for foot in feet]
+        lift = LIFT_M + lowered**4 * (HEEL_M - LIFT_M)  # only near the ground is a high ankle a heel
+        loads = [1.0 / (1.0 + ((foot[2] - lowest) / lift) ** 2) for foot in feet]
         total = sum(loads)
         for axis in (0, 1):
             over = sum(load * foot[axis] for load, foot in zip(loads, feet, strict=True)) / total
             self.goal[axis] = over + self._task.forward * forward[axis]
         fade = self._task.fade_speed
         self.weight = 1.0 if fade is None else 1.0 / (1.0 + (hypot(*self._travel.now) / fade) ** 4)
+
+
+# What carries the pelvis: it goes about as head and feet do on average, which their motions tell without delay. Feet
+# that both fly, as in a jump with the legs drawn up, do not take it along.
+
+FLYING_M_S = 3.0
+"""Feet that go so fast beside the head, on average, carry half as much."""
+
+
+class Carried:
+    """How far the pelvis goes with the sensors around it. by: their shares, the first of which always carries."""
+
+    def __init__(self, by: Mapping[str, float]) -> None:
+        (self._first, self._share), *others = by.items()
+        self._others = dict(others)
+        self._before: dict[str, list[float]] = {}
+
+    def start(self) -> None:
+        """Begin without a past."""
+        self._before = {}
+
+    def step(self, points: dict[str, list[float]], dt: float) -> FloatArray:
+        """How far (3,) m it is carried in `dt` s, to the next points: x, y, z m by sensor, of those that are there."""
+        before, self._before = self._before, points
+        there = {name: share for name, share in self._others.items() if name in points and name in before}
+        total = sum(there.values())
+        others = np.zeros(3)
+        for name, share in there.items():
+            others += share / total * np.subtract(points[name], before[name])
+        if self._first not in points or self._first not in before:
+            return others
+        first = np.subtract(points[self._first], before[self._first])
+        beside = (others - first) / (FLYING_M_S * dt)
+        total /= 1.0 + float(beside @ beside)
+        return np.asarray((self._share * first + total * others) / (self._share + total))
 
 
 # Crouch: the natural posture for a height of the head, from upright to a deep crouch.
@@ -102,9 +140,9 @@ class Crouch:
         """How much of the crouch belongs to a head `height` m above the ankles: 0 upright, 1 lowered."""
         return min(max((self._high - height) / (self._high - self._low), 0.0), 1.0)
 
-    def posture(self, height: float) -> FloatArray:
-        """The posture (nq,) that is natural with the head `height` m above the ankles."""
-        return np.asarray(self._upright + self.share(height) * self._change)
+    def posture(self, share: float) -> FloatArray:
+        """The posture (nq,) that is natural with this share of the crouch."""
+        return np.asarray(self._upright + share * self._change)
 
 
 # Virtual feet of a performer without ankle sensors: planted while the head stays above them, else they go with it.
@@ -279,80 +317,3 @@ class CarryingFeet:
         left, right = self._carries
         self.carrying = _OF_FEET[left, right]
         return self.carrying
-
-
-# Heading, from a few sensors.
-#
-# One hint is not enough: the line between the ankles alone is wrong by 69 degrees on average while walking. So several
-# are summed, each a vector on the ground, and the sum is low-passed: lines between left and right, hands that work in
-# front of the body, the direction in which the head moves, and axes of sensors with an orientation.
-
-_NO_HINT_M = 0.01
-"""A sum shorter than this gives no direction: the last heading stays."""
-
-
-class Heading:
-    """The low-passed heading. `forward` (x, y) is a unit vector on the ground, world frame."""
-
-    def __init__(self, settings: HeadingSettings) -> None:
-        self._settings = settings
-        self._sum: Ground = (0.0, 0.0)
-        self._head = Velocity(settings.velocity_settle)
-        self.forward: Ground = (1.0, 0.0)
-
-    def start(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> None:
-        """Take the heading of one instant, without any filtering. Arguments as of `step`."""
-        self._head.start()
-        self._sum = self._hints(positions, facing)
-        self._turn()
-
-    def step(self, positions: Mapping[str, Point], facing: Mapping[str, Ground], *, dt: float) -> None:
-        """Go on by `dt` seconds.
-
-        positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of sensors with an
-        orientation, shorter than one where they point up or down.
-        """
-        self._head.step(positions.get("head"), dt)
-        share = 1.0 - exp(-dt / self._settings.settle)
-        x, y = self._hints(positions, facing)
-        self._sum = (self._sum[0] + share * (x - self._sum[0]), self._sum[1] + share * (y - self._sum[1]))
-        self._turn()
-
-    def _hints(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> Ground:
-        """Weighted sum of all hints, forward."""
-        settings = self._settings
-        x = y = 0.0
-        for part, weight in settings.pairs.items():
-            left, right = positions.get("l_" + part), positions.get("r_" + part)
-            if left is not None and right is not None:
-                x += weight * (left[1] - right[1])
-                y -= weight * (left[0] - right[0])
-        for name, axis in facing.items():
-            weight = settings.facing.get(name, 0.0)
-            x += weight * axis[0]
-            y += weight * axis[1]
-        slow, fast = settings.walking
-        weight = settings.velocity * min(max((hypot(*self._head.now) - slow) / (fast - slow), 0.0), 1.0)
-        ahead = self._hands_ahead(positions)
-        return (
-            x + weight * self._head.now[0] + settings.hands * ahead[0],
-            y + weight * self._head.now[1] + settings.hands * ahead[1],
-        )
-
-    def _hands_ahead(self, positions: Mapping[str, Point]) -> Ground:
-        """From the middle of the ankles to that of the wrists, m."""
-        try:
-            hands = positions["l_wrist"], positions["r_wrist"]
-            feet = positions["l_ankle"], positions["r_ankle"]
-        except KeyError:
-            return 0.0, 0.0
-        return (
-            0.5 * (hands[0][0] + hands[1][0] - feet[0][0] - feet[1][0]),
-            0.5 * (hands[0][1] + hands[1][1] - feet[0][1] - feet[1][1]),
-        )
-
-    def _turn(self) -> None:
-        x, y = self._sum
-        length = hypot(x, y)
-        if length > _NO_HINT_M:
-            self.forward = (x / length, y / length)

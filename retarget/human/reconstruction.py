@@ -12,7 +12,8 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import SensorSample
-from retarget.human.posture_prior import Balance, CarryingFeet, Crouch, Heading, VirtualFeet
+from retarget.human.heading import Heading
+from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, VirtualFeet
 from retarget.human.second_posture import SecondPosture
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
@@ -22,7 +23,7 @@ from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS
 from retarget.model.observers import ObserverSet, human_observers
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import Performer
-from retarget.schema.priorities import CentreOfMassTask, PostureTask, Priorities
+from retarget.schema.priorities import CarriedTask, CentreOfMassTask, PostureTask, Priorities
 from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 
 # Sensor layout: the performer's sensors, read out of a source's samples.
@@ -151,9 +152,12 @@ class Reconstructor:
         )
         self._hierarchy, self._second_hierarchy = build(), build()
         self._reader = PostureReader(human)
-        self._heading = Heading(priorities.heading)
+        standing = dict(zip(POINTS, human.dimensions.standing().tolist(), strict=True))
+        above = standing["head"][2] - standing["l_ankle"][2]
+        self._heading = Heading(priorities.heading, above, feet=self._feet is None)
         self._balance = _balance(priorities)
         self._balance_error = next((i for i, slot in enumerate(self._hierarchy.slots) if slot.kind in _BALANCE), None)
+        self._carried = _carried(priorities)
         self._crouch = _crouch(priorities, human)
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
         joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
@@ -200,6 +204,8 @@ class Reconstructor:
         self._reach.clamp(self._intake.position, self._intake.present)
         if self._balance is not None:
             self._balance.start()
+        if self._carried is not None:
+            self._carried.start()
         self._obstacles.restart()
         self._q = self._placed()
         self._obstacles.tick(self._hierarchy, 0.0)
@@ -278,19 +284,24 @@ class Reconstructor:
         targets[self._slots] = self._block[self._source]
         for turn in turns:
             hierarchy.set_orientation(targets, turn.sensor, turn.link)
-        hierarchy.set_heading(targets, self._heading.forward)
         if self._balance is not None:
             hierarchy.set_centre_of_mass(targets, self._balance.goal, self._balance.weight)
+        lowered = self._crouched(points)
         if self._crouch is not None and "head" in points:
-            hierarchy.set_posture(targets, self._crouch.posture(self._head_height(points)))
+            hierarchy.set_posture(targets, self._crouch.posture(lowered))
+        hierarchy.set_heading(targets, self._heading.forward, lowered=lowered)
         hierarchy.set_previous(targets, self._q, dt)
+        if self._carried is not None:
+            moved = self._carried.step(points, dt)
+            if "pelvis" not in points:
+                hierarchy.set_carried(targets, self._q[:3] + moved, dt)
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _bear(self, points: Points, dt: float) -> None:
         """Where the feet that are there bear the body, `dt` s later."""
         if self._balance is not None:
             feet = [points[name] for name in _FEET if name in points]
-            self._balance.step(feet, self._heading.forward, dt=dt)
+            self._balance.step(feet, self._heading.forward, dt=dt, lowered=self._crouched(points))
 
     def _posture(self, dt: float) -> HumanPosture:
         """What there is to see, `dt` s after the posture before."""
@@ -352,6 +363,12 @@ class Reconstructor:
         ground = [points[name][2] for name in _FEET if name in points]
         return points["head"][2] - (min(ground) if ground else 0.0)
 
+    def _crouched(self, points: Points) -> float:
+        """How much of the crouch of the priorities the body is in: 0 upright, 1 lowered."""
+        if self._crouch is None or "head" not in points:
+            return 0.0
+        return self._crouch.share(self._head_height(points))
+
     def _lowered(self, points: Points) -> float:
         """How lowered the head is: 0 upright, 1 in a deep crouch."""
         assert self._feet is not None
@@ -371,6 +388,14 @@ def _balance(priorities: Priorities) -> Balance | None:
     for _, _, task in priorities.tasks():
         if isinstance(task, CentreOfMassTask) and task.mode == "over_feet":
             return Balance(task)
+    return None
+
+
+def _carried(priorities: Priorities) -> Carried | None:
+    """What carries the pelvis; None where the priorities have no such task."""
+    for _, _, task in priorities.tasks():
+        if isinstance(task, CarriedTask):
+            return Carried(task.by)
     return None
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from retarget.types import FloatArray
 
-_MISSED_M, _MISSED_S = 0.03, 0.2
+_MISSED_M, _MISSED_S = 0.01, 0.05
 """A body that misses a sensor by more than this for so long, though its limbs reach there, is tangled."""
 _FRAMES, _REACHED_M = 16, 0.01
 """At most so many frames the second posture has to come this near to all sensors."""

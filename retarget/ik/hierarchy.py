@@ -7,7 +7,7 @@ more than the priorities use.
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import expm1, inf
+from math import expm1, inf, sqrt
 
 import numpy as np
 
@@ -121,7 +121,8 @@ class Hierarchy:
             (place, place.slot.direction)
             for kind in (SlotKind.HEADING, SlotKind.AXIS)
             for place in self._places[kind]
-            if place.slot.direction is not None and place.slot.direction[:2] != (0.0, 0.0)
+            if place.slot.direction is not None
+            and (place.slot.direction[:2] != (0.0, 0.0) or place.slot.lowered is not None)
         ]
 
     def blank(self) -> FloatArray:
@@ -172,10 +173,15 @@ class Hierarchy:
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
             place.set_spaces(targets, spaces)
 
-    def set_heading(self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0) -> None:
-        """The heading (x, y), a unit vector on the ground, to every heading task and every axis task."""
+    def set_heading(
+        self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0, *, lowered: float = 0.0
+    ) -> None:
+        """The heading (x, y), a unit vector on the ground, to every heading task and every axis task. lowered: how much
+        of its lowered direction an axis has, 0 to 1."""
         cosine, sine = heading
         for place, (x, y, z) in self._turned:
+            if place.slot.lowered is not None:
+                x, y, z = _between((x, y, z), place.slot.lowered, lowered)
             strength = weight if place.slot.kind is SlotKind.HEADING else 1.0
             targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
 
@@ -208,6 +214,12 @@ class Hierarchy:
         for place in self._places[SlotKind.PREVIOUS]:
             targets[place.start] = 1.0 / expm1(min(dt / min(place.slot.settle, settle), 50.0))
             targets[place.start + 1 : place.stop] = q
+
+    def set_carried(self, targets: FloatArray, position: FloatArray, dt: float) -> None:
+        """Set where the root would be if it were only carried along, (3,) m, `dt` s after the last frame."""
+        for place in self._places[SlotKind.CARRIED]:
+            targets[place.start] = 1.0 / expm1(min(dt / place.slot.settle, 50.0))
+            targets[place.start + 1 : place.stop] = position
 
     def _set(self, targets: FloatArray, kind: SlotKind, name: str, value: FloatArray, weight: float) -> None:
         for place in self._by_name.get((kind, name), ()):
@@ -252,6 +264,15 @@ def _compile(
             )
         levels.append(slots)
     return levels
+
+
+def _between(
+    first: tuple[float, float, float], second: tuple[float, float, float], share: float
+) -> tuple[float, float, float]:
+    """The unit vector at a share of the way from one to another."""
+    x, y, z = (a + share * (b - a) for a, b in zip(first, second, strict=True))
+    length = max(sqrt(x * x + y * y + z * z), 1e-9)
+    return x / length, y / length, z / length
 
 
 def body_frames(body: BodyModel) -> dict[str, Frame]:

@@ -14,6 +14,7 @@ from retarget.model.body import BodyModel, Frame, joint_weights, low_inertia_joi
 from retarget.rotations import as_quat, as_vector
 from retarget.schema.priorities import (
     AxisTask,
+    CarriedTask,
     CentreOfMassTask,
     HeadingTask,
     LimbTask,
@@ -55,6 +56,7 @@ class SlotKind(Enum):
     STRENGTH = "strength"
     POSTURE = "posture"
     PREVIOUS = "previous"
+    CARRIED = "carried"
     REACTIVE = "reactive"
     PREVENTIVE = "preventive"
 
@@ -63,13 +65,15 @@ class SlotKind(Enum):
 class Slot:
     """A solver task and what sets its target. name: as in `of`, or the posture's.
 
-    direction: unit x, y, z in the heading frame, for an axis or a heading. settle: time constant of a PREVIOUS, s.
+    direction: unit x, y, z in the heading frame, for an axis or a heading. lowered: what it becomes as the head comes
+    down. settle: time constant of a PREVIOUS or a CARRIED, s.
     """
 
     kind: SlotKind
     name: str
     task: SolverTask
     direction: tuple[float, float, float] | None = None
+    lowered: tuple[float, float, float] | None = None
     settle: float = 0.0
 
 
@@ -108,6 +112,12 @@ def compile_task(
         return [_centre_of_mass(task, body, frames, is_soft=is_soft)]
     if isinstance(task, StrengthTask):
         return _strength(frames)
+    if isinstance(task, CarriedTask):
+        rows = _row_weights(task.weight, is_soft=is_soft)
+        made = SolverTask.position(
+            int(body.joint_body[0]), (0.0, 0.0, 0.0), weight=rows, gain=task.gain, max_error=task.max_error or 0.05
+        )
+        return [Slot(SlotKind.CARRIED, "root", made, settle=task.settle)]
     if isinstance(task, ReactiveTask | PreventiveTask):
         return _observing(task, observers, is_soft=is_soft)
     if isinstance(task, LimbTask):
@@ -189,7 +199,8 @@ def _placed(
     made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
     if isinstance(task, HeadingTask):
         return Slot(SlotKind.HEADING, name, made, direction=as_vector(_LEFT))
-    return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)))
+    lowered = None if task.lowered is None else as_vector(_unit(task.lowered))
+    return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)), lowered=lowered)
 
 
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:

@@ -123,6 +123,8 @@ class AxisTask(_Weighed):
     """In the frame of what `of` names; its length does not matter."""
     direction: Direction
     """In the heading frame, z up."""
+    lowered: Direction | None = None
+    """What `direction` becomes as the head of a human comes down, like `lowered` of a posture; absent: it stays."""
     weight: Positive = 1.0
     """Of both rows."""
 
@@ -196,6 +198,21 @@ class PostureTask(_Weighed):
     """[s] Time constant with which free joints approach it; 0: at once."""
 
 
+class CarriedTask(_Weighed):
+    """The root of a human goes the way of the sensors that carry it, and leaves that way only slowly. It is what
+    `settle` of a posture is for joints: without it, what pulls at the whole body moves it at once, as balance does."""
+
+    type: Literal["carried"]
+    """Of the task."""
+    by: Annotated[dict[Name, Positive], Field(min_length=1, max_length=16)]
+    """Share of each sensor, first of the one that always carries. Only proportions matter; those that are not there
+    take no part."""
+    settle: Positive
+    """[s] Time constant with which the root leaves that way for a goal of the same weight."""
+    weight: RowWeights = (1.0, 1.0, 1.0)
+    """One number, or one per row x, y, z."""
+
+
 class ReactiveTask(Schema):
     """Observers that touch push their part out."""
 
@@ -238,6 +255,7 @@ Task = Annotated[
     | CentreOfMassTask
     | StrengthTask
     | PostureTask
+    | CarriedTask
     | ReactiveTask
     | PreventiveTask,
     Field(discriminator="type"),
@@ -254,6 +272,10 @@ class HeadingSettings(Schema):
     """[1/m] By part with a left and a right sensor: weight of the line between the two."""
     hands: NotNegative = 1.0
     """[1/m] Weight of how far forward of the ankles the hands are."""
+    learned: NotNegative = 0.0
+    """Weight of what recorded people's hands and heads say of their heading (`retarget/human/heading.yaml`)."""
+    stance: Annotated[NotNegative, Field(le=1.0)] = 0.0
+    """Share of the hints of hands, head and feet that is averaged for as long as both feet are planted."""
     velocity: NotNegative = 0.5
     """[s/m] Weight of the velocity of the head."""
     walking: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ascending)] = (0.5, 1.0)

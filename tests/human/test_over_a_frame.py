@@ -10,7 +10,7 @@ from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import CalibrationPose, Playback, calibration_pose, lay_on_ticks
-from retarget.model.human import build_human
+from retarget.model.human import PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
@@ -132,3 +132,59 @@ def test_a_motion_is_no_calibration_pose() -> None:
     assert calibration_pose(frames_of(tracker_jumps)) is None
     lost = frames_of(moving())
     assert calibration_pose(replace(lost, valid=np.zeros_like(lost.valid))) is None
+
+
+# What no sensor measures, while people get down and up again.
+
+
+def followed(position: FloatArray, dt: float = DT) -> FloatArray:
+    """Joint centres (T, 23, 3) m of the body that follows five sensors (T, 5, 3) m."""
+    frames, human = frames_of(position, dt), build_human(proportional_dimensions(1.75))
+    reconstructor = Reconstructor(human, load_priorities("human"), load_performer("five"))
+    first, *others = (frames.sample(at) for at in frames.time)
+    return np.array([reconstructor.start(first).joints, *(reconstructor.step(one, dt).joints for one in others)])
+
+
+def getting_down(frames: int = 120) -> FloatArray:
+    """All points (T, 23, 3) m of a person who stands and gets down in a second, as recorded people do on average: by
+    hips, knees and spine, the pelvis leaning forward, the ankles where they were."""
+    human = build_human(proportional_dimensions(1.75))
+    upright = human.posture("stand")
+    down = human.posture_from(
+        {
+            "hip_flexion": 91.0,
+            "knee_flexion": 88.0,
+            "ankle_dorsiflexion": 20.0,
+            "spine_flexion": 36.0,
+            "neck_flexion": -20.0,
+            "shoulder_elevation": 50.0,
+            "elbow_flexion": 20.0,
+        }.items()
+    )
+    shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, frames))
+    q = upright + shares[:, None] * (down - upright)
+    lean = np.deg2rad(40.0) * shares
+    q[:, 3:7] = np.stack([np.cos(lean / 2), 0 * lean, np.sin(lean / 2), 0 * lean], axis=1)
+    joints = PostureReader(human).joints(q)
+    ankles = [POINTS.index(name) for name in ("l_ankle", "r_ankle")]
+    return np.asarray(joints + (joints[0, ankles].mean(axis=0) - joints[:, ankles].mean(axis=1))[:, None])
+
+
+def test_who_gets_down_leans_the_trunk_as_people_do() -> None:
+    truth = getting_down()
+    sensors = truth[:, [POINTS.index(name) for name in FIVE]]
+    pelvis = POINTS.index("pelvis")
+    assert 1e3 * np.linalg.norm(followed(sensors)[-1, pelvis] - truth[-1, pelvis]) < 70.0
+
+
+@pytest.mark.parametrize("rate", [40.0, 120.0])
+def test_the_pelvis_does_not_jump_where_straight_legs_begin_to_bend(rate: float) -> None:
+    """The head of a person on straight legs goes down by 5 cm in an eighth of a second, and stays there. Legs that
+    begin to bend would throw the pelvis aside."""
+    position = np.repeat(standing(0.2)[None], round(rate), axis=0)
+    time = np.arange(len(position)) / rate
+    down = 0.05 * np.clip((time - 0.5) / 0.125, 0.0, 1.0)
+    for name in ("head", "l_wrist", "r_wrist"):
+        position[:, FIVE.index(name), 2] += 0.012 - down
+    pelvis = followed(position, 1.0 / rate)[:, POINTS.index("pelvis")]
+    assert np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() * rate < 1.0
