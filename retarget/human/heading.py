@@ -76,6 +76,9 @@ class Heading:
         self._stance = _Stance(settings.settle) if feet else None
         self._sum = 0j
         self._head = Velocity(settings.velocity_settle)
+        named = [(f"l_{part}", f"r_{part}", weight) for part, weight in settings.pairs.items() if weight > 0.0]
+        self._moving_pairs = [pair for pair in named if pair[0][2:] in _LIMBS]
+        self._trunk_pairs = [pair for pair in named if pair[0][2:] not in _LIMBS]
         self.forward: Ground = (1.0, 0.0)
 
     def start(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> None:
@@ -109,15 +112,17 @@ class Heading:
         slow, fast = settings.walking
         share = min(max((hypot(*self._head.now) - slow) / (fast - slow), 0.0), 1.0)
         total = settings.velocity * share * complex(*self._head.now)
-        total += settings.hands * _hands_ahead(positions)
-        total += sum(weight * _line(positions, part) for part, weight in settings.pairs.items() if part in _LIMBS)
+        if settings.hands > 0.0:
+            total += settings.hands * _hands_ahead(positions)
+        total += _lines(positions, self._moving_pairs)
         return total + (settings.learned * self._seen(positions) if settings.learned > 0.0 else 0j)
 
     def _measured(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> complex:
         """Sum of the hints of parts that turn with the body: lines across the trunk, and orientations."""
-        settings = self._settings
-        lines = (weight * _line(positions, part) for part, weight in settings.pairs.items() if part not in _LIMBS)
-        return sum(lines, 0j) + sum(settings.facing.get(name, 0.0) * complex(*axis) for name, axis in facing.items())
+        total = _lines(positions, self._trunk_pairs)
+        for name, axis in facing.items():
+            total += self._settings.facing.get(name, 0.0) * complex(*axis)
+        return total
 
     def _seen(self, positions: Mapping[str, Point]) -> complex:
         """What the learned tables say of where hands and head are."""
@@ -157,12 +162,17 @@ def _hint(table: _Table, away: complex, up: float, height: float, *, mirror: boo
     return (weight.conjugate() if mirror else weight) * (away / height) / max(distance, _NEAR)
 
 
-def _line(positions: Mapping[str, Point], part: str) -> complex:
-    """From the right of a pair to the left, turned forward, m; 0 where one is not known."""
-    left, right = positions.get("l_" + part), positions.get("r_" + part)
-    if left is None or right is None:
-        return 0j
-    return complex(left[1] - right[1], right[0] - left[0])
+def _lines(positions: Mapping[str, Point], pairs: Sequence[tuple[str, str, float]]) -> complex:
+    """Sum of the lines from the right of each pair to the left, turned forward, m by weight; 0 for those not known."""
+    total = 0j
+    for left, right, weight in pairs:
+        if left in positions and right in positions:
+            to, of = positions[left], positions[right]
+            total += weight * complex(to[1] - of[1], of[0] - to[0])
+    return total
+
+
+_BETWEEN_FEET = (("l_ankle", "r_ankle", 1.0),)
 
 
 def _hands_ahead(positions: Mapping[str, Point]) -> complex:
@@ -199,7 +209,7 @@ class _Stance:
         for foot, name in zip(self._feet, ("l_ankle", "r_ankle"), strict=True):
             foot.step(positions.get(name), dt)
         speed = max(hypot(*foot.now) for foot in self._feet)
-        before, self._line = self._line, _line(positions, "ankle")
+        before, self._line = self._line, _lines(positions, _BETWEEN_FEET)
         if speed < _PLANTED_M_S and "l_ankle" in positions and "r_ankle" in positions:
             self._age = min(self._age + dt, STANCE_S)
             if min(abs(before), abs(self._line)) > _APART_M:

@@ -66,7 +66,8 @@ class Balance:
         """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector. lowered:
         how much of a crouch the body is in, 0 to 1."""
         if len(feet) == 2:
-            self._travel.step([0.5 * (left + right) for left, right in zip(*feet, strict=True)], dt)
+            (x, y, z), (u, v, w) = feet
+            self._travel.step((0.5 * (x + u), 0.5 * (y + v), 0.5 * (z + w)), dt)
         else:
             self._travel.step(None, dt)
         if not feet:
@@ -91,31 +92,36 @@ FLYING_M_S = 3.0
 
 
 class Carried:
-    """How far the pelvis goes with the sensors around it. by: their shares, the first of which always carries."""
+    """Where the pelvis goes with the sensors around it. by: their shares, the first of which always carries."""
 
     def __init__(self, by: Mapping[str, float]) -> None:
-        (self._first, self._share), *others = by.items()
-        self._others = dict(others)
+        (self._first, self._share), *self._others = by.items()
         self._before: dict[str, list[float]] = {}
 
     def start(self) -> None:
         """Begin without a past."""
         self._before = {}
 
-    def step(self, points: dict[str, list[float]], dt: float) -> FloatArray:
-        """How far (3,) m it is carried in `dt` s, to the next points: x, y, z m by sensor, of those that are there."""
+    def step(self, at: Sequence[float], points: dict[str, list[float]], dt: float) -> Point:
+        """Where a pelvis at (3,) m is carried in `dt` s, by sensors that go to the next points: x, y, z m, of those
+        that are there."""
         before, self._before = self._before, points
-        there = {name: share for name, share in self._others.items() if name in points and name in before}
-        total = sum(there.values())
-        others = np.zeros(3)
-        for name, share in there.items():
-            others += share / total * np.subtract(points[name], before[name])
-        if self._first not in points or self._first not in before:
-            return others
-        first = np.subtract(points[self._first], before[self._first])
-        beside = (others - first) / (FLYING_M_S * dt)
-        total /= 1.0 + float(beside @ beside)
-        return np.asarray((self._share * first + total * others) / (self._share + total))
+        x = y = z = total = 0.0
+        for name, share in self._others:
+            if name in points and name in before:
+                (u, v, w), (a, b, c) = points[name], before[name]
+                x, y, z, total = x + share * (u - a), y + share * (v - b), z + share * (w - c), total + share
+        if total > 0.0:
+            x, y, z = x / total, y / total, z / total
+        if self._first in points and self._first in before:
+            (u, v, w), (a, b, c) = points[self._first], before[self._first]
+            u, v, w = u - a, v - b, w - c
+            # Of the way beside the first, less the faster it is.
+            beside = ((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) / (FLYING_M_S * dt) ** 2
+            total /= 1.0 + beside
+            share = total / (self._share + total)
+            x, y, z = u + share * (x - u), v + share * (y - v), w + share * (z - w)
+        return at[0] + x, at[1] + y, at[2] + z
 
 
 # Crouch: the natural posture for a height of the head, from upright to a deep crouch.

@@ -292,9 +292,9 @@ class Reconstructor:
         hierarchy.set_heading(targets, self._heading.forward, lowered=lowered)
         hierarchy.set_previous(targets, self._q, dt)
         if self._carried is not None:
-            moved = self._carried.step(points, dt)
+            carried = self._carried.step(self._q[:3].tolist(), points, dt)
             if "pelvis" not in points:
-                hierarchy.set_carried(targets, self._q[:3] + moved, dt)
+                hierarchy.set_carried(targets, carried, dt)
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _bear(self, points: Points, dt: float) -> None:

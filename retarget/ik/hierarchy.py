@@ -181,7 +181,10 @@ class Hierarchy:
         cosine, sine = heading
         for place, (x, y, z) in self._turned:
             if place.slot.lowered is not None:
-                x, y, z = _between((x, y, z), place.slot.lowered, lowered)
+                u, v, w = place.slot.lowered
+                x, y, z = x + lowered * (u - x), y + lowered * (v - y), z + lowered * (w - z)
+                length = sqrt(x * x + y * y + z * z)
+                x, y, z = x / length, y / length, z / length
             strength = weight if place.slot.kind is SlotKind.HEADING else 1.0
             targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
 
@@ -215,7 +218,7 @@ class Hierarchy:
             targets[place.start] = 1.0 / expm1(min(dt / min(place.slot.settle, settle), 50.0))
             targets[place.start + 1 : place.stop] = q
 
-    def set_carried(self, targets: FloatArray, position: FloatArray, dt: float) -> None:
+    def set_carried(self, targets: FloatArray, position: Sequence[float], dt: float) -> None:
         """Set where the root would be if it were only carried along, (3,) m, `dt` s after the last frame."""
         for place in self._places[SlotKind.CARRIED]:
             targets[place.start] = 1.0 / expm1(min(dt / place.slot.settle, 50.0))
@@ -264,15 +267,6 @@ def _compile(
             )
         levels.append(slots)
     return levels
-
-
-def _between(
-    first: tuple[float, float, float], second: tuple[float, float, float], share: float
-) -> tuple[float, float, float]:
-    """The unit vector at a share of the way from one to another."""
-    x, y, z = (a + share * (b - a) for a, b in zip(first, second, strict=True))
-    length = max(sqrt(x * x + y * y + z * z), 1e-9)
-    return x / length, y / length, z / length
 
 
 def body_frames(body: BodyModel) -> dict[str, Frame]:

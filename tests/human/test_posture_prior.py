@@ -19,6 +19,7 @@ from retarget.schema.priorities import CentreOfMassTask
 
 TASK = CentreOfMassTask(type="centre_of_mass", mode="over_feet", forward=0.07, fade_speed=0.5)
 LEFT, RIGHT = [0.0, 0.1, 0.1], [0.0, -0.1, 0.1]
+AT = (0.0, 0.0, 0.9)
 SHARES = {"head": 0.66, "l_ankle": 0.17, "r_ankle": 0.17}
 
 
@@ -86,10 +87,10 @@ def test_the_pelvis_goes_with_head_and_feet_but_not_with_feet_that_fly() -> None
 
     def way(head: float, left: float, right: float, axis: int) -> float:
         carried, after = Carried(SHARES), {name: list(point) for name, point in points.items()}
-        assert (carried.step(points, 0.01) == 0.0).all()
+        assert carried.step(AT, points, 0.01) == AT
         for name, speed in (("head", head), ("l_ankle", left), ("r_ankle", right)):
             after[name][axis] += 0.01 * speed
-        return float(carried.step(after, 0.01)[axis] / 0.01)
+        return (carried.step(AT, after, 0.01)[axis] - AT[axis]) / 0.01
 
     assert way(1.3, 2.6, 0.0, axis=0) == pytest.approx(1.3)
     assert way(0.6, 0.0, 0.0, axis=2) == pytest.approx(0.4, abs=0.02)
@@ -98,9 +99,10 @@ def test_the_pelvis_goes_with_head_and_feet_but_not_with_feet_that_fly() -> None
 
 def test_a_sensor_that_is_not_there_does_not_carry() -> None:
     carried = Carried(SHARES)
-    carried.step({"head": [0.0, 0.0, 1.6]}, 0.01)
-    assert carried.step({"head": [0.01, 0.0, 1.6], "l_ankle": [0.0, 0.0, 0.1]}, 0.01) == pytest.approx([0.01, 0.0, 0.0])
-    assert (carried.step({}, 0.01) == 0.0).all()
+    carried.step(AT, {"head": [0.0, 0.0, 1.6]}, 0.01)
+    after = carried.step(AT, {"head": [0.01, 0.0, 1.6], "l_ankle": [0.0, 0.0, 0.1]}, 0.01)
+    assert after == pytest.approx((AT[0] + 0.01, AT[1], AT[2]))
+    assert carried.step(AT, {}, 0.01) == AT
 
 
 def standing() -> VirtualFeet:
