@@ -10,6 +10,9 @@ limits of speed, solved on from where the arm is. Where it ends far from what is
 ends much nearer, the branch is wrong. The arm is led to the better posture in joint space, without its limb tasks,
 until a descent from where it is ends near what is asked. While the performer's arm moves nothing is led: the way takes
 a second, in which a moving arm would have gone on.
+
+Until then an arm that stays unlike, caught or at its limits, would bend and twist the trunk, which its lines hang on. It
+pulls half as hard.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -43,6 +46,8 @@ ARRIVED = 0.09
 """[rad] An arm is in the branch of its goal if descents from both end as far from what is asked, to 5 degrees."""
 UNLIKE_S, CHECK_S = 0.6, 0.05
 """[s] For so long an arm is unlike before its branch is looked at; the time between two looks at an arm."""
+STRAY_S, STRAY_WEIGHT = 0.3, 0.5
+"""[s] An arm that has been unlike for so long does not only lag; share of its weight that is left then."""
 STILL = 0.35
 """[rad] A performer's arm that moves by no more than this, for as long as an arm is to be unlike, is not on its way."""
 SECOND_COSTS = 0.3
@@ -67,7 +72,7 @@ class ArmBranches:
     def restart(self) -> None:
         """Lead no arm."""
         for arm in self._arms:
-            arm.release()
+            arm.restart()
 
     def reset(self, q: FloatArray) -> None:
         """Go on from posture q (nq,): another goal was sent than was asked."""
@@ -88,8 +93,11 @@ class ArmBranches:
         asked, m, as in `limb_names`; they are set already. Returns whether an arm is led."""
         hierarchy.reset_posture(targets)
         led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached)]
-        for arm in led:
-            arm.lead(hierarchy, targets)
+        for arm in self._arms:
+            if arm in led:
+                arm.lead(hierarchy, targets)
+            elif arm.is_stray:
+                arm.weigh(hierarchy, targets, STRAY_WEIGHT)
         return bool(led)
 
 
@@ -98,6 +106,11 @@ class _Arm:
 
     def __init__(self, descent: "_Descent") -> None:
         self._descent, self._servos = descent, descent.servos
+        self.restart()
+
+    def restart(self) -> None:
+        """Lead it no longer: a new performance begins."""
+        self._stray_s = 0.0
         self.release()
 
     def release(self) -> None:
@@ -106,6 +119,11 @@ class _Arm:
         self._moves: TrajectoryGenerator | None = None
         self._seen_at: FloatArray | None = None
         self._unlike_s = self._looked_s = self._led_s = 0.0
+
+    @property
+    def is_stray(self) -> bool:
+        """Whether it has been unlike for so long that it does not only lag."""
+        return self._stray_s > STRAY_S
 
     def reset(self, q: FloatArray) -> None:
         """Go on from posture q (nq,)."""
@@ -128,7 +146,10 @@ class _Arm:
         """Note for how long lines (k, 3) m have been unlike those wanted, `passed` s after the last time."""
         if self._seen_at is None or self._descent.unlike(wanted, self._seen_at) > STILL:
             self._seen_at, self._unlike_s = wanted, 0.0
-        self._unlike_s = self._unlike_s + passed if self._descent.unlike(lines, wanted) > CAUGHT else 0.0
+        if self._descent.unlike(lines, wanted) > CAUGHT:
+            self._unlike_s, self._stray_s = self._unlike_s + passed, self._stray_s + passed
+        else:
+            self._unlike_s = self._stray_s = 0.0
         if self._moves is not None and self._led_s > MOST_LED_S:
             self.release()
             self._seen_at, self._unlike_s = wanted, -inf  # not again until the performer's arm has moved
@@ -136,9 +157,13 @@ class _Arm:
     def lead(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
         """Go on with the way: no limb tasks for the arm, and its joints drawn to where they are to be."""
         assert self._moves is not None and self._goal is not None, "the arm is led"
-        _, slots = hierarchy.position_slots(self._descent.names, SlotKind.LIMB)
-        targets[slots[:, 0]] = 0.0
+        self.weigh(hierarchy, targets, 0.0)
         hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal))
+
+    def weigh(self, hierarchy: Hierarchy, targets: FloatArray, share: float) -> None:
+        """Leave the arm's limb tasks a share of their weight."""
+        _, slots = hierarchy.position_slots(self._descent.names, SlotKind.LIMB)
+        targets[slots[:, 0]] *= share
 
     def _choose(self, q: FloatArray, wanted: FloatArray, trunk: Quat, dt: float) -> None:
         """Choose where the arm of posture q (nq,) is led from the next tick of `dt` s on, if its branch is wrong."""

@@ -1,5 +1,6 @@
 """An arm in a wrong branch of its postures is led out of it while the performer's arm is still, and only then."""
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -89,3 +90,26 @@ def test_an_arm_that_does_not_arrive_is_led_no_longer(monkeypatch: pytest.Monkey
     """It is asked for its limbs again, and led no more while the performer stands."""
     monkeypatch.setattr(arm_branches, "MOST_LED_S", 0.02)
     assert off_from_anywhere("wolfgang").max() > WRONG
+
+
+def test_an_arm_that_stays_unlike_hardly_bends_the_trunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """ToddlerBot's shoulder does not turn as far back as a performer's."""
+    start = postures(performer())[0]
+    joints, at = start.joints.copy(), start.joint_names.index
+    for joint, length in (("r_elbow", 0.3), ("r_wrist", 0.55)):
+        joints[at(joint)] = joints[at("r_shoulder")] + length * np.array([-0.905, -0.302, 0.302])
+    human = replace(start, joints=joints)
+
+    def trunk(robot: RobotBody, q: FloatArray) -> FloatArray:
+        pelvis, neck = robot.points(q[None], ("pelvis", "neck"))[0]
+        return np.asarray((neck - pelvis) / np.linalg.norm(neck - pelvis))
+
+    def bent() -> float:
+        robot, follower = following("toddlerbot")
+        follower.start(start)
+        q = [follower.step(human, DT).q for _ in range(round(2.0 / DT))][-1]
+        return float(np.linalg.norm(trunk(robot, q) - trunk(robot, follower.stance.q)))
+
+    hardly = bent()
+    monkeypatch.setattr(arm_branches, "STRAY_WEIGHT", 1.0)
+    assert hardly < 0.3 * bent()
