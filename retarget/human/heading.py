@@ -173,6 +173,7 @@ def _lines(positions: Mapping[str, Point], pairs: Sequence[tuple[str, str, float
 
 
 _BETWEEN_FEET = (("l_ankle", "r_ankle", 1.0),)
+"""The line of a stance: from the right ankle to the left one."""
 
 
 def _hands_ahead(positions: Mapping[str, Point]) -> complex:

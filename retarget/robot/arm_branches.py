@@ -11,8 +11,8 @@ ends much nearer, the branch is wrong. The arm is led to the better posture in j
 until a descent from where it is ends near what is asked. While the performer's arm moves nothing is led: the way takes
 a second, in which a moving arm would have gone on.
 
-Until then an arm that stays unlike, caught or at its limits, would bend and twist the trunk, which its lines hang on. It
-pulls half as hard.
+Until then an arm that stays unlike, caught or at its limits, would bend and twist the trunk that carries it. It pulls
+half as hard.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence

@@ -267,12 +267,7 @@ class Follower:
             )
         self._reader = RobotReader(robot, stance)
         self._governor = ReferenceGovernor(
-            robot,
-            self.hierarchy,
-            still=still,
-            trunk_at_stance=self._reader.trunk_at_stance,
-            may_tip=balance is not None and balance.looks_at_motion,
-            lead_time=priorities.lead_time,
+            robot, self.hierarchy, priorities, still=still, trunk_at_stance=self._reader.trunk_at_stance
         )
         self._q, self._time, self._settling = stance.q, TimeScaling(robot.body, limits), Settling()
 

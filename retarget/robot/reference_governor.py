@@ -10,12 +10,14 @@ from math import copysign, exp, sqrt
 
 import numpy as np
 
-from retarget._solver import braking_displacement as braking_displacement
+from retarget._solver import braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
+from retarget.robot.balance import moving_share
 from retarget.robot.landmarks import AskedLandmarks, Reached, robot_limbs
 from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
+from retarget.schema.priorities import Priorities
 from retarget.types import FloatArray
 
 # Online trajectory generation: how fast to approach what is asked, without overshoot.
@@ -146,14 +148,14 @@ class ReferenceGovernor:
         self,
         robot: RobotBody,
         hierarchy: Hierarchy,
+        priorities: Priorities,
         *,
         still: frozenset[str],
         trunk_at_stance: Quat,
-        may_tip: bool,
-        lead_time: float = 0.0,
     ) -> None:
-        """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
-        may_tip: whether limbs that are thrown about could tip the robot. lead_time: s, see `OnlineTrajectory`."""
+        """priorities: of the hierarchy; their `lead_time` counts, and whether they look at mass in motion. still:
+        landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance."""
+        lead_time, may_tip = priorities.lead_time, robot.stands and moving_share(priorities) is not None
         marks, soles = robot.profile.landmarks, [foot.frame for foot in robot.profile.feet.values()]
         points = {
             name: _limits(robot, mark.frame, mark.anchor, mark.robot_length)

@@ -214,7 +214,7 @@ def test_the_end_of_a_clip_in_the_middle_of_a_motion() -> None:
 
 
 def test_a_stop_by_the_guard() -> None:
-    fault = MockFault(FaultKind.HOT, first=1041, cycles=1, servo=4, value=70.0)
+    fault = MockFault(FaultKind.HOT, first=981, cycles=1, servo=4, value=70.0)
     with prepared(synthetic_performer, 11.23, [fault]) as ready:
         run = ready.run()
     assert run.state == "fault"
@@ -235,7 +235,7 @@ def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
 
 def test_without_the_way_the_same_stop_tears_the_soles(monkeypatch: pytest.MonkeyPatch) -> None:
     """What these tests can see: each joint braking by itself, as fast as it can."""
-    with prepared(synthetic_performer, 5.69) as ready:
+    with prepared(synthetic_performer, 5.9) as ready:
         assert ready.machine is not None
         monkeypatch.setattr(ready.machine.follower, "halt", lambda dt: None)
         run = stop_at(ready)
