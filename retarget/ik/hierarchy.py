@@ -148,6 +148,12 @@ class Hierarchy:
         pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
         return pairs[:, 0], pairs[:, 1:] + np.arange(4)
 
+    def weigh(self, targets: FloatArray, kind: SlotKind, name: str, weight: float) -> None:
+        """Give what is asked of a name this weight, 1 as in the priority file; what is not asked stays so."""
+        for place in self._by_name.get((kind, name), ()):
+            if targets[place.start] > 0.0:
+                targets[place.start] = weight
+
     def set_orientation(self, targets: FloatArray, name: str, orientation: FloatArray, weight: float = 1.0) -> None:
         """A world orientation (4,) wxyz."""
         self._set(targets, SlotKind.ORIENTATION, name, orientation, weight)

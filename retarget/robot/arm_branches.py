@@ -11,8 +11,8 @@ ends much nearer, the branch is wrong. The arm is led to the better posture in j
 until a descent from where it is ends near what is asked. While the performer's arm moves nothing is led: the way takes
 a second, in which a moving arm would have gone on.
 
-Until then an arm that stays unlike, caught or at its limits, would bend and twist the trunk that carries it. It pulls
-half as hard.
+Until then an arm that stays unlike, caught or at its limits, would bend and twist the trunk that carries it. So the
+trunk weighs twice as much.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -25,8 +25,8 @@ from retarget._solver import TrajectoryGenerator
 from retarget.ik.hierarchy import Build, Hierarchy
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import SlotKind
-from retarget.model.robot import RobotBody
-from retarget.robot.landmarks import Reached, limb_names
+from retarget.model.robot import TRUNK, RobotBody
+from retarget.robot.landmarks import PELVIS, Reached, limb_names
 from retarget.rotations import Quat, Vector, as_vector, inverse, rotated
 from retarget.schema.priorities import LimbTask, PreventiveTask, Priorities, ReactiveTask, Task
 from retarget.types import FloatArray
@@ -46,8 +46,10 @@ ARRIVED = 0.09
 """[rad] An arm is in the branch of its goal if descents from both end as far from what is asked, to 5 degrees."""
 UNLIKE_S, CHECK_S = 0.6, 0.05
 """[s] For so long an arm is unlike before its branch is looked at; the time between two looks at an arm."""
-STRAY_S, STRAY_WEIGHT = 0.3, 0.5
-"""[s] An arm that has been unlike for so long does not only lag; share of its weight that is left then."""
+STRAY_S, TRUNK_WEIGHT = 0.3, 2.0
+"""[s] An arm that has been unlike for so long does not only lag; how many times its weight the trunk has then."""
+TRUNK_TASKS = ((SlotKind.LIMB, TRUNK), (SlotKind.ORIENTATION, TRUNK), (SlotKind.POSITION, PELVIS))
+"""What is asked of the trunk: its line, its twist and its place."""
 STILL = 0.35
 """[rad] A performer's arm that moves by no more than this, for as long as an arm is to be unlike, is not on its way."""
 SECOND_COSTS = 0.3
@@ -93,11 +95,11 @@ class ArmBranches:
         asked, m, as in `limb_names`; they are set already. Returns whether an arm is led."""
         hierarchy.reset_posture(targets)
         led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached)]
-        for arm in self._arms:
-            if arm in led:
-                arm.lead(hierarchy, targets)
-            elif arm.is_stray:
-                arm.weigh(hierarchy, targets, STRAY_WEIGHT)
+        for arm in led:
+            arm.lead(hierarchy, targets)
+        if any(arm.is_stray for arm in self._arms):
+            for kind, name in TRUNK_TASKS:
+                hierarchy.weigh(targets, kind, name, TRUNK_WEIGHT)
         return bool(led)
 
 
@@ -157,13 +159,9 @@ class _Arm:
     def lead(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
         """Go on with the way: no limb tasks for the arm, and its joints drawn to where they are to be."""
         assert self._moves is not None and self._goal is not None, "the arm is led"
-        self.weigh(hierarchy, targets, 0.0)
+        for name in self._descent.names:
+            hierarchy.weigh(targets, SlotKind.LIMB, name, 0.0)
         hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal))
-
-    def weigh(self, hierarchy: Hierarchy, targets: FloatArray, share: float) -> None:
-        """Leave the arm's limb tasks a share of their weight."""
-        _, slots = hierarchy.position_slots(self._descent.names, SlotKind.LIMB)
-        targets[slots[:, 0]] *= share
 
     def _choose(self, q: FloatArray, wanted: FloatArray, trunk: Quat, dt: float) -> None:
         """Choose where the arm of posture q (nq,) is led from the next tick of `dt` s on, if its branch is wrong."""

@@ -111,5 +111,5 @@ def test_an_arm_that_stays_unlike_hardly_bends_the_trunk(monkeypatch: pytest.Mon
         return float(np.linalg.norm(trunk(robot, q) - trunk(robot, follower.stance.q)))
 
     hardly = bent()
-    monkeypatch.setattr(arm_branches, "STRAY_WEIGHT", 1.0)
+    monkeypatch.setattr(arm_branches, "TRUNK_WEIGHT", 1.0)
     assert hardly < 0.3 * bent()
