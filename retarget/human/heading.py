@@ -84,11 +84,12 @@ class Heading:
     def start(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> None:
         """Take the heading of one instant, without any filtering. Arguments as of `step`."""
         self._head.start()
-        moving = self._moving(positions)
-        self._sum = moving + self._measured(positions, facing)
+        moving, measured = self._moving(positions), self._measured(positions, facing)
+        share = 0.0 if self._stance is None else self._settings.stance  # of the moving hints, which the stance keeps
+        self._sum = (1.0 - share) * moving + measured
         if self._stance is not None:
             self._stance.start(moving)
-        self._turn(self._sum)
+        self._turn(moving + measured)
 
     def step(self, positions: Mapping[str, Point], facing: Mapping[str, Ground], *, dt: float) -> None:
         """Go on by `dt` seconds.

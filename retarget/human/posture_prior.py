@@ -24,7 +24,7 @@ SPEED_SETTLE_S = 0.2
 LIFT_M = 0.08
 """A foot lifted so far above the other carries half as much."""
 HEEL_M = 0.3
-"""The same in a deep crouch, where an ankle is high because its heel is raised: a kneeling performer sits on that foot."""
+"""The same in a deep crouch, where an ankle is high because its heel is raised: who kneels sits on that foot."""
 
 
 class Velocity:

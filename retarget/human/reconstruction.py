@@ -247,6 +247,7 @@ class Reconstructor:
         for part in range(1, parts + 1):
             at = intake.position if part == parts else before + (part / parts) * (intake.position - before)
             points = self._present(at)
+            # Virtual feet count here: they steady the heading of a performer without ankle sensors, as planted feet do.
             self._heading.step(points, _facing(turns), dt=dt / parts)
             self._obstacles.tick(self._hierarchy, dt / parts)
             self._bear(points, dt / parts)
@@ -268,6 +269,7 @@ class Reconstructor:
         hierarchy.solver.reset(begin)
         if self._obstacles.now is not None:
             hierarchy.set_obstacles(self._obstacles.now)
+        # The pelvis stays carried from where the body has it, as its jump would be seen.
         hierarchy.set_previous(targets, begin, _SETTLING_S)
         q = hierarchy.solver.frame(targets, _SETTLING_S)
         if self._second.keep(q, self._missed(self._reader.joints(q[None])[0, self._joints_of]), by_body=missed):

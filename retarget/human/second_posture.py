@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from retarget.types import FloatArray
 
 _MISSED_M, _MISSED_S = 0.01, 0.05
-"""A body that misses a sensor by more than this for so long, though its limbs reach there, is tangled."""
-_FRAMES, _REACHED_M = 16, 0.01
+"""A body that misses a sensor by more than this for so long, though its limbs reach there, is tangled: sensors are
+to be met to 10 mm."""
+_FRAMES, _REACHED_M = 16, 0.005
 """At most so many frames the second posture has to come this near to all sensors."""
 _BETTER = 0.5
 """After its last frame it is also taken where it misses by less than this share of what the body does."""

@@ -41,7 +41,7 @@ class SensorIntake:
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.all_present = False
         self.measured = np.zeros((count, 3))
-        self._sent, self._was_valid = np.zeros((count, 3)), np.zeros(count, dtype=bool)  # of the sample before
+        self._sent = np.zeros((count, 3))  # the last valid place of each
         self._doubt = np.zeros(count)  # [s] for which a sensor that jumped has still to stay
         self._begun = np.full((count, 3), np.inf)  # where its last jump began
         self._offset = np.zeros((count, 3))
@@ -57,7 +57,7 @@ class SensorIntake:
         """Take the valid sensors of the first sample, (k, 3) m, as they are."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
         self.measured[:] = self._sent[:] = self.position
-        self.present[:] = self._was_valid[:] = valid
+        self.present[:] = valid
         self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present = bool(valid.all())
         self._offset[:] = 0.0
@@ -88,7 +88,7 @@ class SensorIntake:
                 self._begin_return(weight)
         else:
             self.measured[:] = position
-        self._sent[:], self._was_valid[:] = position, valid
+        self._sent[valid] = position[valid]
         if self._is_fading:
             self._offset *= exp(-dt / self._times.fade)
             self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
@@ -115,16 +115,16 @@ class SensorIntake:
         self.position += self._left[:, None] * self._away
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
-        """Which valid sensors (k,) have not just jumped: not at all, or back, or long enough ago."""
+        """Which valid sensors (k,) have not just jumped from their last valid place: not at all, back, or long ago."""
         step = rotations.squares(position - self._sent)
-        jumps = valid & self._was_valid & (step > (FASTEST_M_S * dt) ** 2)
+        jumps = valid & (step > (FASTEST_M_S * (dt + self._lost_for)) ** 2)
         # A jump that ends much nearer to where the one before began leads back.
         back = jumps & (rotations.squares(position - self._begun) < 0.25 * step)
         leaves = jumps & ~back & (self._doubt == 0.0)
         self._begun[leaves] = self.measured[leaves]
         self._begun[back] = np.inf
         self._doubt = np.where(jumps, DOUBT_S, np.maximum(self._doubt - dt, 0.0))
-        self._doubt[back | ~valid | (self._doubt < 1e-9)] = 0.0
+        self._doubt[back | (self._doubt < 1e-9)] = 0.0
         return np.asarray(valid & (self._doubt == 0.0))
 
     def _take_irregular(

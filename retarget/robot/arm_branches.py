@@ -46,8 +46,9 @@ ARRIVED = 0.09
 """[rad] An arm is in the branch of its goal if descents from both end as far from what is asked, to 5 degrees."""
 UNLIKE_S, CHECK_S = 0.6, 0.05
 """[s] For so long an arm is unlike before its branch is looked at; the time between two looks at an arm."""
-STRAY_S, TRUNK_WEIGHT = 0.3, 2.0
-"""[s] An arm that has been unlike for so long does not only lag; how many times its weight the trunk has then."""
+STRAY_S, RISE_S, TRUNK_WEIGHT = 0.3, 0.3, 2.0
+"""[s] An arm that has been unlike for so long does not only lag; time in which the weight of the trunk rises then, and
+how many times as much it weighs at last."""
 TRUNK_TASKS = ((SlotKind.LIMB, TRUNK), (SlotKind.ORIENTATION, TRUNK), (SlotKind.POSITION, PELVIS))
 """What is asked of the trunk: its line, its twist and its place."""
 STILL = 0.35
@@ -97,9 +98,10 @@ class ArmBranches:
         led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached)]
         for arm in led:
             arm.lead(hierarchy, targets)
-        if any(arm.is_stray for arm in self._arms):
+        stray = max((arm.stray for arm in self._arms), default=0.0)
+        if stray > 0.0:
             for kind, name in TRUNK_TASKS:
-                hierarchy.weigh(targets, kind, name, TRUNK_WEIGHT)
+                hierarchy.weigh(targets, kind, name, 1.0 + stray * (TRUNK_WEIGHT - 1.0))
         return bool(led)
 
 
@@ -123,9 +125,9 @@ class _Arm:
         self._unlike_s = self._looked_s = self._led_s = 0.0
 
     @property
-    def is_stray(self) -> bool:
-        """Whether it has been unlike for so long that it does not only lag."""
-        return self._stray_s > STRAY_S
+    def stray(self) -> float:
+        """How surely it does not only lag: 0 to 1, as long as it is unlike rising, else falling."""
+        return min(max(self._stray_s - STRAY_S, 0.0) / RISE_S, 1.0)
 
     def reset(self, q: FloatArray) -> None:
         """Go on from posture q (nq,)."""
@@ -149,9 +151,9 @@ class _Arm:
         if self._seen_at is None or self._descent.unlike(wanted, self._seen_at) > STILL:
             self._seen_at, self._unlike_s = wanted, 0.0
         if self._descent.unlike(lines, wanted) > CAUGHT:
-            self._unlike_s, self._stray_s = self._unlike_s + passed, self._stray_s + passed
+            self._unlike_s, self._stray_s = self._unlike_s + passed, min(self._stray_s + passed, STRAY_S + RISE_S)
         else:
-            self._unlike_s = self._stray_s = 0.0
+            self._unlike_s, self._stray_s = 0.0, max(self._stray_s - passed, 0.0)
         if self._moves is not None and self._led_s > MOST_LED_S:
             self.release()
             self._seen_at, self._unlike_s = wanted, -inf  # not again until the performer's arm has moved

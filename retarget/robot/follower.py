@@ -23,7 +23,7 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import ITERATIONS, ArmBranches
 from retarget.robot.balance import GRAVITY, StandingBalance, StandingStrength, carrying_frames, standing_strength
-from retarget.robot.crouch_envelope import measure_envelope
+from retarget.robot.crouch_envelope import Envelope, measure_envelope
 from retarget.robot.following_limits import following_limits
 from retarget.robot.landmarks import (
     AskedLandmarks,
@@ -224,10 +224,12 @@ class Follower:
         parts: Parts = "whole",
         iterations: int | None = None,
         scene: SceneState | None = None,
+        has_mass: bool = True,
     ) -> None:
         """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: instead of the file's.
 
-        scene: in the robot's world. Raises ConfigError: the priorities name what the robot does not have.
+        scene: in the robot's world. has_mass: whether arms that are thrown about could tip it. Raises ConfigError: the
+        priorities name what the robot does not have.
         """
         self._robot = robot
         self.stance = stance = plant(robot, robot.profile.postures.stand)
@@ -239,10 +241,7 @@ class Follower:
         balance = StandingBalance(priorities, stance) if soles else None
         edges = balance.edges if legs_move and balance else None
         self.observers = robot_observers(robot)
-        envelope = None
-        if edges is not None:
-            apart = self.observers.with_margin(priorities.observers.margin).for_solver(robot.body)
-            envelope = measure_envelope(robot, limits, stance, edges=edges, observers=apart)
+        envelope = None if edges is None else self._envelope(priorities, limits, edges)
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.scene_obstacles = SceneObstacles(scene)
@@ -267,7 +266,12 @@ class Follower:
             )
         self._reader = RobotReader(robot, stance)
         self._governor = ReferenceGovernor(
-            robot, self.hierarchy, priorities, still=still, trunk_at_stance=self._reader.trunk_at_stance
+            robot,
+            self.hierarchy,
+            still=still,
+            trunk_at_stance=self._reader.trunk_at_stance,
+            has_mass=has_mass,
+            lead_time=priorities.lead_time,
         )
         self._q, self._time, self._settling = stance.q, TimeScaling(robot.body, limits), Settling()
 
@@ -280,6 +284,11 @@ class Follower:
     def note(self) -> str:
         """A sentence for the operator where it can hardly crouch, else ""."""
         return self.landmark_map.note
+
+    def _envelope(self, priorities: Priorities, limits: JointLimits, edges: FloatArray) -> Envelope:
+        """How low the robot gets, and how far it leans then, within the edges (e, 3) of its support, limbs apart."""
+        apart = self.observers.with_margin(priorities.observers.margin).for_solver(self._robot.body)
+        return measure_envelope(self._robot, limits, self.stance, edges=edges, observers=apart)
 
     def _hierarchy_of(
         self, priorities: Priorities, locked: BoolArray, *, limits: JointLimits, iterations: int | None

@@ -14,10 +14,8 @@ from retarget._solver import braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
-from retarget.robot.balance import moving_share
 from retarget.robot.landmarks import AskedLandmarks, Reached, robot_limbs
 from retarget.rotations import Quat, Vector, arc, inverse, minus, product, rotated, rotation_vector, turn
-from retarget.schema.priorities import Priorities
 from retarget.types import FloatArray
 
 # Online trajectory generation: how fast to approach what is asked, without overshoot.
@@ -91,8 +89,8 @@ class OnlineTrajectory:
 
 STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
 """Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
-its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry, and the limbs of one whose
-mass in motion is not looked at.
+its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry, and the limbs of one
+without mass.
 
 How a limb's acceleration maps to a joint's depends on the posture. A fifth leaves room for unfavourable ones, and a
 robot that is held cannot tip. The own motion of a limb is that of several joints, of which one alone is looked at here:
@@ -148,14 +146,16 @@ class ReferenceGovernor:
         self,
         robot: RobotBody,
         hierarchy: Hierarchy,
-        priorities: Priorities,
         *,
         still: frozenset[str],
         trunk_at_stance: Quat,
+        has_mass: bool,
+        lead_time: float = 0.0,
     ) -> None:
-        """priorities: of the hierarchy; their `lead_time` counts, and whether they look at mass in motion. still:
-        landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance."""
-        lead_time, may_tip = priorities.lead_time, robot.stands and moving_share(priorities) is not None
+        """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
+        has_mass: whether limbs that are thrown about could tip a robot that stands. lead_time: s, see
+        `OnlineTrajectory`."""
+        may_tip = robot.stands and has_mass
         marks, soles = robot.profile.landmarks, [foot.frame for foot in robot.profile.feet.values()]
         points = {
             name: _limits(robot, mark.frame, mark.anchor, mark.robot_length)

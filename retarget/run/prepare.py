@@ -61,7 +61,13 @@ def robot_stage(
     ConfigError where the priorities name what it does not have."""
     with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
         follower = Follower(
-            robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
+            robot,
+            priorities,
+            human.dimensions,
+            parts=options.parts,
+            iterations=options.iterations,
+            scene=scene,
+            has_mass=options.has_mass,
         )
     if not options.allow_contact:
         touching = contacts(robot.body, follower.observers, scene, follower.stance.q)

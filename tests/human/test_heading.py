@@ -36,6 +36,17 @@ def human_heading(*, feet: bool = True) -> Heading:
     return Heading(load_priorities("human").heading, ABOVE, feet=feet)
 
 
+def test_a_still_performer_s_heading_stays() -> None:
+    """Hints of moving parts and of a pelvis that faces elsewhere, from the first instant on."""
+    heading, facing = human_heading(), {"pelvis": (0.0, 1.0)}
+    heading.start(STANDING, facing)
+    begun = angle_of(heading)
+    assert 10.0 < begun < 80.0
+    for _ in range(300):
+        heading.step(STANDING, facing, dt=0.008)
+        assert angle_of(heading) == pytest.approx(begun, abs=1e-6)
+
+
 @pytest.mark.parametrize("rate", [24.0, 60.0, 120.0, 125.0])
 def test_follows_with_its_time_constant_at_any_rate(rate: float) -> None:
     heading = Heading(HeadingSettings(settle=0.2, velocity=0.0), ABOVE)

@@ -74,6 +74,18 @@ def test_a_leap_that_comes_back_is_not_followed(lasting: int) -> None:
     assert intake.position == pytest.approx(at, abs=1e-3)
 
 
+@pytest.mark.parametrize("lost", [9, 12], ids=["before it", "in it"])
+def test_a_leap_beside_a_lost_sample_is_not_followed(lost: int) -> None:
+    """As an optical system loses a marker, and then takes another for it."""
+    intake = started()
+    leap = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    for k in range(60):
+        at = HERE + leap * (10 <= k < 22)
+        known = k != lost
+        intake.step(np.where([[True], [known]], at, NOWHERE), valid(True, known), reached=HERE, dt=DT)
+        assert np.abs(intake.position - HERE).max() < 0.01
+
+
 def test_the_way_back_of_a_leap_that_was_followed_is_followed_at_once() -> None:
     intake = started()
     there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])

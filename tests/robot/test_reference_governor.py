@@ -36,11 +36,9 @@ from retarget.robot.reference_governor import (
     ReferenceGovernor,
 )
 from retarget.rotations import Vector
-from retarget.schema.priorities import Priorities, load_priorities
 from retarget.types import FloatArray
 
 STILL = frozenset({"l_sole", "r_sole"})
-SERVO, BALANCED = load_priorities("servo"), load_priorities("balanced")
 
 
 def goal(hierarchy: Hierarchy, targets: np.ndarray, name: str) -> np.ndarray:
@@ -65,7 +63,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     stance = plant(op3(), op3().profile.postures.stand)
     reader = RobotReader(op3(), stance)
     reached = reader.read(stance.q)
-    governor = ReferenceGovernor(op3(), hierarchy, BALANCED, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+    governor = ReferenceGovernor(op3(), hierarchy, has_mass=True, still=STILL, trunk_at_stance=reader.trunk_at_stance)
     x, y, z = reached.limbs[LIMBS.index("l_hand")]
     asked = AskedLandmarks(reached.landmarks, ahead(reached.limbs), reached.trunk, reached.gaze)
     targets = hierarchy.blank()
@@ -83,7 +81,9 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
 
 def test_planted_landmarks_get_no_goals() -> None:
     robot = follower()
-    governor = ReferenceGovernor(op3(), robot.hierarchy, BALANCED, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
+    governor = ReferenceGovernor(
+        op3(), robot.hierarchy, has_mass=True, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0)
+    )
     targets = robot.hierarchy.blank()
     stance = plant(op3(), op3().profile.postures.stand)
     reached = RobotReader(op3(), stance).read(stance.q)
@@ -108,7 +108,9 @@ def test_the_limits_of_a_limb_are_those_of_its_own_joints() -> None:
         stance = plant(robot, robot.profile.postures.stand)
         reader = RobotReader(robot, stance)
         reached = reader.read(stance.q)
-        governor = ReferenceGovernor(robot, hierarchy, BALANCED, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        governor = ReferenceGovernor(
+            robot, hierarchy, has_mass=True, still=STILL, trunk_at_stance=reader.trunk_at_stance
+        )
         there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         targets = hierarchy.blank()
         asked = AskedLandmarks(there, ahead(reached.limbs), reached.trunk, reached.gaze)
@@ -124,30 +126,28 @@ def test_the_limits_of_a_limb_are_those_of_its_own_joints() -> None:
 
 
 def test_what_cannot_tip_the_robot_uses_more_of_its_servos() -> None:
-    """All of a robot that is held, and the limbs of one whose mass in motion is not looked at."""
+    """All of a robot that is held, and the limbs of one without mass."""
     steps = {}
-    cases: list[tuple[Literal["free", "suspended"], Priorities]] = [
-        ("free", BALANCED),
-        ("free", SERVO),
-        ("suspended", SERVO),
-    ]
-    for root, priorities in cases:
+    cases: list[tuple[Literal["free", "suspended"], bool]] = [("free", True), ("free", False), ("suspended", True)]
+    for root, has_mass in cases:
         robot = load_robot("op3", root=root)
         stance = plant(robot, robot.profile.postures.stand)
         reader, hierarchy = RobotReader(robot, stance), follower().hierarchy
         reached = reader.read(stance.q)
-        governor = ReferenceGovernor(robot, hierarchy, priorities, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+        governor = ReferenceGovernor(
+            robot, hierarchy, has_mass=has_mass, still=STILL, trunk_at_stance=reader.trunk_at_stance
+        )
         targets = hierarchy.blank()
         there: list[Vector] = [(x + 0.1, y, z) for x, y, z in reached.landmarks]
         governor.aim(targets, AskedLandmarks(there, ahead(reached.limbs), reached.trunk, reached.gaze), reached, DT)
         pelvis = reached.landmarks[list(robot.profile.landmarks).index("pelvis")]
         for name, begin in (("l_hand", reached.limbs[LIMBS.index("l_hand")]), ("pelvis", pelvis)):
-            steps[root, priorities.name, name] = float(goal(hierarchy, targets, name)[1]) - begin[0]
+            steps[root, has_mass, name] = float(goal(hierarchy, targets, name)[1]) - begin[0]
     more = pytest.approx(HELD[1] / STANDING[1])
-    assert steps["free", "servo", "l_hand"] / steps["free", "balanced", "l_hand"] == more
-    assert steps["suspended", "servo", "l_hand"] / steps["free", "balanced", "l_hand"] == more
-    assert steps["suspended", "servo", "pelvis"] / steps["free", "servo", "pelvis"] == more
-    assert steps["free", "servo", "pelvis"] == steps["free", "balanced", "pelvis"]
+    assert steps["free", False, "l_hand"] / steps["free", True, "l_hand"] == more
+    assert steps["suspended", True, "l_hand"] / steps["free", True, "l_hand"] == more
+    assert steps["suspended", True, "pelvis"] / steps["free", False, "pelvis"] == more
+    assert steps["free", False, "pelvis"] == steps["free", True, "pelvis"]
 
 
 ACCELERATION, SPEED = 0.5, 0.1
