@@ -21,7 +21,7 @@ from sim.performer import synthetic_performer
 IMAGE = ROOT / "docs" / "images" / "gallery.webp"
 FPS, SECONDS = 10.0, 11.0
 """Of the animation: as long as the performer does each thing once."""
-WIDTH, QUALITY = 720, 25
+WIDTH, QUALITY = 720, 22
 """Pixels across, and quality of the compression in percent."""
 SHARPER = 2
 """Pixels drawn to one shown."""
