@@ -7,7 +7,7 @@ changes nothing here.
 """
 
 from collections.abc import Mapping, Sequence
-from math import exp, hypot, sqrt
+from math import cos, exp, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -151,17 +151,21 @@ class Crouch:
         return np.asarray(self._upright + share * self._change)
 
 
-# Virtual feet of a performer without ankle sensors: planted while the head stays above them, else they go with it.
+# Virtual feet of a performer without ankle sensors: planted while the head stays above them, else they step after it.
 #
 # With a head and two hands nothing measures the legs. The feet stay where they are while the head moves above them, and
-# go after it once it would leave them behind; in a crouch the head may be further forward. Of a performer who walks
-# the middle of the feet is below the head, whatever the gait: it goes at the head's own velocity. In a jump, and on
-# tiptoe, the feet leave the floor: the legs are no longer than they are, and bend a little off it.
+# step after it once it would leave them behind; in a crouch the head may be further forward. Of a performer who walks
+# the middle of the feet is below the head, whatever the gait: it goes at the head's own velocity, and the feet step in
+# turn. In a jump, and on tiptoe, the feet leave the floor: the legs are no longer than they are, and bend a little.
 
 HEAD_LEAD_M = (0.03, 0.40)
 """Distance, m, of the head forward of the ankles, upright and in a deep crouch."""
 REACH_M = 0.12
 """Distance, m, that the head of a performer who stands may wander from there before the feet follow."""
+STEP_M, STEP_S, STRIDE_M, STEP_LIFT_M = 0.1, 0.3, 0.35, 0.05
+"""m from where it would stand at which a foot steps; s that a step takes at most, and m by which the body travels in it
+at most: shorter than people's, so that legs bend little where the phase of the gait is not known; m by which an ankle
+rises."""
 GLIDE_S = 0.15
 """Time constant with which the feet follow."""
 SLACK_M = 0.03
@@ -182,13 +186,16 @@ class VirtualFeet:
         self._longest = float(np.linalg.norm(standing["head"] - standing["l_ankle"]))  # [m] from head to ankle
         self._travel = Velocity(TRAVEL_SETTLE_S)
         self._middle: Ground | None = None
+        self._planted: FloatArray = np.zeros((2, 2))  # [m] where each foot stands, or stood last
+        self._swinging, self._swung = 0, 1.0  # the foot that steps, or stepped last; share of its step
         self.ankles: FloatArray = np.zeros((2, 3))
 
     def start(self, head: list[float], forward: Ground, *, crouch: float) -> None:
         """Stand under the head. The arguments are those of `step`."""
         self._travel.start()
-        self._middle = self._below(head, forward, crouch)
-        self._place(head, forward)
+        self._middle, self._swung = self._below(head, forward, crouch), 1.0
+        self._planted = self._beside(forward)
+        self._place(head, self._planted, 0.0)
 
     def step(self, head: list[float], forward: Ground, *, crouch: float, dt: float) -> None:
         """Go on by `dt` seconds. head: x, y, z m. forward: the heading. crouch: how lowered the head is, 0 to 1."""
@@ -205,18 +212,42 @@ class VirtualFeet:
         distance = hypot(dx, dy)
         share = (1.0 - exp(-dt / GLIDE_S)) * max(distance - reach, 0.0) / max(distance, 1e-9)
         self._middle = (u + share * dx, v + share * dy)
-        self._place(head, forward)
+        self._stride(head, self._beside(forward), walks * np.array([x, y]), dt)
+
+    def _stride(self, head: list[float], wanted: FloatArray, velocity: FloatArray, dt: float) -> None:
+        """Step after the places wanted (2, 2) m beside the middle, which moves at velocity (2,) m/s."""
+        seconds = min(STEP_S, STRIDE_M / max(float(np.hypot(*velocity)), 1e-9))
+        if self._swung >= 1.0:
+            behind = np.linalg.norm(wanted - self._planted, axis=1)
+            foot = int(behind.argmax())
+            if behind[foot] > STEP_M:
+                self._swinging, self._swung = foot, 0.0
+        ground, foot = self._planted.copy(), self._swinging
+        lift = 0.0
+        if self._swung < 1.0:
+            self._swung = min(self._swung + dt / seconds, 1.0)
+            # It lands half a step ahead of the body, which will have come there when the other foot lands.
+            ahead = wanted[foot] + (1.5 - self._swung) * seconds * velocity
+            share = 0.5 - 0.5 * cos(pi * self._swung)
+            ground[foot] += share * (ahead - ground[foot])
+            lift = STEP_LIFT_M * sin(pi * self._swung) ** 2
+            if self._swung >= 1.0:
+                self._planted[foot] = ground[foot]
+        self._place(head, ground, lift)
 
     def _below(self, head: list[float], forward: Ground, crouch: float) -> Ground:
         lead = HEAD_LEAD_M[0] + crouch * (HEAD_LEAD_M[1] - HEAD_LEAD_M[0])
         return head[0] - lead * forward[0], head[1] - lead * forward[1]
 
-    def _place(self, head: list[float], forward: Ground) -> None:
+    def _beside(self, forward: Ground) -> FloatArray:
+        """Where both feet (2, 2) m stand beside their middle."""
         assert self._middle is not None
-        aside = (-self._half_width * forward[1], self._half_width * forward[0])
-        x, y = self._middle
-        self.ankles[0] = x + aside[0], y + aside[1], self.ankle_height
-        self.ankles[1] = x - aside[0], y - aside[1], self.ankle_height
+        aside = self._half_width * np.array([-forward[1], forward[0]])
+        return np.asarray(np.array(self._middle) + np.array([aside, -aside]))
+
+    def _place(self, head: list[float], ground: FloatArray, lift: float) -> None:
+        self.ankles[:, :2], self.ankles[:, 2] = ground, self.ankle_height
+        self.ankles[self._swinging, 2] += lift
         away = self.ankles - head
         distance = np.linalg.norm(away, axis=1)
         for foot in np.flatnonzero(distance > self._longest):

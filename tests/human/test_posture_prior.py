@@ -1,5 +1,7 @@
 """Where the centre of mass belongs, what carries the pelvis, how a body gets down, where feet are that nobody wears."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -120,6 +122,20 @@ def test_they_stay_while_the_head_sways_and_while_it_goes_down() -> None:
         ahead = HEAD_LEAD_M[0] + share * (HEAD_LEAD_M[1] - HEAD_LEAD_M[0])
         feet.step([ahead, 0.0, 1.6 - 0.8 * share], (1.0, 0.0), crouch=share, dt=0.05)
     assert (feet.ankles == before).all()
+
+
+def test_of_a_walk_they_step_in_turn_and_do_not_slide() -> None:
+    feet, dt, seen = standing(), 0.01, []
+    for k in range(300):
+        feet.step([HEAD_LEAD_M[0] + 1.2 * dt * k, 0.0, 1.5], (1.0, 0.0), crouch=0.0, dt=dt)
+        seen.append(feet.ankles.copy())
+    ankles = np.array(seen)[100:]  # its first steps hurry after a head that sets off in no time
+    moved = np.linalg.norm(np.diff(ankles, axis=0), axis=2) > 1e-9  # (T, 2)
+    assert not moved.all(axis=1).any()
+    begins = np.argwhere(np.diff(moved.astype(int), axis=0) == 1)  # (steps, 2): tick and foot
+    assert len(begins) >= 6 and all(one != other for one, other in pairwise(begins[1:, 1]))
+    assert 0.02 < ankles[..., 2].max() - feet.ankle_height < 0.1
+    assert np.abs(ankles[-100:, :, 0].mean() - 1.2 * dt * np.arange(200, 300).mean()) < 0.1  # they stay below the head
 
 
 def test_in_a_jump_they_leave_the_floor_on_legs_that_bend_a_little() -> None:
