@@ -23,7 +23,8 @@ _LEARNED: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("heading
 _NO_HINT_M = 0.01
 """A sum shorter than this gives no direction: the last heading stays."""
 _NEAR = 0.03
-"""A hand or head nearer than this to where it is seen from, as a share of the height of the head, hints little."""
+"""Share of the height of the head. A hand or head nearer to where it is seen from has no clear direction, and its hint
+falls with the distance once more."""
 STANCE_S = 10.0
 """Longest time over which the hints of one stance are averaged."""
 _STEP_SETTLE_S = 0.05
@@ -35,7 +36,7 @@ _APART_M = 0.05
 
 
 class _Table:
-    """Weights between the nodes of a grid, bilinear; beyond its ends as at them, and falling to 0 with the distance."""
+    """Weights between the nodes of a grid, bilinear: clamped outside the grid; weight 0 at distance 0."""
 
     def __init__(
         self, distances: Sequence[float], heights: Sequence[float], weights: Sequence[Sequence[complex]]

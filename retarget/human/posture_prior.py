@@ -24,7 +24,7 @@ SPEED_SETTLE_S = 0.2
 LIFT_M = 0.08
 """A foot lifted so far above the other carries half as much."""
 HEEL_M = 0.3
-"""The same in a deep crouch, where an ankle is high because its heel is raised: who kneels sits on that foot."""
+"""The same in a deep crouch, where an ankle is high because its heel is raised: a kneeling performer sits on it."""
 
 
 class Velocity:
@@ -92,10 +92,11 @@ FLYING_M_S = 3.0
 
 
 class Carried:
-    """Where the pelvis goes with the sensors around it. by: their shares, the first of which always carries."""
+    """Where the pelvis goes with sensors. by: their shares, with that of the head, which always counts."""
 
     def __init__(self, by: Mapping[str, float]) -> None:
-        (self._first, self._share), *self._others = by.items()
+        self._share = by["head"]
+        self._others = [(name, share) for name, share in by.items() if name != "head"]
         self._before: dict[str, list[float]] = {}
 
     def start(self) -> None:
@@ -113,10 +114,10 @@ class Carried:
                 x, y, z, total = x + share * (u - a), y + share * (v - b), z + share * (w - c), total + share
         if total > 0.0:
             x, y, z = x / total, y / total, z / total
-        if self._first in points and self._first in before:
-            (u, v, w), (a, b, c) = points[self._first], before[self._first]
+        if "head" in points and "head" in before:
+            (u, v, w), (a, b, c) = points["head"], before["head"]
             u, v, w = u - a, v - b, w - c
-            # Of the way beside the first, less the faster it is.
+            # Of the way beside the head, less the faster it is.
             beside = ((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) / (FLYING_M_S * dt) ** 2
             total /= 1.0 + beside
             share = total / (self._share + total)

@@ -1,6 +1,6 @@
 """From one task of a priority file to tasks of the solver, each with the name under which its target is set."""
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TypeVar
@@ -10,7 +10,7 @@ import numpy as np
 from retarget import rotations
 from retarget._solver import Task as SolverTask
 from retarget.errors import ConfigError, suggest
-from retarget.model.body import BodyModel, Frame, joint_weights, low_inertia_joints
+from retarget.model.body import BodyModel, Frame, JointType, joint_weights, low_inertia_joints
 from retarget.rotations import as_quat, as_vector
 from retarget.schema.priorities import (
     AxisTask,
@@ -113,6 +113,10 @@ def compile_task(
     if isinstance(task, StrengthTask):
         return _strength(frames)
     if isinstance(task, CarriedTask):
+        _named(task, task.by, frames)
+        if body.joint_type[0] != JointType.FREE:
+            step = "Leave the task out: it is for a human"
+            raise ConfigError("a carried task is for a free root", found=body.joint_names[0], next_step=step)
         rows = _row_weights(task.weight, is_soft=is_soft)
         made = SolverTask.position(
             int(body.joint_body[0]), (0.0, 0.0, 0.0), weight=rows, gain=task.gain, max_error=task.max_error or 0.05
@@ -121,11 +125,11 @@ def compile_task(
     if isinstance(task, ReactiveTask | PreventiveTask):
         return _observing(task, observers, is_soft=is_soft)
     if isinstance(task, LimbTask):
-        return [_limb(task, name, limb) for name, limb in _named(task, limbs)]
+        return [_limb(task, name, limb) for name, limb in _named(task, task.of, limbs)]
     # An axis or a heading has its direction from the file; the others have a target only where a sensor or a landmark
     # feeds it. A row without a target would hold the frame at the origin.
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
-    named = [(name, frame) for name, frame in _named(task, frames) if name in fed or not needs_target]
+    named = [(name, frame) for name, frame in _named(task, task.of, frames) if name in fed or not needs_target]
     by_length = isinstance(task, PositionTask) and task.per == "length"
     if by_length and (unknown := [name for name, _ in named if name not in lengths]):
         raise ConfigError(
@@ -143,16 +147,18 @@ T = TypeVar("T")
 
 
 def _named(
-    task: PositionTask | LimbTask | OrientationTask | AxisTask | HeadingTask | LookAtTask, frames: Mapping[str, T]
+    task: PositionTask | LimbTask | OrientationTask | AxisTask | HeadingTask | LookAtTask | CarriedTask,
+    names: Iterable[str],
+    frames: Mapping[str, T],
 ) -> list[tuple[str, T]]:
-    missing = [name for name in task.of if name not in frames]
+    missing = [name for name in names if name not in frames]
     if missing and not task.optional:
         raise ConfigError(
             f"a {task.type} task names what the body does not have",
             found=", ".join(missing),
             next_step=suggest(missing[0], list(frames)),
         )
-    return [(name, frames[name]) for name in task.of if name in frames]
+    return [(name, frames[name]) for name in names if name in frames]
 
 
 def _limb(task: LimbTask, name: str, limb: Limb) -> Slot:

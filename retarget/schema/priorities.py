@@ -37,7 +37,7 @@ from retarget.schema.strict_models import (
     unknown_name,
     validated,
 )
-from retarget.schema.strict_yaml import Document, Node, read_text, scan
+from retarget.schema.strict_yaml import Document, KeyPath, Node, read_text, scan
 
 # The tasks of a priority file: what each kind asks, and its keys. What `of` names depends on the stage: sensors for
 # `reconstruct`, landmarks or frames of the robot for `retarget`.
@@ -204,9 +204,9 @@ class CarriedTask(_Weighed):
 
     type: Literal["carried"]
     """Of the task."""
-    by: Annotated[dict[Name, Positive], Field(min_length=1, max_length=16)]
-    """Share of each sensor, first of the one that always carries. Only proportions matter; those that are not there
-    take no part."""
+    by: Annotated[dict[Name, Positive], Field(max_length=32)]
+    """Share of each sensor. The head always carries, the others together less while they fly past it. Only proportions
+    matter; those that are not there take no part."""
     settle: Positive
     """[s] Time constant with which the root leaves that way for a goal of the same weight."""
     weight: RowWeights = (1.0, 1.0, 1.0)
@@ -266,7 +266,8 @@ Task = Annotated[
 
 
 class HeadingSettings(Schema):
-    """Each hint is a vector on the ground; their weighted sum points to the left, or forward, of the body."""
+    """Each hint is a vector on the ground; their weighted sum points forward. The defaults are those of files without
+    this section, as `paper`: lines between left and right, hands ahead of the feet, and the velocity of the head."""
 
     pairs: dict[Name, NotNegative] = Field(default_factory=lambda: {"ankle": 0.5, "wrist": 1.0}, max_length=16)
     """[1/m] By part with a left and a right sensor: weight of the line between the two."""
@@ -456,9 +457,22 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
             here = ("levels", index, "name")
             found = f"{level.name!r}, also of level {earlier + 1}"
             problems.append(document.problem(here, "duplicate level name", found=found))
+        for place, task in enumerate(level.tasks):
+            if isinstance(task, CarriedTask):
+                problems += _carriers(task, ("levels", index, "tasks", place, "by"), document)
     if priorities.levels and not any(level.tasks for level in priorities.levels):
         problems.append(document.problem(("levels",), "no level has a task", allowed="at least one task"))
     return problems
+
+
+def _carriers(task: CarriedTask, here: KeyPath, document: Document) -> list[Problem]:
+    """What is wrong with the sensors that carry: a name that is none, or no head."""
+    unknown = [
+        unknown_name(document, (*here, name), "sensor", name, SENSORS) for name in task.by if name not in SENSORS
+    ]
+    if unknown or "head" in task.by:
+        return unknown
+    return [document.problem(here, "the head has no share", found=listed(task.by), next_step="Add head")]
 
 
 # Whether a priority file is for the body that it was given to: a robot's file moves no human, nor the other way.

@@ -83,12 +83,13 @@ def test_from_upright_to_lowered_with_the_head() -> None:
     assert crouch.posture(0.5) == pytest.approx(0.5 * (upright + lowered))
 
 
-def test_the_pelvis_goes_with_head_and_feet_but_not_with_feet_that_fly() -> None:
+@pytest.mark.parametrize("shares", [SHARES, dict(reversed(SHARES.items()))])
+def test_the_pelvis_goes_with_head_and_feet_but_not_with_feet_that_fly(shares: dict[str, float]) -> None:
     """In a walk the feet go like the head on average; legs drawn up in a jump do not lift the pelvis."""
     points = {"head": [0.0, 0.0, 1.6], "l_ankle": [0.0, 0.1, 0.1], "r_ankle": [0.0, -0.1, 0.1]}
 
     def way(head: float, left: float, right: float, axis: int) -> float:
-        carried, after = Carried(SHARES), {name: list(point) for name, point in points.items()}
+        carried, after = Carried(shares), {name: list(point) for name, point in points.items()}
         assert carried.step(AT, points, 0.01) == AT
         for name, speed in (("head", head), ("l_ankle", left), ("r_ankle", right)):
             after[name][axis] += 0.01 * speed

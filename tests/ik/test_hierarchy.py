@@ -1,6 +1,7 @@
 """Priority files compiled for a body: names become targets, what is not set is absent."""
 
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from typing import Any, cast
 
 import numpy as np
@@ -14,12 +15,14 @@ from retarget.ik.gravity_torque import CARRIES_BELOW_M, GravityTorque
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.support_polygon import half_spaces, plant
 from retarget.ik.tasks import Limb, SlotKind, compile_task
+from retarget.model.body import JointType
 from retarget.model.human import Human, build_human, human_limits
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.robot import load_robot
 from retarget.model.scene_state import ObstaclePoses, SceneState
 from retarget.schema.priorities import (
     AxisTask,
+    CarriedTask,
     HeadingTask,
     LimbTask,
     LookAtTask,
@@ -159,6 +162,18 @@ def test_a_weight_per_length_of_what_has_none_is_refused(optional: bool) -> None
     task = {"type": "position", "of": ("l_wrist",), "per": "length", "optional": optional}
     with refuses(ConfigError, "l_wrist", "per length"):
         compiled(({"name": "hands", "tasks": (task,)},))
+
+
+def test_a_root_that_is_not_free_or_sensors_that_a_body_does_not_have_carry_nothing() -> None:
+    carried = CarriedTask(type="carried", by={"head": 1.0, "l_ankle": 1.0}, settle=0.1)
+    body = human().body
+    compile_carried = partial(compile_task, carried, fed=(), is_soft=True, limbs={}, lengths={})
+    assert [slot.kind for slot in compile_carried(body, body_frames(body))] == [SlotKind.CARRIED]
+    with refuses(ConfigError, "l_ankle", "a carried task names what the body does not have"):
+        compile_carried(body, {"head": body.frame("head")})
+    fixed = replace(body, joint_type=np.full_like(body.joint_type, JointType.HINGE))
+    with refuses(ConfigError, "a carried task is for a free root"):
+        compile_carried(fixed, body_frames(body))
 
 
 BALL: dict[str, Any] = {"shape": {"sphere": {"radius": 0.1}}, "velocity": (1.0, 0.0, 0.0), "at": {"pos": (0, 0, 1)}}

@@ -157,6 +157,23 @@ def test_refused_with_its_place(tmp_path: Path, old: str, new: str) -> None:
         load(EVERYTHING.replace(old, new, 1), tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("by", "message"),
+    [
+        ("{head: 0.6, l_ankel: 0.2}", "Did you mean l_ankle"),
+        ("{head: 0.6, spine: 0.2}", "unknown sensor"),
+        ("{l_ankle: 0.5, r_ankle: 0.5}", "the head has no share"),
+        ("{}", "the head has no share"),
+    ],
+)
+def test_what_carries_is_sensors_with_the_head_among_them(tmp_path: Path, by: str, message: str) -> None:
+    posture = "      - {type: posture, stiffness"
+    text = EVERYTHING.replace(posture, f"      - {{type: carried, settle: 0.1, by: {by}}}\n{posture}")
+    with refuses(ConfigError, "mine.yaml:", message):
+        load(text, tmp_path)
+    assert load(text.replace(by, "{l_ankle: 0.2, head: 0.6}"), tmp_path)
+
+
 def test_only_balanced_compensates_deflection_and_it_puts_soles_and_balance_before_limbs() -> None:
     for name in ("servo", "paper", "human"):
         assert load_priorities(name).deflection_compensation is None
