@@ -87,7 +87,7 @@ def one_stage(robot: RobotBody, frames: SensorFrames, truth: Sequence[HumanPostu
         hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
     hierarchy.set_support(targets, half_spaces(stance.edges(0.01)))
     still = frozenset(sole.frame.name for sole in stance.soles)
-    governor = ReferenceGovernor(robot, hierarchy, still=still, trunk_at_stance=reader.trunk_at_stance, has_mass=False)
+    governor = ReferenceGovernor(robot, hierarchy, still=still, trunk_at_stance=reader.trunk_at_stance)
     hierarchy.solver.reset(stance.q)
     facing, q, reached = Facing(), stance.q, reader.read(stance.q)
     scale = float(stance.points["head"][2]) / float(np.nanmax(frames.position[:, frames.index("head"), 2]))

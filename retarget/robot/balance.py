@@ -22,13 +22,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from retarget import rotations
-from retarget._solver import Probe, braking_displacement
+from retarget._solver import Probe
 from retarget.ik.gravity_torque import GravityTorque
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.tasks import CARRIES
 from retarget.model.body import Frame, JointType
 from retarget.model.robot import RobotBody
+from retarget.robot.reference_governor import braking_displacement
 from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTask
 from retarget.types import FloatArray
 

@@ -224,12 +224,10 @@ class Follower:
         parts: Parts = "whole",
         iterations: int | None = None,
         scene: SceneState | None = None,
-        has_mass: bool = True,
     ) -> None:
         """dimensions: of the performer. parts: `upper` keeps pelvis and legs still. iterations: instead of the file's.
 
-        scene: in the robot's world. has_mass: whether arms that are thrown about could tip it. Raises ConfigError: the
-        priorities name what the robot does not have.
+        scene: in the robot's world. Raises ConfigError: the priorities name what the robot does not have.
         """
         self._robot = robot
         self.stance = stance = plant(robot, robot.profile.postures.stand)
@@ -270,7 +268,6 @@ class Follower:
             self.hierarchy,
             still=still,
             trunk_at_stance=self._reader.trunk_at_stance,
-            has_mass=has_mass,
             lead_time=priorities.lead_time,
         )
         self._q, self._time, self._settling = stance.q, TimeScaling(robot.body, limits), Settling()

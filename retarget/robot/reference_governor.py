@@ -5,12 +5,12 @@ from its length, so a new robot needs no tuning.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import copysign, exp, sqrt
 
 import numpy as np
 
-from retarget._solver import braking_displacement
+from retarget._solver import braking_displacement as braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between
@@ -89,8 +89,7 @@ class OnlineTrajectory:
 
 STANDING, HELD = (0.5, 0.2, 0.5), (2.0, 0.4, 1.0)
 """Shares of a servo's acceleration, at the length of the limb, for the asked motion's own and for catching up; and of
-its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry, and the limbs of one
-without mass.
+its speed for catching up. STANDING: a robot on its soles. HELD: one on a stand or a gantry.
 
 How a limb's acceleration maps to a joint's depends on the posture. A fifth leaves room for unfavourable ones, and a
 robot that is held cannot tip. The own motion of a limb is that of several joints, of which one alone is looked at here:
@@ -149,22 +148,17 @@ class ReferenceGovernor:
         *,
         still: frozenset[str],
         trunk_at_stance: Quat,
-        has_mass: bool,
         lead_time: float = 0.0,
     ) -> None:
         """still: landmarks that are planted. trunk_at_stance: orientation wxyz of the trunk's frame in the stance.
-        has_mass: whether limbs that are thrown about could tip a robot that stands. lead_time: s, see
-        `OnlineTrajectory`."""
-        may_tip = robot.stands and has_mass
+        lead_time: s, see `OnlineTrajectory`."""
         marks, soles = robot.profile.landmarks, [foot.frame for foot in robot.profile.feet.values()]
         points = {
             name: _limits(robot, mark.frame, mark.anchor, mark.robot_length)
             for name, mark in marks.items()
             if name not in still
         }
-        limbs = {
-            name: _limb_limits(robot, name, limb.length, may_tip=may_tip) for name, limb in robot_limbs(robot).items()
-        }
+        limbs = {name: _limb_limits(robot, name, limb.length) for name, limb in robot_limbs(robot).items()}
         self._points = _Channels(hierarchy, SlotKind.POSITION, tuple(marks), points, lead_time=lead_time)
         self._limbs = _Channels(hierarchy, SlotKind.LIMB, tuple(limbs), limbs, lead_time=lead_time)
         self._trunk = OnlineTrajectory(_limits(robot, TRUNK, soles), lead_time=lead_time)
@@ -203,30 +197,22 @@ class ReferenceGovernor:
         self._hierarchy.set_look_at(targets, HEAD, np.zeros(3), 0.0)
 
 
-def _limb_limits(robot: RobotBody, name: str, length: float, *, may_tip: bool) -> ChannelLimits:
+def _limb_limits(robot: RobotBody, name: str, length: float) -> ChannelLimits:
     """Limits of a limb, which all joints from the trunk to its end turn; of the trunk's line, those of the legs. A limb
     that turns has farther to go than a point on its line: it may use all of its servos' speed."""
     mark = robot.profile.landmarks.get(name)
     if mark is None:
         return _limits(robot, TRUNK, [foot.frame for foot in robot.profile.feet.values()], length)
-    own, catch_up, _ = STANDING if may_tip else HELD
-    return _limits(robot, mark.frame, [TRUNK], length, shares=(own, catch_up, 1.0))
+    limits, movers = _limits(robot, mark.frame, [TRUNK], length), joints_between(robot, mark.frame, [TRUNK])
+    return replace(limits, speed=length * float(robot.limits.max_velocity[movers].min()))
 
 
-def _limits(
-    robot: RobotBody,
-    frame: str,
-    others: Sequence[str],
-    lever: float = 1.0,
-    *,
-    shares: tuple[float, float, float] | None = None,
-) -> ChannelLimits:
-    """Limits of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1).
-    shares: see STANDING; by what holds the robot if absent."""
+def _limits(robot: RobotBody, frame: str, others: Sequence[str], lever: float = 1.0) -> ChannelLimits:
+    """Limits of a frame that the joints between it and `others` move, `lever` m away from them (of a rotation: 1)."""
     limits, movers = robot.limits, joints_between(robot, frame, others)
     acceleration = lever * float(limits.max_acceleration[movers].min())
     speed = lever * float(limits.max_velocity[movers].min())
-    own, catch_up, fast = shares or (STANDING if robot.stands else HELD)
+    own, catch_up, fast = STANDING if robot.stands else HELD
     return ChannelLimits(own * acceleration, catch_up * acceleration, fast * speed)
 
 

@@ -61,13 +61,7 @@ def robot_stage(
     ConfigError where the priorities name what it does not have."""
     with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
         follower = Follower(
-            robot,
-            priorities,
-            human.dimensions,
-            parts=options.parts,
-            iterations=options.iterations,
-            scene=scene,
-            has_mass=options.has_mass,
+            robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
         )
     if not options.allow_contact:
         touching = contacts(robot.body, follower.observers, scene, follower.stance.q)

@@ -77,8 +77,9 @@ def test_a_sensor_that_jumps_and_comes_back_leaves_no_trace() -> None:
     jumped = run(rig).record.robot
     assert len(rig.said) == 3  # into the pose, measured, followed: no hold
     assert clean is not None and jumped is not None
-    away = np.rad2deg(np.abs(jumped.q - clean.q)[:, 7:].max(axis=1))
-    begun = int(np.flatnonzero(away)[0])
+    ticks = min(len(jumped.q), len(clean.q))
+    away = np.rad2deg(np.abs(jumped.q[:ticks] - clean.q[:ticks])[:, 7:].max(axis=1))
+    begun = int(np.argmax(away > 0.0))
     assert away[begun + round(0.4 * 125) :].max() < 1.0
 
 
@@ -199,7 +200,7 @@ def test_after_a_pause_no_joint_goes_fast_after_a_performer_who_moved_on(
     again = max(last, int(np.argmax(phases == Phase.FOLLOW)))
     slow = share[again : again + 150]  # 0.5 s of good data, and 0.7 s
     assert 0.09 < slow.max() <= CAP * 1.05
-    assert share[again:][phases[again:] == Phase.FOLLOW].max() < 0.9
+    assert share[again:][phases[again:] == Phase.FOLLOW].max() < 0.8
 
 
 @pytest.mark.parametrize(("kind", "within"), [("silent", 0.15), ("late", 0.06)])

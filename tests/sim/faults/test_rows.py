@@ -85,7 +85,7 @@ CLAIMS: list[tuple[str, When, dict[str, Any], str]] = [
     ("adapter unplugged", When.MOVING, {"reaction": Reaction.HOLD}, "it stopped"),
     ("adapter unplugged", When.MOVING, {"cause": StopCause.BUS_SILENT}, "cause is bus, not bus silent"),
     ("stopped for a second", When.MOVING, {"then": StopCause.BUS}, "cause is servo limp, not bus"),
-    ("bus silent for 40 ms", When.MOVING, {"held": 0.005}, "held after 0.01"),
+    ("bus silent for 40 ms", When.MOVING, {"held": 0.005}, "held after 0.0"),
 ]
 """Rows that claim something else than is so, and what the judge must say to that."""
 
