@@ -84,7 +84,7 @@ class Balance:
         self.weight = 1.0 if fade is None else 1.0 / (1.0 + (hypot(*self._travel.now) / fade) ** 4)
 
 
-# What carries the pelvis: it goes about as head and feet do on average, which their motions tell without delay. Feet
+# What carries the pelvis: it goes about as head and feet do on average, which their motions show without delay. Feet
 # that both fly, as in a jump with the legs drawn up, do not take it along.
 
 FLYING_M_S = 3.0
