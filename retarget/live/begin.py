@@ -240,8 +240,10 @@ class Beginning:
         Raises InputError: no fresh data, not still, no rest pose, or not of the known size.
         """
         stream, notify = self.stream, self.notify
-        pose = "Stand upright and still, legs straight, facing where the robot faces, arms hanging or straight out to "
-        pose += "the sides"
+        pose = (
+            "Stand upright and still, legs straight, facing where the robot faces, "
+            "arms hanging or straight out to the sides"
+        )
         self.enter(RunState.COUNTDOWN)
         if self.options.countdown > 0.0:
             notify(f"{pose}: {self.options.countdown:g} s")
@@ -253,8 +255,12 @@ class Beginning:
         capture = RestCapture(where=self.where, seconds=seconds, loose=roles.loose, needed=needed(roles))
         found = self._captured(capture, size)
         height = f"{found.dimensions.stature:.2f} m tall"
-        origin = "--stature" if size is None and self.options.stature is not None else size and size.origin
-        notify(f"known: {height} ({origin})" if origin else f"measured: {height}")
+        if size is not None:
+            notify(f"known: {height} ({size.origin})")
+        elif self.options.stature is not None:
+            notify(f"known: {height} (--stature)")
+        else:
+            notify(f"measured: {height}")
         if found.offset.any():
             stream.roles = roles.shifted(found.offset)
             off = np.linalg.norm(found.offset, axis=1)

@@ -204,8 +204,8 @@ class RestCapture:
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_motion(names, track, mean)
         alignment = align(names, mean, where=self._where)
-        if size is not None or stature is not None:
-            known = size or proportional_dimensions(stature or 0.0)
+        known = proportional_dimensions(stature) if size is None and stature is not None else size
+        if known is not None:
             beyond = self._refuse_other(_located(names, alignment.positions(mean)), known)
             # Without ankles the floor is as far below the head as this person is tall.
             alignment = replace(alignment, origin=alignment.origin + np.array([0.0, 0.0, beyond]))

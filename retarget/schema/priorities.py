@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -458,11 +459,21 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
             found = f"{level.name!r}, also of level {earlier + 1}"
             problems.append(document.problem(here, "duplicate level name", found=found))
         for place, task in enumerate(level.tasks):
+            if isinstance(task, AxisTask) and task.lowered is not None and _opposite(task.direction, task.lowered):
+                at = ("levels", index, "tasks", place, "lowered")
+                problems.append(document.problem(at, "the opposite of direction", allowed="less than half a turn away"))
             if isinstance(task, CarriedTask):
                 problems += _carriers(task, ("levels", index, "tasks", place, "by"), document)
     if priorities.levels and not any(level.tasks for level in priorities.levels):
         problems.append(document.problem(("levels",), "no level has a task", allowed="at least one task"))
     return problems
+
+
+def _opposite(one: Direction, other: Direction) -> bool:
+    """Whether two directions, of any length, point apart so that there is no shortest way from one to the other."""
+    dot = sum(a * b for a, b in zip(one, other, strict=True))
+    lengths = hypot(*one) * hypot(*other)
+    return dot < -(1.0 - 1e-6) * lengths
 
 
 def _carriers(task: CarriedTask, here: KeyPath, document: Document) -> list[Problem]:

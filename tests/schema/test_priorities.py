@@ -174,6 +174,15 @@ def test_what_carries_is_sensors_with_the_head_among_them(tmp_path: Path, by: st
     assert load(text.replace(by, "{l_ankle: 0.2, head: 0.6}"), tmp_path)
 
 
+def test_a_direction_is_not_lowered_to_its_opposite(tmp_path: Path) -> None:
+    posture = "      - {type: posture, stiffness"
+    axis = "{type: axis, of: pelvis, axis: [0, 0, 1], direction: [0, 0, 1], lowered: [0, 0, -2]}"
+    text = EVERYTHING.replace(posture, f"      - {axis}\n{posture}")
+    with refuses(ConfigError, "mine.yaml:", "lowered", "opposite"):
+        load(text, tmp_path)
+    assert load(text.replace("-2]", "2]"), tmp_path)
+
+
 def test_only_balanced_compensates_deflection_and_it_puts_soles_and_balance_before_limbs() -> None:
     for name in ("servo", "paper", "human"):
         assert load_priorities(name).deflection_compensation is None
