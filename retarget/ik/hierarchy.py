@@ -174,8 +174,8 @@ class Hierarchy:
             place.set_spaces(targets, spaces)
 
     def set_strength(self, targets: FloatArray, joint: str, spaces: FloatArray) -> None:
-        """What a joint that carries allows: at most STRENGTH_EDGES half-spaces (k, 7) n . c + m . o <= d for the centre
-        of mass c and the joint's place o."""
+        """What a joint that carries allows: one half-space (1, 7) n . c + m . o <= d for the centre of mass c and the
+        joint's place o, or none (0, 7)."""
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
             place.set_spaces(targets, spaces)
 

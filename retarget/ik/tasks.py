@@ -29,11 +29,10 @@ from retarget.schema.priorities import (
 )
 from retarget.types import FloatArray
 
-SUPPORT_EDGES = 32
-"""Most half-spaces of a support task: two for each edge of the convex hull of two feet of eight corners each."""
+SUPPORT_EDGES = 34
+"""Most half-spaces of a support task: two for each edge of the convex hull of two feet of eight corners each, and two
+for height."""
 
-STRENGTH_EDGES = 2
-"""Most half-spaces of what a joint carries: its torque at rest, and while the mass is thrown up."""
 CARRIES = "carried by "
 """With it begin the names of frames at joints that carry a robot on its soles."""
 
@@ -226,7 +225,7 @@ def _strength(frames: Mapping[str, Frame]) -> list[Slot]:
     """One slot for each joint that carries."""
     joints = [(name.removeprefix(CARRIES), frame) for name, frame in frames.items() if name.startswith(CARRIES)]
     return [
-        Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, as_vector(frame.position), STRENGTH_EDGES))
+        Slot(SlotKind.STRENGTH, joint, SolverTask.lever(frame.body, as_vector(frame.position), max_edges=1))
         for joint, frame in joints
     ]
 

@@ -1,10 +1,10 @@
 """Whole-body stop: a robot on its soles can stop there at any tick.
 
 Joints that each keep within their own limits may still be unable to stop together: where one must brake hard, others
-would have to brake harder to keep the soles in place. So before a posture is accepted, a stop from it is computed, as
-fast as it can be with soles planted. If soles or balance would be lost on the way, the posture is not accepted, and the
-last verified stop trajectory is followed instead. From rest on, all goals lie on such trajectories, and a stop that is
-asked for at any tick goes along one.
+would have to brake harder to keep the soles in place. So before a posture is accepted, a stop from it is computed, with
+soles planted. If soles or balance would be lost on the way, the posture is not accepted, and the last verified stop
+trajectory is followed instead. From rest on, all goals lie on such trajectories, and a stop that is asked for at any
+tick goes along one.
 """
 
 from math import ceil, hypot
@@ -24,9 +24,7 @@ BALANCE_M = 0.003
 NO_WORSE_M = 1e-5
 """What is already beyond these bounds may go on, if it gets worse by no more than this, m."""
 SPARE_TICKS = 2
-"""Ticks beyond those that the fastest joint needs, for soles and balance are kept first."""
-NO_WAY_BACK = 1e-9
-"""Share of the way back to where the stop began: joints are to stand still, wherever they are by then."""
+"""Ticks beyond those that the slowest joint needs, for soles and balance are kept first."""
 LONGEST = 100
 """Most ticks of a stop trajectory; a posture that takes longer to stop is not admitted."""
 SHORT_RAD = 0.03
@@ -44,37 +42,38 @@ ROUND_OFF = 1e-9
 class Stopping:
     """Stop trajectories: `admits` says whether there is one from a posture, `follow` goes along the last one found.
 
-    Joints that do not carry the robot brake by themselves, each as fast as it can. The computed trajectory holds them
-    still: the margin covers what their braking does to the centre of mass.
+    All joints brake in proportion, so that the body goes on along its way, and soles and mass with it. Joints that each
+    braked as hard as they can would come to rest one after the other: where the motions of trunk and legs had cancelled
+    out, the mass would be thrown.
     """
 
     def __init__(self, body: BodyModel, limits: JointLimits, stance: Stance, carrying: BoolArray) -> None:
         """limits (nv,): those that the postures keep. carrying (nv,): the root and the joints of the legs."""
         self._body = body.solver_body()
-        self._deceleration = limits.max_acceleration  # (nv,)
-        self._legs = np.flatnonzero(carrying & np.isfinite(limits.max_acceleration))
-        self._slowness = 1.0 / limits.max_acceleration[self._legs]
         single, address = body.scalar_joints()
-        self._leg_columns = address[self._legs]
-        self._lowest = limits.lower[self._legs] - ROUND_OFF
-        self._highest = limits.upper[self._legs] + ROUND_OFF
+        self._joints = np.flatnonzero(single & np.isfinite(limits.max_acceleration))
+        self._slowness = 1.0 / limits.max_acceleration[self._joints]
+        self._legs = carrying[self._joints]
+        self._columns = address[self._joints]
+        self._lowest = limits.lower[self._joints] - ROUND_OFF
+        self._highest = limits.upper[self._joints] + ROUND_OFF
         self._height = float(self._body.centre_of_mass(stance.q[None])[0, 2])
-        self._free = np.flatnonzero(single & ~carrying)
-        self._columns = address[self._free]
         soles = [(sole, _spread(sole.outline)) for sole in stance.soles]
         links = [sole.frame.body for sole, few in soles for _ in few]
         local = np.concatenate([sole.corners[few] for sole, few in soles])
         planted = np.concatenate([sole.outline[few] for sole, few in soles])
         outline = stance.edges(0.0)
         self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), outline)
-        self._solver = _solver(body, limits, stance, len(outline), ~carrying)
+        self._solver = _solver(body, limits, stance, len(outline))
         self._targets = np.tile(_targets(self._solver, stance, outline), (LONGEST + SPARE_TICKS, 1))
+        start, stop = self._solver.target_slice(2, 0)
+        self._places = self._targets[:, start + 1 : stop]
         self.begin(stance.q)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
         """Start anew in posture q (nq,), moving at velocity (nv,) per s; no stop trajectory is known from there."""
         self._way, self._at, self._known = q[None], 0, velocity is None
-        self._velocity = np.zeros_like(self._deceleration) if velocity is None else velocity
+        self._velocity = np.zeros(self._body.nv) if velocity is None else velocity
         self._slip, self._shortfall = self._losses(self._way)
 
     def rescale_time(self, change: float) -> None:
@@ -85,7 +84,7 @@ class Stopping:
     @property
     def stands(self) -> bool:
         """Whether the legs stand still where the robot got last."""
-        return float(np.abs(self._velocity[self._legs]).max(initial=0.0)) < STANDING
+        return float(np.abs(self._velocity[self._joints[self._legs]]).max(initial=0.0)) < STANDING
 
     @property
     def velocity(self) -> FloatArray:
@@ -101,16 +100,18 @@ class Stopping:
         return self._stops_short(q, velocity) or self._finds_trajectory(q, velocity, dt)
 
     def _stops_short(self, q: FloatArray, velocity: FloatArray) -> bool:
-        """Whether the robot surely can stop, because it hardly moves; `follow` computes the trajectory.
+        """Whether the robot surely can stop, because its legs hardly move; `follow` computes the trajectory.
 
-        The legs may then all brake in proportion: they turn too little to move the soles otherwise than now, not at
-        all. Going on unbraked for as long, none would come to its limit, nor the centre of mass to its margin.
+        While all brake in proportion, they turn too little to move the soles otherwise than now, not at all. Going on
+        unbraked for as long, no joint would come to its limit, nor the centre of mass to its margin.
         """
-        legs = velocity[self._legs]
-        speed = np.abs(legs)
+        joints = velocity[self._joints]
+        speed = np.abs(joints)
         time = float((speed * self._slowness).max())  # [s] that the slowest of them needs
-        ahead = q[self._leg_columns] + time * legs
-        if 0.5 * time * float(speed.max()) > SHORT_RAD or ((ahead < self._lowest) | (ahead > self._highest)).any():
+        ahead = q[self._columns] + time * joints
+        if 0.5 * time * float(speed.max(where=self._legs, initial=0.0)) > SHORT_RAD:
+            return False
+        if ((ahead < self._lowest) | (ahead > self._highest)).any():
             return False
         slip, shortfall = self._losses(q[None])
         # Bound of the speed of the centre of mass: that of the root, and its turning by the height of the mass above
@@ -124,15 +125,17 @@ class Stopping:
 
     def _finds_trajectory(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
         """Whether a stop trajectory is found and verified here; it becomes the one that `follow` goes along."""
-        # The solver brakes soles first: as many ticks as the fastest leg needs, and some for what soles and balance
-        # take.
         way, ticks = q[None], self._ticks(velocity, dt)
         if ticks > LONGEST:
             return False
-        if ticks > 0:
+        if ticks > 1:
+            targets, at = self._targets[: ticks + SPARE_TICKS], q
+            for tick, place in enumerate(self._places[: len(targets)]):
+                at = self._body.integrate(at, max(1.0 - (tick + 1) / ticks, 0.0) * dt * velocity)
+                place[:] = at
             self._solver.reset(q, velocity)
-            way = np.concatenate([way, self._solver.clip(self._targets[: ticks + SPARE_TICKS], dt)])
-            if self._ticks(self._solver.velocity, dt) > 0:
+            way = np.concatenate([way, self._solver.clip(targets, dt)])
+            if self._ticks(self._solver.velocity, dt) > 1:
                 return False
         slip, shortfall = self._losses(way)
         if slip > max(SOLE_M, self._slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
@@ -146,8 +149,8 @@ class Stopping:
         return True
 
     def _ticks(self, velocity: FloatArray, dt: float) -> int:
-        """Ticks that the legs need to get slow enough to stand in the next one."""
-        return ceil(float(np.abs(velocity[self._legs] * self._slowness).max()) / dt - 1e-9) - 1
+        """Ticks in which all joints come to rest, braking in proportion: as many as the slowest of them needs."""
+        return ceil(float(np.abs(velocity[self._joints] * self._slowness).max()) / dt - 1e-9)
 
     def has_trajectory(self, dt: float) -> bool:
         """Return whether there is a stop trajectory to follow; it is computed where it is not known yet."""
@@ -163,20 +166,15 @@ class Stopping:
             return None
         before = self._way[self._at]
         self._at = min(self._at + 1, len(self._way) - 1)
-        now = self._way[self._at].copy()
-        # Joints that carry nothing are not in the computed trajectory: each takes its full deceleration here.
-        free = self._velocity[self._free]
-        slower = np.maximum(np.abs(free) - self._deceleration[self._free] * dt, 0.0)
-        now[self._columns] = before[self._columns] + np.copysign(slower, free) * dt
+        now = self._way[self._at]
         self._velocity = self._body.difference(before, now) / dt
-        self._way[self._at] = now  # last: at the end of the trajectory this is `before`
         return now, self._velocity
 
     def brake(self, dt: float) -> FloatArray:
-        """The next posture (nq,) where no trajectory is known: every joint brakes by itself, as fast as it can, under a
-        root at rest. A caller that takes it calls `begin` from there."""
-        slower = np.maximum(np.abs(self._velocity) - self._deceleration * dt, 0.0)  # (nv,)
-        return self._body.integrate(self._way[self._at], np.copysign(slower, self._velocity) * dt)
+        """The next posture (nq,) where no trajectory is known: all joints brake in proportion, whatever becomes of the
+        soles. A caller that takes it calls `begin` from there."""
+        left = 1.0 - 1.0 / max(self._ticks(self._velocity, dt), 1)
+        return self._body.integrate(self._way[self._at], left * dt * self._velocity)
 
     def _losses(self, way: FloatArray) -> tuple[float, float]:
         """Most that a corner of a sole is off (m), and that the centre of mass falls short of its margin (m)."""
@@ -184,8 +182,8 @@ class Stopping:
         return off, BALANCE_M - inside
 
 
-def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int, locked: BoolArray) -> Solver:
-    """Soles first, then balance, then to stand still where the robot is."""
+def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int) -> Solver:
+    """Soles first, then balance, then where braking in proportion leads."""
     planted = []
     for sole in stance.soles:
         frame = sole.frame
@@ -195,12 +193,12 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int, lo
         ]
     return Solver(
         body.solver_body(),
-        [planted, [Task.support(edges)], [Task.posture(np.ones(body.nv), gain=NO_WAY_BACK)]],
+        [planted, [Task.support(edges)], [Task.posture(np.ones(body.nv))]],
         lower=limits.lower,
         upper=limits.upper,
         max_velocity=limits.max_velocity,
         max_acceleration=limits.max_acceleration,
-        locked=locked,
+        locked=np.zeros(body.nv, dtype=bool),
         n_ik=1,
         damping=0.0,
     )

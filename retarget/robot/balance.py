@@ -39,6 +39,9 @@ GRAVITY = 9.81
 """m/s^2"""
 BEYOND_M = 0.0003
 """m beyond an edge within which a capture point counts as inside: rounding."""
+HEAVE = 1.0
+"""Greatest vertical acceleration of the centre of mass (m/s^2): soles then carry the weight within a tenth of it. A
+lighter sole slides, and a heavier one tilts."""
 RETURN_SHARE = 0.5
 """Share of the support polygon, about its middle, for the return to stance. A robot that begins it at the edge of the
 room in which it followed comes in only by pressing beyond that edge."""
@@ -125,7 +128,8 @@ def moving_spaces(
     outer: Edges | None = None,
     pressed: Edges | None = None,
 ) -> FloatArray:
-    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point inside of edges.
+    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point inside of edges, and the load
+    on the soles steady.
 
     pressed: other edges for the zero-moment point. outer: edges inside of which the zero-moment point stays while it
     brings back a capture point that is outside; None: such a capture point is not brought back.
@@ -154,9 +158,11 @@ def moving_spaces(
         lever = (at - offset) / z
         return -nx, -ny, lever, lever * (z + vz * dt - GRAVITY * dt * dt) - at - speed * dt
 
+    ahead, change = z + vz * dt, HEAVE * dt * dt
+    heaved = ((0.0, 0.0, 1.0, ahead + change), (0.0, 0.0, -1.0, change - ahead))
     if pressed is None:
-        return np.array([row(*edge) for edge in edges for row in (captured, borne)])
-    return np.array([*(captured(*edge) for edge in edges), *(borne(*edge) for edge in pressed)])
+        return np.array([*(row(*edge) for edge in edges for row in (captured, borne)), *heaved])
+    return np.array([*(captured(*edge) for edge in edges), *(borne(*edge) for edge in pressed), *heaved])
 
 
 def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tuple[float, float, float] | None:
@@ -188,7 +194,7 @@ def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tu
 # with A from the leg's own weight, which changes slowly. Under a robot at rest p is where its centre of mass is,
 # between the middles of both soles, and so is the share of the weight. So a bound on a torque is a half-space for
 # centre of mass and joint together, which the hierarchy keeps like any others: where a joint carries too much, the
-# robot leans or crouches less. And the mass is not thrown up faster than the most loaded joint can.
+# robot leans or crouches less.
 
 STANDING_SPARE = 1.1
 """A joint may always carry this many times its torque in `stand`."""
@@ -199,10 +205,6 @@ STRENGTH_BRAKING = 0.5
 BACK = 0.5
 """m/s^2 from rest with which an overloaded joint is brought back to its greatest torque. A faster return, which legs
 and balance could not make at once, would be made by limbs that are to be kept apart."""
-PEAK = 1.4
-"""Multiple of its greatest continuous torque that a joint may carry while the mass is accelerated upwards."""
-LEAST_THROW = 1.0
-"""Upward acceleration of the mass that is always allowed, m/s^2."""
 
 _FREE = np.zeros((0, 7))
 """Half spaces (0, 7) of a strength that limits nothing."""
@@ -247,40 +249,32 @@ class StandingStrength:
         hierarchy: Hierarchy,
         targets: FloatArray,
         q: FloatArray,
-        mass: tuple[FloatArray, FloatArray],
+        com: FloatArray,
         dt: float,
         *,
         keeps: bool = True,
     ) -> None:
-        """Write the half-spaces of the next `dt` s into the target vector, for a robot in posture q (nq,).
-
-        mass: its centre of mass (3,) m, and the velocity of that (3,) m/s. keeps: False removes all limits, as on one
-        leg, which has to carry more.
-        """
-        spaces = self.spaces(q, mass, dt) if keeps else [_FREE] * len(self._names)
+        """Write the half-spaces of the next `dt` s into the target vector, for a robot in posture q (nq,), with its
+        centre of mass com (3,), m. keeps: False removes all limits, as on one leg, which has to carry more."""
+        spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self._names)
         for name, edges in zip(self._names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
 
-    def spaces(self, q: FloatArray, mass: tuple[FloatArray, FloatArray], dt: float) -> list[FloatArray]:
-        """Half-spaces (e, 7) of each joint: n . c + m . o <= d for the centre of mass c and the joint's place o, after
-        the next `dt` s."""
-        com, velocity = mass
+    def spaces(self, q: FloatArray, com: FloatArray, dt: float) -> list[FloatArray]:
+        """Half-spaces (0 or 1, 7) of each joint: n . c + m . o <= d for the centre of mass c and the joint's place o,
+        after the next `dt` s; none where it carries little."""
         torque = self.torques(q)
         used = np.abs(torque) / self.most
         by_com, by_joint, places = self._gradients(q, com)
         lever = 2.0 / self._weight  # [m per N m]: half of the weight is on either leg
-        edges: list[list[list[float]]] = [[] for _ in self._names]
+        spaces = [_FREE] * len(self._names)
         for k in np.flatnonzero(used > WATCHED).tolist():
             sign = 1.0 if torque[k] > 0.0 else -1.0
             n, m = sign * lever * by_com[k], sign * lever * by_joint[k]
             step = braking_displacement(lever * float(self.most[k] - abs(torque[k])), STRENGTH_BRAKING * dt * dt)
             d = float(n @ com[:2] + m @ places[k, :2]) + max(step, -BACK * dt * dt)
-            edges[k].append([*n.tolist(), 0.0, *m.tolist(), 0.0, d])
-        worst = int(used.argmax())
-        throw = max(GRAVITY * (PEAK / max(float(used[worst]), 1e-3) - 1.0), LEAST_THROW)
-        rise = float(com[2] + velocity[2] * dt) + throw * dt * dt
-        edges[worst].append([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, rise])
-        return [np.array(rows).reshape(-1, 7) for rows in edges]
+            spaces[k] = np.array([[*n.tolist(), 0.0, *m.tolist(), 0.0, d]])
+        return spaces
 
     def _gradients(self, q: FloatArray, com: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gradients of the torques by the centre of mass (k, 2) and by the joint's place (k, 2), N; and these places
@@ -336,8 +330,8 @@ ENOUGH = 0.65
 """Share of its stall torque that a servo may need for a posture out of which it has to move the robot again."""
 SUSTAINED = 0.4
 """Share of its stall torque that a servo may carry at rest for as long as the robot stands on one leg. A servo that
-holds about 0.58 of it protects itself (XM430-W350: 0.8 of the 2.95 N m that were measured), and a load in motion is up
-to PEAK times that at rest."""
+holds about 0.58 of it protects itself (XM430-W350: 0.8 of the 2.95 N m that were measured), and a load in motion is
+more than that at rest."""
 SQUAT_STEP_M = 0.01
 """Heights, m, that are tried for one leg."""
 FROM_STAND = 1e-4

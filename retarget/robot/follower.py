@@ -358,7 +358,7 @@ class Follower:
             hierarchy.set_support(targets, soles.balance.spaces(*self._mass(), dt, to_stance=to_stance))
         if soles.strength is not None:
             keeps = soles.steps is None or soles.steps.plan.support is None
-            soles.strength.aim(hierarchy, targets, self._q, self._mass(), dt, keeps=keeps)
+            soles.strength.aim(hierarchy, targets, self._q, self._reached.centre_of_mass, dt, keeps=keeps)
         if to_stance:
             self._governor.ask_nothing(targets)
             is_led = True
