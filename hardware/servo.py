@@ -335,6 +335,17 @@ def loop_stiffness(servo: ServoSpec, *, protocol: int = 2) -> float:
     return servo.model.stiffness.nominal * p_gain(servo, protocol) / DEFAULT_P_GAIN
 
 
+def integral_rate(servo: ServoSpec, *, protocol: int = 2) -> float:
+    """Share of its error that the servo's I gain adds to it in a second, 1/s: with it a shaft that is held off its goal
+    by a load creeps towards it.
+
+    Source: e-Manual, Position PID Gain (82, unit 1/65536 per ms; protocol 1: 27, 1/2048).
+    """
+    unit = 2048.0 / 8.0 if protocol == 1 else 65536.0 / GAIN_UNIT  # of the I gain, in units of the P gain
+    gain = servo.gains.position_p or (DEFAULT_P_GAIN_1 if protocol == 1 else DEFAULT_P_GAIN)
+    return 1e3 * (servo.gains.position_i or 0) / (unit * gain)
+
+
 def p_gain(servo: ServoSpec, protocol: int) -> float:
     """The servo's P gain, or its default, in register counts of the X series."""
     usual = DEFAULT_P_GAIN if protocol == 2 else DEFAULT_P_GAIN_1

@@ -4,7 +4,8 @@ A servo with a P gain is a spring between its goal and its shaft: under a torque
 soft servos a standing robot sways 1.4 times as far as planned, and its soles press elsewhere. The torques that a
 planned posture needs are known (`GravityTorque`), so each goal is offset from the posture by the deflection of its
 servo. Limits of the plan, collisions and the record are checked on the posture in which the robot is held. The goal
-passes the gate, and keeps its limits.
+passes the gate, and keeps its limits. An I gain makes up for deflections by itself, but late, within seconds: what it
+has added by then is left out of the offset.
 
 Servos of different gains follow at different lags, and a leg whose knee leads its ankle is not where it was planned. So
 joints that carry the robot wait for the slowest of them.
@@ -16,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hardware.arrays import FloatArray
-from hardware.servo import loop_lag
+from hardware.servo import integral_rate, loop_lag
 from retarget.ik.base_pose import SupportFootBase, plant_root
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import Stance
@@ -40,11 +41,13 @@ ground."""
 @dataclass(frozen=True, eq=False)
 class _Proposal:
     """For a posture (n,) rad: its offsets are `compensated` (n,) rad, which holds against the load, and `behind` (n,)
-    rad, by which it waits for slower joints. Centre of mass and velocity are smoothed."""
+    rad, by which it waits for slower joints. integrated (n,): rad that the servos' I gains have added to the goal.
+    Centre of mass and velocity are smoothed."""
 
     posture: FloatArray
     compensated: FloatArray
     behind: FloatArray
+    integrated: FloatArray
     com: FloatArray
     velocity: FloatArray
 
@@ -61,7 +64,8 @@ class DeflectionCompensation:
         self._compliance = joint_compliance(robot)
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
         self._rate = 1.0 / settle
-        self._catch_up = dt / (dt + _waits(robot))  # (n,) share of its lead that a joint loses in a tick
+        self._lags, self._integral_rate = _loops(robot)
+        self._catch_up = dt / (dt + _waits(robot, self._lags))  # (n,) share of its lead that a joint loses in a tick
         self.begin(np.zeros(len(robot.joint_map)))
 
     @property
@@ -72,7 +76,7 @@ class DeflectionCompensation:
     def begin(self, posture: FloatArray) -> None:
         """Begin at rest in a posture, rad (n,), with no offset."""
         none = np.zeros_like(posture)
-        self._sent = _Proposal(posture, none, none, np.full(3, np.nan), np.zeros(3))
+        self._sent = _Proposal(posture, none, none, none, np.full(3, np.nan), np.zeros(3))
         self._moved, self._ticks = none, 0  # [rad] of the compensation in the last tick; ticks since torque came on
 
     def propose(self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -109,7 +113,10 @@ class DeflectionCompensation:
         acceleration = np.clip((then - sent.velocity) / self._dt, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration, heights=heights)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
-        wanted = np.clip(self._compliance @ torque, -MOST_RAD, MOST_RAD)
+        # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
+        wanted = np.clip(self._compliance @ torque - sent.integrated, -MOST_RAD, MOST_RAD)
+        lag = self._lags / self._dt * (posture - sent.posture)
+        integrated = sent.integrated + self._integral_rate * self._dt * (wanted + lag)
         speed = self._settled(sent.compensated, self._moved / self._dt, wanted)
         most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
@@ -121,7 +128,7 @@ class DeflectionCompensation:
         behind = (1.0 - self._catch_up) * (sent.posture + sent.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
         goal, compensated = self._within(posture + behind, compensated, nearest)
-        return goal, _Proposal(posture, compensated, behind, com + self._dt * then, then)
+        return goal, _Proposal(posture, compensated, behind, integrated, com + self._dt * then, then)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of a critically damped second-order filter towards `wanted`, implicit in time."""
@@ -144,10 +151,17 @@ class DeflectionCompensation:
         return goal, kept
 
 
-def _waits(robot: RobotBody) -> FloatArray:
-    """Time (n,) s that each joint that carries the robot waits for the slowest servo among them; 0 for all others."""
+def _loops(robot: RobotBody) -> tuple[FloatArray, FloatArray]:
+    """Of each servo's position loop: its lag (n,) s, and the rate (n,) 1/s of its I gain."""
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    lags = np.array([loop_lag(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos])
+    servos = [(servo, protocols[servo.bus]) for servo in robot.joint_map.servos]
+    lags = [loop_lag(servo, protocol=protocol) for servo, protocol in servos]
+    return np.array(lags), np.array([integral_rate(servo, protocol=protocol) for servo, protocol in servos])
+
+
+def _waits(robot: RobotBody, lags: FloatArray) -> FloatArray:
+    """Time (n,) s that each joint that carries the robot waits for the slowest servo among them, of lags (n,) s; 0 for
+    all others."""
     dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
     # Only joints between the root and the soles move the whole body when one of them is late.
     carrying = standing_dofs(robot)[dofs]

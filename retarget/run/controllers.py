@@ -53,8 +53,8 @@ class Commanded:
     """The posture to which the robot was commanded last, without the deflection of its servos.
 
     q (nq,): the posture; joints (n,): of it, rad, servo order. standing (nq,): as the robot stands; before it stands on
-    its soles, as it will. velocity (nv,): at which it got there, per s. stood_s: s since the last goal that moved;
-    waited_s: s since then, and since the last target that was refused.
+    its soles, as it will. velocity (nv,): at which it got there, per s. stood_s: s since the last goal for another
+    posture; waited_s: s since then, and since the last target that was refused.
     """
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
@@ -64,7 +64,7 @@ class Commanded:
 
     def begin(self, standing: FloatArray, joints: FloatArray) -> None:
         """Begin at rest, with joints (n,) rad where they are, to stand as in `standing` (nq,)."""
-        self.q, self.standing, self.joints, self._goal = standing.copy(), standing.copy(), joints, joints
+        self.q, self.standing, self.joints = standing.copy(), standing.copy(), joints
         self.q[self._robot.servo_columns] = joints
         self.velocity = np.zeros(self._robot.body.nv)
         self.stood_s = self.waited_s = np.inf
@@ -76,10 +76,10 @@ class Commanded:
 
     def take(self, goal: CheckedGoal, target: Target | None, *, on_soles: bool) -> None:
         """Take over a goal that was written for a target. on_soles: whether the robot stands as it was commanded."""
-        self.stood_s = self.stood_s + self._dt if np.array_equal(goal.joints, self._goal) else 0.0
+        self.stood_s = self.stood_s + self._dt if np.array_equal(goal.posture, self.joints) else 0.0
         refused = target is not None and not goal.passed
         self.waited_s = 0.0 if refused else min(self.waited_s + self._dt, self.stood_s)
-        self.joints, self._goal = goal.posture, goal.joints
+        self.joints = goal.posture
         if goal.passed and target is not None and target.q is not None:
             self.q = target.q.copy()
         else:

@@ -26,10 +26,10 @@ from hardware.servo import (
     DEFAULT_P_GAIN,
     DEFAULT_P_GAIN_1,
     FULL_PWM,
-    GAIN_UNIT,
     ServoModel,
     ServoSpec,
     full_drive_error,
+    integral_rate,
 )
 from retarget.model.body_file import engine
 from sim.emulator.power import OVERLOAD_EFFORT, OVERLOAD_TIME
@@ -61,17 +61,15 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     register = gains.position_p
     if protocol == 1:
         gain = DEFAULT_P_GAIN * (register or DEFAULT_P_GAIN_1) / DEFAULT_P_GAIN_1
-        integral = (gains.position_i or 0) * 1000.0 / 2048.0 / (gain / DEFAULT_P_GAIN * DEFAULT_P_GAIN_1 / 8.0)
-        return PositionLoop(1.0 / full_drive_error(gain), 0.0, integral)
+        return PositionLoop(1.0 / full_drive_error(gain), 0.0, integral_rate(servo, protocol=protocol))
     if not register:
         return PositionLoop(0.0, 0.0, 0.0)
-    per_tick = register / GAIN_UNIT  # [PWM counts]
     usual = find_table(model.name, 2)["position_d_gain"].initial or 0
     damping = max((gains.position_d or 0) - usual, 0) / 16.0  # [PWM counts per tick/ms]
     return PositionLoop(
         proportional=1.0 / full_drive_error(float(register)),
         derivative=1e-3 * damping / FULL_PWM / model.tick_rad,
-        integral=1e3 * (gains.position_i or 0) / 65536.0 / per_tick,
+        integral=integral_rate(servo, protocol=protocol),
     )
 
 
