@@ -340,16 +340,17 @@ def braking_displacement(gap: float, change: float) -> float:
 
 @final
 class Braking:
-    """Joints that each brake by themselves, within limits (n,): what may be asked of them in a tick of dt seconds, and
-    how they come to rest. position, displacement, goal (n,): where they are, their last step, where to."""
+    """Joints that brake in proportion, within limits (n,): what may be asked of them in a tick of dt seconds, and how
+    they come to rest together. position, displacement, goal (n,): where they are, their last step, where to."""
 
     def __init__(
         self, lower: Floats, upper: Floats, max_velocity: Floats, max_acceleration: Floats, *, dt: float
     ) -> None: ...
     def bounds(self, position: Floats, displacement: Floats) -> tuple[Floats, Floats]:
         """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
-    def braked(self, displacement: Floats) -> Floats:
-        """The next displacement (n,) under full deceleration, each joint by itself."""
+    def braked(self, position: Floats, displacement: Floats) -> Floats:
+        """The next displacement (n,) of braking in as many ticks as the slowest joint needs. A joint that would leave
+        its range so brakes earlier."""
     def admitted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
         """Displacement (n,) to a goal that misses no bound by more than `tolerance`, laid within them; else None."""
     def paths(self, position: Floats, before: Floats, displacement: Floats) -> tuple[Floats, Floats]:

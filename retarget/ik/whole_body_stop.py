@@ -125,7 +125,11 @@ class Stopping:
 
     def _finds_trajectory(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
         """Whether a stop trajectory is found and verified here; it becomes the one that `follow` goes along."""
+        import os
+        SOFT=float(os.environ.get("SOFT","1"))
         way, ticks = q[None], self._ticks(velocity, dt)
+        speed = float(np.linalg.norm(self._body.centre_of_mass_jacobian(q) @ velocity))
+        ticks = max(ticks, ceil(min((self._height/9.81)**0.5, speed/SOFT)/dt-1e-9))
         if ticks > LONGEST:
             return False
         if ticks > 1:

@@ -123,7 +123,7 @@ class Gate:
 
     def brake(self) -> CheckedGoal:
         """The next goal of the last verified braking trajectory; once at rest, the same goal for ever."""
-        self.displacement = self._braking.braked(self.displacement)
+        self.displacement = self._braking.braked(self._joints, self.displacement)
         self._joints = self._joints + self.displacement
         posture = self._joints
         if self._compensation is not None:

@@ -81,13 +81,13 @@ pub fn iteration_bounds(frame: &FrameBox, done: f64, step: f64) -> (f64, f64) {
     }
 }
 
-/// What a gate lets pass in a tick, and how joints that brake come to rest, each by itself or in line.
+/// What a gate lets pass in a tick, and how joints that brake come to rest together.
 pub struct Braking {
     limits: Vec<Limit>,
     dt: f64,
     /// Largest change of displacement between ticks (rad or m).
     change: Vec<f64>,
-    /// Postures of a path: the present one, the goal, and those of the ticks that the fastest joint needs to stand.
+    /// Postures of a path: the present one, the goal, and those of the ticks that the slowest joint needs to stand.
     pub rows: usize,
 }
 
@@ -103,16 +103,23 @@ impl Braking {
         self.limits.len()
     }
 
-    /// The next displacement of joint i under full deceleration.
-    pub fn braked(&self, i: usize, displacement: f64) -> f64 {
-        (displacement.abs() - self.change[i]).max(0.0).copysign(displacement)
-    }
-
     /// Displacements of joint i that leave it a way to brake within its range. To go on braking is always among them, beyond a limit too.
     pub fn bounds(&self, i: usize, position: f64, displacement: f64) -> (f64, f64) {
-        let braked = self.braked(i, displacement);
+        let braked = (displacement.abs() - self.change[i]).max(0.0).copysign(displacement);
         let bounds = frame_bounds(position, displacement, &self.limits[i], self.dt);
         (bounds.lo.min(braked), bounds.hi.max(braked))
+    }
+
+    /// The next displacement of all joints that brake in proportion, so that they go on along their way and come to rest together; one
+    /// that would leave its range so brakes earlier.
+    pub fn brake(&self, position: &[f64], displacement: &mut [f64]) {
+        let slowness = displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change);
+        let ticks = (slowness.fold(0.0, f64::max) - ROUNDING).ceil();
+        let left = if ticks > 1.0 { 1.0 - 1.0 / ticks } else { 0.0 };
+        for (i, d) in displacement.iter_mut().enumerate() {
+            let (lo, hi) = self.bounds(i, position[i], *d);
+            *d = (left * *d).max(lo).min(hi);
+        }
     }
 
     /// Displacement of joint i to a goal that misses its bounds by no more than `tolerance`.
@@ -127,13 +134,11 @@ impl Braking {
         let n = self.joints();
         let mut path = Vec::with_capacity(self.rows * n);
         path.extend_from_slice(position);
-        let mut gone = vec![0.0; n];
-        for row in 0..self.rows - 1 {
-            for i in 0..n {
-                let slower = (displacement[i].abs() - row as f64 * self.change[i]).max(0.0);
-                gone[i] += slower.copysign(displacement[i]);
-                path.push(position[i] + gone[i]);
-            }
+        let (mut at, mut moved) = (position.to_vec(), displacement.to_vec());
+        for _ in 1..self.rows {
+            at.iter_mut().zip(&moved).for_each(|(at, moved)| *at += moved);
+            path.extend_from_slice(&at);
+            self.brake(&at, &mut moved);
         }
         path
     }

@@ -68,8 +68,15 @@ impl PyBraking {
         Ok((PyArray1::from_vec(py, low), PyArray1::from_vec(py, high)))
     }
 
-    fn braked<'py>(&self, py: Python<'py>, displacement: Numbers<'py>) -> PyResult<Vector<'py>> {
-        Ok(PyArray1::from_vec(py, self.slower(self.joints(&displacement)?)))
+    fn braked<'py>(
+        &self,
+        py: Python<'py>,
+        position: Numbers<'py>,
+        displacement: Numbers<'py>,
+    ) -> PyResult<Vector<'py>> {
+        let mut braked = self.joints(&displacement)?.to_vec();
+        self.braking.brake(self.joints(&position)?, &mut braked);
+        Ok(PyArray1::from_vec(py, braked))
     }
 
     #[pyo3(signature = (position, displacement, goal, *, tolerance))]
@@ -100,7 +107,8 @@ impl PyBraking {
         displacement: Numbers<'py>,
     ) -> PyResult<(Matrix<'py>, Matrix<'py>)> {
         let (position, displacement) = (self.joints(&position)?, self.joints(&displacement)?);
-        let braked = self.slower(self.joints(&before)?);
+        let mut braked = self.joints(&before)?.to_vec();
+        self.braking.brake(position, &mut braked);
         let path = |displacement: &[f64]| {
             let path = self.braking.path(position, displacement);
             PyArray1::from_vec(py, path).reshape([self.braking.rows, self.braking.joints()])
@@ -112,9 +120,5 @@ impl PyBraking {
 impl PyBraking {
     fn joints<'a>(&self, a: &'a Numbers<'_>) -> PyResult<&'a [f64]> {
         entries(a, self.braking.joints(), "a vector of the joints")
-    }
-
-    fn slower(&self, displacement: &[f64]) -> Vec<f64> {
-        displacement.iter().enumerate().map(|(i, d)| self.braking.braked(i, *d)).collect()
     }
 }
