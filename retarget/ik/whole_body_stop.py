@@ -7,12 +7,12 @@ trajectory is followed instead. From rest on, all goals lie on such trajectories
 tick goes along one.
 """
 
-from math import ceil, hypot
+from math import ceil, sqrt
 
 import numpy as np
 
 from retarget._solver import Footing, Solver, Task
-from retarget.ik.support_polygon import Stance, half_spaces
+from retarget.ik.support_polygon import Stance
 from retarget.model.body import BodyModel, JointLimits
 from retarget.rotations import as_quat, as_vector
 from retarget.types import BoolArray, FloatArray
@@ -25,18 +25,14 @@ NO_WORSE_M = 1e-5
 """What is already beyond these bounds may go on, if it gets worse by no more than this, m."""
 SPARE_TICKS = 2
 """Ticks beyond those that the slowest joint needs, for soles and balance are kept first."""
+SOFT_STOP = 1.0
+"""Deceleration (m/s^2) of the centre of mass in a stop, which the soles surely bear."""
 LONGEST = 100
 """Most ticks of a stop trajectory; a posture that takes longer to stop is not admitted."""
-SHORT_RAD = 0.03
-"""A stop in which no joint of a leg turns by more than this, rad, is admitted without a computed trajectory, where no
-limit or edge is near."""
-PLANTED_M = 0.1 * SOLE_M
-"""Distance (m) that a corner of a sole may be from its place at the beginning of such a stop, and in the tick
-before."""
 STANDING = 1e-9
 """Speed (rad/s) below which a leg stands."""
-ROUND_OFF = 1e-9
-"""Angle (rad) beyond its limit at which a joint that rests there may seem to be."""
+GRAVITY = 9.81
+"""m/s^2"""
 
 
 class Stopping:
@@ -50,24 +46,20 @@ class Stopping:
     def __init__(self, body: BodyModel, limits: JointLimits, stance: Stance, carrying: BoolArray) -> None:
         """limits (nv,): those that the postures keep. carrying (nv,): the root and the joints of the legs."""
         self._body = body.solver_body()
-        single, address = body.scalar_joints()
-        self._joints = np.flatnonzero(single & np.isfinite(limits.max_acceleration))
+        self._joints = np.flatnonzero(body.scalar_joints()[0] & np.isfinite(limits.max_acceleration))
         self._slowness = 1.0 / limits.max_acceleration[self._joints]
-        self._legs = carrying[self._joints]
-        self._columns = address[self._joints]
-        self._lowest = limits.lower[self._joints] - ROUND_OFF
-        self._highest = limits.upper[self._joints] + ROUND_OFF
+        self._legs = self._joints[carrying[self._joints]]
         self._height = float(self._body.centre_of_mass(stance.q[None])[0, 2])
         soles = [(sole, _spread(sole.outline)) for sole in stance.soles]
         links = [sole.frame.body for sole, few in soles for _ in few]
         local = np.concatenate([sole.corners[few] for sole, few in soles])
         planted = np.concatenate([sole.outline[few] for sole, few in soles])
-        outline = stance.edges(0.0)
-        self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), outline)
-        self._solver = _solver(body, limits, stance, len(outline))
-        self._targets = np.tile(_targets(self._solver, stance, outline), (LONGEST + SPARE_TICKS, 1))
-        start, stop = self._solver.target_slice(2, 0)
-        self._places = self._targets[:, start + 1 : stop]
+        self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), stance.edges(0.0))
+        self._solver = _solver(body, limits, stance)
+        self._targets = np.tile(_targets(self._solver, stance), (LONGEST + SPARE_TICKS, 1))
+        self._mass, self._place = (
+            slice(start + 1, stop) for start, stop in map(self._solver.target_slice, (1, 2), (0, 0))
+        )
         self.begin(stance.q)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
@@ -84,7 +76,7 @@ class Stopping:
     @property
     def stands(self) -> bool:
         """Whether the legs stand still where the robot got last."""
-        return float(np.abs(self._velocity[self._joints[self._legs]]).max(initial=0.0)) < STANDING
+        return float(np.abs(self._velocity[self._legs]).max(initial=0.0)) < STANDING
 
     @property
     def velocity(self) -> FloatArray:
@@ -97,50 +89,9 @@ class Stopping:
 
         If so, the stop trajectory from there becomes the one that `follow` goes along.
         """
-        return self._stops_short(q, velocity) or self._finds_trajectory(q, velocity, dt)
-
-    def _stops_short(self, q: FloatArray, velocity: FloatArray) -> bool:
-        """Whether the robot surely can stop, because its legs hardly move; `follow` computes the trajectory.
-
-        While all brake in proportion, they turn too little to move the soles otherwise than now, not at all. Going on
-        unbraked for as long, no joint would come to its limit, nor the centre of mass to its margin.
-        """
-        joints = velocity[self._joints]
-        speed = np.abs(joints)
-        time = float((speed * self._slowness).max())  # [s] that the slowest of them needs
-        ahead = q[self._columns] + time * joints
-        if 0.5 * time * float(speed.max(where=self._legs, initial=0.0)) > SHORT_RAD:
+        way = self._in_proportion(q, velocity, dt)
+        if way is None:
             return False
-        if ((ahead < self._lowest) | (ahead > self._highest)).any():
-            return False
-        slip, shortfall = self._losses(q[None])
-        # Bound of the speed of the centre of mass: that of the root, and its turning by the height of the mass above
-        # it.
-        root = hypot(*velocity[:3].tolist()) + self._height * hypot(*velocity[3:6].tolist())  # [m/s]
-        if max(slip, self._slip) > PLANTED_M or shortfall + time * root > 0.0:
-            return False
-        self._way, self._at, self._known, self._velocity = q[None], 0, False, velocity
-        self._slip, self._shortfall = slip, shortfall
-        return True
-
-    def _finds_trajectory(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
-        """Whether a stop trajectory is found and verified here; it becomes the one that `follow` goes along."""
-        import os
-        SOFT=float(os.environ.get("SOFT","1"))
-        way, ticks = q[None], self._ticks(velocity, dt)
-        speed = float(np.linalg.norm(self._body.centre_of_mass_jacobian(q) @ velocity))
-        ticks = max(ticks, ceil(min((self._height/9.81)**0.5, speed/SOFT)/dt-1e-9))
-        if ticks > LONGEST:
-            return False
-        if ticks > 1:
-            targets, at = self._targets[: ticks + SPARE_TICKS], q
-            for tick, place in enumerate(self._places[: len(targets)]):
-                at = self._body.integrate(at, max(1.0 - (tick + 1) / ticks, 0.0) * dt * velocity)
-                place[:] = at
-            self._solver.reset(q, velocity)
-            way = np.concatenate([way, self._solver.clip(targets, dt)])
-            if self._ticks(self._solver.velocity, dt) > 1:
-                return False
         slip, shortfall = self._losses(way)
         if slip > max(SOLE_M, self._slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
             return False
@@ -152,13 +103,34 @@ class Stopping:
         self._slip, self._shortfall = slip, shortfall
         return True
 
+    def _in_proportion(self, q: FloatArray, velocity: FloatArray, dt: float) -> FloatArray | None:
+        """Postures (k, nq) from q on, tick by tick, to rest: soles stay, the mass brakes in proportion, and all joints
+        as nearly as they can; None: they cannot come to rest in time."""
+        mass_velocity = self._body.centre_of_mass_jacobian(q) @ velocity
+        # The mass is braked by SOFT_STOP, but where that would take it farther than its capture point.
+        time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / SOFT_STOP)
+        ticks = max(self._ticks(velocity, dt), ceil(time / dt - 1e-9))
+        if ticks > LONGEST:
+            return None
+        if ticks <= 1:
+            return q[None]
+        mass, place = self._body.centre_of_mass(q[None])[0], q
+        targets = self._targets[: ticks - 1 + SPARE_TICKS]
+        for tick in range(len(targets)):
+            left = max(1.0 - (tick + 1) / ticks, 0.0) * dt
+            mass, place = mass + left * mass_velocity, self._body.integrate(place, left * velocity)
+            targets[tick, self._mass], targets[tick, self._place] = mass, place
+        self._solver.reset(q, velocity)
+        way = np.concatenate([q[None], self._solver.clip(targets, dt)])
+        return None if self._ticks(self._solver.velocity, dt) > 1 else way
+
     def _ticks(self, velocity: FloatArray, dt: float) -> int:
         """Ticks in which all joints come to rest, braking in proportion: as many as the slowest of them needs."""
         return ceil(float(np.abs(velocity[self._joints] * self._slowness).max()) / dt - 1e-9)
 
     def has_trajectory(self, dt: float) -> bool:
         """Return whether there is a stop trajectory to follow; it is computed where it is not known yet."""
-        return self._known or self._finds_trajectory(self._way[0], self._velocity, dt)
+        return self._known or self.admits(self._way[0], self._velocity, dt)
 
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray] | None:
         """Return the next posture (nq,) on the last stop trajectory, and its velocity (nv,) in rad/s and m/s; at its
@@ -186,8 +158,8 @@ class Stopping:
         return off, BALANCE_M - inside
 
 
-def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int) -> Solver:
-    """Soles first, then balance, then where braking in proportion leads."""
+def _solver(body: BodyModel, limits: JointLimits, stance: Stance) -> Solver:
+    """Soles first, then the centre of mass, then joints."""
     planted = []
     for sole in stance.soles:
         frame = sole.frame
@@ -197,7 +169,7 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance, edges: int) ->
         ]
     return Solver(
         body.solver_body(),
-        [planted, [Task.support(edges)], [Task.posture(np.ones(body.nv))]],
+        [planted, [Task.centre_of_mass()], [Task.posture(np.ones(body.nv))]],
         lower=limits.lower,
         upper=limits.upper,
         max_velocity=limits.max_velocity,
@@ -213,13 +185,12 @@ def _spread(outline: FloatArray) -> list[int]:
     return sorted({int(np.argmax(outline @ np.array(way))) for way in ((1, 1), (1, -1), (-1, 1), (-1, -1))})
 
 
-def _targets(solver: Solver, stance: Stance, edges: FloatArray) -> FloatArray:
+def _targets(solver: Solver, stance: Stance) -> FloatArray:
     targets = np.zeros(solver.target_size)
     planted = [goal for sole in stance.soles for goal in (sole.position, sole.orientation)]
-    goals = [(0, index, goal) for index, goal in enumerate(planted)]
-    goals += [(1, 0, half_spaces(edges).ravel()), (2, 0, stance.q)]
-    for level, task, goal in goals:
-        start, stop = solver.target_slice(level, task)
-        targets[start] = 1.0
-        targets[start + 1 : stop] = goal
+    for index, goal in enumerate(planted):
+        start, stop = solver.target_slice(0, index)
+        targets[start], targets[start + 1 : stop] = 1.0, goal
+    for level in (1, 2):
+        targets[solver.target_slice(level, 0)[0]] = 1.0
     return targets
