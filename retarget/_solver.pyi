@@ -348,9 +348,11 @@ class Braking:
     ) -> None: ...
     def bounds(self, position: Floats, displacement: Floats) -> tuple[Floats, Floats]:
         """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
+    def ticks(self, displacement: Floats) -> int:
+        """Ticks of braking until all joints rest, 1 at least: as many as the slowest joint needs."""
     def braked(self, position: Floats, displacement: Floats) -> Floats:
-        """The next displacement (n,) of braking in as many ticks as the slowest joint needs. A joint that would leave
-        its range so brakes earlier."""
+        """The next displacement (n,) of braking in so many ticks. A joint that would leave its range so brakes
+        earlier."""
     def admitted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
         """Displacement (n,) to a goal that misses no bound by more than `tolerance`, laid within them; else None."""
     def paths(self, position: Floats, before: Floats, displacement: Floats) -> tuple[Floats, Floats]:

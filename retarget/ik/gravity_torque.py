@@ -1,7 +1,8 @@
 """Gravity torque of a robot on its soles (inverse dynamics), and the compliance of its joints on P servos.
 
-The mass m moves as if in one point, whose acceleration is a. Then the soles press on the ground with -m (g + a), at the
-zero-moment point. Each takes its share of that force, in its direction, so that no sole pulls against another:
+The mass m is accelerated by a, and its angular momentum about the centre of mass changes at a rate M. Then the soles
+press on the ground with -m (g + a), at the zero-moment point. Each takes its share of that force, in its direction, so
+that no sole pulls against another:
 
     torque = m (g + a) J_com - sum_i share_i m (g + a) J_i
 
@@ -24,6 +25,9 @@ UPWARD = np.array([0.0, 0.0, 9.81])
 """m/s^2: what holds against gravity."""
 
 
+NO_MOMENT = np.zeros(2)
+
+
 class GravityTorque:
     """The gravity torques of one robot in a stance on one sole or two."""
 
@@ -33,13 +37,21 @@ class GravityTorque:
         self._soles = [(sole.frame, *_from_ground(sole)) for sole in stance.soles]
         self._middles = np.array([sole.outline.mean(axis=0) for sole in stance.soles])  # (k, 2) [m]
 
-    def torques(self, q: FloatArray, acceleration: FloatArray, *, heights: FloatArray | None = None) -> FloatArray:
+    def torques(
+        self,
+        q: FloatArray,
+        acceleration: FloatArray,
+        *,
+        moment: FloatArray = NO_MOMENT,
+        heights: FloatArray | None = None,
+    ) -> FloatArray:
         """Torque of every DoF (nv,), N m, in a posture q (nq,) with its soles planted, whose centre of mass has an
-        acceleration (3,) m/s^2. Torque of a free root means that the robot is out of balance. heights (k,) m: of soles
-        of which one may be lifted; None: all are planted."""
+        acceleration (3,) m/s^2, and whose angular momentum about it changes at a rate `moment` (2,) N m about x and y.
+        Torque of a free root means that the robot is out of balance. heights (k,) m: of soles of which one may be
+        lifted; None: all are planted."""
         com = self._body.centre_of_mass(q[None])[0]
         force = self._mass * (UPWARD + acceleration)
-        pressed = com[:2] - com[2] / force[2] * force[:2]
+        pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
         shares = self._shares(pressed)
         if heights is not None:
             shares = _on_the_floor(shares, heights)

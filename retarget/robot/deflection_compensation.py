@@ -18,6 +18,7 @@ import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.servo import integral_rate, loop_lag
+from retarget._solver import Probe
 from retarget.ik.base_pose import SupportFootBase, plant_root
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import Stance
@@ -42,24 +43,28 @@ ground."""
 class _Proposal:
     """For a posture (n,) rad: its offsets are `compensated` (n,) rad, which holds against the load, and `behind` (n,)
     rad, by which it waits for slower joints. integrated (n,): rad that the servos' I gains have added to the goal.
-    Centre of mass and velocity are smoothed."""
+    masses, velocities (k, 3): of the links' masses, m and m/s, smoothed."""
 
     posture: FloatArray
     compensated: FloatArray
     behind: FloatArray
     integrated: FloatArray
-    com: FloatArray
-    velocity: FloatArray
+    masses: FloatArray
+    velocities: FloatArray
 
 
 class DeflectionCompensation:
-    """A `retarget.safety.gate.Compensation`. A stop keeps the offsets of goals from postures as they were."""
+    """A `retarget.safety.gate.Compensation`."""
 
     def __init__(self, robot: RobotBody, stance: Stance, *, dt: float, settle: float, steps: bool = False) -> None:
         """settle: time constant, s, of the load. steps: whether the robot may stand on either sole alone."""
         self._robot, self._dt, self._stance = robot, dt, stance
         self._load, self._either = GravityTorque(robot, stance), SupportFootBase(robot, stance) if steps else None
         self._body = robot.body.solver_body()
+        body = robot.body
+        self._links = np.flatnonzero(body.mass)
+        self._share = body.mass[self._links] / body.total_mass  # (k,)
+        self._masses = Probe(self._body, self._links.tolist(), body.com[self._links], [])
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         self._compliance = joint_compliance(robot)
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
@@ -75,8 +80,8 @@ class DeflectionCompensation:
 
     def begin(self, posture: FloatArray) -> None:
         """Begin at rest in a posture, rad (n,), with no offset."""
-        none = np.zeros_like(posture)
-        self._sent = _Proposal(posture, none, none, none, np.full(3, np.nan), np.zeros(3))
+        none, masses = np.zeros_like(posture), self._masses.read(self._standing(posture)[0])[0]
+        self._sent = _Proposal(posture, none, none, none, masses, np.zeros_like(masses))
         self._moved, self._ticks = none, 0  # [rad] of the compensation in the last tick; ticks since torque came on
 
     def propose(self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -90,28 +95,48 @@ class DeflectionCompensation:
         self._sent = self._proposal
         self._ticks += 1
 
-    def stop(self, posture: FloatArray) -> None:
-        """The robot brakes in a posture (n,), rad: keep the offsets, and let the next posture begin at rest."""
-        self._sent = replace(self._sent, posture=posture, com=np.full(3, np.nan), velocity=np.zeros(3))
-        self._moved = np.zeros_like(posture)
+    def brake(self, goal: FloatArray, left: float) -> FloatArray:
+        """The posture (n,) that a goal holds, rad, of a robot that brakes: what holds against the load goes on by a
+        share `left` of its last change."""
+        self._moved = left * self._moved
+        posture = goal - self.offset - self._moved
+        masses, velocities, _ = self._smoothed(self._standing(posture)[0])
+        self._sent = replace(
+            self._sent,
+            posture=posture,
+            compensated=self._sent.compensated + self._moved,
+            masses=masses,
+            velocities=velocities,
+        )
+        return posture
+
+    def _standing(self, posture: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+        """A posture (n,) as the robot stands in it (nq,), and the heights (k,) m of soles that may be lifted."""
+        q = self._stance.q.copy()
+        q[self._robot.servo_columns] = posture
+        if self._either is not None:
+            return q, self._either.plant(q)
+        plant_root(self._robot, self._stance.q, q)
+        return q, None
+
+    def _smoothed(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Places (k, 3) m, velocities (k, 3) m/s and accelerations (k, 3) m/s^2 of the links' masses in a posture (nq,)
+        that comes next. Second differences of a posture would be noise."""
+        sent = self._sent
+        velocities = self._settled(sent.masses, sent.velocities, self._masses.read(q)[0])
+        return sent.masses + self._dt * velocities, velocities, (velocities - sent.velocities) / self._dt
 
     def _compute(
         self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
     ) -> tuple[FloatArray, _Proposal]:
-        sent, q = self._sent, self._stance.q.copy()
-        q[self._robot.servo_columns] = posture
-        heights = None
-        if self._either is None:
-            plant_root(self._robot, self._stance.q, q)
-        else:
-            heights = self._either.plant(q)
-        # The acceleration of the centre of mass loads the legs as gravity does. It is taken from a smoothed velocity:
-        # second differences of a posture would be noise.
-        now = self._body.centre_of_mass(q[None])[0]
-        com = now if np.isnan(sent.com[0]) else sent.com
-        then = self._settled(com, sent.velocity, now)
-        acceleration = np.clip((then - sent.velocity) / self._dt, -MOST_ACCELERATION, MOST_ACCELERATION)
-        torque = self._load.torques(q, acceleration, heights=heights)[self._dofs]
+        sent, (q, heights) = self._sent, self._standing(posture)
+        # Accelerations of the links load the legs as gravity does: that of the whole mass, and the rate of its angular
+        # momentum, as of arms that swing or a trunk that bends.
+        masses, velocities, accelerations = self._smoothed(q)
+        acceleration = np.clip(self._share @ accelerations, -MOST_ACCELERATION, MOST_ACCELERATION)
+        turning = np.cross(masses - self._share @ masses, accelerations)
+        moment = self._robot.body.total_mass * (self._share @ turning)[:2]
+        torque = self._load.torques(q, acceleration, moment=moment, heights=heights)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
         wanted = np.clip(self._compliance @ torque - sent.integrated, -MOST_RAD, MOST_RAD)
@@ -128,7 +153,7 @@ class DeflectionCompensation:
         behind = (1.0 - self._catch_up) * (sent.posture + sent.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
         goal, compensated = self._within(posture + behind, compensated, nearest)
-        return goal, _Proposal(posture, compensated, behind, integrated, com + self._dt * then, then)
+        return goal, _Proposal(posture, compensated, behind, integrated, masses, velocities)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of a critically damped second-order filter towards `wanted`, implicit in time."""

@@ -37,8 +37,9 @@ class Compensation(Protocol):
         """The goal proposed last was passed."""
         ...
 
-    def stop(self, posture: FloatArray) -> None:
-        """The robot brakes with the offset as it is, and is in a posture, rad (n,)."""
+    def brake(self, goal: FloatArray, left: float) -> FloatArray:
+        """The posture that a goal holds, rad (n,), of a robot that brakes: the offset goes on by a share `left` of its
+        last change."""
         ...
 
 
@@ -51,8 +52,9 @@ class Gate:
     24 rad/s^2). clearance: checks paths for collision; None: it is not checked. With `compensation`, limits are
     checked on the goal, and clearance on the posture that it holds.
 
-    Each joint brakes by its own full deceleration, so the braking trajectory follows from position and velocity alone:
-    what was verified when a goal passed is what `brake` follows.
+    All joints brake in proportion, in as many ticks as the slowest needs, so that the robot goes on along its way. The
+    braking trajectory follows from positions and velocities alone: what was verified when a goal passed is what `brake`
+    follows.
     """
 
     def __init__(
@@ -78,7 +80,7 @@ class Gate:
             )
         self.clearance, self._compensation = clearance, compensation
         self._braking = Braking(*limits, dt=float(dt))
-        self._joints = np.zeros_like(limits[0])  # sent last
+        self._joints, self._offset_change = np.zeros_like(limits[0]), np.zeros_like(limits[0])  # sent last
         self.displacement = np.zeros_like(limits[0])
         """Of the last tick, rad (n,): what is left to brake."""
         self._seal = _Seal()
@@ -101,7 +103,7 @@ class Gate:
             )
         if self._compensation is not None:
             self._compensation.begin(start)
-        self._joints, self.displacement = start, np.zeros_like(start)
+        self._joints, self.displacement, self._offset_change = start, np.zeros_like(start), np.zeros_like(start)
         return self._make(start, passed=True)
 
     def check(self, target: FloatArray | None) -> CheckedGoal | None:
@@ -116,6 +118,7 @@ class Gate:
         if displacement is None or not self._is_clear(displacement, goal - target):
             return None
         if compensation is not None:
+            self._offset_change = goal - target - compensation.offset
             compensation.accept()
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
         self._joints, self.displacement = goal, displacement
@@ -123,12 +126,12 @@ class Gate:
 
     def brake(self) -> CheckedGoal:
         """The next goal of the last verified braking trajectory; once at rest, the same goal for ever."""
+        left = 1.0 - 1.0 / self._braking.ticks(self.displacement)
         self.displacement = self._braking.braked(self._joints, self.displacement)
         self._joints = self._joints + self.displacement
         posture = self._joints
         if self._compensation is not None:
-            posture = self._joints - self._compensation.offset
-            self._compensation.stop(posture)
+            posture, self._offset_change = self._compensation.brake(posture, left), left * self._offset_change
         return self._make(posture, passed=False)
 
     def _admitted(self, goal: FloatArray) -> FloatArray | None:
@@ -145,15 +148,23 @@ class Gate:
         """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal."""
         if self.clearance is None:
             return True
-        # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off.
-        # The path that is followed after a refusal keeps the offset of the goal before.
+        # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off,
+        # which goes on as the joints brake.
         path, instead = self._braking.paths(self._joints, self.displacement, displacement)
         if self._compensation is not None:
             before = self._compensation.offset
             path[0] -= before
-            path[1:] -= offset
-            instead -= before
+            path[1:] -= offset + self._going_on(displacement, offset - before, len(path) - 1)
+            instead -= before + self._going_on(self.displacement, self._offset_change, len(instead))
         return self.clearance(path, instead)
+
+    def _going_on(self, displacement: FloatArray, change: FloatArray, rows: int) -> FloatArray:
+        """How far (rows, n) the offset goes on, tick by tick, beside joints that brake from a displacement (n,): its
+        last change was `change` (n,), rad."""
+        left = np.maximum(1.0 - np.arange(rows) / self._braking.ticks(displacement), 0.0)
+        left[0] = 0.0
+        gone: FloatArray = np.multiply.outer(np.cumsum(left), change)
+        return gone
 
     def _make(self, posture: FloatArray, *, passed: bool) -> CheckedGoal:
         self.goal = self._seal.last = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._seal)

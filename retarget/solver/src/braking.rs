@@ -110,12 +110,16 @@ impl Braking {
         (bounds.lo.min(braked), bounds.hi.max(braked))
     }
 
+    /// Ticks in which all joints come to rest: as many as the slowest needs, 1 at least.
+    pub fn ticks(&self, displacement: &[f64]) -> f64 {
+        let slowness = displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change);
+        (slowness.fold(0.0, f64::max) - ROUNDING).ceil().max(1.0)
+    }
+
     /// The next displacement of all joints that brake in proportion, so that they go on along their way and come to rest together; one
     /// that would leave its range so brakes earlier.
     pub fn brake(&self, position: &[f64], displacement: &mut [f64]) {
-        let slowness = displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change);
-        let ticks = (slowness.fold(0.0, f64::max) - ROUNDING).ceil();
-        let left = if ticks > 1.0 { 1.0 - 1.0 / ticks } else { 0.0 };
+        let left = 1.0 - 1.0 / self.ticks(displacement);
         for (i, d) in displacement.iter_mut().enumerate() {
             let (lo, hi) = self.bounds(i, position[i], *d);
             *d = (left * *d).max(lo).min(hi);

@@ -68,6 +68,10 @@ impl PyBraking {
         Ok((PyArray1::from_vec(py, low), PyArray1::from_vec(py, high)))
     }
 
+    fn ticks(&self, displacement: Numbers<'_>) -> PyResult<usize> {
+        Ok(self.braking.ticks(self.joints(&displacement)?) as usize)
+    }
+
     fn braked<'py>(
         &self,
         py: Python<'py>,
