@@ -16,6 +16,7 @@ from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import Stance, check_stand, convex_hull, plant, support_distance, support_edges
 from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.landmarks import standing_dofs
 from retarget.types import FloatArray
 
 
@@ -136,6 +137,46 @@ def test_at_rest_it_is_what_statics_say(arms: float, crouch: float) -> None:
     torque = GravityTorque(op3(), standing()).torques(q, np.zeros(3))
     np.testing.assert_allclose(torque, by_inverse_dynamics(q, com[:2]), atol=1e-6)
     assert np.abs(torque[:6]).max() < 1e-9 and np.abs(torque[6:]).max() > 0.2
+
+
+@pytest.mark.parametrize("joints", [("l_sho_pitch",), ("l_sho_pitch", "r_sho_roll", "l_el")])
+def test_arms_that_speed_up_load_the_legs_as_inverse_dynamics_say(joints: tuple[str, ...]) -> None:
+    """By the acceleration of the mass and the rate of the angular momentum about it; legs do not move."""
+    model = mujoco.MjModel.from_xml_path(str(op3().profile.body_path))
+    data, q = mujoco.MjData(model), posture(0.3, 0.2)
+    data.qpos[:] = q
+    data.qacc[[op3().body.dof_index(joint) for joint in joints]] = 40.0
+    asked = data.qacc.copy()
+    mujoco.mj_forward(model, data)
+    inertial = np.zeros(model.nv)
+    mujoco.mj_mulM(model, data, inertial, asked)
+    acceleration = op3().body.solver_body().centre_of_mass_jacobian(q) @ asked
+    data.qvel[:] = asked  # from rest, the momentum after a second of it is its rate
+    mujoco.mj_forward(model, data)
+    mujoco.mj_subtreeVel(model, data)
+    moment = data.subtree_angmom[0].copy()
+    com, force = data.subtree_com[0].copy(), op3().body.total_mass * (acceleration + np.array([0.0, 0.0, 9.81]))
+    # Where the ground carries the root's whole wrench but for a turn about the vertical.
+    pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
+    data.qvel[:] = 0.0
+    mujoco.mj_forward(model, data)
+    torque = data.qfrc_bias + inertial
+    left, right = (sole.outline.mean(axis=0) for sole in standing().soles)
+    share = (pressed - left) @ (right - left) / ((right - left) @ (right - left))
+    across = pressed - left - share * (right - left)
+    for sole, middle, part in ((standing().soles[0], left, 1.0 - share), (standing().soles[1], right, share)):
+        carried = np.zeros(model.nv)
+        at = np.array([*(middle + across), 0.0])
+        mujoco.mj_applyFT(model, data, part * force, np.zeros(3), at, sole.frame.body, carried)
+        torque -= carried
+    turn = rotations.rotate(q[3:7], torque[3:6])
+    assert np.abs([*torque[:3], *turn[:2]]).max() < 1e-6, "the root is carried, but for a turn about the vertical"
+    found = GravityTorque(op3(), standing()).torques(q, acceleration, moment=moment[:2])
+    legs = np.flatnonzero(standing_dofs(op3()))[6:]
+    without = GravityTorque(op3(), standing()).torques(q, acceleration)
+    off, blind = (float(np.abs(load[legs] - torque[legs]).max()) for load in (found, without))
+    assert off < 0.02  # legs are taken to be accelerated with the mass
+    assert off < 0.2 * blind
 
 
 @pytest.mark.parametrize("name", ["op3", "wolfgang", "toddlerbot"])

@@ -14,7 +14,7 @@ from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.balance import (
     BEYOND_M,
-    LEAST_THROW,
+    HEAVE,
     StandingBalance,
     StandingStrength,
     heaviest_loads,
@@ -187,13 +187,19 @@ def test_torques_change_as_the_half_spaces_say(name: str) -> None:
     assert np.linalg.norm(errors) < 0.25 * np.linalg.norm(sizes)
 
 
-def test_a_mass_is_not_thrown_up_faster_than_the_most_loaded_joint_can() -> None:
-    keeps = strength("toddlerbot")
-    q = plant(robot("toddlerbot"), robot("toddlerbot").profile.postures.rest).q
-    com = robot("toddlerbot").body.solver_body().centre_of_mass(q[None])[0]
-    rises = [edges[-1] for edges in keeps.spaces(q, (com, np.zeros(3)), 0.02) if len(edges) and edges[-1, 2] == 1.0]
-    assert len(rises) == 1
-    assert LEAST_THROW <= (rises[0][6] - com[2]) / 0.02**2 < 9.81
+@pytest.mark.parametrize("speed", [0.0, 0.1, -0.3])
+def test_the_mass_is_thrown_neither_up_nor_down(speed: float) -> None:
+    com = np.array(
+        [
+            *np.concatenate([sole.outline for sole in plant(op3(), op3().profile.postures.stand).soles]).mean(axis=0),
+            HEIGHT,
+        ]
+    )
+    spaces = balance().spaces(com, np.array([0.0, 0.0, speed]), DT)
+    up, down = spaces[np.abs(spaces[:, 2]) == 1.0]
+    assert (up[2], down[2]) == (1.0, -1.0)
+    np.testing.assert_allclose((up[3] - HEIGHT - speed * DT) / DT**2, HEAVE)
+    np.testing.assert_allclose((-down[3] - HEIGHT - speed * DT) / DT**2, -HEAVE)
 
 
 def most_used(priorities: str) -> float:

@@ -9,7 +9,7 @@ from followers import DT, op3
 from gates import PathCheck, admit, as_clearance, held, sent
 from hardware.arrays import FloatArray
 from hardware.bus import ServoGoals
-from hardware.servo import loop_lag
+from hardware.servo import integral_rate, loop_lag
 from physics_rig import PhysicsRig, ticks
 from retarget.ik.gravity_torque import GravityTorque, joint_compliance
 from retarget.ik.support_polygon import plant
@@ -103,16 +103,48 @@ def test_for_any_goal_it_keeps_the_limits_and_position_plus_offset_is_the_goal(s
     check_motion(np.array(path), STAND)
 
 
-def test_a_stop_keeps_the_offsets_and_ends() -> None:
-    (gate, compensation), way = make(), list[FloatArray]()
+def test_a_robot_that_brakes_goes_through_the_postures_that_were_checked() -> None:
+    """Its offsets go on as they went, by as much less as its joints: no posture jumps where a goal is refused."""
+    paths = list[FloatArray]()
+
+    def look(path: FloatArray, instead: FloatArray) -> bool:
+        paths.append(path.copy())
+        return True
+
+    gate, _ = make(look)
     for tick in range(60):
-        admit(gate, STAND + 0.001 * tick)
-    offset = compensation.offset
-    for _ in range(60):
+        admit(gate, STAND + 0.0015 * tick * np.sign(STAND))
+    path = paths[-1]
+    speeds = np.diff(path, axis=0)
+    assert np.abs(speeds[0]).max() > 1e-3
+    np.testing.assert_allclose(np.diff(np.abs(speeds), axis=0).clip(0.0), 0.0, atol=1e-9)
+    for row in path[2:]:
         goal = gate.brake()
-        np.testing.assert_allclose(goal.joints - goal.posture, offset, atol=1e-12)
-        way.append(goal.joints)
-    assert not gate.displacement.any() and np.array_equal(way[-1], way[-2])
+        np.testing.assert_allclose(goal.posture, row, atol=1e-12)
+    assert not gate.displacement.any() and np.array_equal(gate.brake().joints, gate.brake().joints)
+
+
+def test_what_i_gains_add_in_time_is_left_out() -> None:
+    """A shaft with both gains: a spring between goal and shaft, whose goal moves on by the integral of the error."""
+    robot = load_robot("poppy")
+    stance = plant(robot, robot.profile.postures.stand)
+    posture, dt = stance.q[robot.servo_columns], 0.02
+    compensation = DeflectionCompensation(robot, stance, dt=dt, settle=0.02)
+    compensation.begin(posture)
+    torque = GravityTorque(robot, stance).torques(stance.q, np.zeros(3))
+    deflection = joint_compliance(robot) @ torque[[robot.body.dof_index(joint) for joint in robot.joint_map.joints]]
+    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
+    rate = np.array([integral_rate(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos])
+    added, off = np.zeros_like(posture), list[float]()
+    for _ in range(round(20.0 / dt)):
+        goal = compensation.propose(posture, lambda near: near)
+        compensation.accept()
+        shaft = goal + added - deflection
+        added = added + rate * dt * (goal - shaft)
+        off.append(float(np.abs(shaft - posture).max()))
+    assert np.abs(deflection).max() > 0.01 and rate.max() > 0.2
+    assert max(off[150:]) < 0.05 * np.abs(deflection).max()
+    assert np.abs(compensation.offset[rate > 0.2]).max() < 0.1 * np.abs(deflection).max()
 
 
 def test_with_a_constant_posture_it_is_soon_at_rest() -> None:

@@ -227,8 +227,8 @@ class NotedCompensation:
     def accept(self) -> None:
         pass
 
-    def stop(self, posture: FloatArray) -> None:
-        pass
+    def brake(self, goal: FloatArray, left: float) -> FloatArray:
+        return goal
 
 
 def test_a_senseless_goal_reaches_no_compensation() -> None:

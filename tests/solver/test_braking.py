@@ -14,23 +14,37 @@ DT = 0.01
 LOWER, UPPER = np.array([-1.0, -0.2, 0.0]), np.array([1.0, 0.3, 2.0])
 SPEED, ACCELERATION = np.array([4.0, 1.0, 0.5]), np.array([40.0, 20.0, 3.0])
 CHANGE = ACCELERATION * DT**2
+MIDDLE = 0.5 * (LOWER + UPPER)
 BRAKING = Braking(LOWER, UPPER, SPEED, ACCELERATION, dt=DT)
 vectors = st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3).map(np.array)
 steps = st.lists(st.floats(-0.04, 0.04), min_size=3, max_size=3).map(np.array)
 
 
+def alone(step: FloatArray) -> FloatArray:
+    """Joints that each brake as hard as they can."""
+    return np.asarray(np.copysign(np.maximum(np.abs(step) - CHANGE, 0.0), step))
+
+
 @given(steps)
-def test_braking_is_full_deceleration_and_never_turns_back(step: FloatArray) -> None:
-    slower = np.maximum(np.abs(step) - CHANGE, 0.0)
-    np.testing.assert_array_equal(BRAKING.braked(step), np.copysign(slower, step))
+def test_joints_brake_in_proportion_as_hard_as_the_slowest_can(step: FloatArray) -> None:
+    ticks = max(1, int(np.ceil((np.abs(step) / CHANGE).max() - 1e-12)))
+    assert BRAKING.ticks(step) == ticks
+    np.testing.assert_allclose(BRAKING.braked(MIDDLE, 0.1 * step), (1.0 - 1.0 / BRAKING.ticks(0.1 * step)) * 0.1 * step)
+
+
+@given(vectors, steps)
+def test_a_joint_at_an_end_of_its_range_brakes_earlier(position: FloatArray, step: FloatArray) -> None:
+    low, high = BRAKING.bounds(position, step)
+    even = (1.0 - 1.0 / BRAKING.ticks(step)) * step
+    np.testing.assert_allclose(BRAKING.braked(position, step), np.minimum(np.maximum(even, low), high), atol=1e-12)
 
 
 @given(vectors, steps)
 def test_bounds_are_the_oracles_and_to_go_on_braking(position: FloatArray, step: FloatArray) -> None:
     low, high = frame_bounds(position, step, LOWER, UPPER, SPEED, ACCELERATION, DT)
     found = BRAKING.bounds(position, step)
-    np.testing.assert_allclose(found[0], np.minimum(low, BRAKING.braked(step)), atol=1e-12)
-    np.testing.assert_allclose(found[1], np.maximum(high, BRAKING.braked(step)), atol=1e-12)
+    np.testing.assert_allclose(found[0], np.minimum(low, alone(step)), atol=1e-12)
+    np.testing.assert_allclose(found[1], np.maximum(high, alone(step)), atol=1e-12)
     assert (found[0] <= found[1]).all()
 
 
@@ -56,16 +70,31 @@ def test_what_is_not_finite_never_passes(bad: float) -> None:
 
 @settings(max_examples=50)
 @given(vectors, steps)
-def test_paths_slow_down_as_fast_as_they_may_and_end_at_rest(position: FloatArray, seed: FloatArray) -> None:
+def test_paths_are_what_braking_does_and_end_at_rest(position: FloatArray, seed: FloatArray) -> None:
     step = np.clip(seed, -SPEED * DT, SPEED * DT)
     path, instead = BRAKING.paths(position, step, step)
-    np.testing.assert_array_equal(path[0], position)
-    moved = np.diff(path, axis=0)
-    np.testing.assert_allclose(moved[0], step, atol=1e-15)
-    np.testing.assert_allclose(np.diff(np.abs(moved), axis=0), -np.minimum(np.abs(moved[:-1]), CHANGE), atol=1e-12)
-    assert np.abs(moved[-1]).max() < 1e-12
-    np.testing.assert_allclose(instead[1] - position, BRAKING.braked(step), atol=1e-15)
+    at, moved = position, step
+    for row in path[1:]:
+        np.testing.assert_allclose(row - at, moved, atol=1e-12)
+        at, moved = row, BRAKING.braked(row, moved)
+    assert np.abs(moved).max() < 1e-12
+    np.testing.assert_allclose(instead[1] - position, BRAKING.braked(position, step), atol=1e-15)
     np.testing.assert_array_equal(path.shape, instead.shape)
+
+
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3).map(np.array),
+    st.lists(st.floats(-1.0, 1.0), min_size=40, max_size=40),
+)
+def test_no_joint_leaves_its_range_however_it_is_led_and_stopped(start: FloatArray, way: list[float]) -> None:
+    position, moved = LOWER + start * (UPPER - LOWER), np.zeros(3)
+    for tick, pull in enumerate(way):
+        low, high = BRAKING.bounds(position, moved)
+        now = BRAKING.braked(position, moved) if tick % 7 == 6 else low + (0.5 + 0.5 * pull) * (high - low)
+        assert (np.abs(now - moved) <= CHANGE + 1e-12).all() and (np.abs(now) <= SPEED * DT + 1e-12).all()
+        position, moved = position + now, now
+        _, path = BRAKING.paths(position, moved, moved)
+        assert (path >= LOWER - 1e-9).all() and (path <= UPPER + 1e-9).all()
 
 
 @pytest.mark.parametrize(

@@ -48,12 +48,12 @@ class GatedRobot:
         return bool(np.array_equal(sent, goal))
 
     def way_through(self, goal: FloatArray) -> FloatArray:
-        """Servo angles (k, n), tick by tick, to a goal (n,) and on to rest at full deceleration."""
-        limits = self.robot.joint_map
-        step, change = goal - self.sent, limits.max_acceleration * DT**2
-        slower = np.maximum(np.abs(step) - np.arange(60)[:, None] * change, 0.0)
-        assert not slower[-1].any()
-        return np.asarray(self.sent + np.cumsum(np.copysign(slower, step), axis=0))
+        """Servo angles (k, n), tick by tick, to a goal (n,) and on to rest, as fast as the slowest joint can."""
+        step, change = goal - self.sent, self.robot.joint_map.max_acceleration * DT**2
+        ticks = max(1.0, float(np.ceil((np.abs(step) / change).max() - 1e-9)))
+        left = np.maximum(1.0 - np.arange(60) / ticks, 0.0)
+        assert left[-1] == 0.0
+        return np.asarray(self.sent + np.multiply.outer(np.cumsum(left), step))
 
     def standing(self, rows: FloatArray) -> FloatArray:
         """Postures (T, nq) with these servo angles (T, n), on the sole that is planted now."""
