@@ -14,6 +14,7 @@ import numpy as np
 
 from hardware.servo import loop_stiffness
 from retarget import rotations
+from retarget._solver import Probe
 from retarget.ik.support_polygon import Sole, Stance
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
@@ -26,6 +27,7 @@ UPWARD = np.array([0.0, 0.0, 9.81])
 
 
 NO_MOMENT = np.zeros(2)
+"""N m"""
 
 
 class GravityTorque:
@@ -88,6 +90,27 @@ def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:
     link = rotations.multiply(sole.orientation, rotations.conjugate(sole.frame.quat))
     turn = rotations.rotate(rotations.conjugate(link), np.eye(3)).T
     return turn, sole.frame.position - turn @ sole.position
+
+
+class LinkMasses:
+    """The masses of a robot's links, each in one point, and what their accelerations come to."""
+
+    def __init__(self, robot: RobotBody) -> None:
+        body = robot.body
+        links = np.flatnonzero(body.mass)
+        self._masses = body.mass[links]  # (k,) [kg]
+        self._probe = Probe(body.solver_body(), links.tolist(), body.com[links], [])
+
+    def places(self, q: FloatArray) -> FloatArray:
+        """Places (k, 3) m of the masses in a posture q (nq,)."""
+        return np.asarray(self._probe.read(q)[0])
+
+    def sums(self, places: FloatArray, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Acceleration (3,) m/s^2 of the centre of mass, and the rate (2,) N m, about x and y, of the angular momentum
+        about it, of masses at places (k, 3) with accelerations (k, 3)."""
+        total = self._masses.sum()
+        turning = self._masses @ np.cross(places - self._masses @ places / total, accelerations)
+        return self._masses @ accelerations / total, turning[:2]
 
 
 # Joint compliance: a position loop with a pure P gain is a spring.

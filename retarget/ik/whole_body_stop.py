@@ -11,10 +11,10 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from retarget._solver import Footing, Solver, Task
+from retarget._solver import Footing, Probe, Solver, Task
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import BodyModel, JointLimits
-from retarget.rotations import as_quat, as_vector
+from retarget.rotations import as_vector
 from retarget.types import BoolArray, FloatArray
 
 SOLE_M = 0.001
@@ -44,7 +44,7 @@ class Stopping:
     """
 
     def __init__(self, body: BodyModel, limits: JointLimits, stance: Stance, carrying: BoolArray) -> None:
-        """limits (nv,): those that the postures keep. carrying (nv,): the root and the joints of the legs."""
+        """limits (nv,): of the servos, which all postures keep. carrying (nv,): the root and the joints of the legs."""
         self._body = body.solver_body()
         self._joints = np.flatnonzero(body.scalar_joints()[0] & np.isfinite(limits.max_acceleration))
         self._slowness = 1.0 / limits.max_acceleration[self._joints]
@@ -56,11 +56,20 @@ class Stopping:
         planted = np.concatenate([sole.outline[few] for sole, few in soles])
         self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), stance.edges(0.0))
         self._solver = _solver(body, limits, stance)
-        self._targets = np.tile(_targets(self._solver, stance), (LONGEST + SPARE_TICKS, 1))
-        self._mass, self._place = (
-            slice(start + 1, stop) for start, stop in map(self._solver.target_slice, (1, 2), (0, 0))
-        )
+        frames = [sole.frame for sole in stance.soles]
+        bodies = [frame.body for frame in frames]
+        self._probe = Probe(self._body, bodies, np.array([frame.position for frame in frames]), bodies)
+        self._targets = np.zeros((LONGEST + SPARE_TICKS, self._solver.target_size))
+        slots = [self._slot(0, index) for index in range(2 * len(frames))]
+        self._soles, self._turned = slots[::2], slots[1::2]
+        self._mass, self._place = self._slot(1, 0), self._slot(2, 0)
         self.begin(stance.q)
+
+    def _slot(self, level: int, task: int) -> slice:
+        """Where the target of a task stands, which is there from now on."""
+        start, stop = self._solver.target_slice(level, task)
+        self._targets[:, start] = 1.0
+        return slice(start + 1, stop)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
         """Start anew in posture q (nq,), moving at velocity (nv,) per s; no stop trajectory is known from there."""
@@ -104,8 +113,8 @@ class Stopping:
         return True
 
     def _in_proportion(self, q: FloatArray, velocity: FloatArray, dt: float) -> FloatArray | None:
-        """Postures (k, nq) from q on, tick by tick, to rest: soles stay, the mass brakes in proportion, and all joints
-        as nearly as they can; None: they cannot come to rest in time."""
+        """Postures (k, nq) from q on, tick by tick, to rest: first soles that are off their places, then the mass brake
+        in proportion, and all joints as nearly as they can; None: they cannot come to rest in time."""
         mass_velocity = self._body.centre_of_mass_jacobian(q) @ velocity
         # The mass is braked by SOFT_STOP, but where that would take it farther than its capture point.
         time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / SOFT_STOP)
@@ -114,11 +123,17 @@ class Stopping:
             return None
         if ticks <= 1:
             return q[None]
-        mass, place = self._body.centre_of_mass(q[None])[0], q
-        targets = self._targets[: ticks - 1 + SPARE_TICKS]
+        soles, turned, mass = self._probe.read(q)
+        sole_velocities = (self._probe.read(self._body.integrate(q, dt * velocity))[0] - soles) / dt
+        targets, place = self._targets[: ticks - 1 + SPARE_TICKS], q
+        for goal, orientation in zip(self._turned, turned, strict=True):
+            targets[:, goal] = orientation
         for tick in range(len(targets)):
             left = max(1.0 - (tick + 1) / ticks, 0.0) * dt
-            mass, place = mass + left * mass_velocity, self._body.integrate(place, left * velocity)
+            soles, mass = soles + left * sole_velocities, mass + left * mass_velocity
+            place = self._body.integrate(place, left * velocity)
+            for goal, position in zip(self._soles, soles, strict=True):
+                targets[tick, goal] = position
             targets[tick, self._mass], targets[tick, self._place] = mass, place
         self._solver.reset(q, velocity)
         way = np.concatenate([q[None], self._solver.clip(targets, dt)])
@@ -165,7 +180,7 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance) -> Solver:
         frame = sole.frame
         planted += [
             Task.position(frame.body, as_vector(frame.position)),
-            Task.orientation(frame.body, as_quat(frame.quat)),
+            Task.orientation(frame.body),
         ]
     return Solver(
         body.solver_body(),
@@ -183,14 +198,3 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance) -> Solver:
 def _spread(outline: FloatArray) -> list[int]:
     """The corners of an outline (c, 2) that are farthest along its diagonals: enough to see a sole move or tilt."""
     return sorted({int(np.argmax(outline @ np.array(way))) for way in ((1, 1), (1, -1), (-1, 1), (-1, -1))})
-
-
-def _targets(solver: Solver, stance: Stance) -> FloatArray:
-    targets = np.zeros(solver.target_size)
-    planted = [goal for sole in stance.soles for goal in (sole.position, sole.orientation)]
-    for index, goal in enumerate(planted):
-        start, stop = solver.target_slice(0, index)
-        targets[start], targets[start + 1 : stop] = 1.0, goal
-    for level in (1, 2):
-        targets[solver.target_slice(level, 0)[0]] = 1.0
-    return targets

@@ -18,9 +18,8 @@ import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.servo import integral_rate, loop_lag
-from retarget._solver import Probe
 from retarget.ik.base_pose import SupportFootBase, plant_root
-from retarget.ik.gravity_torque import GravityTorque, joint_compliance
+from retarget.ik.gravity_torque import GravityTorque, LinkMasses, joint_compliance
 from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.robot.landmarks import standing_dofs
@@ -60,17 +59,14 @@ class DeflectionCompensation:
         """settle: time constant, s, of the load. steps: whether the robot may stand on either sole alone."""
         self._robot, self._dt, self._stance = robot, dt, stance
         self._load, self._either = GravityTorque(robot, stance), SupportFootBase(robot, stance) if steps else None
-        self._body = robot.body.solver_body()
-        body = robot.body
-        self._links = np.flatnonzero(body.mass)
-        self._share = body.mass[self._links] / body.total_mass  # (k,)
-        self._masses = Probe(self._body, self._links.tolist(), body.com[self._links], [])
+        self._masses = LinkMasses(robot)
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
-        self._compliance = joint_compliance(robot)
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
         self._rate = 1.0 / settle
-        self._lags, self._integral_rate = _loops(robot)
-        self._catch_up = dt / (dt + _waits(robot, self._lags))  # (n,) share of its lead that a joint loses in a tick
+        self._loops = _loops(robot)
+        self._catch_up = dt / (
+            dt + _waits(robot, self._loops.lag)
+        )  # (n,) share of its lead that a joint loses in a tick
         self.begin(np.zeros(len(robot.joint_map)))
 
     @property
@@ -80,7 +76,7 @@ class DeflectionCompensation:
 
     def begin(self, posture: FloatArray) -> None:
         """Begin at rest in a posture, rad (n,), with no offset."""
-        none, masses = np.zeros_like(posture), self._masses.read(self._standing(posture)[0])[0]
+        none, masses = np.zeros_like(posture), self._masses.places(self._standing(posture)[0])
         self._sent = _Proposal(posture, none, none, none, masses, np.zeros_like(masses))
         self._moved, self._ticks = none, 0  # [rad] of the compensation in the last tick; ticks since torque came on
 
@@ -123,7 +119,7 @@ class DeflectionCompensation:
         """Places (k, 3) m, velocities (k, 3) m/s and accelerations (k, 3) m/s^2 of the links' masses in a posture (nq,)
         that comes next. Second differences of a posture would be noise."""
         sent = self._sent
-        velocities = self._settled(sent.masses, sent.velocities, self._masses.read(q)[0])
+        velocities = self._settled(sent.masses, sent.velocities, self._masses.places(q))
         return sent.masses + self._dt * velocities, velocities, (velocities - sent.velocities) / self._dt
 
     def _compute(
@@ -133,15 +129,14 @@ class DeflectionCompensation:
         # Accelerations of the links load the legs as gravity does: that of the whole mass, and the rate of its angular
         # momentum, as of arms that swing or a trunk that bends.
         masses, velocities, accelerations = self._smoothed(q)
-        acceleration = np.clip(self._share @ accelerations, -MOST_ACCELERATION, MOST_ACCELERATION)
-        turning = np.cross(masses - self._share @ masses, accelerations)
-        moment = self._robot.body.total_mass * (self._share @ turning)[:2]
+        acceleration, moment = self._masses.sums(masses, accelerations)
+        acceleration = np.clip(acceleration, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration, moment=moment, heights=heights)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
-        wanted = np.clip(self._compliance @ torque - sent.integrated, -MOST_RAD, MOST_RAD)
-        lag = self._lags / self._dt * (posture - sent.posture)
-        integrated = sent.integrated + self._integral_rate * self._dt * (wanted + lag)
+        wanted = np.clip(self._loops.compliance @ torque - sent.integrated, -MOST_RAD, MOST_RAD)
+        lag = self._loops.lag / self._dt * (posture - sent.posture)
+        integrated = sent.integrated + self._loops.integral * self._dt * (wanted + lag)
         speed = self._settled(sent.compensated, self._moved / self._dt, wanted)
         most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
@@ -176,12 +171,22 @@ class DeflectionCompensation:
         return goal, kept
 
 
-def _loops(robot: RobotBody) -> tuple[FloatArray, FloatArray]:
-    """Of each servo's position loop: its lag (n,) s, and the rate (n,) 1/s of its I gain."""
+@dataclass(frozen=True, eq=False)
+class _Loops:
+    """The position loops of n servos. compliance (n, n): rad per N m; lag (n,): s; integral (n,): rate of the I gain,
+    1/s."""
+
+    compliance: FloatArray
+    lag: FloatArray
+    integral: FloatArray
+
+
+def _loops(robot: RobotBody) -> _Loops:
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     servos = [(servo, protocols[servo.bus]) for servo in robot.joint_map.servos]
     lags = [loop_lag(servo, protocol=protocol) for servo, protocol in servos]
-    return np.array(lags), np.array([integral_rate(servo, protocol=protocol) for servo, protocol in servos])
+    rates = [integral_rate(servo, protocol=protocol) for servo, protocol in servos]
+    return _Loops(joint_compliance(robot), np.array(lags), np.array(rates))
 
 
 def _waits(robot: RobotBody, lags: FloatArray) -> FloatArray:

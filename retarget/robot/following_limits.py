@@ -110,11 +110,9 @@ SAMPLES = 181
 """Angles at which a joint is tried."""
 
 
-def following_limits(
-    robot: RobotBody, stance: Stance, deflection_compensation: DeflectionCompensationSettings | None = None
-) -> JointLimits:
-    """Limits of every DoF (nv,). A free root has none; speeds are capped by the profile's share for following.
-    deflection_compensation: of a robot with mass; adds soft limits, and speeds of loaded and lagging servos."""
+def servo_limits(robot: RobotBody) -> JointLimits:
+    """The limits (nv,) of a robot's servos, with speeds capped by the profile's share for following. A free root has
+    none."""
     servos, body = robot.limits, robot.body
     dofs = [body.dof_index(joint) for joint in robot.joint_map.joints]
     columns = []
@@ -127,11 +125,19 @@ def following_limits(
         whole = np.full(body.nv, none)
         whole[dofs] = values
         columns.append(whole)
-    lower, upper, max_velocity, max_acceleration = columns
+    return JointLimits(*columns)
+
+
+def following_limits(
+    robot: RobotBody, stance: Stance, deflection_compensation: DeflectionCompensationSettings | None = None
+) -> JointLimits:
+    """Limits of every DoF (nv,): those of the servos, with knees and elbows kept bent. deflection_compensation: of a
+    robot with mass; adds soft limits, and speeds of loaded and lagging servos."""
+    limits = servo_limits(robot)
     for middle, ends in LIMBS.items():
         for side in ("l", "r"):
-            _keep_bent(robot, stance, [f"{side}_{part}" for part in (ends[0], middle, ends[1])], lower, upper)
-    limits = JointLimits(lower, upper, max_velocity, max_acceleration)
+            limb = [f"{side}_{part}" for part in (ends[0], middle, ends[1])]
+            _keep_bent(robot, stance, limb, limits.lower, limits.upper)
     if deflection_compensation is None:
         return limits
     limits = loaded_speed(robot, limits, speed_margin=deflection_compensation.speed_margin)

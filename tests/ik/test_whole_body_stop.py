@@ -5,7 +5,7 @@ import numpy as np
 from followers import DT, follow, follower, op3, performer, postures
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import GRAVITY, SOFT_STOP, SOLE_M, Stopping
-from retarget.robot.following_limits import following_limits
+from retarget.robot.following_limits import servo_limits
 from retarget.robot.landmarks import standing_dofs
 from retarget.types import FloatArray
 
@@ -16,7 +16,7 @@ def stance() -> Stance:
 
 def stopping() -> Stopping:
     where = stance()
-    return Stopping(op3().body, following_limits(op3(), where), where, standing_dofs(op3()))
+    return Stopping(op3().body, servo_limits(op3()), where, standing_dofs(op3()))
 
 
 def upward(speed: float) -> FloatArray:
@@ -61,7 +61,7 @@ def test_the_way_to_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> N
     before = velocity
     for _ in range(30):
         q, now = step(guard)
-        limits = following_limits(op3(), where).max_acceleration
+        limits = servo_limits(op3()).max_acceleration
         assert (np.abs(now - before) <= limits * DT * (1.0 + 1e-6)).all()
         for sole in where.soles:
             corners = op3().body.solver_body().points(q[None], [sole.frame.body] * len(sole.corners), sole.corners)[0]
@@ -72,7 +72,7 @@ def test_the_way_to_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> N
 
 def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
     guard, where = stopping(), stance()
-    arm, limits = op3().body.dof_index("l_sho_pitch"), following_limits(op3(), where)
+    arm, limits = op3().body.dof_index("l_sho_pitch"), servo_limits(op3())
     before = np.zeros(op3().body.nv)
     before[arm] = 3.0
     assert guard.admits(where.q, before, DT)
@@ -110,7 +110,7 @@ def test_the_mass_brakes_evenly_and_softly_whatever_the_limbs_do() -> None:
 
 def test_without_a_way_every_joint_brakes_within_its_limits() -> None:
     guard, where, before = stopping(), stance(), upward(0.6)
-    limits, q = following_limits(op3(), where).max_acceleration, where.q
+    limits, q = servo_limits(op3()).max_acceleration, where.q
     guard.begin(q, before)
     ticks = 0
     while np.abs(before[6:]).max() > 1e-9:

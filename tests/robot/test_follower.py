@@ -313,9 +313,9 @@ def test_a_jump_of_the_speed_override_is_no_jump_of_the_robot() -> None:
     """What moves goes on at its speed, and brakes from there: in following, and on the way to a stop."""
     for halts in (False, True):
         robot = begun()
-        rows = [robot.step(posture, DT).joint_positions for posture in human()[:200]]
+        rows = [robot.step(posture, DT).joint_positions for posture in human()[:205]]
         robot.set_speed_override(0.7)
-        q = robot.halt(DT) if halts else robot.step(human()[200], DT).q
+        q = robot.halt(DT) if halts else robot.step(human()[205], DT).q
         assert q is not None
         steps = np.diff([*rows[-2:], q[op3().servo_columns]], axis=0)
         assert np.abs(steps[0]).max() / DT > 1.0
