@@ -61,7 +61,7 @@ class Stopping:
         self._probe = Probe(self._body, bodies, np.array([frame.position for frame in frames]), bodies)
         self._targets = np.zeros((LONGEST + SPARE_TICKS, self._solver.target_size))
         slots = [self._slot(0, index) for index in range(2 * len(frames))]
-        self._soles, self._turned = slots[::2], slots[1::2]
+        self._soles = slots[::2] + slots[1::2]  # places, then orientations
         self._mass, self._place = self._slot(1, 0), self._slot(2, 0)
         self.begin(stance.q)
 
@@ -113,8 +113,8 @@ class Stopping:
         return True
 
     def _in_proportion(self, q: FloatArray, velocity: FloatArray, dt: float) -> FloatArray | None:
-        """Postures (k, nq) from q on, tick by tick, to rest: first soles that are off their places, then the mass brake
-        in proportion, and all joints as nearly as they can; None: they cannot come to rest in time."""
+        """Postures (k, nq) from q on, tick by tick, to rest: soles stay where they are, then the mass brakes in
+        proportion, and all joints as nearly as they can; None: they cannot come to rest in time."""
         mass_velocity = self._body.centre_of_mass_jacobian(q) @ velocity
         # The mass is braked by SOFT_STOP, but where that would take it farther than its capture point.
         time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / SOFT_STOP)
@@ -124,16 +124,13 @@ class Stopping:
         if ticks <= 1:
             return q[None]
         soles, turned, mass = self._probe.read(q)
-        sole_velocities = (self._probe.read(self._body.integrate(q, dt * velocity))[0] - soles) / dt
         targets, place = self._targets[: ticks - 1 + SPARE_TICKS], q
-        for goal, orientation in zip(self._turned, turned, strict=True):
-            targets[:, goal] = orientation
+        for goal, stays in zip(self._soles, (*soles, *turned), strict=True):
+            targets[:, goal] = stays
         for tick in range(len(targets)):
             left = max(1.0 - (tick + 1) / ticks, 0.0) * dt
-            soles, mass = soles + left * sole_velocities, mass + left * mass_velocity
+            mass = mass + left * mass_velocity
             place = self._body.integrate(place, left * velocity)
-            for goal, position in zip(self._soles, soles, strict=True):
-                targets[tick, goal] = position
             targets[tick, self._mass], targets[tick, self._place] = mass, place
         self._solver.reset(q, velocity)
         way = np.concatenate([q[None], self._solver.clip(targets, dt)])
