@@ -348,8 +348,8 @@ class Braking:
     ) -> None: ...
     def bounds(self, position: Floats, displacement: Floats) -> tuple[Floats, Floats]:
         """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
-    def ticks(self, displacement: Floats) -> int:
-        """Ticks of braking until all joints rest, 1 at least: as many as the slowest joint needs."""
+    def ticks(self, displacement: Floats) -> float:
+        """Ticks of braking until all joints rest, 1 at least: as many as the slowest needs at its full deceleration."""
     def braked(self, position: Floats, displacement: Floats) -> Floats:
         """The next displacement (n,) of braking in so many ticks. A joint that would leave its range so brakes
         earlier."""

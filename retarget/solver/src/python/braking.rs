@@ -68,8 +68,8 @@ impl PyBraking {
         Ok((PyArray1::from_vec(py, low), PyArray1::from_vec(py, high)))
     }
 
-    fn ticks(&self, displacement: Numbers<'_>) -> PyResult<usize> {
-        Ok(self.braking.ticks(self.joints(&displacement)?) as usize)
+    fn ticks(&self, displacement: Numbers<'_>) -> PyResult<f64> {
+        Ok(self.braking.ticks(self.joints(&displacement)?))
     }
 
     fn braked<'py>(
