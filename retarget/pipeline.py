@@ -213,7 +213,7 @@ class Pipeline:
 
     @property
     def stands(self) -> bool:
-        """Whether the last goals have not moved: nothing is left to brake."""
+        """Whether the last goals were for one posture: no motion is left to brake."""
         return self._motion is None or self._motion.commanded.stands
 
     def start(

@@ -22,10 +22,10 @@ from retarget.types import FloatArray
 
 CARRIES_BELOW_M = 0.002
 """A sole that is higher than this carries nothing. Up to there its share falls evenly, so that no torque jumps."""
-UPWARD = np.array([0.0, 0.0, 9.81])
+GRAVITY = 9.81
+"""m/s^2"""
+UPWARD = np.array([0.0, 0.0, GRAVITY])
 """m/s^2: what holds against gravity."""
-
-
 NO_MOMENT = np.zeros(2)
 """N m"""
 

@@ -12,6 +12,7 @@ from math import ceil, sqrt
 import numpy as np
 
 from retarget._solver import Footing, Probe, Solver, Task
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import BodyModel, JointLimits
 from retarget.rotations import as_vector
@@ -25,14 +26,12 @@ NO_WORSE_M = 1e-5
 """What is already beyond these bounds may go on, if it gets worse by no more than this, m."""
 SPARE_TICKS = 2
 """Ticks beyond those that the slowest joint needs, for soles and balance are kept first."""
-SOFT_STOP = 1.0
-"""Deceleration (m/s^2) of the centre of mass in a stop, which the soles surely bear."""
+BRAKING = 1.0
+"""Deceleration (m/s^2) with which the centre of mass can surely be stopped on its soles."""
 LONGEST = 100
 """Most ticks of a stop trajectory; a posture that takes longer to stop is not admitted."""
 STANDING = 1e-9
 """Speed (rad/s) below which a leg stands."""
-GRAVITY = 9.81
-"""m/s^2"""
 
 
 class Stopping:
@@ -60,8 +59,7 @@ class Stopping:
         bodies = [frame.body for frame in frames]
         self._probe = Probe(self._body, bodies, np.array([frame.position for frame in frames]), bodies)
         self._targets = np.zeros((LONGEST + SPARE_TICKS, self._solver.target_size))
-        slots = [self._slot(0, index) for index in range(2 * len(frames))]
-        self._soles = slots[::2] + slots[1::2]  # places, then orientations
+        self._soles = [self._slot(0, index) for index in range(2 * len(frames))]  # places, then orientations
         self._mass, self._place = self._slot(1, 0), self._slot(2, 0)
         self.begin(stance.q)
 
@@ -116,8 +114,8 @@ class Stopping:
         """Postures (k, nq) from q on, tick by tick, to rest: soles stay where they are, then the mass brakes in
         proportion, and all joints as nearly as they can; None: they cannot come to rest in time."""
         mass_velocity = self._body.centre_of_mass_jacobian(q) @ velocity
-        # The mass is braked by SOFT_STOP, but where that would take it farther than its capture point.
-        time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / SOFT_STOP)
+        # The mass is braked by BRAKING; a fast one in such a time that its zero-moment point is at its capture point.
+        time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / BRAKING)
         ticks = max(self._ticks(velocity, dt), time / dt)
         if ticks > LONGEST:
             return None
@@ -140,17 +138,13 @@ class Stopping:
         """Ticks in which all joints come to rest, braking in proportion: as many as the slowest of them needs."""
         return float(np.abs(velocity[self._joints] * self._slowness).max()) / dt
 
-    def has_trajectory(self, dt: float) -> bool:
-        """Return whether there is a stop trajectory to follow; it is computed where it is not known yet."""
-        return self._known or self.admits(self._way[0], self._velocity, dt)
-
     def follow(self, dt: float) -> tuple[FloatArray, FloatArray] | None:
         """Return the next posture (nq,) on the last stop trajectory, and its velocity (nv,) in rad/s and m/s; at its
         end the robot stands.
 
         None: no trajectory is known, and none is found now.
         """
-        if not self.has_trajectory(dt):
+        if not (self._known or self.admits(self._way[0], self._velocity, dt)):
             return None
         before = self._way[self._at]
         self._at = min(self._at + 1, len(self._way) - 1)
@@ -172,13 +166,9 @@ class Stopping:
 
 def _solver(body: BodyModel, limits: JointLimits, stance: Stance) -> Solver:
     """Soles first, then the centre of mass, then joints."""
-    planted = []
-    for sole in stance.soles:
-        frame = sole.frame
-        planted += [
-            Task.position(frame.body, as_vector(frame.position)),
-            Task.orientation(frame.body),
-        ]
+    frames = [sole.frame for sole in stance.soles]
+    places = [Task.position(frame.body, as_vector(frame.position)) for frame in frames]
+    planted = places + [Task.orientation(frame.body) for frame in frames]
     return Solver(
         body.solver_body(),
         [planted, [Task.centre_of_mass()], [Task.posture(np.ones(body.nv))]],

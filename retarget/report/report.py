@@ -142,7 +142,7 @@ class Report:
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
     servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks without
-    a goal, in which the gate braked each joint by itself; not among gated_frames. likeness_deg: angles between limbs of
+    a goal, in which the gate braked; not among gated_frames. likeness_deg: angles between limbs of
     the robot and of the performer; trunk_lean_deg: how far the trunk leans from where the performer's does; both while
     it followed. best_likeness_deg: the same of arms and `trunk_lean` at their best, as far as limits and self-collision
     allow with the trunk as asked; null where it was not asked for. travelled_m: diagonal of the ground that the pelvis

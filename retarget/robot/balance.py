@@ -10,9 +10,9 @@ height z, it stands while its zero-moment point p is in there (M. Vukobratovic a
 Both are half-spaces for the centre of mass after the tick, which the hierarchy keeps like any others: where more is
 asked, the robot lags.
 
-A capture point that is outside (a stop brakes as hard as servos can) only comes back in with the zero-moment point
-farther out. So from there the zero-moment point may go as far again beyond the edge, and does: with p = xi + (xi - d) n
-the distance outside falls as exp(-omega t).
+A capture point that is outside (a robot may begin there, and a stop may leave it there) only comes back in with the
+zero-moment point farther out. So from there the zero-moment point may go as far again beyond the edge, and does: with
+p = xi + (xi - d) n the distance outside falls as exp(-omega t).
 """
 
 from dataclasses import dataclass
@@ -23,25 +23,24 @@ from scipy.optimize import least_squares
 
 from retarget import rotations
 from retarget._solver import Probe
-from retarget.ik.gravity_torque import GravityTorque
+from retarget.ik.gravity_torque import GRAVITY, GravityTorque
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.tasks import CARRIES
+from retarget.ik.whole_body_stop import BRAKING
 from retarget.model.body import Frame, JointType
 from retarget.model.robot import RobotBody
 from retarget.robot.reference_governor import braking_displacement
 from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTask
 from retarget.types import FloatArray
 
-BRAKING = 1.0
-"""Deceleration (m/s^2) with which the centre of mass can surely be stopped before the edge of the support polygon."""
-GRAVITY = 9.81
-"""m/s^2"""
 BEYOND_M = 0.0003
 """m beyond an edge within which a capture point counts as inside: rounding."""
 HEAVE = 1.0
 """Greatest vertical acceleration of the centre of mass (m/s^2): soles then carry the weight within a tenth of it. A
 lighter sole slides, and a heavier one tilts."""
+HEAVE_ROWS = 2
+"""The last half-spaces of `moving_spaces`, which bound it."""
 RETURN_SHARE = 0.5
 """Share of the support polygon, about its middle, for the return to stance. A robot that begins it at the edge of the
 room in which it followed comes in only by pressing beyond that edge."""

@@ -67,7 +67,7 @@ class DeflectionCompensation:
         self._catch_up = dt / (
             dt + _waits(robot, self._loops.lag)
         )  # (n,) share of its lead that a joint loses in a tick
-        self.begin(np.zeros(len(robot.joint_map)))
+        self.begin(stance.q[robot.servo_columns])
 
     @property
     def offset(self) -> FloatArray:
@@ -80,10 +80,13 @@ class DeflectionCompensation:
         self._sent = _Proposal(posture, none, none, none, masses, np.zeros_like(masses))
         self._moved, self._ticks = none, 0  # [rad] of the compensation in the last tick; ticks since torque came on
 
-    def propose(self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """The goal (n,) that holds the robot in a posture (n,), rad."""
+    def propose(
+        self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """The goal (n,) that holds the robot in a posture (n,), and the change (n,) of what holds against the load,
+        rad."""
         goal, self._proposal = self._compute(posture, nearest)
-        return goal
+        return goal, self._proposal.compensated - self._sent.compensated
 
     def accept(self) -> None:
         """The goal proposed last was passed."""
@@ -91,16 +94,16 @@ class DeflectionCompensation:
         self._sent = self._proposal
         self._ticks += 1
 
-    def brake(self, goal: FloatArray, left: float) -> FloatArray:
-        """The posture (n,) that a goal holds, rad, of a robot that brakes: what holds against the load goes on by a
-        share `left` of its last change."""
-        self._moved = left * self._moved
-        posture = goal - self.offset - self._moved
+    def brake(self, goal: FloatArray, change: FloatArray) -> FloatArray:
+        """The posture (n,) that a goal holds, rad, of a robot that brakes: what holds against the load changes by
+        `change` (n,)."""
+        self._moved = change
+        posture = goal - self.offset - change
         masses, velocities, _ = self._smoothed(self._standing(posture)[0])
         self._sent = replace(
             self._sent,
             posture=posture,
-            compensated=self._sent.compensated + self._moved,
+            compensated=self._sent.compensated + change,
             masses=masses,
             velocities=velocities,
         )

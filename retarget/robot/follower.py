@@ -13,6 +13,7 @@ import numpy as np
 from retarget._solver import TrajectoryGenerator
 from retarget.human.samples import Parts
 from retarget.ik.base_pose import plant_root
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import FallbackHierarchy, Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import Stopping
@@ -22,9 +23,9 @@ from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import ITERATIONS, ArmBranches
-from retarget.robot.balance import GRAVITY, StandingBalance, StandingStrength, carrying_frames, standing_strength
+from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import Envelope, measure_envelope
-from retarget.robot.following_limits import following_limits, servo_limits
+from retarget.robot.following_limits import following_limits, stopping_limits
 from retarget.robot.landmarks import (
     AskedLandmarks,
     LandmarkMap,
@@ -250,7 +251,7 @@ class Follower:
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
         self._soles, still = OnSoles(balance), frozenset(soles)
         if legs_move:
-            stopping = partial(Stopping, robot.body, servo_limits(robot), carrying=carrying)
+            stopping = partial(Stopping, robot.body, stopping_limits(robot, limits), carrying=carrying)
             returns = "pelvis" in robot.profile.landmarks
             self._soles = OnSoles(
                 balance,
@@ -405,7 +406,7 @@ class Follower:
         stopping = self._soles.stopping
         if stopping is None:
             return None
-        if self._time.scale < 1.0:  # brake as hard as servos can, not as on a slow clock
+        if self._time.scale < 1.0:  # not as slowly as on a slow clock
             self.set_speed_override(1.0)
             stopping.begin(self._q, self.hierarchy.solver.velocity)
         step = stopping.follow(dt)
@@ -441,7 +442,7 @@ class Follower:
 
     def _safe(self, q: FloatArray, dt: float) -> FloatArray:
         """The posture q (nq,) if the robot can stop from it on its soles, else that of a fallback hierarchy, else the
-        next one of its stop. Where no stop trajectory is known, each joint brakes by itself, as the gate would do."""
+        next one of its stop. Where no stop trajectory is known, all joints brake in proportion."""
         stopping = self._soles.stopping
         if stopping is None or stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q

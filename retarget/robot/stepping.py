@@ -5,11 +5,12 @@ from math import exp, sqrt
 
 import numpy as np
 
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
 from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
-from retarget.robot.balance import GRAVITY, Edges, inside, moving_share, moving_spaces, one_leg_squat, shrunk
+from retarget.robot.balance import HEAVE_ROWS, Edges, inside, moving_share, moving_spaces, one_leg_squat, shrunk
 from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import AskedLandmarks, Reached
 from retarget.robot.reference_governor import Glide
@@ -78,8 +79,9 @@ class StepBalance:
         if region is self.both:
             return spaces
         # At the height of an even motion. Else a robot that may not go aside fast enough would throw up its arms.
-        spaces[:, 3] -= spaces[:, 2] * float(com[2] + velocity[2] * dt)
-        spaces[:, 2] = 0.0
+        edges = spaces[:-HEAVE_ROWS]
+        edges[:, 3] -= edges[:, 2] * float(com[2] + velocity[2] * dt)
+        edges[:, 2] = 0.0
         return spaces
 
     def pressed(self, region: Edges) -> Edges:

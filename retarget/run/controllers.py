@@ -71,7 +71,7 @@ class Commanded:
 
     @property
     def stands(self) -> bool:
-        """Whether nothing is left to brake."""
+        """Whether its posture is the one before: no motion is left to brake."""
         return self.stood_s > 0.0
 
     def take(self, goal: CheckedGoal, target: Target | None, *, on_soles: bool) -> None:
@@ -349,11 +349,11 @@ class WholeBodyStop(Controller):
         self._columns = robot.servo_columns
 
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """Return the next target of the stop trajectory; None: the robot stands, or there is none, and the gate brakes
-        each joint by itself."""
+        """Return the next target of the stop trajectory, which of a robot that stands is where it is; None: there is
+        none, and the gate brakes."""
         if self._commanded.stands:
             self._follower.pass_time(self._dt)
-            return None
+            return Target(self._commanded.joints, self._commanded.q)
         if self._approach.part is ApproachPart.STRAIGHT:
             self._follower.pass_time(self._dt)
             return self._approach.brake()
@@ -534,7 +534,7 @@ class RobotMotion:
 
     def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
         """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot
-        stops on its soles where the follower leads it, else each joint brakes by itself."""
+        stops on its soles where the follower leads it, else the gate brakes."""
         goal = self._passed(target)
         if goal is None and self._is_led_on_soles(state):
             self._follower.reseed(self.commanded.q.copy(), self.commanded.velocity.copy())

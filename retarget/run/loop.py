@@ -253,7 +253,7 @@ class Loop:
             self._machine.guard.latch(StopCause.SOURCE, text_of(error))
 
     def _brake(self) -> None:
-        """Go on braking in a tick that has failed, each joint by itself."""
+        """Go on braking in a tick that has failed."""
         machine = self._machine
         self._part = StopCause.FILTER
         goal = self._unwritten() or machine.gate.brake()

@@ -29,17 +29,19 @@ class Compensation(Protocol):
         """Begin without an offset in a posture, rad (n,)."""
         ...
 
-    def propose(self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """The goal (n,) for a posture (n,), rad. nearest: the goal within the gate's limits that is nearest to one."""
+    def propose(
+        self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """The goal (n,) for a posture (n,), rad, and how much of the change of its offset goes on in braking, rad (n,).
+        nearest: the goal within the gate's limits that is nearest to one."""
         ...
 
     def accept(self) -> None:
         """The goal proposed last was passed."""
         ...
 
-    def brake(self, goal: FloatArray, left: float) -> FloatArray:
-        """The posture that a goal holds, rad (n,), of a robot that brakes: the offset goes on by a share `left` of its
-        last change."""
+    def brake(self, goal: FloatArray, change: FloatArray) -> FloatArray:
+        """The posture that a goal holds, rad (n,), of a robot that brakes, whose offset changes by `change`, (n,)."""
         ...
 
 
@@ -53,8 +55,8 @@ class Gate:
     checked on the goal, and clearance on the posture that it holds.
 
     All joints brake in proportion, in as many ticks as the slowest needs, so that the robot goes on along its way. The
-    braking trajectory follows from positions and velocities alone: what was verified when a goal passed is what `brake`
-    follows.
+    braking trajectory follows from positions, velocities and the change of the offset alone: what was verified when a
+    goal passed is what `brake` follows.
     """
 
     def __init__(
@@ -113,12 +115,14 @@ class Gate:
         target = np.array(target, dtype=np.float64, order="C")
         compensation = self._compensation
         # First the limits, which cost microseconds, then the sweep for collision, which costs most of a check.
-        goal = target if compensation is None else compensation.propose(target, self._nearest)
+        goal, change = target, self._offset_change
+        if compensation is not None:
+            goal, change = compensation.propose(target, self._nearest)
         displacement = self._admitted(goal)
-        if displacement is None or not self._is_clear(displacement, goal - target):
+        if displacement is None or not self._is_clear(displacement, goal - target, change):
             return None
         if compensation is not None:
-            self._offset_change = goal - target - compensation.offset
+            self._offset_change = change
             compensation.accept()
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
         self._joints, self.displacement = goal, displacement
@@ -126,12 +130,12 @@ class Gate:
 
     def brake(self) -> CheckedGoal:
         """The next goal of the last verified braking trajectory; once at rest, the same goal for ever."""
-        left = 1.0 - 1.0 / self._braking.ticks(self.displacement)
+        self._offset_change = (1.0 - 1.0 / self._braking.ticks(self.displacement)) * self._offset_change
         self.displacement = self._braking.braked(self._joints, self.displacement)
         self._joints = self._joints + self.displacement
         posture = self._joints
         if self._compensation is not None:
-            posture, self._offset_change = self._compensation.brake(posture, left), left * self._offset_change
+            posture = self._compensation.brake(posture, self._offset_change)
         return self._make(posture, passed=False)
 
     def _admitted(self, goal: FloatArray) -> FloatArray | None:
@@ -144,8 +148,9 @@ class Gate:
         lo, hi = self._braking.bounds(self._joints, self.displacement)
         return np.asarray(np.minimum(np.maximum(goal, self._joints + lo), self._joints + hi))
 
-    def _is_clear(self, displacement: FloatArray, offset: FloatArray) -> bool:
-        """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal."""
+    def _is_clear(self, displacement: FloatArray, offset: FloatArray, change: FloatArray) -> bool:
+        """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal; change
+        (n,): of it, that goes on."""
         if self.clearance is None:
             return True
         # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off,
@@ -154,7 +159,7 @@ class Gate:
         if self._compensation is not None:
             before = self._compensation.offset
             path[0] -= before
-            path[1:] -= offset + self._going_on(displacement, offset - before, len(path) - 1)
+            path[1:] -= offset + self._going_on(displacement, change, len(path) - 1)
             instead -= before + self._going_on(self.displacement, self._offset_change, len(instead))
         return self.clearance(path, instead)
 

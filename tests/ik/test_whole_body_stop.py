@@ -3,8 +3,9 @@
 import numpy as np
 
 from followers import DT, follow, follower, op3, performer, postures
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance, plant
-from retarget.ik.whole_body_stop import GRAVITY, SOFT_STOP, SOLE_M, Stopping
+from retarget.ik.whole_body_stop import BRAKING, SOLE_M, Stopping
 from retarget.robot.following_limits import servo_limits
 from retarget.robot.landmarks import standing_dofs
 from retarget.types import FloatArray
@@ -100,7 +101,7 @@ def test_the_mass_brakes_evenly_and_softly_whatever_the_limbs_do() -> None:
         first = body.centre_of_mass_jacobian(q) @ velocity
         changes = np.diff(speeds, axis=0, prepend=first[None])
         height = float(body.centre_of_mass(q[None])[0, 2])
-        soft = max(SOFT_STOP, float(np.linalg.norm(first)) / np.sqrt(height / GRAVITY)) * DT
+        soft = max(BRAKING, float(np.linalg.norm(first)) / np.sqrt(height / GRAVITY)) * DT
         assert np.linalg.norm(changes, axis=1).max() < 1.05 * soft + 1e-4
         across = speeds - np.outer(speeds @ first, first) / (first @ first)
         assert np.linalg.norm(across, axis=1).max() < 0.005

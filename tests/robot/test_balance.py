@@ -10,6 +10,7 @@ from scipy.linalg import null_space
 from scipy.optimize import linprog
 
 from followers import DT, dimensions, follower, op3, performer, postures
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.balance import (
@@ -21,13 +22,11 @@ from retarget.robot.balance import (
     leg_joints,
     one_leg_load,
 )
-from retarget.robot.balance import GRAVITY as STANDING_BALANCE_GRAVITY
 from retarget.robot.follower import Follower
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
-GRAVITY = 9.81
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -94,7 +93,7 @@ def test_a_mass_that_goes_as_far_as_it_may_stays_over_the_soles(angle: float, tu
     before = com = np.array([*middle, HEIGHT])
     for turn in np.repeat(turns, 5):
         after = farthest(keeps.spaces(com, (com - before) / DT, DT), turn * way, com)
-        zmp = com - HEIGHT / STANDING_BALANCE_GRAVITY * (after - 2.0 * com + before) / DT**2
+        zmp = com - HEIGHT / GRAVITY * (after - 2.0 * com + before) / DT**2
         assert support_distance(zmp, shrunk()) > -1e-6
         before, com = com, after
 
@@ -103,9 +102,7 @@ def test_at_the_edge_of_its_room_a_return_to_stance_may_push_it_in() -> None:
     """The zero-moment point has to go beyond that edge for it."""
     keeps, still, (nx, ny, offset) = balance(), np.zeros(3), balance()._room[0]
     com = np.array([nx * offset, ny * offset, HEIGHT])
-    inward = (
-        com - np.array([nx, ny, 0.0]) * STANDING_BALANCE_GRAVITY / HEIGHT * 0.005 * DT**2
-    )  # as from 5 mm farther out
+    inward = com - np.array([nx, ny, 0.0]) * GRAVITY / HEIGHT * 0.005 * DT**2  # as from 5 mm farther out
     follows, to_stance = keeps.spaces(com, still, DT), keeps.spaces(com, still, DT, to_stance=True)
     assert (follows[:, :3] @ inward > follows[:, 3]).any()
     assert (to_stance[:, :3] @ inward <= to_stance[:, 3]).all()
@@ -124,9 +121,9 @@ def test_from_outside_there_is_a_way_back_in(away: float, edge: int) -> None:
         found = linprog(way, spaces[:, :2], room_left, bounds=(None, None))
         assert found.success, "there is always somewhere to go"
         after = com + 1e-6 * np.array([*found.x, 0.0])
-        zmp = com - HEIGHT / STANDING_BALANCE_GRAVITY * (after - 2.0 * com + before) / DT**2
+        zmp = com - HEIGHT / GRAVITY * (after - 2.0 * com + before) / DT**2
         assert support_distance(zmp, keeps.edges) > -1e-6
-        capture = after + (after - com) / DT * np.sqrt(HEIGHT / STANDING_BALANCE_GRAVITY)
+        capture = after + (after - com) / DT * np.sqrt(HEIGHT / GRAVITY)
         before, com = com, after
         if support_distance(capture, room) > -BEYOND_M:
             return
@@ -139,7 +136,7 @@ def zmp_outside(robot: Follower) -> float:
     robot.start(human[0])
     com = np.array([robot.step(posture, DT).centre_of_mass for posture in human])
     push = (com[2:] - 2.0 * com[1:-1] + com[:-2]) / DT**2
-    zmp = com[1:-1] - com[1:-1, 2:] / (STANDING_BALANCE_GRAVITY + push[:, 2:]) * push
+    zmp = com[1:-1] - com[1:-1, 2:] / (GRAVITY + push[:, 2:]) * push
     return float((support_distance(zmp, shrunk()) < -5e-3).mean())
 
 

@@ -14,11 +14,11 @@ from followers import DT, Followed, assert_within_limits, collect, dimensions, o
 from hardware.clock import VirtualClock
 from retarget.cli.buses import PhysicsBench
 from retarget.human.samples import Playback
-from retarget.ik.gravity_torque import GravityTorque
+from retarget.ik.gravity_torque import GRAVITY, GravityTorque
 from retarget.ik.support_polygon import convex_hull, plant, support_distance
 from retarget.ik.tasks import SUPPORT_EDGES
 from retarget.report.measure import measure
-from retarget.robot.balance import GRAVITY, SUSTAINED, StandingStrength
+from retarget.robot.balance import SUSTAINED, StandingStrength
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import CONTACT_WAIT_S, StepState
 from retarget.robot.stepping import HIGH, LOW, WAY, StepBalance, SwingFoot, WeightShift

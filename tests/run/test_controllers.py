@@ -194,9 +194,11 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     stop = WholeBodyStop(op3(), driven.follower, driven.commanded, approach, dt=DT)
     for _ in range(60):
         driven.take(approach.target(None, speed_override=1.0))
-    while (target := stop.target(None, speed_override=1.0)) is not None:
-        assert target.q is None and driven.take(target)
-    assert driven.commanded.stands
+    while not driven.commanded.stands:
+        target = stop.target(None, speed_override=1.0)
+        assert target is not None and target.q is None and driven.take(target)
+    stays = stop.target(None, speed_override=1.0)
+    assert stays is not None and np.array_equal(stays.joints, driven.commanded.joints)
     driven.assert_straight()
     approach.part, halted = ApproachPart.SETTLING, standing() + 0.0
     driven.follower.halt = lambda dt: halted  # type: ignore[method-assign]

@@ -471,7 +471,7 @@ def returning(rig: Rig, step: float) -> None:
 
 
 def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
-    """The follower brakes the whole body there: each joint by itself would tip the robot."""
+    """The follower brakes the whole body there: joints alone would move its soles."""
     fault = MockFault(FaultKind.ALERT, 220, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
     rig = Rig(still(), faults=(fault,), goes_to_rest=True)
     returning(rig, 0.3 * rig.dt)

@@ -119,7 +119,7 @@ def test_a_goal_that_is_not_finite_stops_nothing_and_is_not_sent() -> None:
     record = play(Rig(script)).record
     robot = record.robot
     assert robot is not None
-    assert np.flatnonzero(robot.no_command[record.following]).tolist() == [20, 21]
+    assert np.flatnonzero(robot.no_command[record.following]).tolist() == [20]
     assert np.isfinite(robot.q).all() and not robot.gated.any()
 
 

@@ -105,7 +105,7 @@ def test_a_goal_from_which_no_braking_is_left_is_refused() -> None:
     assert np.all(sent(gate) <= MAP.upper)
 
 
-def test_a_refusal_brakes_every_joint_at_full_deceleration() -> None:
+def test_a_refusal_brakes_at_full_deceleration() -> None:
     gate = make()
     for k in range(1, 6):
         admit(gate, sent(gate) + k * CHANGE)
@@ -220,14 +220,16 @@ class NotedCompensation:
     def begin(self, posture: FloatArray) -> None:
         pass
 
-    def propose(self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def propose(
+        self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
         self.asked.append(posture)
-        return posture
+        return posture, np.zeros(4)
 
     def accept(self) -> None:
         pass
 
-    def brake(self, goal: FloatArray, left: float) -> FloatArray:
+    def brake(self, goal: FloatArray, change: FloatArray) -> FloatArray:
         return goal
 
 

@@ -112,7 +112,8 @@ impl Braking {
 
     /// Ticks that the slowest joint needs to come to rest at its full deceleration, 1 at least.
     pub fn ticks(&self, displacement: &[f64]) -> f64 {
-        displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change).fold(1.0, f64::max)
+        let slowest = displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change).fold(1.0, f64::max);
+        slowest.min(self.rows as f64) // one that is too fast brakes by itself
     }
 
     /// The next displacement of all joints that brake in proportion, so that they go on along their way and come to rest together; one
