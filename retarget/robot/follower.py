@@ -25,7 +25,7 @@ from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import ITERATIONS, ArmBranches
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import Envelope, measure_envelope
-from retarget.robot.following_limits import following_limits, stopping_limits
+from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import (
     AskedLandmarks,
     LandmarkMap,
@@ -251,7 +251,7 @@ class Follower:
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
         self._soles, still = OnSoles(balance), frozenset(soles)
         if legs_move:
-            stopping = partial(Stopping, robot.body, stopping_limits(robot, limits), carrying=carrying)
+            stopping = partial(Stopping, robot.body, servo_limits(robot), carrying=carrying)
             returns = "pelvis" in robot.profile.landmarks
             self._soles = OnSoles(
                 balance,

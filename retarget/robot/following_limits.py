@@ -145,14 +145,6 @@ def following_limits(
     return soft_limits(robot, limits, margin=deflection_compensation.soft_limits)
 
 
-def stopping_limits(robot: RobotBody, limits: JointLimits) -> JointLimits:
-    """The limits (nv,) of a robot that stops, and follows within `limits`: legs keep those, all other joints may go on
-    to the ends of their servos' ranges."""
-    servos, legs = servo_limits(robot), standing_dofs(robot)
-    ends = [np.where(legs, kept, end) for kept, end in ((limits.lower, servos.lower), (limits.upper, servos.upper))]
-    return replace(servos, lower=ends[0], upper=ends[1])
-
-
 def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatArray, upper: FloatArray) -> None:
     """Draw in the limit (nv,) of a limb's middle joint on its straight side, if the profile has its frames."""
     body = robot.body
