@@ -30,6 +30,8 @@ BRAKING = 1.0
 """Deceleration (m/s^2) with which the centre of mass can surely be stopped on its soles."""
 LONGEST = 100
 """Most ticks of a stop trajectory; a posture that takes longer to stop is not admitted."""
+ROUND_OFF = 1e-9
+"""Angle (rad) beyond its limit at which a joint that rests there may seem to be."""
 STANDING = 1e-9
 """Speed (rad/s) below which a leg stands."""
 
@@ -42,11 +44,17 @@ class Stopping:
     out, the mass would be thrown.
     """
 
-    def __init__(self, body: BodyModel, limits: JointLimits, stance: Stance, carrying: BoolArray) -> None:
-        """limits (nv,): of the servos, which all postures keep. carrying (nv,): the root and the joints of the legs."""
+    def __init__(
+        self, body: BodyModel, limits: JointLimits, widest: JointLimits, stance: Stance, carrying: BoolArray
+    ) -> None:
+        """limits (nv,): that a stop keeps which begins within them, else `widest` (nv,), those of the servos. carrying
+        (nv,): the root and the joints of the legs."""
         self._body = body.solver_body()
-        self._joints = np.flatnonzero(body.scalar_joints()[0] & np.isfinite(limits.max_acceleration))
-        self._slowness = 1.0 / limits.max_acceleration[self._joints]
+        single, columns = body.scalar_joints()
+        self._joints = np.flatnonzero(single & np.isfinite(widest.max_acceleration))
+        self._slowness = 1.0 / widest.max_acceleration[self._joints]
+        self._columns = columns[self._joints]
+        self._ends = limits.lower[self._joints] - ROUND_OFF, limits.upper[self._joints] + ROUND_OFF
         self._legs = self._joints[carrying[self._joints]]
         self._height = float(self._body.centre_of_mass(stance.q[None])[0, 2])
         soles = [(sole, _spread(sole.outline)) for sole in stance.soles]
@@ -54,7 +62,9 @@ class Stopping:
         local = np.concatenate([sole.corners[few] for sole, few in soles])
         planted = np.concatenate([sole.outline[few] for sole, few in soles])
         self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), stance.edges(0.0))
-        self._solver = _solver(body, limits, stance)
+        ends = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
+        self._solvers = _solver(body, ends, stance), _solver(body, widest, stance)
+        self._solver = self._solvers[0]
         frames = [sole.frame for sole in stance.soles]
         bodies = [frame.body for frame in frames]
         self._probe = Probe(self._body, bodies, np.array([frame.position for frame in frames]), bodies)
@@ -130,6 +140,9 @@ class Stopping:
             mass = mass + left * mass_velocity
             place = self._body.integrate(place, left * velocity)
             targets[tick, self._mass], targets[tick, self._place] = mass, place
+        lowest, highest = self._ends
+        joints = q[self._columns]
+        self._solver = self._solvers[bool(((joints < lowest) | (joints > highest)).any())]
         self._solver.reset(q, velocity)
         way = np.concatenate([q[None], self._solver.clip(targets, dt)])
         return None if self._ticks(self._solver.velocity, dt) > 1.0 else way

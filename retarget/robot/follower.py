@@ -251,7 +251,7 @@ class Follower:
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
         self._soles, still = OnSoles(balance), frozenset(soles)
         if legs_move:
-            stopping = partial(Stopping, robot.body, servo_limits(robot), carrying=carrying)
+            stopping = partial(Stopping, robot.body, limits, servo_limits(robot), carrying=carrying)
             returns = "pelvis" in robot.profile.landmarks
             self._soles = OnSoles(
                 balance,

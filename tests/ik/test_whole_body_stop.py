@@ -6,7 +6,7 @@ from followers import DT, follow, follower, op3, performer, postures
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import BRAKING, SOLE_M, Stopping
-from retarget.robot.following_limits import servo_limits
+from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import standing_dofs
 from retarget.types import FloatArray
 
@@ -17,7 +17,7 @@ def stance() -> Stance:
 
 def stopping() -> Stopping:
     where = stance()
-    return Stopping(op3().body, servo_limits(op3()), where, standing_dofs(op3()))
+    return Stopping(op3().body, following_limits(op3(), where), servo_limits(op3()), where, standing_dofs(op3()))
 
 
 def upward(speed: float) -> FloatArray:
