@@ -168,6 +168,7 @@ def measure(run: RunResult) -> Report:
 class _Ways(TypedDict):
     hand_path_ratio: float | None
     pelvis_excursion_ratio: float | None
+    pelvis_height_mm: Spread | None
     foot_path_ratio: float | None
     travelled_m: BothMoved
     turned_deg: BothMoved
@@ -177,9 +178,11 @@ def _ways(run: RunResult) -> _Ways:
     """How far robot and performer got."""
     names, asked, reached = run.followed
     moved, (travelled, turned) = _moved(run, reached), _travel(run)
+    heights = _pelvis_heights(run, moved)
     return {
         "hand_path_ratio": _hand_path_ratio(names, asked, moved),
-        "pelvis_excursion_ratio": _pelvis_excursion_ratio(run, moved),
+        "pelvis_excursion_ratio": None if heights is None else tracking.excursion_ratio(*heights),
+        "pelvis_height_mm": None if heights is None else _spread(MM * np.abs(heights[1] - heights[0])),
         "foot_path_ratio": _foot_path_ratio(run),
         "travelled_m": travelled,
         "turned_deg": turned,
@@ -194,18 +197,18 @@ def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
     return robot.points(q, robot.landmark_frames(sent.landmark_names))
 
 
-def _pelvis_excursion_ratio(run: RunResult, moved: FloatArray) -> float | None:
-    """By the heights of the pelvis: a robot's landmark, or of the recorded body and the human."""
+def _pelvis_heights(run: RunResult, moved: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Heights (T,) m of the pelvis, asked and reached: of a robot's landmark, or of the recorded body and the human."""
     sent, human, truth = run.record.robot, run.record.human, run.human_truth
     if sent is not None:
         if "pelvis" not in sent.landmark_names:
             return None
         column = sent.landmark_names.index("pelvis")
-        return tracking.excursion_ratio(sent.landmarks_asked[:, column, 2], moved[:, column, 2])
+        return sent.landmarks_asked[:, column, 2], moved[:, column, 2]
     if truth is None or "pelvis" not in human.joint_names:
         return None
     column = human.joint_names.index("pelvis")
-    return tracking.excursion_ratio(truth[:, column, 2], human.joints[:, column, 2])
+    return truth[:, column, 2], human.joints[:, column, 2]
 
 
 def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:

@@ -111,6 +111,13 @@ FOLLOWS: list[tuple[dict[str, Any], bool, str]] = [
         "follows, with feet that stay (the performer travels 3.2 m), 20° turned of the performer's 180°",
     ),
     ({"reachable_hands_mm": {"worse": 0.3 * 230.0}}, True, "follows, with a hand 69 mm off"),
+    ({"pelvis_height_mm": Spread(2.0, 20.0, 90.0)}, True, "follows"),
+    (
+        {"pelvis_height_mm": Spread(9.0, 60.0, 90.0)},
+        True,
+        "follows, with its pelvis 60 mm too high or low (p95)",
+    ),
+    ({"pelvis_height_mm": Spread(9.0, 95.0, 99.0)}, False, "does not follow: its pelvis 95 mm too high or low (p95)"),
 ]
 
 
@@ -122,7 +129,7 @@ def test_a_sentence_says_whether_it_follows(
         "likeness_deg": {"upper_arms": Spread(5.0, 9.0, 12.0)},
         "trunk_lean_deg": Spread(2.0, 4.0, 5.0),
     }
-    alike |= {"reachable_hands_mm": None, "hand_path_ratio": 1.0, "pelvis_excursion_ratio": None}
+    alike |= {"reachable_hands_mm": None, "hand_path_ratio": 1.0, "pelvis_height_mm": None}
     found = of("following", run, replace(report, **(alike | differs)))
     assert (found.measured, found.kept) == (words, kept)
 

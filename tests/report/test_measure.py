@@ -172,6 +172,8 @@ def test_what_moved_is_the_simulated_body_and_not_what_was_sent() -> None:
     still = measure(replace(run, physics=frozen))
     assert still.hand_path_ratio == 0.0 and not still.pelvis_excursion_ratio and not still.foot_path_ratio
     assert (still.travelled_m.robot, still.turned_deg.robot) == (0.0, 0.0)
+    assert moved.pelvis_height_mm is not None and still.pelvis_height_mm is not None
+    assert still.pelvis_height_mm.p95 > 2.0 * moved.pelvis_height_mm.p95
 
 
 @pytest.mark.long
