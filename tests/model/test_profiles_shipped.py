@@ -171,6 +171,16 @@ def test_no_pair_of_observers_is_in_contact_where_it_stands(name: str) -> None:
     assert (observers.pair_margin > 1e-4).all()
 
 
+def test_the_margins_of_wolfgang_let_its_hips_bend_as_in_rest() -> None:
+    """With 5 mm about torso and thighs it could lean or squat, not both."""
+    robot = load_robot("wolfgang")
+    observers, postures = robot_observers(robot), robot.profile.postures
+    margin = max(observers.margin[observers.names.index(name)] for name in ("torso", "l_thigh", "r_thigh"))
+    for bend in np.linspace(0.0, postures.rest["LHipPitch"], 100):
+        q = robot.posture({**postures.stand, "LHipPitch": bend, "RHipPitch": -bend})
+        assert not contacts(robot.body, observers, None, q, deeper_than=-margin)
+
+
 def test_its_left_is_the_mirror_image_of_its_right(body: PosedBody) -> None:
     """In random postures whose left mirrors the right; joints without a twin turn if their axis lies across."""
     body.pose({})

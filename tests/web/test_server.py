@@ -73,7 +73,7 @@ class Page:
         where = urlsplit(self.address)
         how = {"origin": f"{where.scheme}://{where.netloc}"} | how
         scheme = "wss" if where.scheme == "https" else "ws"
-        with client.connect(f"{scheme}://{where.netloc}{where.path}ws", **how) as socket:
+        with client.connect(f"{scheme}://{where.netloc}{where.path}ws", open_timeout=WAIT_S, **how) as socket:
             browser = Browser(socket)
             browser.say(say="hello", input=kind, id=name)
             yield browser
