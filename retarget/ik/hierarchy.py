@@ -341,11 +341,12 @@ Build = Callable[[Priorities, BoolArray], Hierarchy]
 #
 # Where limbs meet, the tasks that separate them come before the soles, and may ask for more than legs can do with
 # planted soles. Then the same targets are solved with the level of the soles first; the gate keeps limbs apart that
-# this does not separate. Where legs may not move at all, the parts above them go on. Else a robot whose limbs meet
-# could stand still for ever.
+# this does not separate. Where legs may not move at all, the parts above them go on, and separate limbs before all else.
+# Else a robot whose limbs meet could stand still for ever.
 #
-# A robot that stands still because a goal was refused is solved once with the separation of limbs before all else. What
-# soles, balance or strength ask for first, and cannot have at once, may be what brings limbs together, tick after tick.
+# A robot that stands still because a goal was refused is solved once with the separation of limbs before all else, first
+# with its legs, then with the parts above them alone. What soles, balance or strength ask for first, and cannot have at
+# once, may be what brings limbs together, tick after tick.
 
 
 class FallbackHierarchy:
@@ -358,24 +359,24 @@ class FallbackHierarchy:
         """soles: names of their frames. carrying (nv,): root and legs."""
         every, self._first = np.arange(first.solver.target_size), first
 
-        def in_order(order: list[int]) -> tuple[Hierarchy, IntArray]:
+        def in_order(order: list[int], locked: BoolArray) -> tuple[Hierarchy, IntArray]:
             levels = tuple(priorities.levels[k] for k in order)
-            hierarchy = build(priorities.model_copy(update={"levels": levels}), np.zeros_like(carrying))
+            hierarchy = build(priorities.model_copy(update={"levels": levels}), locked)
             return hierarchy, np.concatenate([every[first.spans[k]] for k in order])
 
-        self._planted, self._from = in_order(soles_first(priorities.levels, soles))
-        self._separated, self._separated_from = in_order(separated_first(priorities.levels, soles))
-        self._above = build(priorities, carrying)
+        free, apart = np.zeros_like(carrying), separated_first(priorities.levels, soles)
+        self._planted = in_order(soles_first(priorities.levels, soles), free)
+        self._separated, self._above = in_order(apart, free), in_order(apart, carrying)
         self.obstacles: ObstaclePoses | None = None
-        self.separate = False
+        self.separate = self._separates = False
 
     def first(self, targets: FloatArray, q: FloatArray, dt: float) -> FloatArray:
         """The first posture (nq,) to try, `dt` s after q (nq,); the first hierarchy is there from then on."""
         solver = self._first.solver
-        if not self.separate:
+        self._separates, self.separate = self.separate, False
+        if not self._separates:
             return solver.frame(targets, dt)
-        self.separate = False
-        there, velocity = self._solve(self._separated, targets[self._separated_from], q, solver.velocity, dt)
+        there, velocity = self._solve(self._separated, targets, q, solver.velocity, dt)
         solver.reset(there, velocity)
         return there
 
@@ -386,17 +387,20 @@ class FallbackHierarchy:
 
         targets: of the first hierarchy. velocity (nv,): at q. stands: whether the legs stand still.
         """
-        yield self._solve(self._planted, targets[self._from], q, velocity, dt)
+        if not self._separates:
+            yield self._solve(self._planted, targets, q, velocity, dt)
         if stands:
             yield self._solve(self._above, targets, q, velocity, dt)
 
     def _solve(
-        self, hierarchy: Hierarchy, targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float
+        self, ordered: tuple[Hierarchy, IntArray], targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float
     ) -> tuple[FloatArray, FloatArray]:
+        """ordered: a hierarchy, and where its targets are among those of the first one."""
+        hierarchy, places = ordered
         if self.obstacles is not None:
             hierarchy.set_obstacles(self.obstacles)
         hierarchy.solver.reset(q, velocity)
-        return hierarchy.solver.frame(targets, dt), hierarchy.solver.velocity
+        return hierarchy.solver.frame(targets[places], dt), hierarchy.solver.velocity
 
 
 def soles_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
