@@ -38,32 +38,32 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 """Unit vector, world."""
 
 
-def calibrate(frames: SensorFrames, *, mass: float | None = None) -> HumanDimensions:
+def calibrate(frames: SensorFrames) -> HumanDimensions:
     """The performer's size: from the skeleton where the source has one, else from the frame most like a rest pose.
 
     A recording without a rest pose gives average proportions at the stature of its tallest frame; `origin` says so.
     Raises InputError: not a human, or sensors missing.
     """
     if frames.skeleton is not None:
-        return dimensions_from_skeleton(frames.skeleton, mass=mass, source=frames.source)
+        return dimensions_from_skeleton(frames.skeleton, source=frames.source)
     candidates = find_rest_frames(frames)
     # The best candidate may still be no rest pose: the fit is the judge, and the next one gets its chance.
     for at in candidates:
         names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
         position = frames.position[at, frames.valid[at]]
         try:
-            return fit_rest_pose(names, position, mass=mass, source=frames.source).dimensions
+            return fit_rest_pose(names, position, source=frames.source).dimensions
         except InputError:
             continue
     # No one looks taller than they are, so the tallest frame is the nearest to the truth.
     stature = max(standing_stature(frames, at) for at in candidates)
-    usual = proportional_dimensions(stature, mass=mass)
+    usual = proportional_dimensions(stature)
     check_plausible(usual, source=frames.source)
     return replace(usual, origin=f"{usual.origin} (no rest pose in {frames.source})")
 
 
-def dimensions_from_skeleton(skeleton: Skeleton, *, mass: float | None = None, source: str = "") -> HumanDimensions:
-    """Every length that the skeleton has, exactly; the rest from its stature. `mass`: kg, if known.
+def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDimensions:
+    """Every length that the skeleton has, exactly; the rest from its stature.
 
     Raises InputError: joints missing, not standing upright facing x, or not of a human's size and shape.
     """
@@ -80,7 +80,7 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, mass: float | None = None, s
     result = HumanDimensions(
         offset=offset,
         stature=stature,
-        mass=default_mass(stature) if mass is None else mass,
+        mass=default_mass(stature),
         origin=f"skeleton of {source}" if source else "skeleton",
     )
     check_plausible(result, source=source)

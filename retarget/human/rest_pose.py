@@ -169,12 +169,11 @@ def fit_rest_pose(
     position: FloatArray,
     *,
     loose: Sequence[str] = (),
-    mass: float | None = None,
     stature: float | None = None,
     source: str = "",
 ) -> RestFit:
     """Fit a person to sensors at rest. names: k canonical sensor names; position (k, 3) m, world, z up. loose: those
-    that sit beside their joints, at unknown offsets. mass, kg, and stature, m: if known.
+    that sit beside their joints, at unknown offsets. stature: m, if known.
 
     Head and wrists are needed, ankles should be there. Raises InputError: sensors missing, or no upright human.
     """
@@ -221,7 +220,7 @@ def fit_rest_pose(
     unusual = float(np.abs(prior(fit, bend)[:7]).max())
     points = body_points(fit)
     _check_fit(points[columns] + offset - position, unusual, source=source)
-    return RestFit(_dimensions(fit, mass=mass, source=source), offset, _arms(points))
+    return RestFit(_dimensions(fit, source=source), offset, _arms(points))
 
 
 def _arms(points: FloatArray) -> FloatArray:
@@ -321,13 +320,13 @@ def _check_fit(misfit: FloatArray, unusual: float, *, source: str) -> None:
         )
 
 
-def _dimensions(parameters: FloatArray, *, mass: float | None, source: str) -> HumanDimensions:
+def _dimensions(parameters: FloatArray, *, source: str) -> HumanDimensions:
     offset = offsets(parameters)
     stature = stature_of(offset)
     arms = parameters[ANGLES].reshape(4, 2, 2)[:2, 0, 0]
     return HumanDimensions(
         offset=offset,
         stature=stature,
-        mass=default_mass(stature) if mass is None else mass,
+        mass=default_mass(stature),
         origin=f"{rest_pose_name(float(arms.mean()))}-pose of the sensors" + (f" of {source}" if source else ""),
     )

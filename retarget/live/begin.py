@@ -42,7 +42,7 @@ class LiveOptions:
     """How a live run begins.
 
     patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
-    stopped. mirror: swap left and right. mass, kg, and stature, m, of the performer: if known. smoothing: a name of
+    stopped. mirror: swap left and right. stature: m, of the performer, if known. smoothing: a name of
     `playout.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. use_generated_legs: see `WebDecoder`.
     person: name under which the size is kept, None: it is not kept. recalibrate: measure also a person who was measured
     before. check_sides: ask for the left arm first. Raises UsageError for a countdown or a stature out of range.
@@ -52,7 +52,6 @@ class LiveOptions:
     countdown: float = 3.0
     duration: float | None = None
     mirror: bool = False
-    mass: float | None = None
     stature: float | None = None
     smoothing: str = LIGHT
     latest: bool = False
@@ -321,7 +320,7 @@ class Beginning:
         if skeleton is None:
             return None
         try:
-            return dimensions_from_skeleton(skeleton, mass=self.options.mass, source=self.where)
+            return dimensions_from_skeleton(skeleton, source=self.where)
         except InputError as error:
             self.notify(f"the stream's skeleton is not used: {error}")
             return None
@@ -344,7 +343,7 @@ class Beginning:
                 continue
             look = now + TRY_S
             try:
-                found = capture.result(mass=self.options.mass, stature=self.options.stature, size=size)
+                found = capture.result(stature=self.options.stature, size=size)
             except InputError as error:
                 problem = error.problems[0]
                 tries[problem.what] += 1

@@ -182,11 +182,9 @@ class RestCapture:
             self._times.popleft()
             self._samples.popleft()
 
-    def result(
-        self, *, mass: float | None = None, stature: float | None = None, size: HumanDimensions | None = None
-    ) -> Calibrated:
-        """Return size (m) and alignment of the performer. mass, kg, and stature, m: if known. size: the known size,
-        which is only checked.
+    def result(self, *, stature: float | None = None, size: HumanDimensions | None = None) -> Calibrated:
+        """Return size (m) and alignment of the performer. stature: m, if known. size: the known size, which is only
+        checked.
 
         Raises InputError: no fresh data, not still, not standing in a rest pose, or not of that size.
         """
@@ -217,9 +215,7 @@ class RestCapture:
             loose = [names[row] for row in rows if names[row] in self._loose and np.isfinite(turns[row]).all()]
             counted = [names[row] for row in rows]
             try:
-                fit = fit_rest_pose(
-                    counted, standing[rows], loose=loose, mass=mass, stature=stature, source=self._where
-                )
+                fit = fit_rest_pose(counted, standing[rows], loose=loose, stature=stature, source=self._where)
             except InputError:
                 self._refuse_crooked(at)
                 raise

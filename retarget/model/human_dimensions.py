@@ -192,7 +192,7 @@ def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:
     return replace(dimensions, offset=dimensions.offset[columns] * np.array([1.0, -1.0, 1.0]))
 
 
-def proportional_dimensions(stature: float, *, mass: float | None = None) -> HumanDimensions:
+def proportional_dimensions(stature: float) -> HumanDimensions:
     """A person of average proportions of this stature (m)."""
     offset = np.array([TABLES["offsets"][kind_of(name)] for name in POINTS]) * stature
     right = [POINTS.index(name) for name in ("r_shoulder", "r_hip")]
@@ -200,7 +200,7 @@ def proportional_dimensions(stature: float, *, mass: float | None = None) -> Hum
     return HumanDimensions(
         offset=offset,
         stature=stature,
-        mass=default_mass(stature) if mass is None else mass,
+        mass=default_mass(stature),
         origin=f"average proportions at a stature of {stature:.2f} m",
     )
 

@@ -1,6 +1,7 @@
 """The size of a performer as a file: what is written is read, the one before stays, and nonsense is refused."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def written(stature: float = 1.8, *, name: str = "anna", date: str = "2026-01-31") -> Path:
-    size = proportional_dimensions(stature, mass=64.0)
+    size = replace(proportional_dimensions(stature), mass=64.0)
     return write_person(person_of(name, size, sensors=FIVE, date=date))
 
 
@@ -34,7 +35,7 @@ def test_what_is_written_is_read(own: Path) -> None:
     assert read_person("anna") is None
     standing = at_rest(proportional_dimensions(1.68), 0.2)
     places = np.array([standing[name] for name in FIVE])
-    size = fit_rest_pose(FIVE, places, mass=61.5, source="vmc://:1").dimensions
+    size = replace(fit_rest_pose(FIVE, places, source="vmc://:1").dimensions, mass=61.5)
     person = person_of("anna", size, sensors=FIVE, date="2026-01-31")
     assert write_person(person) == own / "anna.yaml" == person_path("anna")
     read = read_person("anna")
@@ -48,7 +49,7 @@ def test_what_is_written_is_read(own: Path) -> None:
 @settings(max_examples=40)
 @given(stature=st.floats(0.6, 2.5), mass=st.floats(2.5, 390.0), name=st.from_regex(r"[\w-]{1,40}", fullmatch=True))
 def test_every_human_survives_the_file(stature: float, mass: float, name: str) -> None:
-    person = person_of(name, proportional_dimensions(stature, mass=mass), sensors=FIVE, date="2026-12-31")
+    person = person_of(name, replace(proportional_dimensions(stature), mass=mass), sensors=FIVE, date="2026-12-31")
     write_person(person)
     assert read_person(name) == person
 

@@ -92,7 +92,7 @@ def compiled(dimensions: HumanDimensions) -> mujoco.MjModel:
 
 
 def test_each_segment_has_its_share_of_the_mass() -> None:
-    model = compiled(proportional_dimensions(1.75, mass=70.0))
+    model = compiled(replace(proportional_dimensions(1.75), mass=70.0))
     for segment in SEGMENTS:
         sides = ("",) if segment.body in ("pelvis", "spine", "chest", "neck") else ("l_", "r_")
         for side in sides:
@@ -101,7 +101,7 @@ def test_each_segment_has_its_share_of_the_mass() -> None:
 
 
 def test_limbs_have_their_centre_and_radius_of_gyration_from_the_table() -> None:
-    person = proportional_dimensions(1.75, mass=70.0)
+    person = replace(proportional_dimensions(1.75), mass=70.0)
     model = compiled(person)
     thigh = model.body("l_hip")
     assert_allclose(thigh.ipos, 0.433 * person.of("l_knee"), atol=1e-9)
