@@ -147,8 +147,6 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
 
 WEB_PORT = 8790
 """TCP port of the page of `web://`, where it is free."""
-NATNET_COMMAND_PORT = 1510
-"""Where Motive listens for requests."""
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"
 LONGEST = 4096

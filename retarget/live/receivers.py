@@ -7,17 +7,16 @@ import errno
 import itertools
 import socket
 import struct
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 from hardware.clock import wall_to_monotonic
 from hardware.realtime import PROCESSES, named_process
 from retarget.errors import InputError
-from retarget.live.address import EVERYWHERE, NATNET_COMMAND_PORT, StreamAddress, interface_towards, listed_interfaces
+from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, listed_interfaces
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
 from retarget.sources.natnet_session import NatnetSession
+from retarget.sources.natnet_wire import COMMAND_PORT
 from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
 
 # The process that holds a port of this machine, as far as this user may see it (Linux).
@@ -27,22 +26,22 @@ MOST_SOCKETS = 100_000
 """Bounds of the search."""
 
 
-def port_holder(port: int, processes: Path = PROCESSES) -> str:
+def port_holder(port: int) -> str:
     """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
-    wanted = {f"socket:[{inode}]" for inode in _inodes(port, processes)}
+    wanted = {f"socket:[{inode}]" for inode in _inodes(port)}
     found: list[str] = []
-    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
+    for process in itertools.islice(PROCESSES.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
         with suppress(OSError):
             if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
-                found.append(named_process(process.name, processes))
+                found.append(named_process(process.name))
     return ", ".join(sorted(found)) or "another process"
 
 
-def _inodes(port: int, processes: Path) -> set[str]:
+def _inodes(port: int) -> set[str]:
     """Inode numbers of the sockets bound to a port: columns `local_address` and `inode` of /proc/net/udp."""
     inodes = set()
     for table in ("udp", "udp6"):
-        with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
+        with suppress(OSError), (PROCESSES / "net" / table).open(encoding="ascii", errors="replace") as lines:
             for line in itertools.islice(lines, 1, MOST_SOCKETS):
                 words = line.split()
                 if len(words) > 9 and words[1].endswith(f":{port:04X}"):
@@ -160,21 +159,19 @@ class UdpReceiver:
     """A socket that is polled by the loop.
 
     dropped: what was not passed on, by reason. overflowed: datagrams that the kernel lost because they were not fetched
-    in time. bound: address and port of the socket. `wall_offset`: see `hardware.clock.wall_to_monotonic`; it is None
-    where `now` is not of the machine's monotonic clock, and arrival is then the time of the poll.
+    in time. bound: address and port of the socket.
     """
 
     finished = False
     """A sender may always send again."""
 
-    def __init__(self, address: StreamAddress, *, wall_offset: Callable[[], int] | None = wall_to_monotonic) -> None:
+    def __init__(self, address: StreamAddress) -> None:
         """Open the socket. Raises InputError, see `open_socket`."""
         self.dropped = Dropped()
         self.overflowed = 0
         self._socket = open_socket(address)
         self.bound: Source = self._socket.getsockname()
-        self._wall_offset = wall_offset
-        self._offset = 0
+        self._offset = 0  # [ns] to be added to the wall clock
         self._measured = float("-inf")
         self._emptied = float("-inf")
         """When the socket was last found empty: what is read after that arrived after that."""
@@ -196,8 +193,8 @@ class UdpReceiver:
 
     def poll(self, now: float) -> list[Datagram]:
         """What has arrived until `now` (s), oldest first, at most MOST_PER_POLL datagrams and MOST_BYTES_PER_POLL."""
-        if self._wall_offset is not None and now - self._measured >= REMEASURE_S:
-            self._offset, self._measured = self._wall_offset(), now
+        if now - self._measured >= REMEASURE_S:
+            self._offset, self._measured = wall_to_monotonic(), now
         found: list[Datagram] = []
         room = MOST_BYTES_PER_POLL
         receive = self._socket.recvmsg
@@ -228,7 +225,7 @@ class UdpReceiver:
         for _, kind, content in control:
             if kind == SO_RXQ_OVFL and len(content) == COUNTER.size:
                 self.overflowed = COUNTER.unpack(content)[0]
-            elif kind == SO_TIMESTAMPNS and len(content) == TIMESPEC.size and self._wall_offset is not None:
+            elif kind == SO_TIMESTAMPNS and len(content) == TIMESPEC.size:
                 seconds, nanoseconds = TIMESPEC.unpack(content)
                 arrival = self._checked((seconds * 1_000_000_000 + nanoseconds + self._offset) * 1e-9, now)
         return arrival
@@ -259,13 +256,7 @@ class NatnetReceiver:
 
     finished = False
 
-    def __init__(
-        self,
-        address: StreamAddress,
-        *,
-        command_port: int = NATNET_COMMAND_PORT,
-        wall_offset: Callable[[], int] | None = wall_to_monotonic,
-    ) -> None:
+    def __init__(self, address: StreamAddress, *, command_port: int = COMMAND_PORT) -> None:
         """Open the sockets; nothing is sent yet. Raises InputError, see `open_socket`."""
         assert address.kind == "natnet" and address.host is not None
         self.session = NatnetSession(group=None if address.multicast is None else (address.multicast, address.port))
@@ -274,11 +265,11 @@ class NatnetReceiver:
         self._server = (address.host, command_port)
         self._frames: UdpReceiver | None = None
         commands = replace(address, bind=address.interface, port=0, multicast=None)
-        self._commands = UdpReceiver(commands, wall_offset=wall_offset)
+        self._commands = UdpReceiver(commands)
         self.bound = self._commands.bound
         if address.multicast is not None:
             try:
-                self._frames = UdpReceiver(address, wall_offset=wall_offset)
+                self._frames = UdpReceiver(address)
             except InputError:
                 self._commands.close()
                 raise
