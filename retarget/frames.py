@@ -85,8 +85,8 @@ JOINTS: tuple[str, ...] = (
 )
 """Canonical joint names."""
 
-_REFLECT_POSITION = np.array([1.0, -1.0, 1.0])
-_REFLECT_QUATERNION = np.array([1.0, -1.0, 1.0, -1.0])
+REFLECT_POSITION = np.array([1.0, -1.0, 1.0])
+REFLECT_QUATERNION = np.array([1.0, -1.0, 1.0, -1.0])
 """Factors of (x, y, z) and (w, x, y, z) that reflect in the plane y = 0: y changes its sign, and turns about x and z
 do."""
 
@@ -265,15 +265,15 @@ class SensorFrames:
         joints, skeleton = self.joints, self.skeleton
         if joints is not None:
             joint_names, order = _mirror_order(joints.names)
-            joints = JointTracks(joint_names, joints.position[:, order] * _REFLECT_POSITION)
+            joints = JointTracks(joint_names, joints.position[:, order] * REFLECT_POSITION)
         if skeleton is not None:
             joint_names, order = _mirror_order(skeleton.names)
-            skeleton = Skeleton(joint_names, skeleton.position[order] * _REFLECT_POSITION)
+            skeleton = Skeleton(joint_names, skeleton.position[order] * REFLECT_POSITION)
         there = self._columns(names, columns)
         return replace(
             there,
-            position=there.position * _REFLECT_POSITION,
-            orientation=there.orientation * _REFLECT_QUATERNION,
+            position=there.position * REFLECT_POSITION,
+            orientation=there.orientation * REFLECT_QUATERNION,
             joints=joints,
             skeleton=skeleton,
         )

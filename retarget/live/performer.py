@@ -9,7 +9,14 @@ import numpy as np
 
 from hardware.clock import Clock, TickTiming
 from retarget.errors import UsageError
-from retarget.frames import SensorFrames, SensorSample, mirrored_name, on_grid
+from retarget.frames import (
+    REFLECT_POSITION,
+    REFLECT_QUATERNION,
+    SensorFrames,
+    SensorSample,
+    mirrored_name,
+    on_grid,
+)
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
 from retarget.human.sensor_intake import IntakeTimes
@@ -70,9 +77,6 @@ of `ReacquisitionBlend`, no faster than `speed`, m/s: an elbow then uses at most
 SILENCE_S = LIMITS.silent_after
 PLAYED_S = 0.05
 """A recording is over this long after its last datagram; the playout delay is less."""
-_REFLECT = np.array([1.0, -1.0, 1.0])
-_REFLECT_TURN = np.array([1.0, -1.0, 1.0, -1.0])
-"""Factors of (x, y, z) and (w, x, y, z) that reflect in the plane y = 0."""
 
 
 def live_sample(
@@ -89,7 +93,7 @@ def live_sample(
     valid = reading.fresh if weight is None else reading.fresh & (weight > 0.0)
     if mirror:
         order = [names.index(mirrored_name(name)) for name in names]
-        position, orientation = position[order] * _REFLECT, orientation[order] * _REFLECT_TURN
+        position, orientation = position[order] * REFLECT_POSITION, orientation[order] * REFLECT_QUATERNION
         valid = valid[order]
         weight = None if weight is None else weight[order]
     return SensorSample(names, position, orientation, valid, weight)
