@@ -56,6 +56,8 @@ class PlayoutDelay:
         return self._delay
 
 
+DEPTH = 64
+"""Poses of each sensor that are kept."""
 EXTRAPOLATION_S = 0.050
 AHEAD_S = 0.100
 """A capture time farther after its arrival than this is wrong."""
@@ -86,10 +88,10 @@ class Playout:
     must blend. A frame that was overtaken is sorted in; what was already played stays played.
     """
 
-    def __init__(self, count: int, *, delay: PlayoutDelay | None = None, depth: int = 64) -> None:
+    def __init__(self, count: int, *, delay: PlayoutDelay | None = None) -> None:
         self.dropped = Dropped()
         self._delay = delay
-        self._ring = PoseRing(count, depth=depth, extrapolation=EXTRAPOLATION_S)
+        self._ring = PoseRing(count, depth=DEPTH, extrapolation=EXTRAPOLATION_S)
         self._now = self._at = -inf
 
     @property

@@ -23,6 +23,7 @@ STILL_M = 1e-3
 """Least way, m, that is asked of a landmark whose path is judged: less says nothing about moving."""
 ENDS = (2.0, 98.0)
 """Percentiles between which a range lies: one bad frame in fifty is no range."""
+LONGEST_LAG_S = 1.0
 COARSE = 4
 """Lags are looked at in steps of so many ticks first: no body moves so fast that a peak is narrower."""
 
@@ -77,15 +78,15 @@ def foot_path_ratio(asked: FloatArray, reached: FloatArray, dt: float) -> float 
     return paths[1] / paths[0] if paths[0] > 0.0 else None
 
 
-def lag(asked: FloatArray, reached: FloatArray, dt: float, *, longest: float = 1.0) -> float | None:
+def lag(asked: FloatArray, reached: FloatArray, dt: float) -> float | None:
     """Time (s) by which tracks reached (T, k, 3) m trail those asked, where their cross-correlation is highest.
 
-    All coordinates together, each about its mean over the ticks compared; lags from 0 to `longest` s, between ticks by
-    a parabola. None where either stands still, or the correlation still rises at the last lag: the run is too short.
+    All coordinates together, each about its mean over the ticks compared; lags from 0 to LONGEST_LAG_S, between ticks
+    by a parabola. None where either stands still, or the correlation still rises at the last lag: the run is too short.
     """
     known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
     a, b = (track[known].reshape(np.count_nonzero(known), 3 * track.shape[1]) for track in (asked, reached))
-    steps = min(round(longest / dt), len(a) // 2)
+    steps = min(round(LONGEST_LAG_S / dt), len(a) // 2)
     if steps < 2 or _spread(a) < STILL_M or _spread(b) < STILL_M:
         return None
     coarse = range(0, steps + 1, COARSE)

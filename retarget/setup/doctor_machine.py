@@ -6,7 +6,7 @@ import importlib
 import os
 import platform
 import stat
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -202,10 +202,10 @@ def python_findings() -> list[Finding]:
     return [python, finding("wheel", version=retarget.__version__)]
 
 
-def frame_findings(measure: "Callable[[], float] | None" = None) -> list[Finding]:
-    """CPU time of both stages for a frame. measure: returns s; None: `seconds_per_frame`."""
+def frame_findings() -> list[Finding]:
+    """CPU time of both stages for a frame."""
     try:
-        return [finding("solver", ms=1e3 * (measure or seconds_per_frame)())]
+        return [finding("solver", ms=1e3 * seconds_per_frame())]
     except ImportError:
         return []
 

@@ -111,7 +111,7 @@ def capture_stream(stream: LiveStream, *, clock: Clock, seconds: float) -> Strea
     """
     capture = StreamCapture(stream, clock.now())
     sample_at = capture.began
-    while (now := clock.now()) <= capture.began + seconds and not getattr(stream.receiver, "finished", False):
+    while (now := clock.now()) <= capture.began + seconds and not stream.receiver.finished:
         for datagram in stream.receiver.poll(now):
             _take(capture, datagram, now)
         if now >= sample_at:
@@ -284,7 +284,6 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[Finding]:
     arrivals = np.array([frame.arrival for frame in frames])
     gaps, seconds = np.diff(arrivals), float(arrivals[-1] - arrivals[0])
     p50, p99 = 1e3 * np.percentile(np.abs(gaps - np.median(gaps)), (50, 99))
-    finished = getattr(capture.stream.receiver, "finished", False)
     found = findings(
         "rate",
         "jitter",
@@ -299,7 +298,7 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[Finding]:
         count=np.count_nonzero(gaps > SILENCE_S),
         silence=SILENCE_S,
         longest=gaps.max(),
-        quiet=0.0 if finished else capture.ended - capture.frames[-1].arrival,
+        quiet=0.0 if capture.stream.receiver.finished else capture.ended - capture.frames[-1].arrival,
         usual=max(SILENCE_S, 3.0 * float(np.median(gaps))),
     )
     return found + _loss(kind, frames) + _clock(kind, frames, capture, seconds)

@@ -24,6 +24,7 @@ from retarget.errors import InputError, UsageError
 from retarget.schema.files import refuse_existing
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
+OPTION = "--record-raw"
 MAX_UNWRITTEN = 4 * 2**20
 """Bytes that a writer holds before it drops: six seconds of SlimeVR."""
 MAX_ADDRESS = 1024
@@ -67,9 +68,9 @@ class RawWriter:
     stops the robot.
     """
 
-    def __init__(self, path: Path, *, url: str, option: str = "--record-raw") -> None:
+    def __init__(self, path: Path, *, url: str) -> None:
         """Start a new file. url: the stream's address. Raises UsageError if it exists already or cannot be written."""
-        refuse_existing(path, option=option)
+        refuse_existing(path, option=OPTION)
         text = url.encode("utf-8")[:MAX_ADDRESS]
         self.lost = 0
         self.error = ""
@@ -79,10 +80,10 @@ class RawWriter:
         try:
             self._file: IO[bytes] = path.open("xb", buffering=0)
         except (OSError, ValueError) as error:
-            raise _unwritable(path, option, getattr(error, "strerror", None) or str(error)) from None
+            raise _unwritable(path, getattr(error, "strerror", None) or str(error)) from None
         self.flush()
         if self.error:
-            raise _unwritable(path, option, self.error)
+            raise _unwritable(path, self.error)
 
     def append(self, payload: bytes, *, time_ns: int, address: str, port: int) -> None:
         """Take one datagram. time_ns: local monotonic. address: IPv4 or IPv6, as the socket gave it."""
@@ -114,8 +115,8 @@ class RawWriter:
         self._file.close()
 
 
-def _unwritable(path: Path, option: str, reason: str) -> UsageError:
-    return UsageError(f"cannot write this file ({reason})", where=option, found=str(path))
+def _unwritable(path: Path, reason: str) -> UsageError:
+    return UsageError(f"cannot write this file ({reason})", where=OPTION, found=str(path))
 
 
 class RawReader:

@@ -153,14 +153,14 @@ def chosen_speeds(place: Place, only: Only) -> list[Speed]:
     return all_speeds(protocols, baud, first=own)
 
 
-def check_speed(protocol: int | None, baud: int | None, *, option: str = "--baud") -> None:
+def check_speed(protocol: int | None, baud: int | None) -> None:
     """Raise UsageError for a protocol that there is not, and for a speed that no servo (of it) has."""
     if protocol is not None and protocol not in PROTOCOLS:
         raise UsageError("no such protocol", where="--protocol", found=protocol, allowed="1, 2")
     possible = PROTOCOLS if protocol is None else (protocol,)
     if baud is not None and not any(has_speed(one, baud) for one in possible):
-        rates = sorted({rate for one in possible for rate in BAUDS[one]})
-        raise UsageError("no such speed: no servo has it", where=option, found=baud, allowed=", ".join(map(str, rates)))
+        allowed = ", ".join(map(str, sorted({rate for one in possible for rate in BAUDS[one]})))
+        raise UsageError("no such speed: no servo has it", where="--baud", found=baud, allowed=allowed)
 
 
 def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[str, Line]:
