@@ -367,7 +367,7 @@ def _standing(run: RunResult) -> _Standing:
     stand = motion_metrics.standing_of(robot, sent.q)
     known = stand.margin[np.isfinite(stand.margin)]
     height = max(float(np.abs(sole.position[:, 2]).max()) for sole in stand.soles)
-    tilt = max(float(motion_metrics.sole_tilt(sole).max()) for sole in stand.soles)
+    tilt = max(float(motion_metrics.tilt(sole.orientation).max()) for sole in stand.soles)
     return _Standing(
         com_outside_support_frames=int(np.count_nonzero(stand.outside)),
         foot_slide_mm=MM * max(motion_metrics.foot_slide(sole) for sole in stand.soles),

@@ -116,9 +116,9 @@ def sole_corners(sole: Sole) -> FloatArray:
     return np.asarray(sole.position[:, None] + rotations.rotate(sole.orientation[:, None], local))
 
 
-def sole_tilt(sole: Sole) -> FloatArray:
-    """Angle (T,) rad between a sole and the ground."""
-    upward = rotations.rotate(sole.orientation, np.array([0.0, 0.0, 1.0]))
+def tilt(orientation: FloatArray) -> FloatArray:
+    """Angle (T,) rad between the z axis of a frame, with orientation (T, 4) wxyz, and the vertical."""
+    upward = rotations.rotate(orientation, np.array([0.0, 0.0, 1.0]))
     return np.asarray(np.arccos(np.clip(upward[:, 2], -1.0, 1.0)))
 
 

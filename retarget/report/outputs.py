@@ -85,7 +85,7 @@ class Outputs:
             ("report", self.report, lambda path: write_report(report, path)),
             ("run", self.save, lambda path: write_npz(run, path)),
             ("page", self.page, lambda path: write_page(run, report, path, figures=figures())),
-            ("picture", self.plots, lambda path: write_plots(run, path, figures=figures())),
+            ("picture", self.plots, lambda path: write_plots(figures(), path)),
         ]
         lines: list[str] = []
         problems: list[str] = []

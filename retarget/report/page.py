@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from hardware.errors import counted
 from retarget.report.animation import animation_of
 from retarget.report.findings import findings, moments
-from retarget.report.plots import figures_of
 from retarget.report.report import Report, Spread
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
@@ -58,16 +57,15 @@ LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
 
-def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[str, Figure] | None = None) -> None:
+def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[str, Figure]) -> None:
     """Write the page of a run, whole or not at all, into its folder, made if need be. Raises UsageError if that cannot
     be."""
     make_folder(path.parent, option="--report")
     write_atomic(path, page_html(run, report, figures=figures).encode(), option="--report")
 
 
-def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] | None = None) -> str:
-    """The page of a run. Every text of the run in it is escaped. figures: of the run, where they are drawn already."""
-    shown = figures_of(run) if figures is None else figures
+def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) -> str:
+    """The page of a run. Every text of the run in it is escaped. figures: as of `plots.figures_of`."""
     found = findings(run, report)
     limits = [finding for finding in found if finding.kept is not None]
     animation, tracking, script = animation_of(run), _tracking(report), _script()
@@ -84,7 +82,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure] |
         moments=moments(run),
         animation=animation,
         motion=None if animation is None else asdict(animation),
-        drawings={name: drawn(figure, name) for name, figure in shown.items() if name != "poses"},
+        drawings={name: drawn(figure, name) for name, figure in figures.items() if name != "poses"},
         tracking=tracking,
         longest_bar=max([LEAST_BAR, *(spread.p95 for block in tracking.values() for spread in block.values())]),
         style=(FOLDER / "page.css").read_text(encoding="utf-8"),

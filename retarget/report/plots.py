@@ -531,15 +531,12 @@ def figures_of(run: RunResult) -> dict[str, Figure]:
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
-def write_plots(run: RunResult, folder: Path, *, figures: Mapping[str, Figure] | None = None) -> list[Path]:
-    """Write every picture that has something to show, as PNG files in `folder`, made if need be.
-
-    figures: those of `figures_of`, where they are drawn already. Raises UsageError if they cannot be written.
-    """
+def write_plots(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
+    """Write pictures, by name, as PNG files in `folder`, made if need be. Raises UsageError if that cannot be."""
     written = []
     make_folder(folder, option="--plots")
     try:
-        for name, figure in (figures_of(run) if figures is None else figures).items():
+        for name, figure in figures.items():
             path = folder / f"{name}.png"
             save_figure(figure, path)
             written.append(path)

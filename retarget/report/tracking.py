@@ -176,7 +176,9 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
     elif robot is not None and sent is not None:
         if isinstance(task, OrientationTask):
             flat = {foot.frame for foot in robot.profile.feet.values()}
-            yield from (_locked(run, name, _from_upright(robot, sent.q, name)) for name in task.of if name in flat)
+            for name in task.of:
+                if name in flat:
+                    yield _locked(run, name, motion_metrics.tilt(robot.orientations(sent.q, (name,))[:, 0]))
         elif isinstance(task, AxisTask):
             yield from (_off_axis(task, robot, sent.q, name) for name in task.of if name in robot.profile.frames)
 
@@ -194,12 +196,6 @@ def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
 def _rows(task: PositionTask) -> FloatArray:
     """1 for the rows that the task asks for, else 0."""
     return np.array([float(weight > 0.0) for weight in task.weight])
-
-
-def _from_upright(robot: RobotBody, q: FloatArray, frame: str) -> FloatArray:
-    """Angle (T,) rad between a frame's z axis and the vertical."""
-    up = rotations.rotate(robot.orientations(q, (frame,))[:, 0], np.array([0.0, 0.0, 1.0]))
-    return np.asarray(np.arccos(np.clip(up[:, 2], -1.0, 1.0)))
 
 
 def _off_axis(task: AxisTask, robot: RobotBody, q: FloatArray, frame: str) -> FloatArray:

@@ -24,7 +24,7 @@ from retarget.report.animation import animation_of, wires_of
 from retarget.report.findings import moments
 from retarget.report.measure import measure
 from retarget.report.page import FOLDER, page_html, write_page
-from retarget.report.plots import PICTURES
+from retarget.report.plots import PICTURES, figures_of
 from retarget.report.report import Report, page_path, report_path
 from retarget.rotations import conjugate, rotate
 from retarget.run.loop import Watch, run_human
@@ -56,7 +56,7 @@ def report(run: RunResult) -> Report:
 
 @pytest.fixture(scope="module")
 def html(run: RunResult, report: Report) -> str:
-    return page_html(run, report)
+    return page_html(run, report, figures=figures_of(run))
 
 
 class Page(HTMLParser):
@@ -258,7 +258,7 @@ def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
 def test_a_human_alone(tmp_path: Path) -> None:
     human, clip = person(), short_clip(rate_hz=None)
     alone = result(run_human(clip, StubReconstructor(human), Watch()), clip, human, None)
-    write_page(alone, measure(alone), tmp_path / "report.html")
+    write_page(alone, measure(alone), tmp_path / "report.html", figures={})
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     data = data_of(page)
     assert data["robot"] is None and data["ground"] is None

@@ -100,7 +100,7 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
     way = run.record.robot.q[900 + len(returned) :]
     soles = motion_metrics.soles_of(run.robot, way)
     corners = [motion_metrics.sole_corners(sole) for sole in soles]
-    assert max(float(motion_metrics.sole_tilt(sole).max()) for sole in soles) < np.deg2rad(0.2)
+    assert max(float(motion_metrics.tilt(sole.orientation).max()) for sole in soles) < np.deg2rad(0.2)
     assert max(float(np.ptp(one[..., 2], axis=0).max()) for one in corners) < 5e-3, "neither sole is lifted"
     com = run.robot.body.solver_body().centre_of_mass(np.ascontiguousarray(way))
     assert (motion_metrics.support_margin(com, np.concatenate(corners, axis=1)) > 0.0).all()
@@ -175,7 +175,7 @@ def soles(run: RunResult) -> tuple[float, float]:
     for sole in motion_metrics.soles_of(run.robot, run.record.robot.q):
         corners = motion_metrics.sole_corners(sole)
         off = max(off, float(np.linalg.norm(corners - corners[run.record.following.start], axis=-1).max()))
-        tilt = max(tilt, float(motion_metrics.sole_tilt(sole).max()))
+        tilt = max(tilt, float(motion_metrics.tilt(sole.orientation).max()))
     return off, tilt
 
 
