@@ -40,7 +40,7 @@ class Problem:
             where=self.where,
             found=self.found or None,
             allowed=self.allowed or None,
-            then=self.next_step + "." if self.next_step and self.next_step[-1] not in ".?" else self.next_step,
+            then=self.next_step,
         )
 
 

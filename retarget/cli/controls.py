@@ -661,9 +661,7 @@ class LiveControls:
 
     def status(self) -> LiveStatus:
         """The present state of the run, as the control socket reports it."""
-        from retarget.live.sensor_validity import Engaged
-
-        machine, following = self._machine, self._performer.engagement.state is Engaged.FOLLOWING
+        machine, following = self._machine, self._performer.engagement.following
         reason = None if machine is None or machine.guard.stop is None else machine.guard.stop.reason
         state = None if machine is None else machine.supervisor.state.value
         return LiveStatus(state, following, not self.engaged, reason)

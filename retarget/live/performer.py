@@ -22,7 +22,7 @@ from retarget.human.samples import Clip
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
-from retarget.live.sensor_validity import LIMITS, Debounce, Engagement, ReacquisitionBlend, ValidityState
+from retarget.live.sensor_validity import Debounce, Engagement, ReacquisitionBlend, ValidityState
 from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import GoalLatency, LiveReport, StreamNews, StreamProblems, Tally, live_report
 from retarget.types import BoolArray, FloatArray, Notify
@@ -74,7 +74,6 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
 INTAKE = IntakeTimes(hold=0.08, speed=0.4)
 """A sensor becomes invalid within 0.2 s, and with these times has no weight within 0.3 s. It comes back by the weight
 of `ReacquisitionBlend`, no faster than `speed`, m/s: an elbow then uses at most half of its servo's speed."""
-SILENCE_S = LIMITS.silent_after
 PLAYED_S = 0.05
 """A recording is over this long after its last datagram; the playout delay is less."""
 
@@ -288,10 +287,10 @@ class LivePerformer:
     def _now(self) -> SensorSample | None:
         now = self._clock.now()
         reading, sample = self._read(now)
-        before = self.engagement.state
+        before = self.engagement.following
         followed = self.engagement.step(now, sample, good=self._is_good(reading, now))
         self._tally.count(reading.states, followed=followed is not None)
-        if self.engagement.state is not before:
+        if self.engagement.following is not before:
             self._notify(
                 "the performer is followed"
                 if followed

@@ -6,7 +6,7 @@ Which poses may be used and the states of sensors are found by `retarget._solver
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 from math import isfinite
 
 import numpy as np
@@ -233,13 +233,6 @@ class Debounce:
         return self.good
 
 
-class Engaged(Enum):
-    """Whether the performer is followed."""
-
-    FOLLOWING = "following"
-    HOLDING = "holding"
-
-
 PEAK = 1.5
 """Peak speed of a smoothstep over its mean."""
 
@@ -256,7 +249,8 @@ class Engagement:
         self.settled = 0.0
         """Share of its speed that the robot may use beyond that of its slow approach: 0 until the blend back is over,
         then up to 1 in `LIMITS.blend` s."""
-        self.state = Engaged.HOLDING
+        self.following = False
+        """Whether samples are followed; else the last one is held."""
         self._held = self.shown = first
         """`shown`: the sample that was followed last."""
         self._good = Debounce()
@@ -270,9 +264,9 @@ class Engagement:
 
     def hold(self) -> None:
         """Hold from now on, until data are good for long enough."""
-        if self.state is Engaged.FOLLOWING:
+        if self.following:
             self._held = self.shown
-        self.state, self.settled = Engaged.HOLDING, 0.0
+        self.following, self.settled = False, 0.0
         self._good.restart()
 
     def step(self, now: float, sample: SensorSample, *, good: bool) -> SensorSample | None:
@@ -280,10 +274,10 @@ class Engagement:
         if not good or not self.wanted:
             self.hold()
             return None
-        if self.state is Engaged.HOLDING:
+        if not self.following:
             if not self._good.step(now, good=True):
                 return None
-            self.state, self._began, self._duration = Engaged.FOLLOWING, now, self._blend_time(sample)
+            self.following, self._began, self._duration = True, now, self._blend_time(sample)
         share = (now - self._began) / self._duration
         self.settled = min(max((now - self._began - self._duration) / LIMITS.blend, 0.0), 1.0)
         self.shown = sample if share >= 1.0 else _blend(self._held, sample, share * share * (3.0 - 2.0 * share))

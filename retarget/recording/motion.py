@@ -59,7 +59,7 @@ class Motion:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """All hinges and slides of the body, in its order."""
-        return tuple(name for name, single in zip(self.body.dof_names, self._single, strict=True) if single)
+        return joint_names_of(self.body)
 
     @property
     def joint_units(self) -> tuple[str, ...]:
@@ -70,8 +70,8 @@ class Motion:
     @property
     def joints(self) -> FloatArray:
         """Positions (T, n) rad or m of `joint_names`."""
-        _, address = self.body.scalar_joints()
-        return np.asarray(self.q[:, address[self._single]])
+        single, address = self.body.scalar_joints()
+        return np.asarray(self.q[:, address[single]])
 
     @property
     def root_position(self) -> FloatArray:
@@ -114,10 +114,11 @@ class Motion:
             asked=None if asked is None else Tracks(asked.names, asked.position[chosen]),
         )
 
-    @property
-    def _single(self) -> NDArray[np.bool_]:
-        single, _ = self.body.scalar_joints()
-        return single
+
+def joint_names_of(body: BodyModel) -> tuple[str, ...]:
+    """All hinges and slides of a body, in its order."""
+    single, _ = body.scalar_joints()
+    return tuple(name for name, kept in zip(body.dof_names, single, strict=True) if kept)
 
 
 def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, root: FloatArray) -> FloatArray:
@@ -135,10 +136,9 @@ def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], Fl
     """Split postures (T, nq): names and positions, rad or m, (T, n) of all hinges and slides of the body, and its root
     (T, 7), xyz and wxyz of the first link in the world."""
     single, address = body.scalar_joints()
-    names = tuple(name for name, kept in zip(body.dof_names, single, strict=True) if kept)
     solver, q = body.solver_body(), np.ascontiguousarray(q)
     root = np.hstack([solver.points(q, [1], np.zeros((1, 3)))[:, 0], solver.orientations(q, [1])[:, 0]])
-    return names, np.asarray(q[:, address[single]]), root
+    return joint_names_of(body), np.asarray(q[:, address[single]]), root
 
 
 def quaternion_columns(body: BodyModel) -> list[int]:

@@ -86,14 +86,14 @@ class Note:
             self.ask(Asked.OUTSIDE)
             self.say("outside", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
 
-    def failed(self, who: str, what: str, error: Exception) -> None:
+    def failed(self, what: str, error: Exception) -> None:
         """The bus failed to read, write or switch torque."""
         ring = self.ring
         if ring is not None:
             done = {"read": ring.rows.read, "write": ring.rows.written}.get(what)
             if done is not None:
                 done[ring.at] = Done.FAILED
-        self.say(f"{who} {what}", str(error), Level.ERROR)
+        self.say(f"bus {what}", str(error), Level.ERROR)
 
     def say(self, who: str, text: str, level: Level = Level.INFO) -> None:
         """Log an event of this cycle."""
@@ -188,7 +188,7 @@ class TappedBus:
         try:
             states = self._inner.read()
         except Exception as error:
-            note.failed("bus", "read", error)
+            note.failed("read", error)
             raise
         ring = note.ring
         if ring is not None:
@@ -208,7 +208,7 @@ class TappedBus:
         try:
             self._inner.write(goals)
         except Exception as error:
-            self._note.failed("bus", "write", error)
+            self._note.failed("write", error)
             raise
 
     def torque(self, on: bool) -> None:
@@ -216,7 +216,7 @@ class TappedBus:
         try:
             self._inner.torque(on)
         except Exception as error:
-            self._note.failed("bus", "torque", error)
+            self._note.failed("torque", error)
             raise
         self._note.say("bus", f"torque {'on' if on else 'off'}")
 

@@ -12,10 +12,9 @@ from retarget.human.rest_pose import REQUIRED
 from retarget.live.admission import Datagram, Source
 from retarget.live.clock_map import JumpKind
 from retarget.live.datagram_kinds import Recognised, recognise
-from retarget.live.performer import SILENCE_S
 from retarget.live.playout import DELAY_CAP_S
 from retarget.live.roles import CONVENTIONS, Place
-from retarget.live.sensor_validity import ValidityState
+from retarget.live.sensor_validity import LIMITS, ValidityState
 from retarget.live.stream import LiveStream
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
@@ -295,11 +294,11 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[Finding]:
         p99=p99,
         most=1e3 * DELAY_CAP_S,
         longest_ms=1e3 * gaps.max(),
-        count=np.count_nonzero(gaps > SILENCE_S),
-        silence=SILENCE_S,
+        count=np.count_nonzero(gaps > LIMITS.silent_after),
+        silence=LIMITS.silent_after,
         longest=gaps.max(),
         quiet=0.0 if capture.stream.receiver.finished else capture.ended - capture.frames[-1].arrival,
-        usual=max(SILENCE_S, 3.0 * float(np.median(gaps))),
+        usual=max(LIMITS.silent_after, 3.0 * float(np.median(gaps))),
     )
     return found + _loss(kind, frames) + _clock(kind, frames, capture, seconds)
 

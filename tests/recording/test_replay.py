@@ -348,7 +348,7 @@ def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None
         one.look()
         one.ask(Asked.OVER)
         one.say("run", "hello")
-        one.failed("bus", "read", BusError("gone"))
+        one.failed("read", BusError("gone"))
         one.stopped_outside(None)
         assert one.ring is None and not one.events and one.rows == 0
 
