@@ -82,7 +82,7 @@ def _human_limbs(asked: Performance) -> dict[str, FloatArray]:
             asked.joints[:, [asked.joint_names.index(f"{side}_{OF_HUMAN.get(part, part)}") for side in "lr"]]
             for part in parts
         )
-        lines[limb] = np.stack([turned((last - first)[:, side], heading) for side in range(2)], axis=1)
+        lines[limb] = turned(last - first, heading)
     return lines
 
 

@@ -23,7 +23,7 @@ from retarget.model.meshes import MIDDLE, SIDES
 from retarget.report import motion_metrics
 from retarget.report.motion_metrics import moved_joints
 from retarget.report.solid import ELEVATION, facets_of, lit, project
-from retarget.report.tracking import headings
+from retarget.report.tracking import headings, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
 from retarget.types import MM, ORIENTED, FloatArray
@@ -133,13 +133,6 @@ class Postures:
                 axes.plot(x + across[ends], y + up[ends], color="black", linewidth=THIN * points_per_unit, zorder=_OVER)
 
 
-def turned(points: FloatArray, facing: FloatArray) -> FloatArray:
-    """Points (p, k, 3) of a world in which each posture faces (p, 2), as seen by a viewer who faces x."""
-    x, y = facing[:, :1], facing[:, 1:]
-    a, b, c = np.moveaxis(points, -1, 0)
-    return np.stack([x * a + y * b, x * b - y * a, c], axis=-1)
-
-
 POSES = 9
 WIDTH, MOST_PER_HEIGHT, TITLE = 13.5, 1.7, 0.45
 """Inches: of the whole picture, of a body's height at most, and of the title."""
@@ -219,7 +212,7 @@ def performer_postures(run: RunResult, ticks: list[int]) -> Postures:
     points = turned(human.joints[ticks], facing)
     feet, size = _feet(points, human.joint_names), _size(points, human.joint_names)
     corners, normal, colour = facets_of(run.human.solid, human.q[ticks])
-    corners, normal = _faced(corners, facing), turned(normal, facing)
+    corners, normal = turned(corners, facing), turned(normal, facing)
     recorded: FloatArray | None = None
     bones: tuple[tuple[int, int], ...] = ()
     if truth is not None and run.robot is None:
@@ -243,11 +236,6 @@ def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
         local = link.position + np.column_stack([outline, np.zeros(len(outline))])
         soles.append((robot.kinematics.points(q, [link.body] * len(local), local) - feet) / size)
     return Postures((corners - feet[:, None]) / size, normal, colour, tuple(soles))
-
-
-def _faced(corners: FloatArray, facing: FloatArray) -> FloatArray:
-    """Corners (p, f, 3, 3) turned as `turned` does."""
-    return turned(corners.reshape(len(corners), -1, 3), facing).reshape(corners.shape)
 
 
 def _feet(points: FloatArray, names: tuple[str, ...]) -> FloatArray:

@@ -347,10 +347,11 @@ def _mean(asked: Performance, names: Sequence[str]) -> FloatArray:
     return np.asarray(asked.joints[:, [asked.joint_names.index(name) for name in names]].mean(axis=1))
 
 
-def turned(vectors: FloatArray, heading: FloatArray) -> FloatArray:
-    """Vectors (T, 3) of the performer's world in the heading (T, 2)."""
-    (x, y), (a, b, c) = heading.T, vectors.T
-    return np.stack([x * a + y * b, x * b - y * a, c], axis=1)
+def turned(points: FloatArray, heading: FloatArray) -> FloatArray:
+    """Points or vectors (T, ..., 3) of a world in which each row faces (T, 2), as seen by a viewer who faces x."""
+    x, y = (column.reshape(-1, *[1] * (points.ndim - 2)) for column in heading.T)
+    a, b, c = np.moveaxis(points, -1, 0)
+    return np.stack([x * a + y * b, x * b - y * a, c], axis=-1)
 
 
 def _torso(shoulders: Mapping[str, FloatArray], pelvis: FloatArray) -> FloatArray:

@@ -14,10 +14,10 @@ from retarget.report.plots import (
     performer_facing,
     plot_poses,
     plot_tracking,
-    turned,
     write_plots,
 )
 from retarget.report.solid import facets_of, lit
+from retarget.report.tracking import turned
 from retarget.rotations import multiply
 from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import RunResult
