@@ -10,8 +10,7 @@ from typing import IO
 import numpy as np
 
 from retarget import rotations
-from retarget.model.body import JointType
-from retarget.recording.motion import Links, Motion, links_of
+from retarget.recording.motion import Links, Motion, links_of, quaternion_columns
 from retarget.types import FloatArray
 
 # Which parts of a body become joints of a BVH skeleton, what they are called, and where their last bones end.
@@ -147,9 +146,7 @@ def _points(nodes: tuple[Node, ...], links: Links) -> FloatArray:
 def _rest(motion: Motion) -> Links:
     """The body with every joint at zero, its root at the origin and upright."""
     q = np.zeros((1, motion.body.nq))
-    for address, kind in zip(motion.body.joint_qpos, motion.body.joint_type.tolist(), strict=True):
-        if kind in (JointType.FREE, JointType.BALL):
-            q[0, address + (3 if kind == JointType.FREE else 0)] = 1.0
+    q[0, quaternion_columns(motion.body)] = 1.0
     return links_of(replace(motion, time=np.zeros(1), phase=motion.phase[:1], q=q))
 
 

@@ -454,10 +454,7 @@ class CameraDecoder:
         counts = self._sight.take(frame, self.dropped)
         if not len(frame.point):
             self.dropped.note("picture without a person")
-            position, orientation = np.full((len(SENSORS), 3), np.nan), np.full((len(SENSORS), 4), np.nan)
-            tracked = np.zeros(len(SENSORS), dtype=bool)
-        else:
-            position, orientation, tracked = self._body.take(frame, counts, dt)
+        position, orientation, tracked = self._body.take(frame, counts, dt)
         position, orientation = self._calm(frame.time, position, orientation, tracked)
         return StreamFrame(SENSORS, position, orientation, tracked, frame.time, frame.number, camera=True)
 
