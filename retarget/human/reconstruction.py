@@ -13,7 +13,7 @@ import numpy as np
 from retarget import rotations
 from retarget.frames import SensorSample
 from retarget.human.heading import Heading
-from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, VirtualFeet
+from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, VirtualFeet
 from retarget.human.second_posture import SecondPosture
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
@@ -108,7 +108,6 @@ _FOLLOWED = ("head", "l_wrist", "r_wrist", *_FEET)
 """Sensors that strict levels follow."""
 
 Points = dict[str, list[float]]
-Ground = tuple[float, float]
 
 
 class Reconstructor:
@@ -314,7 +313,7 @@ class Reconstructor:
         distance = np.sqrt(rotations.squares(error))
         if not self._intake.all_present:
             distance[~self._intake.present[: self._sensor_count]] = np.nan
-        solver, balance = self._hierarchy.solver, self._balance_error
+        solver, balance, ankles = self._hierarchy.solver, self._balance_error, joints[self._ankles].tolist()
         return HumanPosture(
             q=self._q,
             joint_names=POINTS,
@@ -325,14 +324,8 @@ class Reconstructor:
             balance_error=nan if balance is None else float(solver.task_errors[balance]),
             heading=self._heading.forward,
             observer_modes=solver.observer_modes,
-            carrying=self._feet_that_carry(joints, dt),
+            carrying=Carrying.BOTH if self._carrying is None else self._carrying.step(ankles, dt),
         )
-
-    def _feet_that_carry(self, joints: FloatArray, dt: float) -> Carrying:
-        """From joint centres (m, 3) m, `dt` s after those before."""
-        if self._carrying is None:
-            return Carrying.BOTH
-        return self._carrying.step(joints[self._ankles].tolist(), dt)
 
     def _placed(self) -> FloatArray:
         """A natural posture (nq,) turned to the heading, in the middle of the sensors."""
@@ -360,16 +353,13 @@ class Reconstructor:
         assert self._feet is not None
         return np.concatenate([position, self._feet.ankles]), np.concatenate([valid, [True, True]])
 
-    def _head_height(self, points: Points) -> float:
-        """Height (m) of the head above the lower ankle, or above where ankles stand."""
-        ground = [points[name][2] for name in _FEET if name in points]
-        return points["head"][2] - (min(ground) if ground else 0.0)
-
     def _crouched(self, points: Points) -> float:
-        """How much of the crouch of the priorities the body is in: 0 upright, 1 lowered."""
+        """How much of the crouch of the priorities the body is in, 0 upright, 1 lowered, by the height of the head
+        above the lower ankle, or above z = 0 without ankles."""
         if self._crouch is None or "head" not in points:
             return 0.0
-        return self._crouch.share(self._head_height(points))
+        ground = min((points[name][2] for name in _FEET if name in points), default=0.0)
+        return self._crouch.share(points["head"][2] - ground)
 
     def _lowered(self, points: Points) -> float:
         """How lowered the head is: 0 upright, 1 in a deep crouch."""

@@ -120,7 +120,8 @@ class LiveStream:
         for frame in frames:
             self.frames += 1
             self.last = datagram.arrival
-            self._note_names(frame)
+            if self.frames < 1000 and len(self.names) < 256:  # only messages at the start need them
+                self.names.update(dict.fromkeys(frame.names))
             if frame.camera is not self._camera:
                 self._camera = frame.camera
                 self.validity.restart(CAMERA_LIMITS if frame.camera else LIMITS)
@@ -145,7 +146,3 @@ class LiveStream:
         self._parts.complete(rows, time, position, orientation)
         usable = self.validity.take(rows, time, position=position, orientation=orientation, tracked=poses.tracked)
         self.playout.push(rows, time, position, orientation, usable, arrival=arrival)
-
-    def _note_names(self, frame: StreamFrame) -> None:
-        if self.frames < 1000 and len(self.names) < 256:  # only messages at the start need them
-            self.names.update(dict.fromkeys(frame.names))

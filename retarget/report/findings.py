@@ -15,7 +15,7 @@ from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
 from retarget.report.likeness import ARMS
 from retarget.report.motion_metrics import PhysicsReport, moved_joints
-from retarget.report.report import BusReport, Percentiles, Report, Spread
+from retarget.report.report import BusReport, Report, Spread
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import MM, FloatArray
@@ -352,16 +352,13 @@ def _machine(run: RunResult, report: Report) -> Iterator[Finding]:
     if report.bus is not None and run.robot is not None:
         yield from _bus(run, report.bus, report.ticks)
     costs = {"human": report.reconstruct_us, "robot": report.retarget_us}
-    known = [f"{stage} {_percentiles(cost)}" for stage, cost in costs.items() if cost and math.isfinite(cost.p50)]
+    ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
+    known = [f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items()]
     speed = f"{counted(round(report.frames_per_s), 'frame')}/s"
     yield Finding("cost per tick", f"{', '.join(known)}; {speed}" if known else "")
     reason = report.stop.reason
     ended = "to its end" if reason is None else ": ".join(part for part in (report.stop.state, reason) if part)
     yield Finding("end", ended, kept=reason is None)
-
-
-def _percentiles(cost: Percentiles) -> str:
-    return f"{cost.p50:.0f} us (p99 {cost.p99:.0f})"
 
 
 def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
