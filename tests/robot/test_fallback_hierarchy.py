@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from followers import DT, follower, performer, postures
-from retarget.ik.hierarchy import Hierarchy, soles_first
+from retarget.ik.hierarchy import FallbackHierarchy, Hierarchy, soles_first
 from retarget.ik.whole_body_stop import Stopping
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
 from retarget.schema.priorities import load_priorities
-from retarget.types import FloatArray
+from retarget.types import FloatArray, IntArray
 
 SOLES = frozenset({"l_sole", "r_sole"})
 
@@ -30,23 +30,49 @@ def test_the_level_of_the_soles_comes_first_and_the_others_keep_their_order() ->
     assert order[1:] == [k for k in range(len(levels)) if k != order[0]]
 
 
+def watched(fallback: FallbackHierarchy, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Which of its hierarchies are solved from now on."""
+    names = {"planted": fallback._planted, "separated": fallback._separated, "above": fallback._above}
+    solve, solved = fallback._solve, []
+
+    def seen(ordered: tuple[Hierarchy, IntArray], *rest: Any) -> tuple[FloatArray, FloatArray]:
+        solved.extend(name for name, one in names.items() if one is ordered)
+        return solve(ordered, *rest)
+
+    monkeypatch.setattr(fallback, "_solve", seen)
+    return solved
+
+
 def test_after_a_refusal_at_rest_limbs_are_separated_first_for_one_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     human = postures(performer())[:120]
     robot = follower(priorities="balanced")
     robot.start(human[0])
     fallback = robot._soles.fallback
     assert fallback is not None and not fallback.separate
-    solve, separated = fallback._solve, []
-
-    def watched(hierarchy: Hierarchy, *rest: Any) -> tuple[FloatArray, FloatArray]:
-        separated.append(hierarchy is fallback._separated)
-        return solve(hierarchy, *rest)
-
-    monkeypatch.setattr(fallback, "_solve", watched)
+    solved = watched(fallback, monkeypatch)
     assert robot.halt(DT) is not None
     rows = np.array([robot.step(posture, DT).q for posture in human])
-    assert separated == [True]
+    assert solved == ["separated"]
     assert np.abs(rows - followed(follower(priorities="balanced"), 120)).max() < 0.05  # its goals are the same
+
+
+def test_after_a_refusal_at_rest_arms_alone_separate_limbs_where_legs_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A goal that asks for soles or balance first was refused, and would be again, tick after tick."""
+    human = postures(performer())[:2]
+    robot, admits = follower(priorities="balanced"), Stopping.admits
+    robot.start(human[0])
+    fallback, legs = robot._soles.fallback, standing_dofs(robot._robot)
+    assert fallback is not None
+    assert fallback._above[0].labels == fallback._separated[0].labels != fallback._planted[0].labels
+
+    def only_still_legs(self: Stopping, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
+        return float(np.abs(velocity[legs]).max()) < 1e-9 and admits(self, q, velocity, dt)
+
+    monkeypatch.setattr(Stopping, "admits", only_still_legs)
+    solved = watched(fallback, monkeypatch)
+    robot.halt(DT)
+    robot.step(human[1], DT)
+    assert solved == ["separated", "above"]
 
 
 def test_with_soles_first_the_robot_follows_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
