@@ -5,7 +5,7 @@ and from constants of the robot (profile, stance, envelope), never from what the
 in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
-other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles by the length of the legs, its
+other sideways than it stands (`feet_apart`). The pelvis is asked over the lower ankle by the length of the legs, its
 height within the robot's envelope. The trunk leans and twists as the line from the hips to the base of the neck and the
 chest do, its lean within the envelope at that height. The trunk carries the robot's own shoulders, and from each of
 them a hand is asked by the length of the arm. A trunk that stays where it is carries the head: it is asked where it
@@ -143,11 +143,11 @@ def _at_least(value: float, least: float) -> float:
     return value if missing <= 0.0 else least + room * exp(-missing / room)
 
 
-# The pelvis of a performer on one foot: over that foot, and as high above it as the leg holds it.
+# The pelvis is as high above the lower ankle as the leg holds it: measured from the middle of both, a performer who lifts
+# a foot would seem to crouch by half of that.
 #
-# Measured from the middle of both ankles, a performer who lifts a foot would seem to crouch by half of that. Fore and
-# aft a walker's feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis is over
-# what it is nearer to, the foot or the middle.
+# That of a robot that steps is over the foot that carries. Fore and aft a walker's feet are at both ends of a stride, and
+# a robot that steps in place has none: there the pelvis is over what it is nearer to, the foot or the middle.
 
 PELVIS_SETTLE_S = 0.2
 """Time constant (s) with which the pelvis goes from both feet to one, and back."""
@@ -156,7 +156,8 @@ _SIDE = {Carrying.LEFT: 1.0, Carrying.RIGHT: -1.0}
 
 
 class PelvisOverFoot:
-    """How far a pelvis is from where the middle of both ankles would have it, in the robot's world and size."""
+    """How far a pelvis is on the ground from where the middle of both ankles would have it, in the robot's world and
+    size."""
 
     def __init__(self, left: FloatArray, right: FloatArray) -> None:
         """left, right (3,) m: ankles of the standing robot."""
@@ -174,7 +175,7 @@ class PelvisOverFoot:
         half = 0.5 * self._side
         ahead = pelvis[0]
         nearer = sorted((ahead, ahead - half * apart[0], 0.0))[1]
-        return nearer - ahead, half * (self._aside - apart[1]), -half * apart[2]
+        return nearer - ahead, half * (self._aside - apart[1]), 0.0
 
 
 CROUCH_KNEE = 0.1
@@ -215,8 +216,8 @@ class AskedLandmarks:
 
     landmarks: k points, m, in the order of the profile's landmarks. limbs: lines, m, in the order of `limb_names`.
     trunk: orientation wxyz of the trunk, the identity when the performer stands upright and faces the heading. gaze:
-    unit direction of the performer's eyes. apart: their left ankle from the right one, scaled as a leg, m, for a robot
-    that steps; carrying: which of their feet carry.
+    unit direction of the performer's eyes. apart: their left ankle from the right one, scaled as a leg, m; carrying:
+    which of their feet carry.
     """
 
     landmarks: list[Vector]
@@ -269,9 +270,8 @@ class LandmarkMap:
         entries = list(profile.landmarks.values())
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
         self._over_foot = PelvisOverFoot(*(stance.points[name] for name in APART)) if steps else None
-        if steps:
-            scale = _scale(profile.landmarks["pelvis"], rest)
-            self._sums.append({APART[0]: scale, APART[1]: -scale})
+        scale = _scale(profile.landmarks["pelvis"], rest) if "pelvis" in profile.landmarks else 1.0
+        self._sums.append({APART[0]: scale, APART[1]: -scale})
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
         line = _weights([TRUNK_LINE], POINTS) @ dimensions.standing()
@@ -328,7 +328,8 @@ class LandmarkMap:
             self._weights = _weights(self._sums, human.joint_names)
             self._joint_names = human.joint_names
         # All limbs at once: each is a weighted sum of joints, already scaled to the robot.
-        rows = (self._weights @ human.joints).tolist()  # k limbs, the trunk, two feet; performer's world
+        # k limbs, the trunk, two feet, from the right ankle to the left one; performer's world
+        rows = (self._weights @ human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
         x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt)
@@ -340,11 +341,11 @@ class LandmarkMap:
         seen = product(product(arc(rotated(chest, UP), limbs[feet - 1]), chest), self._upright)
         gaze = rotated(product(from_world, head_seen), FORWARD)
 
-        apart = (0.0, 0.0, 0.0) if self._over_foot is None else limbs[-1]
-        aside = None
+        apart = limbs.pop()
+        aside: Vector = (0.0, 0.0, 0.0)
         if self._over_foot is not None and self._pelvis is not None:
             aside = self._over_foot.step(limbs[self._pelvis], apart, human.carrying, dt)
-        pelvis = self._pelvis_asked(limbs, aside)
+        pelvis = self._pelvis_asked(limbs, plus(aside, (0.0, 0.0, 0.5 * abs(apart[2]))))
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
@@ -368,12 +369,13 @@ class LandmarkMap:
         """The lines of `limb_names`, m, from those of all landmarks and the orientation of the trunk."""
         return [limbs[row] for row in self._limbs] + [rotated(trunk, line) for line in self._trunk_line]
 
-    def _pelvis_asked(self, limbs: list[Vector], aside: Vector | None) -> Vector:
-        """The pelvis over the planted ankles, `aside` of their middle, no lower than the robot gets."""
+    def _pelvis_asked(self, limbs: list[Vector], offset: Vector) -> Vector:
+        """The pelvis over the planted ankles, at an offset from where their middle has it, no lower than the robot
+        gets."""
         if self._envelope is None or self._pelvis is None:
             return (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
         over = plus(plus(self._feet, limbs[self._pelvis]), self._marks[self._pelvis].offset)
-        x, y, z = over if aside is None else plus(over, aside)
+        x, y, z = plus(over, offset)
         low, high = self._envelope.lowest, self._envelope.highest
         return x, y, high - drawn_in(high - z, high - low, CROUCH_KNEE)
 
