@@ -341,12 +341,12 @@ Build = Callable[[Priorities, BoolArray], Hierarchy]
 #
 # Where limbs meet, the tasks that separate them come before the soles, and may ask for more than legs can do with
 # planted soles. Then the same targets are solved with the level of the soles first; the gate keeps limbs apart that
-# this does not separate. Where legs may not move at all, the parts above them go on, and separate limbs before all else.
-# Else a robot whose limbs meet could stand still for ever.
+# this does not separate. Where legs may not move at all, the parts above them go on, and separate limbs before all
+# else. Else a robot whose limbs meet could stand still for ever.
 #
-# A robot that stands still because a goal was refused is solved once with the separation of limbs before all else, first
-# with its legs, then with the parts above them alone. What soles, balance or strength ask for first, and cannot have at
-# once, may be what brings limbs together, tick after tick.
+# A robot that stands still because a goal was refused is solved once with the separation of limbs before all else: with
+# its legs, and where that is not safe with the parts above them alone. What soles, balance or strength ask for first,
+# and cannot have at once, may be what brings limbs together, tick after tick: so soles first is not tried then.
 
 
 class FallbackHierarchy:

@@ -96,6 +96,11 @@ class Stopping:
         return float(np.abs(self._velocity[self._legs]).max(initial=0.0)) < STANDING
 
     @property
+    def slip(self) -> float:
+        """Most that a corner of a sole is off its place there, m."""
+        return self._slip
+
+    @property
     def velocity(self) -> FloatArray:
         """Velocity (nv,) of the robot there, per s."""
         return self._velocity

@@ -110,8 +110,8 @@ LEAN_DEG = Seen(15.0, 45.0)
 HAND_SHARE = Seen(0.2, 0.5)
 """Of the length of the arm, on average, within reach: 0.2 is a hand's length, 0.5 is from the chin to the belt."""
 SQUAT_SHARE = Seen(0.15, 0.4)
-"""Of the length of the leg, in all but a twentieth of the time: a squat with level thighs goes down by a half. 0.15 less
-is seen beside the performer; with 0.4 less it is missed, which averages and ranges do not show."""
+"""Of the length of the leg, in all but a twentieth of the time: a squat with level thighs goes down by a half. 0.15 off
+is seen beside the performer; with 0.4 off it is missed."""
 RATIO = Seen(0.3, 0.75)
 """Of what was asked is missing, or of what was done too much: a third is seen, a quarter of a motion is another one."""
 TRAVEL_M, TURN_DEG = Seen(0.5), Seen(60.0)
@@ -127,7 +127,8 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
     verdict = f"does not follow: {', '.join(lost)}" if lost else "follows"
     if differs and not lost:
         verdict += f", with {', '.join(words for words, _, _ in differs)}"
-    allowed = f"limbs within {LIMB_DEG.lost:g}° of the performer's, trunk within {LEAN_DEG.lost:g}°, hands on their way"
+    allowed = f"limbs within {LIMB_DEG.lost:g}° of the performer's, trunk within {LEAN_DEG.lost:g}°, "
+    allowed += f"pelvis within {SQUAT_SHARE.lost:.0%} of the leg, hands on their way"
     yield Finding("following", verdict, allowed, not lost)
 
 

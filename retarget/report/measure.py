@@ -179,10 +179,11 @@ def _ways(run: RunResult) -> _Ways:
     names, asked, reached = run.followed
     moved, (travelled, turned) = _moved(run, reached), _travel(run)
     heights = _pelvis_heights(run, moved)
+    ratio = None if heights is None else tracking.excursion_ratio(*heights)
     return {
         "hand_path_ratio": _hand_path_ratio(names, asked, moved),
-        "pelvis_excursion_ratio": None if heights is None else tracking.excursion_ratio(*heights),
-        "pelvis_height_mm": None if heights is None else _spread(MM * np.abs(heights[1] - heights[0])),
+        "pelvis_excursion_ratio": ratio,
+        "pelvis_height_mm": None if heights is None or ratio is None else _spread(MM * np.abs(heights[1] - heights[0])),
         "foot_path_ratio": _foot_path_ratio(run),
         "travelled_m": travelled,
         "turned_deg": turned,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from retarget._solver import TrajectoryGenerator
+from retarget._solver import TrajectoryGenerator, braking_displacement
 from retarget.human.samples import Parts
 from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GRAVITY
@@ -30,6 +30,7 @@ from retarget.robot.landmarks import (
     AskedLandmarks,
     LandmarkMap,
     RobotReader,
+    plant_back,
     robot_frames,
     robot_limbs,
     robot_postures,
@@ -81,6 +82,15 @@ class TimeScaling:
                 return 1.0
         self.scale = scale
         return change
+
+
+# Soles that a stop left off their places go back there as slowly as legs can stop. A way back in one tick could not be
+# stopped, so that no posture would be admitted and the legs would stand still for ever.
+
+SLIPPED_M = 1e-4
+"""m off its place at which a sole goes back slowly."""
+SOLE_BRAKING = 0.2
+"""m/s^2 with which it is braked there."""
 
 
 # Settling: the robot goes from its stance to a performer who stands still, before it follows.
@@ -315,7 +325,7 @@ class Follower:
         self._settling, self._time.scale = Settling(), 1.0
         self.scene_obstacles.restart()
         self._q = self.stance.q
-        self._targets = standing_targets(self.hierarchy, self.stance)
+        self._targets, self._slipped = standing_targets(self.hierarchy, self.stance), False
         self.hierarchy.solver.reset(self._q)
         if self.steps is not None:
             self.steps.restart()
@@ -356,6 +366,8 @@ class Follower:
             velocity, at = hierarchy.solver.velocity, self._reached
             asked = soles.steps.aim(targets, self._q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
         elif soles.balance is not None:
+            if soles.stop is not None:
+                self._plant(soles.stop.slip, dt)
             hierarchy.set_support(targets, soles.balance.spaces(*self._mass(), dt, to_stance=to_stance))
         if soles.strength is not None:
             keeps = soles.steps is None or soles.steps.plan.support is None
@@ -371,6 +383,16 @@ class Follower:
         first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, self._q, dt)
         self._q = self._safe(first, dt)
         self._reached = self._reader.read(self._q)
+
+    def _plant(self, slip: float, dt: float) -> None:
+        """Ask the soles to stay in their places, or to go back there no faster than legs can stop. slip: m they are
+        off."""
+        share = 1.0
+        if slip > SLIPPED_M:
+            share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
+        if share < 1.0 or self._slipped:
+            plant_back(self.hierarchy, self._targets, self.stance, self._robot.kinematics, self._q, share)
+        self._slipped = share < 1.0
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no

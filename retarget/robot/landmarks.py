@@ -5,11 +5,11 @@ and from constants of the robot (profile, stance, envelope), never from what the
 in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
-other sideways than it stands (`feet_apart`). The pelvis is asked over the lower ankle by the length of the legs, its
-height within the robot's envelope. The trunk leans and twists as the line from the hips to the base of the neck and the
-chest do, its lean within the envelope at that height. The trunk carries the robot's own shoulders, and from each of
-them a hand is asked by the length of the arm. A trunk that stays where it is carries the head: it is asked where it
-stands.
+other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles, as high above the lower one as the
+legs hold it, its height within the robot's envelope. The trunk leans and twists as the line from the hips to the base
+of the neck and the chest do, its lean within the envelope at that height. The trunk carries the robot's own shoulders,
+and from each of them a hand is asked by the length of the arm. A trunk that stays where it is carries the head: it is
+asked where it stands.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from retarget._solver import Body as SolverBody
 from retarget._solver import Probe
 from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
@@ -29,7 +30,21 @@ from retarget.model.body import Frame
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.crouch_envelope import Envelope
-from retarget.rotations import Quat, Vector, arc, as_quat, as_vector, axis_turn, inverse, minus, plus, product, rotated
+from retarget.rotations import (
+    Quat,
+    Vector,
+    arc,
+    as_quat,
+    as_vector,
+    axis_turn,
+    inverse,
+    minus,
+    plus,
+    product,
+    rotated,
+    rotation_vector,
+    turn,
+)
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Landmark
 from retarget.types import BoolArray, Carrying, FloatArray
@@ -143,11 +158,10 @@ def _at_least(value: float, least: float) -> float:
     return value if missing <= 0.0 else least + room * exp(-missing / room)
 
 
-# The pelvis is as high above the lower ankle as the leg holds it: measured from the middle of both, a performer who lifts
-# a foot would seem to crouch by half of that.
-#
-# That of a robot that steps is over the foot that carries. Fore and aft a walker's feet are at both ends of a stride, and
-# a robot that steps in place has none: there the pelvis is over what it is nearer to, the foot or the middle.
+# The pelvis is as high above the lower ankle as the leg holds it: measured from the middle of both, a performer who
+# lifts a foot would seem to crouch by half of that. On the ground it is over the middle, but that of a robot that steps
+# over the foot that carries. Fore and aft a walker's feet are at both ends of a stride, and a robot that steps in place
+# has none: there the pelvis is over what it is nearer to, the foot or the middle.
 
 PELVIS_SETTLE_S = 0.2
 """Time constant (s) with which the pelvis goes from both feet to one, and back."""
@@ -156,8 +170,7 @@ _SIDE = {Carrying.LEFT: 1.0, Carrying.RIGHT: -1.0}
 
 
 class PelvisOverFoot:
-    """How far a pelvis is on the ground from where the middle of both ankles would have it, in the robot's world and
-    size."""
+    """Offset of a pelvis on the ground from the middle of both ankles, in the robot's world and size."""
 
     def __init__(self, left: FloatArray, right: FloatArray) -> None:
         """left, right (3,) m: ankles of the standing robot."""
@@ -168,14 +181,14 @@ class PelvisOverFoot:
         """Begin again on both feet."""
         self._side = 0.0
 
-    def step(self, pelvis: Vector, apart: Vector, carrying: Carrying, dt: float) -> Vector:
-        """Offset (m) after another `dt` s. pelvis: from the middle of both ankles, apart: the performer's left ankle
-        from the right one; both scaled as a leg, m."""
+    def step(self, pelvis: Vector, apart: Vector, carrying: Carrying, dt: float) -> tuple[float, float]:
+        """Offset (x, y) m after another `dt` s. pelvis: from the middle of both ankles; apart: the left ankle of the
+        performer from the right one; both scaled as a leg, m."""
         self._side += (1.0 - exp(-dt / PELVIS_SETTLE_S)) * (_SIDE.get(carrying, 0.0) - self._side)
         half = 0.5 * self._side
         ahead = pelvis[0]
         nearer = sorted((ahead, ahead - half * apart[0], 0.0))[1]
-        return nearer - ahead, half * (self._aside - apart[1]), 0.0
+        return nearer - ahead, half * (self._aside - apart[1])
 
 
 CROUCH_KNEE = 0.1
@@ -193,7 +206,7 @@ PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 HEAD_ALONE = ("head",)
 """What a landmark follows that no joint of a limb moves."""
 APART = ("l_ankle", "r_ankle")
-"""The points whose distance a robot that steps uses."""
+"""The ankles."""
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 """Unit vectors in the robot's world, and the quaternion wxyz of no rotation."""
@@ -262,7 +275,7 @@ class LandmarkMap:
         steps: bool = False,
     ) -> None:
         """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone).
-        steps: whether the pelvis is asked over the foot that carries, and not over the middle of both."""
+        steps: whether the pelvis is asked over the foot that carries, on the ground, and not over the middle."""
         self.names = tuple(profile.landmarks)
         self._envelope = envelope
         self._facing = Facing()
@@ -270,7 +283,9 @@ class LandmarkMap:
         entries = list(profile.landmarks.values())
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
         self._over_foot = PelvisOverFoot(*(stance.points[name] for name in APART)) if steps else None
-        scale = _scale(profile.landmarks["pelvis"], rest) if "pelvis" in profile.landmarks else 1.0
+        pelvis = profile.landmarks.get("pelvis")
+        over_ankles = pelvis is not None and set(pelvis.measured_from) == set(APART)
+        scale = _scale(pelvis, rest) if pelvis is not None and over_ankles else 0.0
         self._sums.append({APART[0]: scale, APART[1]: -scale})
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
@@ -328,7 +343,7 @@ class LandmarkMap:
             self._weights = _weights(self._sums, human.joint_names)
             self._joint_names = human.joint_names
         # All limbs at once: each is a weighted sum of joints, already scaled to the robot.
-        # k limbs, the trunk, two feet, from the right ankle to the left one; performer's world
+        # k limbs, the trunk, two feet, the line between the ankles; performer's world
         rows = (self._weights @ human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
@@ -342,10 +357,10 @@ class LandmarkMap:
         gaze = rotated(product(from_world, head_seen), FORWARD)
 
         apart = limbs.pop()
-        aside: Vector = (0.0, 0.0, 0.0)
+        aside = (0.0, 0.0)
         if self._over_foot is not None and self._pelvis is not None:
             aside = self._over_foot.step(limbs[self._pelvis], apart, human.carrying, dt)
-        pelvis = self._pelvis_asked(limbs, plus(aside, (0.0, 0.0, 0.5 * abs(apart[2]))))
+        pelvis = self._pelvis_asked(limbs, (*aside, 0.5 * abs(apart[2])))
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
@@ -523,6 +538,21 @@ def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
         hierarchy.set_position(targets, sole.frame.name, sole.position)
         hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
     return targets
+
+
+def plant_back(
+    hierarchy: Hierarchy, targets: FloatArray, stance: Stance, body: SolverBody, q: FloatArray, share: float
+) -> None:
+    """Ask the soles of posture q (nq,) for this share of the way back to their places in the stance."""
+    frames = [sole.frame for sole in stance.soles]
+    links, local = [frame.body for frame in frames], np.array([frame.position for frame in frames])
+    places, turned = body.points(q[None], links, local)[0], body.orientations(q[None], links)[0]
+    for sole, place, link in zip(stance.soles, places, turned, strict=True):
+        here = product(as_quat(link), as_quat(sole.frame.quat))
+        x, y, z = rotation_vector(product(as_quat(sole.orientation), inverse(here)))
+        hierarchy.set_position(targets, sole.frame.name, place + share * (sole.position - place))
+        back = product(turn((share * x, share * y, share * z)), here)
+        hierarchy.set_orientation(targets, sole.frame.name, np.array(back))
 
 
 def standing_dofs(robot: RobotBody, *frames: str) -> BoolArray:

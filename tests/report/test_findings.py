@@ -134,6 +134,13 @@ def test_a_sentence_says_whether_it_follows(
     assert (found.measured, found.kept) == (words, kept)
 
 
+def test_the_height_of_the_pelvis_is_told_where_it_was_to_move(run: RunResult, report: Report) -> None:
+    squatted = replace(report, pelvis_height_mm=Spread(9.4, 60.0, 90.0))
+    assert of("pelvis height", run, squatted).measured == "9 mm off, 60 at p95, 90 at most"
+    still = findings(run, replace(report, pelvis_height_mm=None))
+    assert "pelvis height" not in {found.name for found in still}
+
+
 def test_feet_that_are_to_stay_are_said_to_stay(run: RunResult, report: Report) -> None:
     still = replace(report, foot_path_ratio=0.0)
     assert of("foot path", run, still).measured == "none: its feet stay planted"

@@ -33,7 +33,8 @@ def test_the_level_of_the_soles_comes_first_and_the_others_keep_their_order() ->
 def watched(fallback: FallbackHierarchy, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Which of its hierarchies are solved from now on."""
     names = {"planted": fallback._planted, "separated": fallback._separated, "above": fallback._above}
-    solve, solved = fallback._solve, []
+    solve = fallback._solve
+    solved: list[str] = []
 
     def seen(ordered: tuple[Hierarchy, IntArray], *rest: Any) -> tuple[FloatArray, FloatArray]:
         solved.extend(name for name, one in names.items() if one is ordered)
