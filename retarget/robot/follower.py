@@ -31,6 +31,7 @@ from retarget.robot.landmarks import (
     LandmarkMap,
     RobotReader,
     plant_back,
+    plant_soles,
     robot_frames,
     robot_limbs,
     robot_postures,
@@ -325,7 +326,7 @@ class Follower:
         self._settling, self._time.scale = Settling(), 1.0
         self.scene_obstacles.restart()
         self._q = self.stance.q
-        self._targets, self._slipped = standing_targets(self.hierarchy, self.stance), False
+        self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self._q)
         if self.steps is not None:
             self.steps.restart()
@@ -387,12 +388,11 @@ class Follower:
     def _plant(self, slip: float, dt: float) -> None:
         """Ask the soles to stay in their places, or to go back there no faster than legs can stop. slip: m they are
         off."""
-        share = 1.0
         if slip > SLIPPED_M:
             share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
-        if share < 1.0 or self._slipped:
             plant_back(self.hierarchy, self._targets, self.stance, self._robot.kinematics, self._q, share)
-        self._slipped = share < 1.0
+        else:
+            plant_soles(self.hierarchy, self._targets, self.stance)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no

@@ -534,10 +534,15 @@ def standing_targets(hierarchy: Hierarchy, stance: Stance) -> FloatArray:
     """Make the target vector of a hierarchy for a robot that faces forward on its soles; nothing else is asked."""
     targets = hierarchy.blank()
     hierarchy.set_heading(targets, (1.0, 0.0))
+    plant_soles(hierarchy, targets, stance)
+    return targets
+
+
+def plant_soles(hierarchy: Hierarchy, targets: FloatArray, stance: Stance) -> None:
+    """Ask the soles to be in their places in the stance."""
     for sole in stance.soles:
         hierarchy.set_position(targets, sole.frame.name, sole.position)
         hierarchy.set_orientation(targets, sole.frame.name, sole.orientation)
-    return targets
 
 
 def plant_back(

@@ -137,8 +137,8 @@ def test_a_sentence_says_whether_it_follows(
 def test_the_height_of_the_pelvis_is_told_where_it_was_to_move(run: RunResult, report: Report) -> None:
     squatted = replace(report, pelvis_height_mm=Spread(9.4, 60.0, 90.0))
     assert of("pelvis height", run, squatted).measured == "9 mm off, 60 at p95, 90 at most"
-    still = findings(run, replace(report, pelvis_height_mm=None))
-    assert "pelvis height" not in {found.name for found in still}
+    still = replace(report, pelvis_height_mm=None)
+    assert len(findings(run, still)) == len(findings(run, squatted)) - 1
 
 
 def test_feet_that_are_to_stay_are_said_to_stay(run: RunResult, report: Report) -> None:
