@@ -134,7 +134,7 @@ def test_a_sentence_says_whether_it_follows(
     assert (found.measured, found.kept) == (words, kept)
 
 
-def test_the_height_of_the_pelvis_is_told_where_it_was_to_move(run: RunResult, report: Report) -> None:
+def test_the_height_of_the_pelvis_is_shown_where_it_was_to_move(run: RunResult, report: Report) -> None:
     squatted = replace(report, pelvis_height_mm=Spread(9.4, 60.0, 90.0))
     assert of("pelvis height", run, squatted).measured == "9 mm off, 60 at p95, 90 at most"
     still = replace(report, pelvis_height_mm=None)
