@@ -205,8 +205,7 @@ PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
 HEAD_ALONE = ("head",)
 """What a landmark follows that no joint of a limb moves."""
-APART = ("l_ankle", "r_ankle")
-"""The ankles."""
+ANKLES = ("l_ankle", "r_ankle")
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 """Unit vectors in the robot's world, and the quaternion wxyz of no rotation."""
@@ -282,11 +281,11 @@ class LandmarkMap:
         rest = dict(zip(POINTS, dimensions.standing(), strict=True))
         entries = list(profile.landmarks.values())
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
-        self._over_foot = PelvisOverFoot(*(stance.points[name] for name in APART)) if steps else None
+        self._over_foot = PelvisOverFoot(*(stance.points[name] for name in ANKLES)) if steps else None
         pelvis = profile.landmarks.get("pelvis")
-        over_ankles = pelvis is not None and set(pelvis.measured_from) == set(APART)
+        over_ankles = pelvis is not None and set(pelvis.measured_from) == set(ANKLES)
         scale = _scale(pelvis, rest) if pelvis is not None and over_ankles else 0.0
-        self._sums.append({APART[0]: scale, APART[1]: -scale})
+        self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
         line = _weights([TRUNK_LINE], POINTS) @ dimensions.standing()
