@@ -25,9 +25,11 @@ from retarget.types import FloatArray
 # than can be braked: v = sqrt(2 a gap). A motion within the limits is followed without any lag. A jump is neither taken
 # for motion nor followed at once: it is caught up with.
 
-SMOOTH_S = 0.04
-"""Time constant (s) of the asked motion's own velocity: shorter is noise. The lag of this filter is caught up with."""
-RATE = 30.0
+SMOOTH_S = 0.025
+"""Time constant (s) of each of two low passes: of what is asked, and of its velocity. Shorter is noise, and one alone
+lets through three times its jerk. What the first is behind is added by that velocity; the lag of the second is caught
+up with."""
+RATE = 25.0
 """Share of the gap that is caught up with, per s, where braking does not matter: the gain for noise."""
 STILL = 1e-12
 """Least length, m or rad, by which is divided: it keeps a still channel from dividing by zero."""
@@ -51,12 +53,12 @@ class OnlineTrajectory:
     def __init__(self, limits: ChannelLimits, *, lead_time: float = 0.0) -> None:
         """lead_time: s; the channel aims at where the motion will be then, at its own velocity."""
         self._limits, self._lead_time = limits, lead_time
-        self._own: Vector = (0.0, 0.0, 0.0)
-        self._before = 0.0
+        self.restart()
 
     def restart(self) -> None:
         """Start at rest, after something that stands still."""
-        self._own = (0.0, 0.0, 0.0)
+        self._own: Vector = (0.0, 0.0, 0.0)
+        self._behind: Vector = (0.0, 0.0, 0.0)
         self._before = 0.0
 
     def step(self, moved: Vector, error: Vector, dt: float) -> Vector:
@@ -65,17 +67,21 @@ class OnlineTrajectory:
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
         """
         limits = self._limits
-        # The velocity of the asked motion itself, low-passed, and its change limited: a jump of what is asked is no
-        # motion.
+        # How far what is asked is ahead of itself low-passed, and the velocity of that, low-passed once more and its
+        # change limited: a jump of what is asked is no motion.
+        kept = exp(-dt / SMOOTH_S)
+        px, py, pz = self._behind
+        bx, by, bz = self._behind = kept * (px + moved[0]), kept * (py + moved[1]), kept * (pz + moved[2])
+        mx, my, mz = moved[0] + px - bx, moved[1] + py - by, moved[2] + pz - bz
         ox, oy, oz = self._own
-        share = 1.0 - exp(-dt / SMOOTH_S)
-        cx, cy, cz = share * (moved[0] / dt - ox), share * (moved[1] / dt - oy), share * (moved[2] / dt - oz)
+        share = 1.0 - kept
+        cx, cy, cz = share * (mx / dt - ox), share * (my / dt - oy), share * (mz / dt - oz)
         scale = min(1.0, limits.own * dt / max(sqrt(cx * cx + cy * cy + cz * cz), STILL))
         ox, oy, oz = self._own = (ox + scale * cx, oy + scale * cy, oz + scale * cz)
 
         # What is left after following that motion for this tick is the gap that is to be caught up with.
-        a = self._lead_time
-        ex, ey, ez = error[0] + a * ox, error[1] + a * oy, error[2] + a * oz
+        a = dt * kept / share + self._lead_time
+        ex, ey, ez = error[0] - bx + a * ox, error[1] - by + a * oy, error[2] - bz + a * oz
         ox, oy, oz = ox * dt, oy * dt, oz * dt
         rx, ry, rz = ex - ox, ey - oy, ez - oz
         gap = sqrt(rx * rx + ry * ry + rz * rz)
