@@ -8,7 +8,8 @@ height z, it stands while its zero-moment point p is in there (M. Vukobratovic a
     xi = c + c' / omega,  omega^2 = g / z           n . xi <= d;   xi' = omega (xi - p)
 
 Both are half-spaces for the centre of mass after the tick, which the hierarchy keeps like any others: where more is
-asked, the robot lags.
+asked, the robot lags. The zero-moment point has the larger room: from rest at an edge a mass is moved in by pressing
+beyond it, and would stay there for ever if it could not.
 
 A capture point that is outside (a robot may begin there, and a stop may leave it there) only comes back in with the
 zero-moment point farther out. So from there the zero-moment point may go as far again beyond the edge, and does: with
@@ -41,9 +42,8 @@ HEAVE = 1.0
 lighter sole slides, and a heavier one tilts."""
 HEAVE_ROWS = 2
 """The last half-spaces of `moving_spaces`, which bound it."""
-RETURN_SHARE = 0.5
-"""Share of the support polygon, about its middle, for the return to stance. A robot that begins it at the edge of the
-room in which it followed comes in only by pressing beyond that edge."""
+PRESSED = 1.3
+"""Size of the room of the zero-moment point, in that of the capture point."""
 SPARE = 0.5
 """Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
 out."""
@@ -52,11 +52,18 @@ Edges = list[list[float]]
 Row = tuple[float, float, float, float]
 
 
+@dataclass(frozen=True)
+class Room:
+    """Where a mass in motion is to be: edges for its capture point, and for its zero-moment point."""
+
+    captured: Edges
+    pressed: Edges
+
+
 class StandingBalance:
     """The half-spaces of the `support` tasks of priorities, for a robot in a stance.
 
-    edges (e, 3): of the support polygon, drawn in by the margin of the tasks. looks_at_motion: whether the velocity of
-    the centre of mass counts, that is, whether capture point and zero-moment point are kept inside.
+    edges (e, 3): of the support polygon, drawn in by the margin of the tasks.
     """
 
     def __init__(self, priorities: Priorities, stance: Stance) -> None:
@@ -64,16 +71,14 @@ class StandingBalance:
         self._outline: Edges = stance.edges(0.0).tolist()
         self._drawn_in: Edges = self.edges.tolist()
         share = moving_share(priorities)
-        self.looks_at_motion = share is not None
-        self._room = _room(self.edges, share, stance)
-        self._wide = _room(self.edges, None if share is None else max(share, RETURN_SHARE), stance)
+        self._room = None if share is None else room_of(self.edges, share, stance)
 
-    def spaces(self, com: FloatArray, velocity: FloatArray, dt: float, *, to_stance: bool = False) -> FloatArray:
+    def spaces(self, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
-        m/s. to_stance: whether the robot returns to its stance."""
-        if not self.looks_at_motion:
+        m/s."""
+        if self._room is None:
             return _braked(self._drawn_in, com, dt)
-        return moving_spaces(self._wide if to_stance else self._room, com, velocity, dt, outer=self._drawn_in)
+        return moving_spaces(self._room, com, velocity, dt, outer=self._drawn_in)
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
@@ -95,8 +100,10 @@ def inside(edges: Edges, point: FloatArray) -> float:
     return float(min(offset - nx * x - ny * y for nx, ny, offset in edges))
 
 
-def _room(edges: FloatArray, share: float | None, stance: Stance) -> Edges:
-    return [] if share is None else shrunk(edges, share, stance).tolist()
+def room_of(edges: FloatArray, share: float, stance: Stance) -> Room:
+    """The room of a mass in a support polygon (e, 3), its capture point in a share of it about the middle."""
+    captured, pressed = (shrunk(edges, size, stance).tolist() for size in (share, min(PRESSED * share, 1.0)))
+    return Room(captured, pressed)
 
 
 def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
@@ -119,19 +126,13 @@ def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
 
 
 def moving_spaces(
-    edges: Edges,
-    com: FloatArray,
-    velocity: FloatArray,
-    dt: float,
-    *,
-    outer: Edges | None = None,
-    pressed: Edges | None = None,
+    room: Room, com: FloatArray, velocity: FloatArray, dt: float, *, outer: Edges | None = None
 ) -> FloatArray:
-    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point inside of edges, and the load
-    on the soles steady.
+    """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point in their room, and the load on
+    the soles steady.
 
-    pressed: other edges for the zero-moment point. outer: edges inside of which the zero-moment point stays while it
-    brings back a capture point that is outside; None: such a capture point is not brought back.
+    outer: edges inside of which the zero-moment point stays while it brings back a capture point that is outside; None:
+    such a capture point is not brought back.
     """
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
@@ -139,7 +140,7 @@ def moving_spaces(
     # / omega^2. Both are linear in the centre of mass after this tick, so each edge gives a half-space of it.
     settle = sqrt(z / GRAVITY) / dt  # 1 / (omega dt)
     capture = (x + settle * dt * vx, y + settle * dt * vy)
-    push = None if outer is None else _pushed_back(edges, outer, capture)
+    push = None if outer is None else _pushed_back(room.captured, outer, capture)
 
     def captured(nx: float, ny: float, offset: float) -> Row:
         # n . (c + (c - c_now) / (omega dt)) <= d; one that is outside comes in as the push makes it
@@ -159,9 +160,7 @@ def moving_spaces(
 
     ahead, change = z + vz * dt, HEAVE * dt * dt
     heaved = ((0.0, 0.0, 1.0, ahead + change), (0.0, 0.0, -1.0, change - ahead))
-    if pressed is None:
-        return np.array([*(row(*edge) for edge in edges for row in (captured, borne)), *heaved])
-    return np.array([*(captured(*edge) for edge in edges), *(borne(*edge) for edge in pressed), *heaved])
+    return np.array([*(captured(*edge) for edge in room.captured), *(borne(*edge) for edge in room.pressed), *heaved])
 
 
 def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tuple[float, float, float] | None:

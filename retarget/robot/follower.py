@@ -369,7 +369,9 @@ class Follower:
         elif soles.balance is not None:
             if soles.stop is not None:
                 self._plant(soles.stop.slip, dt)
-            hierarchy.set_support(targets, soles.balance.spaces(*self._mass(), dt, to_stance=to_stance))
+            com = self._reached.centre_of_mass
+            velocity = self._robot.kinematics.centre_of_mass_jacobian(self._q) @ hierarchy.solver.velocity
+            hierarchy.set_support(targets, soles.balance.spaces(com, velocity, dt))
         if soles.strength is not None:
             keeps = soles.steps is None or soles.steps.plan.support is None
             soles.strength.aim(hierarchy, targets, self._q, self._reached.centre_of_mass, dt, keeps=keeps)
@@ -491,13 +493,6 @@ class Follower:
                 self.hierarchy.solver.reset(q, velocity)
                 return q
         return None
-
-    def _mass(self) -> tuple[FloatArray, FloatArray]:
-        """The centre of mass (3,) m and its velocity (3,) m/s; zero where priorities balance it as if at rest."""
-        com = self._reached.centre_of_mass
-        if self._soles.balance is None or not self._soles.balance.looks_at_motion:
-            return com, np.zeros(3)
-        return com, self._robot.kinematics.centre_of_mass_jacobian(self._q) @ self.hierarchy.solver.velocity
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         robot, q, reached = self._robot, self._q, self._reached

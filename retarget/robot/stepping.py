@@ -10,7 +10,18 @@ from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
 from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
-from retarget.robot.balance import HEAVE_ROWS, Edges, inside, moving_share, moving_spaces, one_leg_squat, shrunk
+from retarget.robot.balance import (
+    HEAVE_ROWS,
+    PRESSED,
+    Edges,
+    Room,
+    inside,
+    moving_share,
+    moving_spaces,
+    one_leg_squat,
+    room_of,
+    shrunk,
+)
 from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import AskedLandmarks, Reached
 from retarget.robot.reference_governor import Glide
@@ -22,42 +33,31 @@ from retarget.types import BoolArray, FloatArray
 # Step balance: where capture point and zero-moment point of a stepping robot are to be: over both feet, over one, or on
 # the way.
 #
-# As in `StandingBalance`, each region is a share of the polygon that carries, about its middle. From one region to
-# another the mass goes through their hull, while both soles carry. A region only ever grows, or shrinks to one that
-# holds both points already: so no change of it asks for a jump.
-
-WELL_INSIDE = 0.8
-"""Share of the region of standing to which a mass comes back. The zero-moment point has to be behind the mass to push
-it farther in, and would leave the region if the mass stood at its edge."""
-WIDER = 1.4
-"""Share of the regions that a shift of weight goes through, so that a mass at the edge of one gets away from there."""
-PRESSED = 0.5
-"""Share of the support polygon for the zero-moment point on such a way. It is more than that of the capture point, else
-a mass at the edge could not be pushed away from there."""
+# As in `StandingBalance`, each room is a share of the polygon that carries, about its middle. From one room to another
+# the mass goes through their hull, while both soles carry. A room only ever grows, or shrinks to one that holds both
+# points already: so no change of it asks for a jump.
 
 
 class StepBalance:
-    """Regions of one stance on two soles. both, on_the_way: of standing, and of every shift of weight; over: of
-    standing on the left sole, and on the right one; room: around the middle of these, m. middles: of the soles, (2,) m:
-    both, left, right."""
+    """Rooms of one stance on two soles. both, on_the_way: of standing, and of every shift of weight; over: of standing
+    on the left sole, and on the right one; least: around the middle of these, m. middles: of the soles, (2,) m: both,
+    left, right."""
 
     def __init__(self, stance: Stance, share: float) -> None:
         """share: of what carries, about its middle."""
         outlines = [sole.outline for sole in stance.soles]
         self.middles = (np.concatenate(outlines).mean(axis=0), *(outline.mean(axis=0) for outline in outlines))
-        self.both: Edges = shrunk(stance.edges(0.0), share, stance).tolist()
-        self._well_inside: Edges = shrunk(stance.edges(0.0), WELL_INSIDE * share, stance).tolist()
+        self.both = room_of(stance.edges(0.0), share, stance)
         left, right = (
-            shrunk(support_edges([sole.outline]), share, Stance(stance.q, stance.points, (sole,))).tolist()
+            room_of(support_edges([sole.outline]), share, Stance(stance.q, stance.points, (sole,)))
             for sole in stance.soles
         )
-        self.over: tuple[Edges, Edges] = (left, right)
-        wider = min(WIDER * share, 1.0)
-        self.on_the_way, self._pressed = (self._hull(outlines, size) for size in (wider, max(wider, PRESSED)))
+        self.over: tuple[Room, Room] = (left, right)
+        self.on_the_way = Room(*(self._hull(outlines, size) for size in (share, min(PRESSED * share, 1.0))))
         still = np.zeros(3)
-        self.room = min(
-            self.depth(region, np.array([*middle, 0.0]), still, still)
-            for region, middle in zip(self.over, self.middles[1:], strict=True)
+        self.least = min(
+            self.depth(room, np.array([*middle, 0.0]), still, still)
+            for room, middle in zip(self.over, self.middles[1:], strict=True)
         )
         self._outlines: tuple[Edges, ...] = tuple(
             support_edges([outline]).tolist() for outline in (np.concatenate(outlines), *outlines)
@@ -72,11 +72,11 @@ class StepBalance:
         ).tolist()
         return edges
 
-    def spaces(self, region: Edges, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
+    def spaces(self, room: Room, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
         """Half-spaces (k, 4) for a centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
         m/s."""
-        spaces = moving_spaces(region, com, velocity, dt, pressed=self._pressed if region is self.on_the_way else None)
-        if region is self.both:
+        spaces = moving_spaces(room, com, velocity, dt)
+        if room is self.both:
             return spaces
         # At the height of an even motion. Else a robot that may not go aside fast enough would throw up its arms.
         edges = spaces[:-HEAVE_ROWS]
@@ -84,16 +84,12 @@ class StepBalance:
         edges[:, 2] = 0.0
         return spaces
 
-    def pressed(self, region: Edges) -> Edges:
-        """Return the region (half-spaces) of the zero-moment point of a mass that is to be in a region."""
-        return self._pressed if region is self.on_the_way else region
-
-    def depth(self, region: Edges, com: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
-        """How far (m) inside a region both points are, of a mass at (3,) m, with (3,) m/s and (3,) m/s^2."""
+    def depth(self, room: Room, com: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
+        """How far (m) inside a room both points are, of a mass at (3,) m, with (3,) m/s and (3,) m/s^2."""
         height = float(com[2])
         capture = com + velocity * (height / GRAVITY) ** 0.5
         pressed = com - acceleration * (height / max(GRAVITY + float(acceleration[2]), 0.1 * GRAVITY))
-        return min(inside(region, capture), inside(region, pressed))
+        return min(inside(room.captured, capture), inside(room.pressed, pressed))
 
     def settled(self, com: FloatArray, velocity: FloatArray, acceleration: FloatArray, place: FloatArray) -> bool:
         """Whether a mass rests at a place (2,) m, inside the region of standing; com, velocity, acceleration (3,)."""
@@ -102,12 +98,12 @@ class StepBalance:
         return near and slow and self.depth(self.both, com, velocity, acceleration) > 0.0
 
     def place(self, asked: FloatArray) -> FloatArray:
-        """The place (2,) m well inside the region of standing that is nearest to the one asked (2,) m, on the line to
-        the middle."""
+        """The place (2,) m in the room of standing, `SETTLED_M` from its edges, that is nearest to the one asked (2,) m,
+        on the line to the middle."""
         middle = self.middles[0]
         share = 1.0
-        for nx, ny, offset in self._well_inside:
-            room = offset - nx * float(middle[0]) - ny * float(middle[1])
+        for nx, ny, offset in self.both.captured:
+            room = offset - SETTLED_M - nx * float(middle[0]) - ny * float(middle[1])
             out = nx * float(asked[0] - middle[0]) + ny * float(asked[1] - middle[1])
             if out > room:
                 share = min(share, room / out)
@@ -304,7 +300,7 @@ class Stepping:
         left, right = (sole.position for sole in stance.soles)
         self._apart = tuple((left - right).tolist())
         com = self._body.centre_of_mass(stance.q[None])[0]
-        self._weight = WeightShift(room=self._balance.room, height=float(com[2]))
+        self._weight = WeightShift(room=self._balance.least, height=float(com[2]))
         self.plan = StepPlan()
         self._pelvis = list(robot.profile.landmarks).index("pelvis")
         standing = float(stance.points[robot.profile.landmarks["pelvis"].frame][2])
@@ -351,7 +347,7 @@ class Stepping:
         acceleration = np.zeros(3) if self._velocity is None else (moving - self._velocity) / dt
         self._velocity = moving
         settled = self._balance.settled(com, moving, acceleration, place)
-        left, right = (self._balance.depth(region, com, moving, acceleration) for region in self._balance.over)
+        left, right = (self._balance.depth(room, com, moving, acceleration) for room in self._balance.over)
         outside = to_stance and self._balance.depth(self._balance.both, com, np.zeros(3), np.zeros(3)) < 0.0
         before = self.plan.single_support
         down = self.plan.state is StepState.TOUCHDOWN and self._off(q, 1 - int(self.plan.support or 0)) < DOWN_M
@@ -386,11 +382,11 @@ class Stepping:
             hierarchy.set_centre_of_mass(targets, com, 0.0)
             hierarchy.set_support(targets, balance.spaces(balance.both, com, moving, dt))
             return place
-        region = balance.on_the_way if plan.single_support is None else balance.over[plan.single_support]
+        room = balance.on_the_way if plan.single_support is None else balance.over[plan.single_support]
         to = place if plan.support is None else balance.middles[1 + plan.support]
-        goal = self._weight.step(to, balance.pressed(region), dt)
+        goal = self._weight.step(to, room.pressed, dt)
         hierarchy.set_centre_of_mass(targets, np.array([*goal, 0.0]))
-        hierarchy.set_support(targets, balance.spaces(region, com, moving, dt))
+        hierarchy.set_support(targets, balance.spaces(room, com, moving, dt))
         return goal
 
     def _aim_soles(self, targets: FloatArray, q: FloatArray, dt: float, *, apart: Vector) -> None:
