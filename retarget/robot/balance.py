@@ -42,7 +42,7 @@ HEAVE = 1.0
 lighter sole slides, and a heavier one tilts."""
 HEAVE_ROWS = 2
 """The last half-spaces of `moving_spaces`, which bound it."""
-PRESSED = 1.3
+PRESSED = 1.2
 """Size of the room of the zero-moment point, in that of the capture point."""
 SPARE = 0.5
 """Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
