@@ -108,9 +108,11 @@ def test_a_mass_at_rest_at_an_edge_of_its_room_gets_away_from_there(robot: str, 
     stance = plant(load_robot(robot), load_robot(robot).profile.postures.stand)
     keeps = StandingBalance(load_priorities(name), stance)
     assert keeps._room is not None
-    for nx, ny, offset in keeps._room.captured:
-        way = np.array([-nx, -ny])
-        before = com = np.array([nx * offset, ny * offset, HEIGHT])
+    edges = np.array(keeps._room.captured)
+    for angle in np.linspace(0.0, 2.0 * np.pi, 12):
+        way = -np.array([np.cos(angle), np.sin(angle)])
+        outward = np.maximum(edges[:, :2] @ -way, 1e-9)
+        before = com = np.array([*(-way * (edges[:, 2] / outward).min()), HEIGHT])
         for _ in range(round(1.0 / DT)):
             after = farthest(keeps.spaces(com, (com - before) / DT, DT), way, com)
             before, com = com, after
