@@ -168,8 +168,8 @@ class CentreOfMassTask(_Weighed):
     margin: NotNegative = 0.0
     """[m] Of support: so far inside the edge."""
     moving: Annotated[Positive, Field(le=1.0)] | None = None
-    """Of support: share of the polygon, about its middle, in which capture point and zero-moment point stay; absent: as
-    at rest."""
+    """Of support: share of the polygon, about its middle, in which the capture point stays, and the zero-moment point
+    in a little more; absent: as at rest."""
     fade_speed: Positive | None = None
     """[m/s] The weight falls as 1 / (1 + (v / fade_speed)^4) with the speed v of the body; absent: never."""
 
