@@ -37,8 +37,8 @@ from retarget.types import FloatArray
 
 BEYOND_M = 0.0003
 """m beyond an edge within which a capture point counts as inside: rounding."""
-HEAVE = 2.0
-"""Greatest vertical acceleration of the centre of mass (m/s^2): soles then carry the weight within a fifth of it. A
+HEAVE = 1.5
+"""Greatest vertical acceleration of the centre of mass (m/s^2): soles then carry the weight within a sixth of it. A
 lighter sole slides, and a heavier one tilts."""
 HEAVE_ROWS = 2
 """The last half-spaces of `moving_spaces`, which bound it."""

@@ -27,8 +27,8 @@ from retarget.types import FloatArray
 
 SMOOTH_S = 0.025
 """Time constant (s) of each of two low passes: of what is asked, and of its velocity. Shorter is noise, and one alone
-lets through three times its jerk. What the first is behind is added by that velocity; the lag of the second is caught
-up with."""
+lets through two and a half times its jerk. What the first is behind is added by that velocity; the lag of the second is
+caught up with."""
 RATE = 25.0
 """Share of the gap that is caught up with, per s, where braking does not matter: the gain for noise."""
 STILL = 1e-12

@@ -64,7 +64,7 @@ class StepBalance:
         )
 
     def _hull(self, outlines: Sequence[FloatArray], size: float) -> Edges:
-        """Edges of the hull of both soles (c, 2), each at a share of its size about its middle. It holds the regions at
+        """Edges of the hull of both soles (c, 2), each at a share of its size about its middle. It holds the rooms at
         that share, of standing too."""
         middles = self.middles[1:]
         edges: Edges = support_edges(
@@ -92,7 +92,7 @@ class StepBalance:
         return min(inside(room.captured, capture), inside(room.pressed, pressed))
 
     def settled(self, com: FloatArray, velocity: FloatArray, acceleration: FloatArray, place: FloatArray) -> bool:
-        """Whether a mass rests at a place (2,) m, inside the region of standing; com, velocity, acceleration (3,)."""
+        """Whether a mass rests at a place (2,) m, inside the room of standing; com, velocity, acceleration (3,)."""
         near = float(np.abs(com[:2] - place).max()) < SETTLED_M
         slow = float(np.abs(velocity[:2]).max()) < SETTLED_SPEED
         return near and slow and self.depth(self.both, com, velocity, acceleration) > 0.0

@@ -197,6 +197,27 @@ def test_ahead_of_an_even_motion_by_just_so_much_time() -> None:
     assert here == pytest.approx(last, abs=1e-6)
 
 
+@pytest.mark.parametrize("dt", [0.008, 0.02])
+def test_noise_is_smoothed_and_an_even_motion_is_on_time(dt: float) -> None:
+    """A channel through one low pass alone lets through more than that."""
+    noise = np.random.default_rng(3).normal(0.0, 1e-3, 4000)
+
+    def follow(asked: FloatArray) -> FloatArray:
+        trajectory, rows, last = OnlineTrajectory(CHANNEL), [0.0], 0.0
+        for there in asked.tolist():
+            step = trajectory.step((there - last, 0.0, 0.0), (there - rows[-1], 0.0, 0.0), dt)
+            rows.append(rows[-1] + step[0])
+            last = there
+        return np.array(rows[1:])
+
+    def jerk(path: FloatArray) -> float:
+        return float(np.sqrt((np.diff(path, n=3) ** 2).mean()))
+
+    assert jerk(follow(noise)) < (0.12 if dt < 0.01 else 0.4) * jerk(noise)
+    even = 0.1 * dt * np.arange(1000)
+    assert follow(even)[-1] == pytest.approx(even[-1], abs=1e-5)
+
+
 # The limits within which a robot follows.
 
 
