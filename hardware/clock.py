@@ -107,10 +107,6 @@ class TickTiming:
         """Whether ticks in a row came so late that more than one goal is missing. Then the goals are out of date."""
         return self._late > LOST
 
-    def restart(self) -> None:
-        """Forget the ticks so far: the next one is the first."""
-        self._begun, self._late = None, 0.0
-
     def begin(self, now: float) -> float:
         """Note a tick that begins at `now`, s. Return the time since the one before began, s; 0 for the first."""
         pause = 0.0 if self._begun is None else now - self._begun

@@ -78,12 +78,12 @@ class UsageError(RefusedError):
     """A command line option that cannot be used: unknown name, unwritable path, impossible combination."""
 
 
-def nearest(name: str, known: Iterable[str], *, limit: int = 3) -> tuple[str, ...]:
-    """The known names closest in spelling to `name`, best first; empty when none is near."""
+def nearest(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """At most three known names closest in spelling to `name`, best first; empty when none is near."""
     spelled: dict[str, str] = {}
     for candidate in known:
         spelled.setdefault(candidate.casefold(), candidate)
-    matches = difflib.get_close_matches(name.casefold()[:100], list(spelled), n=limit, cutoff=0.6)
+    matches = difflib.get_close_matches(name.casefold()[:100], list(spelled), n=3, cutoff=0.6)
     return tuple(spelled[match] for match in matches)
 
 

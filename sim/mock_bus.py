@@ -28,9 +28,9 @@ class MockBus:
     """A `hardware.bus.ServoBus` without wires. Nothing loads the joints: with torque off a servo stays where it is.
 
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
-    whose drive saturates at its no-load speed. `lag` in s, for all servos; None takes it from the model and its P gain
-    (about 45 ms for an XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart
-    they are. `start` in ticks, (n,). protocols: of the buses, by name, for the gains' unit; 2 where it is not given.
+    whose drive saturates at its no-load speed. The lag, s, follows from the model and its P gain (about 45 ms for an
+    XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. `start` in
+    ticks, (n,). protocols: of the buses, by name, for the gains' unit; 2 where it is not given.
     """
 
     def __init__(
@@ -39,7 +39,6 @@ class MockBus:
         clock: Clock,
         *,
         start: TickArray | None = None,
-        lag: float | None = None,
         protocols: Mapping[str, int] | None = None,
     ) -> None:
         count = len(servos)
@@ -49,8 +48,7 @@ class MockBus:
         self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
         spoken = protocols or {}
-        lags = [loop_lag(servo, protocol=spoken.get(servo.bus, 2)) for servo in servos]
-        self._lag = np.array([own if lag is None else lag for own in lags])  # (n,) [s]
+        self._lag = np.array([loop_lag(servo, protocol=spoken.get(servo.bus, 2)) for servo in servos])  # (n,) [s]
         self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._current_unit = np.array([model.current_unit or np.nan for model in models])  # (n,) [A], NaN: reports none

@@ -179,9 +179,7 @@ class Hierarchy:
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
             place.set_spaces(targets, spaces)
 
-    def set_heading(
-        self, targets: FloatArray, heading: Sequence[float], weight: float = 1.0, *, lowered: float = 0.0
-    ) -> None:
+    def set_heading(self, targets: FloatArray, heading: Sequence[float], *, lowered: float = 0.0) -> None:
         """The heading (x, y), a unit vector on the ground, to every heading task and every axis task. lowered: how much
         of its lowered direction an axis has, 0 to 1."""
         cosine, sine = heading
@@ -191,8 +189,7 @@ class Hierarchy:
                 x, y, z = x + lowered * (u - x), y + lowered * (v - y), z + lowered * (w - z)
                 length = sqrt(x * x + y * y + z * z)
                 x, y, z = x / length, y / length, z / length
-            strength = weight if place.slot.kind is SlotKind.HEADING else 1.0
-            targets[place.start : place.stop] = (strength, cosine * x - sine * y, sine * x + cosine * y, z)
+            targets[place.start : place.stop] = (1.0, cosine * x - sine * y, sine * x + cosine * y, z)
 
     def set_obstacles(self, poses: ObstaclePoses) -> None:
         """Set where the obstacles are at the start of the next frame. Moving ones go on at their velocities until the

@@ -18,7 +18,8 @@ from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, ValidityState
 from retarget.live.stream import LiveStream
 from retarget.sources.mvn import MvnDecoder
-from retarget.sources.natnet_session import NEWEST, OLDEST, natnet_problems
+from retarget.sources.natnet_session import NEWEST, natnet_problems
+from retarget.sources.natnet_wire import OLDEST
 from retarget.types import Notify
 
 NOTED_S = 0.05

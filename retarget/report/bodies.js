@@ -123,8 +123,6 @@ export class Bodies {
     this.#bodies.set(name, this.#load({ body, place, alpha, poses: null }));
   }
 
-  remove(name) { this.#bodies.delete(name); }
-
   pose(name, poses) { if (this.#bodies.has(name)) this.#bodies.get(name).poses = poses; }
 
   lines(name, points, { colour = [0, 0, 0], width = 1.5, over = false } = {}) {

@@ -181,67 +181,48 @@ def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
     return spec.compile(), first + np.arange(len(shapes.names))
 
 
-# Which geoms of a body are compared with each other, and which pairs of links are not, and why.
+# Which geoms of a body are compared with each other.
 
 Pair = tuple[int, int]
-NEIGHBOURS = "neighbours along the body"
-"""Why a link and its parent are not compared."""
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """Two links that are not compared, and why not."""
-
-    first: str
-    second: str
-    reason: str
 
 
 def compared_pairs(
     model: Any, links: IntArray, geoms: IntArray, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()
-) -> tuple[IntArray, tuple[LeftOut, ...]]:
-    """Find the rows (P, 2) of `links` and `geoms` (g,) that are compared, and the pairs of links that are not.
+) -> IntArray:
+    """Find the rows (P, 2) of `links` and `geoms` (g,) that are compared.
 
     Not compared: geoms of one link, or of links that no joint parts; of a link and its parent; of pairs that the file
     excludes; of `ignored` pairs of links; of pairs of links that touch in the posture `neutral` (nq,).
     """
-    reasons = _reasons(model, ignored)
+    never = _never_compared(model, ignored)
     first, second = np.triu_indices(len(geoms), 1)
     welded = np.asarray(model.body_weldid)[links]
     apart = links[first] != links[second]
     # Links on a base that is fixed to the world are all welded to it, and yet may meet.
     apart &= (welded[first] != welded[second]) | (welded[first] == 0)
     pairs = np.column_stack([first, second])[apart]
-    named = np.array([_pair(links[a], links[b]) not in reasons for a, b in pairs], dtype=np.bool_)
+    named = np.array([_pair(links[a], links[b]) not in never for a, b in pairs], dtype=np.bool_)
     pairs = pairs[named]
-    touching = _touching(model, geoms[pairs], neutral)
-    for a, b in links[pairs[touching]]:
-        reasons[_pair(a, b)] = "touch in the neutral posture"
-    kept = np.array([_pair(links[a], links[b]) not in reasons for a, b in pairs], dtype=np.bool_)
-    observed = set(links.tolist())
-    left_out = [
-        LeftOut(str(model.body(a).name), str(model.body(b).name), reason)
-        for (a, b), reason in sorted(reasons.items())
-        if {a, b} <= observed
-    ]
-    return pairs[kept], tuple(left_out)
+    touching = {_pair(a, b) for a, b in links[pairs[_touching(model, geoms[pairs], neutral)]]}
+    kept = np.array([_pair(links[a], links[b]) not in touching for a, b in pairs], dtype=np.bool_)
+    return np.asarray(pairs[kept])
 
 
-def _reasons(model: Any, ignored: Iterable[tuple[str, str]]) -> dict[Pair, str]:
-    """Pairs of links that are left out in every posture."""
+def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> set[Pair]:
+    """Pairs of links that are left out whatever the neutral posture is."""
     weld, parent = np.asarray(model.body_weldid), np.asarray(model.body_parentid)
-    reasons = {}
+    never = set()
     for link in range(1, model.nbody):
-        reasons[_pair(link, parent[link])] = NEIGHBOURS
+        never.add(_pair(link, parent[link]))
         # Of links that no joint parts, all are neighbours of what the joint hangs on.
         for other in range(1, model.nbody):
             if weld[other] and weld[link] != weld[other] and weld[parent[weld[link]]] == weld[other]:
-                reasons[_pair(link, other)] = NEIGHBOURS
+                never.add(_pair(link, other))
     for signature in model.exclude_signature:
-        reasons[_pair(int(signature) >> 16, int(signature) & 0xFFFF)] = "excluded by the body's file"
+        never.add(_pair(int(signature) >> 16, int(signature) & 0xFFFF))
     for first, second in ignored:
-        reasons[_pair(model.body(first).id, model.body(second).id)] = "ignored by the profile"
-    return reasons
+        never.add(_pair(model.body(first).id, model.body(second).id))
+    return never
 
 
 def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
@@ -270,7 +251,7 @@ class Clearance:
     """smallest: distance, m, negative inside; None: nothing to compare. penetrating: number of postures.
 
     pair: the two links, or the link and the obstacle, that came closest; row: in which posture. deep: how many of the
-    penetrating postures are deeper than 1 mm. left_out: pairs of links that were not compared.
+    penetrating postures are deeper than 1 mm.
     """
 
     smallest: float | None
@@ -278,7 +259,6 @@ class Clearance:
     pair: tuple[str, str] | None
     row: int | None = None
     deep: int = 0
-    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def deepest(self) -> float:
@@ -302,12 +282,12 @@ class PlacedBody:
     def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
         """Measure the clearance (m) of the body to itself. `compared_pairs` says which links are compared."""
         geoms = self.geoms
-        pairs, left_out = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
+        pairs = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
         if not len(self.rows) or not len(pairs):
-            return Clearance(None, 0, None, left_out=left_out)
+            return Clearance(None, 0, None)
         found = geoms.closest(pairs, tolerances=(TOUCH_M, DEEP_M))
         first, second = (self._name(geom) for geom in pairs[found.pair])
-        return _clearance(found, (first, second), self.rows, left_out)
+        return _clearance(found, (first, second), self.rows)
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
         """Measure the clearance (m) between every geom and every obstacle of a scene but the ground, at times (T,) s on
@@ -327,7 +307,7 @@ class PlacedBody:
         both = among_obstacles(self.file, self.geoms, scene, times[self.rows])
         found = both.closest(pairs + np.array([len(names), 0]), tolerances=(TOUCH_M, DEEP_M))
         link, obstacle = pairs[found.pair]
-        return _clearance(found, (self._name(link), names[obstacle]), self.rows, ())
+        return _clearance(found, (self._name(link), names[obstacle]), self.rows)
 
     def _name(self, geom: int) -> str:
         """Name of the geom's link."""
@@ -348,9 +328,9 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
     return PlacedBody(file, moving_geoms(file.model, postures[rows]), rows)
 
 
-def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray, left_out: tuple[LeftOut, ...]) -> Clearance:
+def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray) -> Clearance:
     penetrating, deep = found.deeper
-    return Clearance(found.smallest, penetrating, pair, int(rows[found.row]), deep, left_out)
+    return Clearance(found.smallest, penetrating, pair, int(rows[found.row]), deep)
 
 
 # How near a body's observers came to each other and to a scene: on their own shapes, by the solver's own distances.

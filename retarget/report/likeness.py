@@ -216,7 +216,7 @@ def arm_clearance(robot: RobotBody, stance: Stance, landmark: str) -> Callable[[
     geoms = moving_geoms(model, stance.q[None])
     ignored = [entry.pair for entry in profile.ignore_pairs]
     neutral = robot.posture(profile.postures.neutral)
-    pairs, _ = compared_pairs(model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
+    pairs = compared_pairs(model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
     of = geoms.links[pairs]
     pairs = pairs[np.isin(of, own).any(axis=1) & np.isin(of, near).all(axis=1)]
 

@@ -21,7 +21,7 @@ from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import MIDDLE, SIDES
 from retarget.report import motion_metrics
-from retarget.report.motion_metrics import moved_joints
+from retarget.report.motion_metrics import moved_joints, sole_corners, soles_of
 from retarget.report.solid import ELEVATION, facets_of, lit, project
 from retarget.report.tracking import headings, turned
 from retarget.run.run_result import RunResult
@@ -230,12 +230,8 @@ def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
     points = robot.points(q, names)
     feet, size = _feet(points, names), _size(points, names)
     corners, normal, colour = facets_of(robot.solid, q)
-    soles = []
-    for foot in robot.profile.feet.values():
-        link, outline = robot.frame(foot.frame), np.array(foot.polygon)
-        local = link.position + np.column_stack([outline, np.zeros(len(outline))])
-        soles.append((robot.kinematics.points(q, [link.body] * len(local), local) - feet) / size)
-    return Postures((corners - feet[:, None]) / size, normal, colour, tuple(soles))
+    soles = tuple((sole_corners(sole) - feet) / size for sole in soles_of(robot, q))
+    return Postures((corners - feet[:, None]) / size, normal, colour, soles)
 
 
 def _feet(points: FloatArray, names: tuple[str, ...]) -> FloatArray:

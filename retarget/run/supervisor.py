@@ -290,29 +290,3 @@ class Supervisor:
             guard.latch(StopCause.FILTER, f"not at rest after {now - self.since:.3g} s")
         elif event is Event.TIMEOUT and self.state is RunState.RETURN_TO_STANCE:
             self._give_up_return(f"not over after {LONGEST_RETURN_S:g} s")
-
-
-# The tables and the drawing of the documentation.
-
-
-def tables_of_states() -> str:
-    """The states, the transitions and a drawing (Mermaid) in Markdown, for `docs/stops.md`."""
-    lines = ["| state | who gives the targets | torque | longest |", "|---|---|---|---|"]
-    for state, row in STATES.items():
-        longest = "" if row.limit_s == inf else f"{row.limit_s:g} s"
-        lines.append(f"| {state.value} | {row.controls} | {'on' if row.torque else 'off'} | {longest} |")
-    lines += ["", "| from | when | to | stop category |", "|---|---|---|---|"]
-    alike: dict[tuple[Event, Transition], list[str]] = {}
-    for (state, event), transition in TRANSITIONS.items():
-        alike.setdefault((event, transition), []).append(state.value)
-    for (event, transition), states in alike.items():
-        category = "" if transition.category is None else str(int(transition.category))
-        lines.append(f"| {', '.join(states)} | {event.value} | {transition.to.value} | {category} |")
-    lines += ["", "```mermaid", "stateDiagram-v2"]
-    pairs = dict.fromkeys((state, transition.to) for (state, _), transition in TRANSITIONS.items())
-    lines += [f"    {_node(state)} --> {_node(to)}" for state, to in pairs]
-    return "\n".join([*lines, "```"])
-
-
-def _node(state: RunState) -> str:
-    return state.name

@@ -6,7 +6,6 @@ shipped one of the same name. What belongs to one specimen of a robot, its calib
 """
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -63,22 +62,21 @@ def shipped_folder() -> Path:
     return (Path(__file__).parent.parent / "configs").resolve()
 
 
-def user_folder(environment: Mapping[str, str] | None = None) -> Path:
+def user_folder() -> Path:
     """The user's own folder of configurations, in the XDG config folder."""
-    return _xdg_folder("XDG_CONFIG_HOME", ".config", environment)
+    return _xdg_folder("XDG_CONFIG_HOME", ".config")
 
 
-def cache_folder(environment: Mapping[str, str] | None = None) -> Path:
+def cache_folder() -> Path:
     """The folder of what can be fetched or made again, in the XDG cache folder."""
-    return _xdg_folder("XDG_CACHE_HOME", ".cache", environment)
+    return _xdg_folder("XDG_CACHE_HOME", ".cache")
 
 
-def _xdg_folder(variable: str, usual: str, environment: Mapping[str, str] | None) -> Path:
+def _xdg_folder(variable: str, usual: str) -> Path:
     """Our folder in one of XDG's; relative values of a variable are ignored, as the XDG standard requires."""
-    variables = os.environ if environment is None else environment
-    base = Path(variables.get(variable, ""))
+    base = Path(os.environ.get(variable, ""))
     if not base.is_absolute():
-        base = Path(variables.get("HOME", "~")).expanduser() / usual
+        base = Path(os.environ.get("HOME", "~")).expanduser() / usual
     return base / "retarget"
 
 

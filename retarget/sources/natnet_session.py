@@ -16,6 +16,7 @@ from retarget.errors import Problem
 from retarget.sources.natnet_wire import (
     COMMAND_PORT,
     DATA_PORT,
+    OLDEST,
     FrameFlags,
     MessageId,
     ServerInfo,
@@ -27,7 +28,6 @@ from retarget.sources.natnet_wire import (
     read_server_info,
     split,
 )
-from retarget.sources.natnet_wire import OLDEST as OLDEST
 
 NEWEST = Version(4, 255)
 """The last bitstream that is read."""

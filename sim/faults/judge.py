@@ -432,10 +432,10 @@ def bench_of(
     return bench
 
 
-def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
+def run_row(row: Row, *, when: When = When.MOVING) -> Bench:
     """Run a row. A run that goes on after its reaction is observed to its end only if the robot was stopping."""
     following = ONSET + (row.after if when is When.MOVING else 0.0)
-    bench = bench_of([Struck(row, ONSET)], when=when, following=following, seed=seed)
+    bench = bench_of([Struck(row, ONSET)], when=when, following=following)
     if row.reaction in OUTLIVED:
         bench.leaves = when is not When.STOPPING
         if when is When.APPROACHING:
@@ -444,9 +444,9 @@ def run_row(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Bench:
     return bench
 
 
-def judged(row: Row, *, when: When = When.MOVING, seed: int = 0) -> Verdict:
+def judged(row: Row, *, when: When = When.MOVING) -> Verdict:
     """Run a row and judge it."""
-    return verdict_of(row, run_row(row, when=when, seed=seed), when=when)
+    return verdict_of(row, run_row(row, when=when), when=when)
 
 
 def verdict_of(row: Row, bench: Bench, *, when: When = When.MOVING) -> Verdict:
@@ -640,17 +640,15 @@ def _onset_of(trace: Trace, at: float) -> float | None:
     return next((cued for cued in trace.acted if done <= cued < done + CUED_S), done)
 
 
-def judged_pair(
-    first: Row, second: Row, *, at: float, gap: float, seed: int = 0, when: When = When.MOVING, longer: float = LONGER_S
-) -> Verdict:
+def judged_pair(first: Row, second: Row, *, at: float, gap: float, when: When = When.MOVING) -> Verdict:
     """Run and judge two faults, `gap` s apart, the first at `at` s of following.
 
     Judged are the rules of every run, that it ends, and the reactions of a moving robot.
     """
     strikes = Struck(first, at), Struck(second, at + gap)
     moving = when is When.MOVING
-    after = max(longer, *(least(row).limit + 0.1 for row in (first, second))) if moving else longer
-    bench = bench_of(strikes, when=when, following=at + gap + after, seed=seed)
+    after = max(LONGER_S, *(least(row).limit + 0.1 for row in (first, second))) if moving else LONGER_S
+    bench = bench_of(strikes, when=when, following=at + gap + after)
     return verdict_of_pair(bench, bench.run(), *strikes, reacts=moving)
 
 

@@ -189,17 +189,6 @@ def test_what_is_a_little_late_again_and_again_adds_up() -> None:
     assert paced([1.3] * 50) == [False] * 50
 
 
-def test_after_a_restart_no_tick_is_late() -> None:
-    timing = TickTiming(PERIOD)
-    timing.begin(0.0)
-    timing.begin(1.0)
-    behind = [timing.behind]
-    timing.restart()
-    behind.append(timing.behind)
-    assert timing.begin(9.0) == 0.0
-    assert [*behind, timing.behind] == [True, False, False]
-
-
 # The benchmark of lateness: what counts as late, and a robot at its rate.
 
 

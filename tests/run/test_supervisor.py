@@ -24,9 +24,9 @@ from retarget.run.supervisor import (
     Event,
     Situation,
     Supervisor,
-    tables_of_states,
 )
 from retarget.types import RunState
+from state_tables import tables_of_states
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "stops.md"
 FOLLOWED = Situation(followable=True, approached=True)

@@ -65,7 +65,9 @@ class FaultyBus(MockBus):
         faults: Sequence[MockFault] = (),
         protocols: Mapping[str, int] | None = None,
     ) -> None:
-        super().__init__(servos, clock, start=start, lag=lag, protocols=protocols)
+        super().__init__(servos, clock, start=start, protocols=protocols)
+        if lag is not None:
+            self._lag = np.full(len(servos), lag)
         self._faults = tuple(faults)
         self._alert = np.zeros(len(servos), dtype=np.uint8)
         self._cycle = -1  # of reads
