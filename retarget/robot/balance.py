@@ -35,15 +35,15 @@ from retarget.robot.reference_governor import braking_displacement
 from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTask
 from retarget.types import FloatArray
 
-BEYOND_M = 0.0003
-"""m beyond an edge within which a capture point counts as inside: rounding."""
 HEAVE = 1.5
 """Greatest vertical acceleration of the centre of mass (m/s^2): soles then carry the weight within a sixth of it. A
 lighter sole slides, and a heavier one tilts."""
 HEAVE_ROWS = 2
 """The last half-spaces of `moving_spaces`, which bound it."""
-PRESSED = 1.2
-"""Size of the room of the zero-moment point, in that of the capture point."""
+LARGER = 1.2
+"""Size of the room of the zero-moment point, in that of the capture point. The larger, the sooner a mass at rest gets
+away from an edge, and the more its soles slip: with 1.2 it takes half a second, with 2.8 Wolfgang slipped three times
+as far."""
 SPARE = 0.5
 """Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
 out."""
@@ -54,10 +54,12 @@ Row = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Room:
-    """Where a mass in motion is to be: edges for its capture point, and for its zero-moment point."""
+    """Where a mass in motion is to be: edges for its capture point and for its zero-moment point. outer: those that the
+    zero-moment point keeps to while it brings back a capture point that is outside."""
 
-    captured: Edges
-    pressed: Edges
+    capture_point: Edges
+    zero_moment_point: Edges
+    outer: Edges
 
 
 class StandingBalance:
@@ -78,7 +80,7 @@ class StandingBalance:
         m/s."""
         if self._room is None:
             return _braked(self._drawn_in, com, dt)
-        return moving_spaces(self._room, com, velocity, dt, outer=self._drawn_in)
+        return moving_spaces(self._room, com, velocity, dt)
 
     def inside(self, com: FloatArray) -> float:
         """How far (m) a centre of mass (3,) is inside the soles' outline."""
@@ -102,8 +104,14 @@ def inside(edges: Edges, point: FloatArray) -> float:
 
 def room_of(edges: FloatArray, share: float, stance: Stance) -> Room:
     """The room of a mass in a support polygon (e, 3), its capture point in a share of it about the middle."""
-    captured, pressed = (shrunk(edges, size, stance).tolist() for size in (share, min(PRESSED * share, 1.0)))
-    return Room(captured, pressed)
+    return Room(*(shrunk(edges, size, stance).tolist() for size in sizes(share)), edges.tolist())
+
+
+def sizes(share: float) -> tuple[float, float]:
+    """Sizes of a room for the capture point, a share of what carries, and for the zero-moment point, no larger than
+    that."""
+    largest = min(LARGER * share, 1.0)
+    return largest / LARGER, largest
 
 
 def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
@@ -125,22 +133,16 @@ def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
     return np.array(drawn)
 
 
-def moving_spaces(
-    room: Room, com: FloatArray, velocity: FloatArray, dt: float, *, outer: Edges | None = None
-) -> FloatArray:
+def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
     """Half-spaces (k, 4), n . c <= d in m, that keep capture point and zero-moment point in their room, and the load on
-    the soles steady.
-
-    outer: edges inside of which the zero-moment point stays while it brings back a capture point that is outside; None:
-    such a capture point is not brought back.
-    """
+    the soles steady."""
     x, y, z = com.tolist()
     vx, vy, vz = velocity.tolist()
     # Linear inverted pendulum, omega = sqrt(g / z): the capture point is c + c' / omega, the zero-moment point c - c''
     # / omega^2. Both are linear in the centre of mass after this tick, so each edge gives a half-space of it.
     settle = sqrt(z / GRAVITY) / dt  # 1 / (omega dt)
     capture = (x + settle * dt * vx, y + settle * dt * vy)
-    push = None if outer is None else _pushed_back(room.captured, outer, capture)
+    push = _pushed_back(room, capture)
 
     def captured(nx: float, ny: float, offset: float) -> Row:
         # n . (c + (c - c_now) / (omega dt)) <= d; one that is outside comes in as the push makes it
@@ -160,22 +162,24 @@ def moving_spaces(
 
     ahead, change = z + vz * dt, HEAVE * dt * dt
     heaved = ((0.0, 0.0, 1.0, ahead + change), (0.0, 0.0, -1.0, change - ahead))
-    return np.array([*(captured(*edge) for edge in room.captured), *(borne(*edge) for edge in room.pressed), *heaved])
+    kept = [captured(*edge) for edge in room.capture_point] + [borne(*edge) for edge in room.zero_moment_point]
+    return np.array([*kept, *heaved])
 
 
-def _pushed_back(edges: Edges, outer: Edges, capture: tuple[float, float]) -> tuple[float, float, float] | None:
+def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float, float] | None:
     """Zero-moment point (x, y) m that brings back a capture point beyond an edge, and its tolerance, m; None: the
     capture point is inside.
 
-    As far beyond as the capture point again, but inside of outer: so that distance falls as exp(-t / sqrt(z / g)).
+    As far beyond as the capture point again, but inside of the outer edges: so that distance falls as exp(-t / sqrt(z /
+    g)).
     """
     x, y = capture
-    beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in edges)
-    if beyond <= BEYOND_M:
+    beyond, nx, ny = max((ex * x + ey * y - offset, ex, ey) for ex, ey, offset in room.capture_point)
+    if beyond <= 0.0:
         return None
     reach = beyond
     # The farthest that the point may be pushed along the normal and stay inside of every outer edge.
-    for ex, ey, offset in outer:
+    for ex, ey, offset in room.outer:
         along = ex * nx + ey * ny
         if along > 0.0:
             reach = min(reach, max(offset - ex * x - ey * y, 0.0) / along)

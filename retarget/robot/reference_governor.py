@@ -22,13 +22,13 @@ from retarget.types import FloatArray
 #
 # A solver that corrects all of an error at once, within the acceleration of its joints, gets there too fast to stop,
 # and oscillates about the goal. Here the step of a tick is the asked motion's own, as far as it is smooth, plus no more
-# than can be braked: v = sqrt(2 a gap). A motion within the limits is followed without any lag. A jump is neither taken
+# than can be braked: v = sqrt(2 a gap). An even motion within the limits is followed without any lag. A jump is neither taken
 # for motion nor followed at once: it is caught up with.
 
 SMOOTH_S = 0.025
-"""Time constant (s) of each of two low passes: of what is asked, and of its velocity. Shorter is noise, and one alone
-lets through two and a half times its jerk. What the first is behind is added by that velocity; the lag of the second is
-caught up with."""
+"""Time constant (s) of each of two low passes: of what is asked, and of its velocity. Shorter is noise: with
+0.04 s of the second alone its jerk is three and a half times as large. What the first is behind is added by that
+velocity, the lag of the second is caught up with; so a swing of 2 Hz goes 17 % too far."""
 RATE = 25.0
 """Share of the gap that is caught up with, per s, where braking does not matter: the gain for noise."""
 STILL = 1e-12

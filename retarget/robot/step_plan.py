@@ -25,7 +25,7 @@ from retarget.schema.priorities import (
 from retarget.types import MM, Carrying
 
 OVER_M = 0.003
-"""Distance (m) inside the region over one sole that capture point and zero-moment point have before the other foot
+"""Distance (m) inside the room over one sole that capture point and zero-moment point have before the other foot
 lifts."""
 HELD_S = 0.15
 """s for which it must have been over the sole by then, because servos lag behind their goals."""
@@ -63,8 +63,8 @@ class StepTally:
 @dataclass(frozen=True)
 class StepInput:
     """The input of a tick. foot: on which the performer stands alone, None where on both or in flight. over (2,): how
-    far (m) the robot's balance is inside the region over its left sole, and over its right one. outside: whether its
-    mass is to stand, and is outside the region of standing on both; settled: whether it rests where standing asks for
+    far (m) the robot's balance is inside the room over its left sole, and over its right one. outside: whether its
+    mass is to stand, and is outside the room of standing on both; settled: whether it rests where standing asks for
     it. down: whether the swing foot is in its place on the floor. contact (2,): whether each sole presses on the floor;
     True where it is not measured. risen: whether it is as high as one leg can carry it."""
 
@@ -99,7 +99,7 @@ def _no_longer_asked(now: StepInput, support: int | None) -> bool:
 
 
 def _weight_over_support_foot(now: StepInput, support: int | None) -> bool:
-    """The balance is well inside the region over the support foot, which presses on the floor and can carry alone."""
+    """The balance is well inside the room over the support foot, which presses on the floor and can carry alone."""
     return support is not None and now.over[support] > OVER_M and now.contact[support] and now.risen
 
 
@@ -116,7 +116,7 @@ TRANSITIONS = (
     Transition(StepState.RETURN_WEIGHT, StepState.DOUBLE_SUPPORT, lambda now, _: now.settled),
 )
 """A foot on its way down goes on to the floor, whatever is asked meanwhile. A step whose foot is down again before the
-weight has shifted is declined. Weight that a stop left outside the region of standing goes back as after a step."""
+weight has shifted is declined. Weight that a stop left outside the room of standing goes back as after a step."""
 
 
 class StepPlan:

@@ -12,7 +12,6 @@ from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import (
     HEAVE_ROWS,
-    PRESSED,
     Edges,
     Room,
     inside,
@@ -20,7 +19,7 @@ from retarget.robot.balance import (
     moving_spaces,
     one_leg_squat,
     room_of,
-    shrunk,
+    sizes,
 )
 from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import AskedLandmarks, Reached
@@ -40,8 +39,8 @@ from retarget.types import BoolArray, FloatArray
 
 class StepBalance:
     """Rooms of one stance on two soles. both, on_the_way: of standing, and of every shift of weight; over: of standing
-    on the left sole, and on the right one; least: around the middle of these, m. middles: of the soles, (2,) m: both,
-    left, right."""
+    on the left sole, and on the right one; least: how far the middle of each sole is inside of its room, m. middles:
+    of the soles, (2,) m: both, left, right."""
 
     def __init__(self, stance: Stance, share: float) -> None:
         """share: of what carries, about its middle."""
@@ -53,7 +52,7 @@ class StepBalance:
             for sole in stance.soles
         )
         self.over: tuple[Room, Room] = (left, right)
-        self.on_the_way = Room(*(self._hull(outlines, size) for size in (share, min(PRESSED * share, 1.0))))
+        self.on_the_way = Room(*(self._hull(outlines, size) for size in sizes(share)), self.both.outer)
         still = np.zeros(3)
         self.least = min(
             self.depth(room, np.array([*middle, 0.0]), still, still)
@@ -89,7 +88,7 @@ class StepBalance:
         height = float(com[2])
         capture = com + velocity * (height / GRAVITY) ** 0.5
         pressed = com - acceleration * (height / max(GRAVITY + float(acceleration[2]), 0.1 * GRAVITY))
-        return min(inside(room.captured, capture), inside(room.pressed, pressed))
+        return min(inside(room.capture_point, capture), inside(room.zero_moment_point, pressed))
 
     def settled(self, com: FloatArray, velocity: FloatArray, acceleration: FloatArray, place: FloatArray) -> bool:
         """Whether a mass rests at a place (2,) m, inside the room of standing; com, velocity, acceleration (3,)."""
@@ -102,11 +101,11 @@ class StepBalance:
         on the line to the middle."""
         middle = self.middles[0]
         share = 1.0
-        for nx, ny, offset in self.both.captured:
-            room = offset - SETTLED_M - nx * float(middle[0]) - ny * float(middle[1])
+        for nx, ny, offset in self.both.capture_point:
+            most = max(offset - SETTLED_M - nx * float(middle[0]) - ny * float(middle[1]), 0.0)
             out = nx * float(asked[0] - middle[0]) + ny * float(asked[1] - middle[1])
-            if out > room:
-                share = min(share, room / out)
+            if out > most:
+                share = min(share, most / out)
         return np.asarray(middle + share * (asked - middle))
 
     def inside(self, com: FloatArray, support: int | None) -> float:
@@ -170,7 +169,8 @@ class SwingFoot:
 # Weight shift: the centre of mass goes from over one place to over another, no faster than the soles can push it.
 #
 # The distance of the zero-moment point from the centre of mass pushes it: behind it to speed up, before it to brake.
-# Where the zero-moment point would leave the region that carries, the mass speeds up or brakes less across that edge.
+# Where the zero-moment point would leave its room, the mass speeds up or brakes less across that edge; a mass that is
+# beyond the edge already has to press there to come in.
 
 ROOM_SHARE = 0.7
 """Share of the room around a place that the zero-moment point uses on the way to it."""
@@ -195,17 +195,18 @@ class WeightShift:
         """Go on from a centre of mass (3,) m that moves at velocity (3,) m/s, in ticks of `dt` s."""
         self._glide.restart(com[:2].tolist(), (velocity[:2] * dt).tolist())
 
-    def step(self, goal: FloatArray, region: Edges, dt: float) -> FloatArray:
-        """Return the place (2,) m of the centre of mass `dt` s later on its way to a goal (2,) m. region: of its
-        zero-moment point."""
+    def step(self, goal: FloatArray, edges: Edges, dt: float) -> FloatArray:
+        """Return the place (2,) m of the centre of mass `dt` s later on its way to a goal (2,) m. edges: of the room of
+        its zero-moment point."""
         before, moved = np.array(self._glide.at), np.array(self._glide.moved)
         after = np.array(self._glide.step(goal.tolist(), dt))
         push = (after - before - moved) / (dt * dt) * self._lever  # (2,) [m] that the zero-moment point is behind
         held = push.copy()
-        for nx, ny, offset in region:
+        for nx, ny, offset in edges:
             # p = c - push; n . p <= offset
             beyond = nx * float(before[0] - held[0]) + ny * float(before[1] - held[1]) - offset
-            if beyond > 0.0 and nx * float(held[0]) + ny * float(held[1]) < 0.0:
+            inside = nx * float(before[0]) + ny * float(before[1]) < offset
+            if inside and beyond > 0.0 and nx * float(held[0]) + ny * float(held[1]) < 0.0:
                 held += min(beyond, -nx * float(held[0]) - ny * float(held[1])) * np.array([nx, ny])
         if (held != push).any():
             slower = moved + held * (dt * dt / self._lever)
@@ -384,7 +385,7 @@ class Stepping:
             return place
         room = balance.on_the_way if plan.single_support is None else balance.over[plan.single_support]
         to = place if plan.support is None else balance.middles[1 + plan.support]
-        goal = self._weight.step(to, room.pressed, dt)
+        goal = self._weight.step(to, room.zero_moment_point, dt)
         hierarchy.set_centre_of_mass(targets, np.array([*goal, 0.0]))
         hierarchy.set_support(targets, balance.spaces(room, com, moving, dt))
         return goal

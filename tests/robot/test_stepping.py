@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from followers import DT, Followed, assert_within_limits, collect, dimensions, op3, performer, postures
 from hardware.clock import VirtualClock
@@ -18,7 +19,7 @@ from retarget.ik.gravity_torque import GRAVITY, GravityTorque
 from retarget.ik.support_polygon import convex_hull, plant, support_distance
 from retarget.ik.tasks import SUPPORT_EDGES
 from retarget.report.measure import measure
-from retarget.robot.balance import SUSTAINED, Room, StandingStrength, inside
+from retarget.robot.balance import HEAVE_ROWS, SUSTAINED, Room, StandingStrength, inside
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import CONTACT_WAIT_S, StepState
 from retarget.robot.stepping import HIGH, LOW, WAY, StepBalance, SwingFoot, WeightShift
@@ -140,15 +141,34 @@ def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> 
     assert_within_limits(np.array(landed)[:, op3().servo_columns])
 
 
-def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands() -> None:
-    robot = stepper()
-    q = played(robot, ((BOTH, 0.5),)).q[-1]
-    steps = robot.steps
-    assert steps is not None and steps.stands
-    robot.begin_return_to_stance(q, DT)
-    both = steps._balance.both
-    steps._balance.both = replace(both, captured=[[nx, ny, d - 0.05] for nx, ny, d in both.captured])  # all is outside
-    assert robot.return_to_stance(DT) is not None and steps.plan.state is StepState.RETURN_WEIGHT
+def leaning(away: float) -> FloatArray:
+    """A posture (nq,) on both soles whose mass is so far (m) ahead of its room of standing."""
+    body, stand = op3().body.solver_body(), op3().profile.postures.stand
+    front = max(offset for nx, _, offset in StepBalance(STANCE, 0.22).both.capture_point if nx > 0.99)
+
+    def lean(angle: float) -> FloatArray:
+        at = stand | {f"{side}_ank_pitch": stand[f"{side}_ank_pitch"] + sign * angle for side, sign in SIDES}
+        return plant(op3(), at).q
+
+    def beyond(angle: float) -> float:
+        return float(body.centre_of_mass(lean(angle)[None])[0, 0]) - front - away
+
+    return lean(brentq(beyond, 0.0, 0.3))
+
+
+SIDES = (("l", 1.0), ("r", -1.0))
+
+
+@pytest.mark.parametrize("away", [0.004, 0.009])
+def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands(away: float) -> None:
+    robot, seen = stepper(), set()
+    robot.start(STANDS)
+    robot.begin_return_to_stance(leaning(away), DT)
+    for _ in range(400):
+        if robot.return_to_stance(DT) is None:
+            break
+        seen.add(state(robot))
+    assert state(robot) is StepState.DOUBLE_SUPPORT and StepState.RETURN_WEIGHT in seen
 
 
 def test_a_foot_without_contact_is_waited_for() -> None:
@@ -230,13 +250,14 @@ def depth(room: Room, x: float, y: float) -> float:
 def test_each_room_lies_in_what_carries_and_all_in_the_way() -> None:
     for foot, (room, sole) in enumerate(zip(BALANCE.over, STANCE.soles, strict=True)):
         assert depth(room, *BALANCE.middles[1 + foot].tolist()) > 0.0
-        edges = np.array(room.captured)
+        edges = np.array(room.capture_point)
         corners = convex_hull(sole.outline)
         inward = BALANCE.middles[1 + foot] + 0.25 * (corners - BALANCE.middles[1 + foot])
         assert np.abs(support_distance(inward, edges)).max() < 1e-9
-        assert (support_distance(inward, np.array(BALANCE.on_the_way.captured)) > -1e-9).all()
+        assert (support_distance(inward, np.array(BALANCE.on_the_way.capture_point)) > -1e-9).all()
     assert depth(BALANCE.both, 0.0, 0.0) > 0.01 and depth(BALANCE.over[0], 0.0, 0.0) < -0.03
-    assert 2 * len(BALANCE.on_the_way.captured) <= SUPPORT_EDGES
+    way = BALANCE.on_the_way
+    assert len(way.capture_point) + len(way.zero_moment_point) + HEAVE_ROWS <= SUPPORT_EDGES
 
 
 def test_capture_point_and_zero_moment_point_count() -> None:
@@ -246,7 +267,7 @@ def test_capture_point_and_zero_moment_point_count() -> None:
     moving = BALANCE.depth(BALANCE.over[0], over, np.array([0.0, 0.01, 0.0]), STILL)
     pushed = BALANCE.depth(BALANCE.over[0], over, STILL, np.array([0.0, -0.3, 0.0]))
     assert abs(still - moving - 0.01 * time) < 1e-9
-    assert abs(inside(BALANCE.over[0].pressed, over) - pushed - 0.3 * 0.25 / GRAVITY) < 1e-9 and pushed < still
+    assert abs(inside(BALANCE.over[0].zero_moment_point, over) - pushed - 0.3 * 0.25 / GRAVITY) < 1e-9 and pushed < still
 
 
 @given(x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
@@ -269,9 +290,18 @@ def test_from_anywhere_it_gets_to_its_goal_and_is_never_pushed_from_outside(
     way = shift()
     way.restart(np.array([0.0158 * share_x, 0.0216 * share_y, HEIGHT]), STILL, DT)
     rows = [np.array(way.at)] * 2
-    rows += [way.step(BALANCE.middles[foot], BALANCE.on_the_way.pressed, DT).copy() for _ in range(500)]
+    rows += [way.step(BALANCE.middles[foot], BALANCE.on_the_way.zero_moment_point, DT).copy() for _ in range(500)]
     path = np.array(rows)
     pushed = path[1:-1] - HEIGHT / GRAVITY * np.diff(path, n=2, axis=0) / DT**2
-    worst = min(inside(BALANCE.on_the_way.pressed, np.array([*point, 0.0])) for point in pushed)
+    worst = min(inside(BALANCE.on_the_way.zero_moment_point, np.array([*point, 0.0])) for point in pushed)
     assert worst > -1e-9
     assert np.abs(path[-1] - BALANCE.middles[foot]).max() < 1e-6
+
+
+@pytest.mark.parametrize("away", [0.003, 0.01])
+def test_from_outside_of_the_room_it_gets_to_its_goal_too(away: float) -> None:
+    way, edges = shift(), BALANCE.on_the_way.zero_moment_point
+    way.restart(np.array([max(offset for nx, _, offset in edges if nx > 0.99) + away, 0.0, HEIGHT]), STILL, DT)
+    for _ in range(500):
+        at = way.step(BALANCE.middles[0], edges, DT)
+    assert np.abs(at - BALANCE.middles[0]).max() < 1e-6
