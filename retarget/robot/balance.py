@@ -104,7 +104,8 @@ def inside(edges: Edges, point: FloatArray) -> float:
 
 def room_of(edges: FloatArray, share: float, stance: Stance) -> Room:
     """The room of a mass in a support polygon (e, 3), its capture point in a share of it about the middle."""
-    return Room(*(shrunk(edges, size, stance).tolist() for size in sizes(share)), edges.tolist())
+    captured, pressed = (shrunk(edges, size, stance).tolist() for size in sizes(share))
+    return Room(captured, pressed, edges.tolist())
 
 
 def sizes(share: float) -> tuple[float, float]:

@@ -22,8 +22,8 @@ from retarget.types import FloatArray
 #
 # A solver that corrects all of an error at once, within the acceleration of its joints, gets there too fast to stop,
 # and oscillates about the goal. Here the step of a tick is the asked motion's own, as far as it is smooth, plus no more
-# than can be braked: v = sqrt(2 a gap). An even motion within the limits is followed without any lag. A jump is neither taken
-# for motion nor followed at once: it is caught up with.
+# than can be braked: v = sqrt(2 a gap). An even motion within the limits is followed without any lag. A jump is neither
+# taken for motion nor followed at once: it is caught up with.
 
 SMOOTH_S = 0.025
 """Time constant (s) of each of two low passes: of what is asked, and of its velocity. Shorter is noise: with

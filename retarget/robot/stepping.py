@@ -52,7 +52,8 @@ class StepBalance:
             for sole in stance.soles
         )
         self.over: tuple[Room, Room] = (left, right)
-        self.on_the_way = Room(*(self._hull(outlines, size) for size in sizes(share)), self.both.outer)
+        captured, pressed = (self._hull(outlines, size) for size in sizes(share))
+        self.on_the_way = Room(captured, pressed, self.both.outer)
         still = np.zeros(3)
         self.least = min(
             self.depth(room, np.array([*middle, 0.0]), still, still)
@@ -97,7 +98,7 @@ class StepBalance:
         return near and slow and self.depth(self.both, com, velocity, acceleration) > 0.0
 
     def place(self, asked: FloatArray) -> FloatArray:
-        """The place (2,) m in the room of standing, `SETTLED_M` from its edges, that is nearest to the one asked (2,) m,
+        """The place (2,) m in the room of standing, SETTLED_M from its edges, that is nearest to the one asked (2,) m,
         on the line to the middle."""
         middle = self.middles[0]
         share = 1.0

