@@ -26,9 +26,9 @@ from retarget.types import FloatArray
 # taken for motion nor followed at once: it is caught up with.
 
 SMOOTH_S = 0.025
-"""Time constant (s) of each of two low passes: of what is asked, and of its velocity. Shorter is noise: with
-0.04 s of the second alone its jerk is three and a half times as large. What the first is behind is added by that
-velocity, the lag of the second is caught up with; so a swing of 2 Hz goes 17 % too far."""
+"""Time constant (s) of each of two low passes: of what is asked, and of its velocity. Shorter is noise: one
+low pass alone, of 0.04 s, lets through two to four times its jerk. What the first is behind is added by that velocity,
+the lag of the second is caught up with; so a swing of 2 Hz goes 17 % too far."""
 RATE = 25.0
 """Share of the gap that is caught up with, per s, where braking does not matter: the gain for noise."""
 STILL = 1e-12
@@ -67,8 +67,8 @@ class OnlineTrajectory:
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
         """
         limits = self._limits
-        # How far what is asked is ahead of itself low-passed, and the velocity of that, low-passed once more and its
-        # change limited: a jump of what is asked is no motion.
+        # What is asked is low-passed: how far it is behind, and how far it moved. The velocity of that is low-passed once
+        # more, and its change limited: a jump of what is asked is no motion.
         kept = exp(-dt / SMOOTH_S)
         px, py, pz = self._behind
         bx, by, bz = self._behind = kept * (px + moved[0]), kept * (py + moved[1]), kept * (pz + moved[2])
