@@ -67,8 +67,8 @@ class OnlineTrajectory:
         moved: how far what is asked moved since the last tick. error: from where the robot is to what is asked now.
         """
         limits = self._limits
-        # What is asked is low-passed: how far that is behind, and how far it moved. Its velocity is low-passed once more,
-        # and the change of it limited: a jump of what is asked is no motion.
+        # What is asked is low-passed: how far that is behind, and how far it moved. Its velocity is low-passed once
+        # more, and the change of it limited: a jump of what is asked is no motion.
         kept = exp(-dt / SMOOTH_S)
         px, py, pz = self._behind
         bx, by, bz = self._behind = kept * (px + moved[0]), kept * (py + moved[1]), kept * (pz + moved[2])
