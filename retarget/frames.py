@@ -188,9 +188,9 @@ class SensorFrames:
     time (T,) s, from 0, strictly rising. names: k canonical sensor names. position (T, k, 3) m, world, NaN where
     invalid. orientation (T, k, 4) wxyz, world, NaN where unknown or invalid. It is the orientation of the body segment
     that the joint of the sensor's name carries (wrist: hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee:
-    shank, ankle and toe: foot, chest: thorax), and is the identity in the source's rest pose, standing upright and
-    facing x. valid (T, k). joints: the whole body where the source has it. skeleton: its rest pose. source: where it
-    comes from. rate_hz: nominal frame rate. notes: warnings for the user.
+    shank, ankle and toe: foot, chest: thorax), and the identity of who stands upright, faces x and lets the arms hang,
+    thumbs forward. valid (T, k). joints: the whole body where the source has it. skeleton: its rest pose. source: where
+    it comes from. rate_hz: nominal frame rate. notes: warnings for the user.
     """
 
     time: FloatArray

@@ -13,6 +13,7 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
+from retarget.sources.canonical import limb_turns
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
 from retarget.types import FloatArray
 
@@ -98,14 +99,16 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
         joints |= {f"{side}_{name}": track for name, track in points.items()}
         segments |= {f"{side}_{name}": track for name, track in turns.items()}
     names = tuple(name for name in JOINTS if name in joints)
+    skeleton = rest_skeleton(tree, names)
+    turns = np.stack([segments[name] for name in SENSORS], axis=1)
     return SensorFrames(
         time=time,
         names=SENSORS,
         position=np.stack([joints[name] for name in SENSORS], axis=1),
-        orientation=np.stack([segments[name] for name in SENSORS], axis=1),
+        orientation=rotations.multiply(turns, limb_turns(skeleton, SENSORS)),
         valid=np.ones((len(time), len(SENSORS)), bool),
         joints=JointTracks(names, np.stack([joints[name] for name in names], axis=1)),
-        skeleton=rest_skeleton(tree, names),
+        skeleton=skeleton,
         source=f"synthetic performer, seed {seed}",
         rate_hz=rate_hz,
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from hardware.clock import MonotonicClock, thread_cpu
 from retarget.frames import SensorFrames, SensorSample
-from retarget.human.calibration import calibrate, rest_orientations
+from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS
@@ -84,7 +84,6 @@ def replay(
         human,
         priorities,
         performer,
-        rest=None if frames.skeleton is None else rest_orientations(frames.skeleton),
         iterations=iterations,
         observed=observed,
         scene=None if scene is None else SceneState(scene),

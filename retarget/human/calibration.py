@@ -14,7 +14,6 @@ from retarget.frames import SensorFrames, Skeleton
 from retarget.human.rest_pose import find_rest_frames, fit_rest_pose, standing_stature
 from retarget.model.human_dimensions import (
     FRACTIONS,
-    HUMAN_JOINTS,
     PARENTS,
     POINTS,
     HumanDimensions,
@@ -84,24 +83,6 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
         origin=f"skeleton of {source}" if source else "skeleton",
     )
     check_plausible(result, source=source)
-    return result
-
-
-def rest_orientations(skeleton: Skeleton) -> FloatArray:
-    """Orientation (18, 4) wxyz of each link of the human in the skeleton's own rest pose, in `HUMAN_JOINTS` order.
-
-    A sensor's orientation is the identity in that pose, a link's in the zero posture: link = sensor * this. Each limb
-    is turned the shortest way from hanging straight down (thumbs stay forward in a T-pose).
-    """
-    known = dict(zip(skeleton.names, skeleton.position, strict=True))
-    children = {POINTS[parent]: name for name, parent in zip(POINTS, PARENTS, strict=True) if kind_of(name) in _LIMB}
-    result = np.tile(rotations.IDENTITY, (len(HUMAN_JOINTS), 1))
-    for i, joint in enumerate(HUMAN_JOINTS):
-        near, far = known.get(joint.name), known.get(children.get(joint.name, ""))
-        if kind_of(joint.name) == "ankle":  # the foot follows the shank
-            near, far = known.get(joint.name[:2] + "knee"), known.get(joint.name)
-        if near is not None and far is not None and np.linalg.norm(far - near) > 1e-6:
-            result[i] = rotations.shortest_arc(_DOWN, far - near)
     return result
 
 

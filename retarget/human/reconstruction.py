@@ -19,7 +19,7 @@ from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
-from retarget.model.human_dimensions import HUMAN_JOINTS, POINTS
+from retarget.model.human_dimensions import POINTS
 from retarget.model.observers import ObserverSet, human_observers
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import Performer
@@ -44,13 +44,10 @@ class SensorLayout:
     `joints` (k): index in POINTS of the joint that each sits on. `oriented`: rows whose orientation is used.
     """
 
-    def __init__(self, performer: Performer, human: Human, rest: FloatArray | None) -> None:
-        """rest (18, 4): orientation of each link in the pose where sensors are the identity, as
-        `calibration.rest_orientations` gives it; None: the links hang as in the human's own zero posture."""
+    def __init__(self, performer: Performer) -> None:
         self.names = tuple(performer.sensors)
         self.joints = [POINTS.index(sensor.joint) for sensor in performer.sensors.values()]
         self.oriented = [self.names.index(name) for name in performer.oriented]
-        self._rest = [self._rest_of(human, performer.sensors[name].joint, rest) for name in performer.oriented]
         self._sample_names: tuple[str, ...] = ()
         self._columns = np.zeros(0, dtype=np.int64)
         self._exists: BoolArray = np.zeros(len(self.names), dtype=bool)
@@ -74,24 +71,14 @@ class SensorLayout:
     def orientations(self, sample: SensorSample) -> list[SensorTurn]:
         """Every orientation that is used and known. Call `read` with this sample first."""
         found = []
-        for row, rest in zip(self.oriented, self._rest, strict=True):
+        for row in self.oriented:
             column = self._columns[row]
             turn = sample.orientation[column]
             if self._exists[row] and sample.valid[column] and np.isfinite(turn).all():
                 w, x, y, z = turn.tolist()
                 forward = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
-                link = turn if rest is None else rotations.multiply(turn, rest)
-                found.append(SensorTurn(self.names[row], forward, link))
+                found.append(SensorTurn(self.names[row], forward, turn))
         return found
-
-    @staticmethod
-    def _rest_of(human: Human, joint: str, rest: FloatArray | None) -> FloatArray | None:
-        """Rest orientation (4,) of the link that carries a joint; None for the identity."""
-        if rest is None:
-            return None
-        link = human.body.body_names[human.body.frame(joint).body]
-        row = rest[[one.name for one in HUMAN_JOINTS].index(link)]
-        return None if np.allclose(row, rotations.IDENTITY) else row
 
 
 _SETTLING_S = 1.0
@@ -119,17 +106,16 @@ class Reconstructor:
         priorities: Priorities,
         performer: Performer,
         *,
-        rest: FloatArray | None = None,
         iterations: int | None = None,
         observed: ObserverSet | None = None,
         scene: SceneState | None = None,
         intake: IntakeTimes | None = None,
     ) -> None:
-        """rest (18, 4): see `calibration.rest_orientations`; only sensors with an orientation need it. iterations:
-        instead of the file's. observed: which observers, instead of the file's choice. scene: in the performer's world.
-        intake: how sensors leave and come back. Raises ConfigError: the priorities name what a human does not have."""
+        """iterations: instead of the file's. observed: which observers, instead of the file's choice. scene: in the
+        performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what a human
+        does not have."""
         self._human = human
-        self._layout = SensorLayout(performer, human, rest)
+        self._layout = SensorLayout(performer)
         self._feet = None if set(_FEET) & set(self._layout.names) else VirtualFeet(human.dimensions)
         names = self._layout.names + (() if self._feet is None else _FEET)
         self._names, self._sensor_count = names, len(self._layout.names)

@@ -38,14 +38,14 @@ class Place:
     """The poses of a sender of which a sensor's pose is made. position, orientation: the sender's names of poses, ""
     for none.
 
-    rest: the orientation that is sent, wxyz, in the T-pose facing x. offset: from the joint to the point that is sent,
-    m, in the axes of that pose. loose: the sensor is worn or held beside the joint at an unknown offset, and turns with
-    the segment of the joint.
+    standing: the orientation that is sent, wxyz, of a person who stands upright, faces x and lets both arms hang.
+    offset: from the joint to the point that is sent, m, in the axes of that pose. loose: the sensor is worn or held
+    beside the joint at an unknown offset, and turns with the segment of the joint.
     """
 
     position: str
     orientation: str = ""
-    rest: Quaternion = _UPRIGHT
+    standing: Quaternion = _UPRIGHT
     offset: Triple = _NOWHERE
     loose: bool = False
 
@@ -58,21 +58,33 @@ def _places(convention: str) -> dict[str, Place]:
 
 
 def _slimevr() -> dict[str, Place]:
-    """The places of SlimeVR. Its rest pose has hanging arms, so it sends turned arms in the T-pose: by 90 degrees about
-    forward, the left one to the left. Its hand is a point in front of the grip, beyond the wrist by a length that the
-    stream does not hold: calibration begins with that of the default proportions."""
-    places, turn = _places("slimevr"), float(np.sqrt(0.5))
-    for sensor, raised in (("l_wrist", turn), ("r_wrist", -turn)):
-        places[sensor] = replace(places[sensor], rest=(turn, raised, 0.0, 0.0), offset=(_HAND_FORWARD, 0.0, 0.0))
-    return places
+    """The places of SlimeVR. Its hand is a point in front of the grip, beyond the wrist by a length that the stream
+    does not hold: calibration begins with that of the default proportions."""
+    places = _places("slimevr")
+    return places | {
+        wrist: replace(places[wrist], offset=(_HAND_FORWARD, 0.0, 0.0)) for wrist in ("l_wrist", "r_wrist")
+    }
+
+
+def _from_t_pose(places: dict[str, Place]) -> dict[str, Place]:
+    """Places of a sender whose orientations are the identity in the T-pose: a hanging arm is turned by 90 degrees about
+    forward, the left one to the right."""
+    half = float(np.sqrt(0.5))
+    return places | {
+        name: replace(places[name], standing=(half, turn, 0.0, 0.0))
+        for side, turn in (("l", -half), ("r", half))
+        for name in (f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist")
+    }
 
 
 CONVENTIONS: dict[str, dict[str, Place]] = {
     "slimevr": _slimevr(),
     "slimevr_vrchat": _places("slimevr_vrchat"),
-    "unity_bones": _places("unity_bones"),
+    "unity_bones": _from_t_pose(_places("unity_bones")),
     # The toe's segment bends at the ball of the foot; a toe sensor turns with the foot.
-    "mvn": {sensor: Place(MVN_JOINTS[sensor], MVN_JOINTS[sensor.replace("toe", "ankle")]) for sensor in SENSORS},
+    "mvn": _from_t_pose(
+        {sensor: Place(MVN_JOINTS[sensor], MVN_JOINTS[sensor.replace("toe", "ankle")]) for sensor in SENSORS}
+    ),
     "json": {sensor: Place(sensor, sensor) for sensor in SENSORS},
     "natnet": {},
 }
@@ -126,7 +138,7 @@ class Roles:
         """These roles with the offsets of loose sensors increased by offset (k, 3) m, in canonical axes."""
         places = []
         for place, by in zip(self.places, offset, strict=True):
-            x, y, z = (rotations.rotate(rotations.conjugate(place.rest), by) + place.offset).tolist()
+            x, y, z = (rotations.rotate(rotations.conjugate(place.standing), by) + place.offset).tolist()
             places.append(replace(place, offset=(x, y, z)) if place.loose else place)
         return Roles(self.sensors, places, convention=self.convention, partial=self.partial)
 
@@ -153,7 +165,7 @@ class Roles:
             len(names),
             points=np.array([column.get(place.position, -1) for _, place in sent]),
             segments=np.array([column.get(place.orientation, -1) for _, place in sent]),
-            rest=rotations.conjugate([place.rest for _, place in sent]),
+            rest=rotations.conjugate([place.standing for _, place in sent]),
             offset=np.array([place.offset for _, place in sent]),
         )
         return np.array([row for row, _ in sent]), columns

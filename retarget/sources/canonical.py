@@ -132,7 +132,8 @@ def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
 
 
 _SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
-"""Segments that a file may split (twist joints): the part next to the far joint gives the orientation."""
+"""Segments of limbs, by the joints where they begin and end. A file may split them (twist joints): the part next to the
+far joint gives the orientation."""
 
 
 @dataclass(frozen=True)
@@ -174,10 +175,11 @@ def canonical_frames(
     sensors = tuple(name for name in SENSORS if name in joints)
     columns = [names.index(name) for name in sensors]
     orientation = np.stack([pose.orientation[:, segment_joint(tree, joints, name)] for name in sensors], axis=1)
-    # World <- file axes <- segment <- person standing upright and facing x in the rest pose.
+    skeleton = Skeleton(names, np.stack([rest[name] for name in names]) @ body.T * metres)
+    # World <- file axes <- segment <- person upright and facing x, in the rest pose <- with hanging limbs.
     left, right = rotations.from_matrix(world), rotations.from_matrix(body.T)
+    right = rotations.multiply(right, limb_turns(skeleton, sensors))
     orientation = rotations.normalise(rotations.multiply(rotations.multiply(left, orientation), right))
-    skeleton = np.stack([rest[name] for name in names]) @ body.T * metres
     return SensorFrames(
         time=frame_times(len(position), rate),
         names=sensors,
@@ -185,11 +187,29 @@ def canonical_frames(
         orientation=orientation,
         valid=np.ones((len(position), len(sensors)), bool),
         joints=JointTracks(names, position),
-        skeleton=Skeleton(names, skeleton),
+        skeleton=skeleton,
         source=source,
         rate_hz=rate,
         notes=(*notes, *((unit_note,) if unit_note else ()), *axis_notes, *found_notes),
     )
+
+
+_SEGMENT_OF = {"wrist": "elbow", "ankle": "knee", "toe": "knee"}
+"""At rest a hand is turned as the forearm, and a foot as the shank, by the joint where that begins."""
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def limb_turns(skeleton: Skeleton, sensors: tuple[str, ...]) -> FloatArray:
+    """Turns (k, 4) wxyz of the segments of sensors from hanging straight down to the skeleton's rest pose, the shortest
+    way (thumbs stay forward in a T-pose); the identity for those of the trunk."""
+    result = np.tile(rotations.IDENTITY, (len(sensors), 1))
+    for row, sensor in enumerate(sensors):
+        side, part = sensor[:2], sensor[2:]
+        near = _SEGMENT_OF.get(part, part)
+        if near in _SEGMENT_END:
+            along = skeleton.of(side + _SEGMENT_END[near]) - skeleton.of(side + near)
+            result[row] = rotations.shortest_arc(_DOWN, along)
+    return result
 
 
 def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:

@@ -10,14 +10,13 @@ from numpy.typing import ArrayLike
 
 from messages import refuses, shows
 from people import TRIALS, at_rest, place, trial
-from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import SensorFrames, Skeleton
 from retarget.human import rest_pose
-from retarget.human.calibration import calibrate, dimensions_from_skeleton, rest_orientations
+from retarget.human.calibration import calibrate, dimensions_from_skeleton
 from retarget.human.rest_pose import find_rest_frames, fit_rest_pose
 from retarget.model.human import build_human
-from retarget.model.human_dimensions import HUMAN_JOINTS, PARENTS, POINTS, HumanDimensions, proportional_dimensions
+from retarget.model.human_dimensions import PARENTS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.types import FloatArray
 
 
@@ -204,24 +203,6 @@ def test_what_is_no_standing_human_is_refused() -> None:
         dimensions_from_skeleton(skeleton_of({n: 100.0 * p for n, p in points.items()}))
     with refuses(InputError, "l_elbow", "l_wrist"):
         dimensions_from_skeleton(skeleton_of(dict(points, l_wrist=points["l_elbow"] + [0.0, 0.01, 0.0])))
-
-
-def test_rest_orientations_place_the_human_in_the_skeletons_rest_pose() -> None:
-    points = t_pose()
-    turns = rest_orientations(skeleton_of(points))
-    person = proportional_dimensions(1.7)
-    for side in ("l_", "r_"):
-        for joint, end in (
-            ("shoulder", "elbow"),
-            ("elbow", "wrist"),
-            ("hip", "knee"),
-            ("knee", "ankle"),
-            ("ankle", "toe"),
-        ):
-            link = [j.name for j in HUMAN_JOINTS].index(side + joint)
-            bone = points[side + end] - points[side + joint]
-            assert_allclose(rotations.rotate(turns[link], person.of(side + end)), bone, atol=1e-9)
-    assert_allclose(turns[0], rotations.IDENTITY)
 
 
 def test_a_recording_with_a_skeleton_uses_it_and_one_without_a_rest_pose(shared: Path) -> None:

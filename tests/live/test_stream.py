@@ -130,7 +130,6 @@ def frame(poses: dict[str, tuple[list[float] | None, list[float] | None]], *, un
 
 def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_sent() -> None:
     roles = roles_of(FIVE, "slimevr", where="five.yaml")
-    # The identity is an arm that hangs: in the T-pose the sender sends a turn about forward.
     raised = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2).tolist()
     poses = roles.take(
         frame(
@@ -145,12 +144,23 @@ def test_a_hanging_hand_of_slimevr_is_a_wrist_behind_the_point_that_is_sent() ->
     wrist, head = at[roles.sensors.index("l_wrist")], at[roles.sensors.index("head")]
     np.testing.assert_allclose(poses.position[wrist], [0.0, 0.3, 0.9], atol=1e-12)
     np.testing.assert_allclose(poses.position[head], [0.0, 0.0, 1.6])
-    # Canonical: identity in the T-pose.
-    down = rotations.rotate(poses.orientation[wrist], [0.0, 1.0, 0.0])
-    np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=1e-12)
+    assert rotations.angle_between(poses.orientation[wrist], rotations.IDENTITY) < 1e-9
     turned = roles.take(frame({"human://LEFT_HAND": ([0.13, 0.9, 1.4], raised)}))
     assert turned is not None
-    assert rotations.angle_between(turned.orientation[0], rotations.IDENTITY) < 1e-9
+    np.testing.assert_allclose(turned.orientation[0], raised, atol=1e-12)
+
+
+@pytest.mark.parametrize("convention", ["unity_bones", "mvn"])
+def test_arms_of_a_sender_whose_identity_is_the_t_pose_are_those_that_would_hang(convention: str) -> None:
+    arm = {name: place for name, place in CONVENTIONS[convention].items() if name[2:] in ("shoulder", "elbow", "wrist")}
+    poses = Roles(tuple(arm), tuple(arm.values())).take(
+        frame({place.orientation: ([0.0, 0.0, 1.4], [1.0, 0.0, 0.0, 0.0]) for place in arm.values()})
+    )
+    assert poses is not None and len(poses.rows) == 6
+    for row, turn in zip(poses.rows, poses.orientation, strict=True):
+        outward = [0.0, 1.0 if tuple(arm)[row].startswith("l_") else -1.0, 0.0]
+        np.testing.assert_allclose(rotations.rotate(turn, [0.0, 0.0, -1.0]), outward, atol=1e-12)
+        np.testing.assert_allclose(rotations.rotate(turn, [1.0, 0.0, 0.0]), [1.0, 0.0, 0.0], atol=1e-12)
 
 
 def test_names_of_the_file_come_first() -> None:
@@ -213,7 +223,7 @@ def test_a_sensor_is_at_the_role_of_its_joint_and_turns_with_the_role_of_its_seg
     for sensor, place in CONVENTIONS[convention].items():
         assert (place.position, place.offset) == (points[sensor].name, points[sensor].offset)
         assert place.orientation == (segments[sensor].name if sensor in segments else "")
-        assert sensor not in segments or place.rest == segments[sensor].rest
+        assert sensor not in segments or place.standing == segments[sensor].standing
 
 
 # A page of `web://`: a camera or a headset, which is known from what it sends.

@@ -21,8 +21,6 @@ from retarget.sources.vmc import VmcDecoder, bone_poses, t_pose_offsets, world_p
 from retarget.sources.vrchat import VrchatDecoder
 from retarget.types import BoolArray, FloatArray
 
-DOWN = {"l_": 0.5 * np.pi, "r_": -0.5 * np.pi}
-"""From a hanging arm to the T-pose, about forward."""
 MOVING_DEG_PER_S = 5.0
 
 
@@ -62,7 +60,7 @@ def vrchat(shared: Path) -> Recording:
 
 
 def segments(recording: Recording, roles: str) -> dict[str, FloatArray]:
-    """World orientations (T, 4), identity in the T-pose, by canonical sensor."""
+    """World orientations (T, 4), identity where arms hang, by canonical sensor."""
     return {
         one.segment: canonical_orientation(one, recording.orientations(one.name))
         for one in ROLE_SETS[roles]
@@ -75,7 +73,7 @@ def bone_segments(recording: Recording) -> dict[str, FloatArray]:
     lengths = t_pose_offsets(proportional_dimensions(1.7))
     world = [world_poses(bone_poses(frame), lengths) for frame in recording.frames]
     return {
-        one.segment: np.array([poses[one.name][1] for poses in world])
+        one.segment: canonical_orientation(one, np.array([poses[one.name][1] for poses in world]))
         for one in ROLE_SETS["unity_bones"]
         if one.segment
     }
@@ -84,21 +82,19 @@ def bone_segments(recording: Recording) -> dict[str, FloatArray]:
 def errors(recording: Recording, parts: dict[str, FloatArray], wrist: str = "r_wrist") -> dict[str, FloatArray]:
     """Degrees (T,) between the turn of a joint as sent and as scripted."""
     upright = np.array([1.0, 0.0, 0.0, 0.0])
-    hang = {side: from_axis_angle((1.0, 0.0, 0.0), -turn) for side, turn in DOWN.items()}
     joints = {
-        "left_arm_abd_deg": ("chest", "l_shoulder", (1.0, 0.0, 0.0), upright, hang["l_"]),
-        "right_elbow_flex_deg": ("r_shoulder", wrist, (0.0, -1.0, 0.0), hang["r_"], hang["r_"]),
-        "left_hip_flex_deg": ("pelvis", "l_hip", (0.0, -1.0, 0.0), upright, upright),
-        "yaw_deg": ("", "pelvis", (0.0, 0.0, 1.0), upright, upright),
+        "left_arm_abd_deg": ("chest", "l_shoulder", (1.0, 0.0, 0.0)),
+        "right_elbow_flex_deg": ("r_shoulder", wrist, (0.0, -1.0, 0.0)),
+        "left_hip_flex_deg": ("pelvis", "l_hip", (0.0, -1.0, 0.0)),
+        "yaw_deg": ("", "pelvis", (0.0, 0.0, 1.0)),
     }
     out = {}
-    for column, (parent, child, axis, parent_rest, child_rest) in joints.items():
+    for column, (parent, child, axis) in joints.items():
         if child not in parts or (parent and parent not in parts):
             continue
-        above = upright if not parent else multiply(parts[parent], conjugate(parent_rest))
-        below = multiply(parts[child], conjugate(child_rest))
+        above = parts[parent] if parent else upright
         scripted = from_axis_angle(np.array(axis), np.radians(recording.angle(column)))
-        out[column] = np.degrees(angle_between(multiply(conjugate(above), below), scripted))
+        out[column] = np.degrees(angle_between(multiply(conjugate(above), parts[child]), scripted))
     return out
 
 

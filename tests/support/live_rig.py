@@ -178,8 +178,8 @@ Quaternion = tuple[float, float, float, float]
 
 _UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 _HALF_ROOT = float(np.sqrt(0.5))
-_RAISED: dict[str, Quaternion] = {"l_": (_HALF_ROOT, _HALF_ROOT, 0.0, 0.0), "r_": (_HALF_ROOT, -_HALF_ROOT, 0.0, 0.0)}
-"""A hanging arm turned to the T-pose: by 90 degrees about forward, the left one to the left."""
+_LOWERED: dict[str, Quaternion] = {"l_": (_HALF_ROOT, -_HALF_ROOT, 0.0, 0.0), "r_": (_HALF_ROOT, _HALF_ROOT, 0.0, 0.0)}
+"""An arm of the T-pose turned until it hangs: by 90 degrees about forward, the left one to the right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,15 +187,15 @@ class Role:
     """One pose of a sender.
 
     name: the sender's, as in `StreamFrame.names`. point: the canonical sensor whose joint its position is, "" if none.
-    segment: the canonical sensor whose body segment its rotation is, "" if none. rest: the orientation that is sent,
-    wxyz, in the T-pose facing x. offset: from the joint to the point that is sent, m, in the axes of the sent rotation;
-    of the sender's default proportions, where calibration begins.
+    segment: the canonical sensor whose body segment its rotation is, "" if none. standing: the orientation that is
+    sent, wxyz, of who stands upright with hanging arms and faces x. offset: from the joint to the point that is sent,
+    m, in the axes of the sent rotation; of the sender's default proportions, where calibration begins.
     """
 
     name: str
     point: str
     segment: str
-    rest: Quaternion = _UPRIGHT
+    standing: Quaternion = _UPRIGHT
     offset: Triple = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -217,14 +217,8 @@ _SLIMEVR = (
         for role in (
             Role(f"human://{side.upper()}_KNEE", f"{short}knee", f"{short}hip"),
             Role(f"human://{side.upper()}_FOOT", f"{short}ankle", f"{short}ankle"),
-            Role(f"human://{side.upper()}_ELBOW", f"{short}elbow", f"{short}shoulder", _RAISED[short]),
-            Role(
-                f"human://{side.upper()}_HAND",
-                f"{short}wrist",
-                f"{short}wrist",
-                _RAISED[short],
-                (_HAND_FORWARD, 0.0, 0.0),
-            ),
+            Role(f"human://{side.upper()}_ELBOW", f"{short}elbow", f"{short}shoulder"),
+            Role(f"human://{side.upper()}_HAND", f"{short}wrist", f"{short}wrist", offset=(_HAND_FORWARD, 0.0, 0.0)),
         )
     ),
 )
@@ -237,7 +231,7 @@ _SLIMEVR_VRCHAT = (
     Role("tracker://6", "chest", "chest"),
     Role("tracker://1", "pelvis", "pelvis"),
     *(
-        Role(f"tracker://{number}", short + point, short + segment, _RAISED[short] if point == "elbow" else _UPRIGHT)
+        Role(f"tracker://{number}", short + point, short + segment)
         for point, segment, numbers in (("ankle", "ankle", "23"), ("knee", "hip", "45"), ("elbow", "shoulder", "78"))
         for (short, _), number in zip(_SIDES, numbers, strict=True)
     ),
@@ -250,11 +244,13 @@ _BONES = (
     Role("bone://UpperChest", "", "chest"),
     Role("bone://Hips", "pelvis", "pelvis"),
     *(
+        Role(f"bone://{side}{bone}", short + sensor, short + sensor, _LOWERED[short])
+        for bone, sensor in (("UpperArm", "shoulder"), ("LowerArm", "elbow"), ("Hand", "wrist"))
+        for short, side in _SIDES
+    ),
+    *(
         Role(f"bone://{side}{bone}", short + sensor, short + sensor)
-        for bone, sensor in (
-            *(("UpperArm", "shoulder"), ("LowerArm", "elbow"), ("Hand", "wrist")),
-            *(("UpperLeg", "hip"), ("LowerLeg", "knee"), ("Foot", "ankle"), ("Toes", "toe")),
-        )
+        for bone, sensor in (("UpperLeg", "hip"), ("LowerLeg", "knee"), ("Foot", "ankle"), ("Toes", "toe"))
         for short, side in _SIDES
     ),
 )
@@ -270,5 +266,5 @@ def role(convention: str, name: str) -> Role:
 
 
 def canonical_orientation(role: Role, orientation: FloatArray) -> FloatArray:
-    """World orientation (..., 4) wxyz of the role's segment, identity in the T-pose, from the sent orientation."""
-    return multiply(orientation, conjugate(role.rest))
+    """World orientation (..., 4) wxyz of the role's segment, identity where arms hang, from the sent orientation."""
+    return multiply(orientation, conjugate(role.standing))

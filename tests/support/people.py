@@ -80,3 +80,15 @@ def turned(frames: SensorFrames, angle: float) -> SensorFrames:
         orientation=rotations.multiply(turn, frames.orientation),
         joints=None if joints is None else JointTracks(joints.names, rotations.rotate(turn, joints.position)),
     )
+
+
+def limbs_lie_along_their_bones(frames: SensorFrames) -> None:
+    """In every frame each limb's segment, which hangs where its orientation is the identity, lies along its bone."""
+    joints = frames.joints
+    assert joints is not None
+    for near, far in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")):
+        for side in ("l_", "r_"):
+            bone = joints.of(side + far) - joints.of(side + near)
+            hanging = rotations.rotate(frames.orientation[:, frames.index(side + near)], np.array([0.0, 0.0, -1.0]))
+            length = np.linalg.norm(bone, axis=1, keepdims=True)
+            np.testing.assert_allclose(hanging, bone / length, atol=2e-3, err_msg=side + near)

@@ -530,6 +530,25 @@ def test_poses_of_a_headset_are_those_that_were_driven(headset: Any, stand_in: S
     assert not read_after(stand_in)["l_wrist"]["tracked"]
 
 
+def test_a_bare_hand_is_unturned_where_the_arm_hangs(headset: Any, stand_in: StandIn) -> None:
+    """WebXR's wrists look along -z to the fingers, y out of the back of the hand; ours hang, palms inward."""
+    headset.evaluate(
+        """() => { const joint = XRFrame.prototype.getJointPose; window.raw = {};
+        XRFrame.prototype.getJointPose = function (of, space) { const at = joint.call(this, of, space);
+            const hands = [...this.session.inputSources].filter((source) => source.hand?.get('wrist') === of);
+            const q = at?.transform.orientation;
+            if (q && hands.length) raw[hands[0].handedness] = [q.x, q.y, q.z, q.w];
+            return at; }; }"""
+    )
+    for side in ("left", "right"):
+        headset.evaluate("([k, s, p, q]) => drive(k, s, p, q)", ["hand", side, [0, 1, -0.5], [0.1, 0.7, -0.1, 0.7]])
+    poses, raw = read_after(stand_in), headset.evaluate("raw")
+    for side, inward in (("left", 1.0), ("right", -1.0)):
+        sent = poses[f"{side[0]}_wrist"]["q"]
+        for ours, theirs in (([0.0, -1.0, 0.0], [0.0, 0.0, -1.0]), ([inward, 0.0, 0.0], [0.0, -1.0, 0.0])):
+            assert rotated(sent, np.array(ours)) == pytest.approx(rotated(raw[side], np.array(theirs)), abs=1e-3)
+
+
 def test_a_tracked_body_gets_our_names(browser: Any, stand_in: StandIn) -> None:
     body = "{ get: (joint) => (joint.startsWith('left') || joint === 'hips' ? grip : undefined) }"
     with opened(browser, stand_in, script=headset_script()) as page:

@@ -18,6 +18,8 @@ const BODY = {
   "left-lower-leg": "l_knee", "right-lower-leg": "r_knee", "left-foot-ankle": "l_ankle", "right-foot-ankle": "r_ankle",
 };
 const WRIST = { left: "l_wrist", right: "r_wrist" };
+// Our hands are unturned where arms hang, as a grip is; WebXR's bare hands where they point ahead, palms down.
+const FLAT = { left: [0.5, -0.5, -0.5, 0.5], right: [0.5, 0.5, 0.5, 0.5] };
 
 // Why this browser cannot be a headset, in a sentence; "" if it can.
 export async function headsetMissing() {
@@ -38,6 +40,10 @@ function pose(found) {
   return { p: [p.x, p.y, p.z], q: [q.x, q.y, q.z, q.w], tracked: !found.emulatedPosition };
 }
 
+function product([a, b, c, d], [x, y, z, w]) {
+  return [d * x + a * w + b * z - c * y, d * y - a * z + b * w + c * x, d * z + a * y - b * x + c * w, d * w - a * x - b * y - c * z];
+}
+
 // Poses of one frame in `space`, by our names. What is not known is left out.
 function posesOf(frame, space, viewer) {
   const poses = {};
@@ -46,6 +52,7 @@ function posesOf(frame, space, viewer) {
     const name = WRIST[source.handedness];
     const at = source.hand ? frame.getJointPose(source.hand.get("wrist"), space) : source.gripSpace && frame.getPose(source.gripSpace, space);
     if (name && at) poses[name] = pose(at);
+    if (poses[name] && source.hand) poses[name].q = product(poses[name].q, FLAT[source.handedness]);
   }
   for (const [joint, name] of Object.entries(BODY)) {
     const at = frame.body?.get(joint) && frame.getPose(frame.body.get(joint), space);
