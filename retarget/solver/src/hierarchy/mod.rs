@@ -14,9 +14,9 @@
 //! * `damping`: targets of near-singular levels, moved nearer, once per solve.
 //! * `multipliers`: which rows and variables a limit holds rightly, level by level.
 //! * `limits`: moves that stop at the first limit; what is held there or released.
-//! * `active_set`: guess, verify, move, add, release (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
-//! * `reduced`: the same in what planted soles leave, where many changes are needed.
-//! * `cascade`: level by level with a classical active set, behind it when it cycles.
+//! * `active_set`: guess and verify (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
+//! * `cascade`: level by level with a classical active set, where the guess does not settle.
+//! * `reduced`: the cascade in what planted soles leave.
 
 mod active_set;
 mod cascade;
@@ -55,7 +55,7 @@ pub fn solve(problem: &mut Problem, workspace: &mut Workspace) -> Outcome {
     if active_set::guess(problem, work, &mut outcome) {
         limits::clamp_to_box(problem);
     } else if !reduced::solve(problem, work, reduction, &mut outcome) {
-        active_set::classic(problem, work, &mut outcome);
+        cascade::solve(problem, work, &mut outcome);
     }
     outcome
 }

@@ -5,7 +5,7 @@
 //! and the limits above are rows of one hard level, and `||z||^2` is `||w||^2` and a constant. What breaks the hard level is left
 //! to the whole problem.
 
-use super::active_set::classic;
+use super::cascade;
 use super::factor::Factor;
 use super::kernels::{add_rows, compile_twice, dot, dot_rows};
 use super::limits::clamp_to_box;
@@ -191,7 +191,7 @@ compile_twice! {
 /// Solve the reduced problem. False where its hard level is broken.
 fn settle(reduction: &mut Reduction, outcome: &mut Outcome) -> bool {
     let work = &mut reduction.work;
-    classic(&mut reduction.problem, work, outcome);
+    cascade::solve(&mut reduction.problem, work, outcome);
     is_kept(work.fma, &reduction.problem)
 }
 
