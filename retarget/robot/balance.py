@@ -44,6 +44,9 @@ LARGER = 1.2
 """Size of the room of the zero-moment point, in that of the capture point. The larger, the sooner a mass at rest gets
 away from an edge, and the more its soles slip: with 1.2 it takes half a second, with 2.8 Wolfgang slipped three times
 as far."""
+SPARE = 0.5
+"""Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
+out."""
 
 Edges = list[list[float]]
 Row = tuple[float, float, float, float]
@@ -153,7 +156,7 @@ def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) 
     def borne(nx: float, ny: float, offset: float) -> Row:
         at, speed = nx * x + ny * y, nx * vx + ny * vy
         if push is not None:
-            offset = max(offset, nx * push[0] + ny * push[1])
+            offset = max(offset, nx * push[0] + ny * push[1] + push[2])
         # (n.c - d)(g + z'') <= z n.c'', times dt^2 / z, with n.c and z as they are now
         lever = (at - offset) / z
         return -nx, -ny, lever, lever * (z + vz * dt - GRAVITY * dt * dt) - at - speed * dt
@@ -164,8 +167,9 @@ def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) 
     return np.array([*kept, *heaved])
 
 
-def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float] | None:
-    """Zero-moment point (x, y) m that brings back a capture point beyond an edge; None: the capture point is inside.
+def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float, float] | None:
+    """Zero-moment point (x, y) m that brings back a capture point beyond an edge, and its tolerance, m; None: the
+    capture point is inside.
 
     As far beyond as the capture point again, but inside of the outer edges: so that distance falls as exp(-t / sqrt(z /
     g)).
@@ -180,7 +184,7 @@ def _pushed_back(room: Room, capture: tuple[float, float]) -> tuple[float, float
         along = ex * nx + ey * ny
         if along > 0.0:
             reach = min(reach, max(offset - ex * x - ey * y, 0.0) / along)
-    return x + reach * nx, y + reach * ny
+    return x + reach * nx, y + reach * ny, SPARE * reach
 
 
 # Standing strength: what the joints of a robot on its soles may carry. A servo's continuous torque is much less than
