@@ -100,12 +100,12 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
         segments |= {f"{side}_{name}": track for name, track in turns.items()}
     names = tuple(name for name in JOINTS if name in joints)
     skeleton = rest_skeleton(tree, names)
-    turns = np.stack([segments[name] for name in SENSORS], axis=1)
+    orientation = np.stack([segments[name] for name in SENSORS], axis=1)
     return SensorFrames(
         time=time,
         names=SENSORS,
         position=np.stack([joints[name] for name in SENSORS], axis=1),
-        orientation=rotations.multiply(turns, limb_turns(skeleton, SENSORS)),
+        orientation=rotations.multiply(orientation, limb_turns(skeleton, SENSORS)),
         valid=np.ones((len(time), len(SENSORS)), bool),
         joints=JointTracks(names, np.stack([joints[name] for name in names], axis=1)),
         skeleton=skeleton,

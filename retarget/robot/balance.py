@@ -46,7 +46,7 @@ away from an edge, and the more its soles slip: with 1.2 it takes half a second,
 as far."""
 SPARE = 0.5
 """Room that the zero-moment point has about where it pushes the capture point back in, in shares of how far that is
-out."""
+out. Without it ToddlerBot's soles slipped half as far again."""
 
 Edges = list[list[float]]
 Row = tuple[float, float, float, float]
