@@ -197,6 +197,7 @@ def canonical_frames(
 _SEGMENT_OF = {"wrist": "elbow", "ankle": "knee", "toe": "knee"}
 """At rest a hand is turned as the forearm, and a foot as the shank, by the joint where that begins."""
 _DOWN = np.array([0.0, 0.0, -1.0])
+"""Unit vector, world."""
 
 
 def limb_turns(skeleton: Skeleton, sensors: tuple[str, ...]) -> FloatArray:

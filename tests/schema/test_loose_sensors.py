@@ -91,11 +91,12 @@ def test_only_what_the_performer_s_file_says_is_loose_and_turns_by_itself() -> N
 
 
 def test_what_is_known_further_is_added_in_the_axes_of_the_pose() -> None:
-    roles = roles_of(slime("l_wrist"), "slimevr", where="one")
-    shifted = roles.shifted(np.array([[0.0, 0.0, -0.05]]))
-    # Canonical axes are those of the T-pose; SlimeVR's hand is the identity while it hangs.
-    np.testing.assert_allclose(shifted.places[0].offset, [0.13, -0.05, 0.0], atol=1e-12)
-    assert shifted.convention == "slimevr" and shifted.loose == ("l_wrist",)
+    # Canonical axes are those of a hanging arm; SlimeVR's hand is the identity there, Unity's in the T-pose.
+    for convention, offset in (("slimevr", [0.13, 0.0, -0.05]), ("unity_bones", [0.0, 0.05, 0.0])):
+        roles = roles_of(slime("l_wrist"), convention, where="one")
+        shifted = roles.shifted(np.array([[0.0, 0.0, -0.05]]))
+        np.testing.assert_allclose(shifted.places[0].offset, offset, atol=1e-12)
+        assert shifted.convention == convention and shifted.loose == ("l_wrist",)
 
 
 @dataclass
