@@ -29,17 +29,15 @@ pub struct Multipliers {
 }
 
 compile_twice! {
-    /// All levels of a complete factorization, at the point `z` it gave. The worst wrong sign of the first level that has one.
-    pub fn examine(multipliers: &mut Multipliers, problem: &Problem, factor: &Factor, z: &[f64]) -> Option<Release> {
+    /// All levels of a complete factorization, at the point `z` it gave, up to the first that holds something wrongly.
+    pub fn examine(multipliers: &mut Multipliers, problem: &Problem, factor: &Factor, z: &[f64]) {
         multipliers.clear(problem);
         // A closure would not be compiled for these instructions.
         for k in 0..=problem.level_count() {
-            let release = multipliers.examine_level::<FMA>(problem, factor, z, k);
-            if release.is_some() {
-                return release;
+            if multipliers.examine_level::<FMA>(problem, factor, z, k).is_some() {
+                return;
             }
         }
-        None
     }
 }
 
