@@ -444,7 +444,7 @@ class PoseRing:
 @final
 class SensorPlan:
     """How m sensors are read out of frames of `count` poses: points (m,) and segments (m,) are the columns of position
-    and orientation, -1 where there is none; rest (m, 4) wxyz is what an orientation is multiplied by; offset (m, 3) m
+    and orientation, -1 where there is none; turn (m, 4) wxyz is what an orientation is multiplied by; offset (m, 3) m
     from the joint to the position that is sent, in the axes of that pose."""
 
     def __init__(
@@ -452,7 +452,7 @@ class SensorPlan:
         count: int,
         points: NDArray[np.int64],
         segments: NDArray[np.int64],
-        rest: Floats,
+        turn: Floats,
         offset: Floats,
     ) -> None: ...
     def read(

@@ -1,6 +1,6 @@
 """The file of a measured performer: `$XDG_CONFIG_HOME/retarget/people/<name>.yaml`, the user's own.
 
-A performer who has been measured once stands still only for floor and heading from then on. Layout 1: see `Person`.
+A performer who has been measured once stands still only for floor and heading from then on. Layout 2: see `Person`.
 """
 
 import os
@@ -22,7 +22,7 @@ from retarget.schema.strict_yaml import Document, KeyPath, dump, read_text, scan
 from retarget.types import FloatArray
 
 OPTION = "--person"
-LAYOUT = 1
+LAYOUT = 2
 """Layout of the file. Another one is refused, as the meaning of its numbers is not known."""
 STEP = "Measure anew with --recalibrate"
 MASS_KG = (2.0, 400.0)

@@ -38,9 +38,9 @@ class Place:
     """The poses of a sender of which a sensor's pose is made. position, orientation: the sender's names of poses, ""
     for none.
 
-    standing: the orientation that is sent, wxyz, of a person who stands upright, faces x and lets both arms hang.
-    offset: from the joint to the point that is sent, m, in the axes of that pose. loose: the sensor is worn or held
-    beside the joint at an unknown offset, and turns with the segment of the joint.
+    standing: the orientation that is sent, wxyz, of a person who stands upright, faces x and lets the arms hang, thumbs
+    forward. offset: from the joint to the point that is sent, m, in the axes of that pose. loose: the sensor is worn or
+    held beside the joint at an unknown offset, and turns with the segment of the joint.
     """
 
     position: str
@@ -165,7 +165,7 @@ class Roles:
             len(names),
             points=np.array([column.get(place.position, -1) for _, place in sent]),
             segments=np.array([column.get(place.orientation, -1) for _, place in sent]),
-            rest=rotations.conjugate([place.standing for _, place in sent]),
+            turn=rotations.conjugate([place.standing for _, place in sent]),
             offset=np.array([place.offset for _, place in sent]),
         )
         return np.array([row for row, _ in sent]), columns
@@ -186,8 +186,10 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
             next_step=suggest(convention, CONVENTIONS),
         )
     known, places, problems, missing = CONVENTIONS[convention], list[Place](), list[Problem](), list[str]()
+    standing = {place.orientation: place.standing for place in known.values()}
     for name, sensor in performer.sensors.items():
-        place = known.get(name) if sensor.role is None else Place(sensor.role, sensor.role)
+        role = sensor.role
+        place = known.get(name) if role is None else Place(role, role, standing.get(role, _UPRIGHT))
         if place is not None and (not sensor.beside or place.position == place.orientation):
             places.append(replace(place, loose=sensor.beside))
         elif place is not None:

@@ -176,7 +176,7 @@ def canonical_frames(
     columns = [names.index(name) for name in sensors]
     orientation = np.stack([pose.orientation[:, segment_joint(tree, joints, name)] for name in sensors], axis=1)
     skeleton = Skeleton(names, np.stack([rest[name] for name in names]) @ body.T * metres)
-    # World <- file axes <- segment <- person upright and facing x, in the rest pose <- with hanging limbs.
+    # World <- file axes <- segment <- its rest pose, facing x <- hanging.
     left, right = rotations.from_matrix(world), rotations.from_matrix(body.T)
     right = rotations.multiply(right, limb_turns(skeleton, sensors))
     orientation = rotations.normalise(rotations.multiply(rotations.multiply(left, orientation), right))
@@ -202,7 +202,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 def limb_turns(skeleton: Skeleton, sensors: tuple[str, ...]) -> FloatArray:
     """Turns (k, 4) wxyz of the segments of sensors from hanging straight down to the skeleton's rest pose, the shortest
-    way (thumbs stay forward in a T-pose); the identity for those of the trunk."""
+    way (thumbs stay forward in a T-pose); the identity for those of the trunk, NaN for a bone without length."""
     result = np.tile(rotations.IDENTITY, (len(sensors), 1))
     for row, sensor in enumerate(sensors):
         side, part = sensor[:2], sensor[2:]

@@ -65,8 +65,8 @@ def test_a_place_that_cannot_be_written_is_refused_before_anybody_stands_still(o
 @pytest.mark.parametrize(
     ("line", "instead", "message"),
     [
-        ("layout: 1", "layout: 2", ("yaml:2", 2, 1)),
-        ("layout: 1", "", ()),
+        ("layout: 2", "layout: 1", ("yaml:2", 2, 1)),
+        ("layout: 2", "", ()),
         ("stature: 1.8", "stature: 3.1", ("3.1", "0.5", "2.6")),
         ("stature: 1.8", "stature: 1,8", ()),
         ("stature: 1.8", "stature: .nan", ()),

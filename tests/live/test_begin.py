@@ -224,7 +224,7 @@ def test_another_person_is_refused(stature: float) -> None:
 
 def test_an_invalid_file_is_refused_before_the_stream_is_waited_for() -> None:
     path = write_person(person_of("anna", proportional_dimensions(1.7), sensors=("head",), date="2020-01-01"))
-    path.write_text(path.read_text().replace("layout: 1", "layout: 7"))
+    path.write_text(path.read_text().replace("layout: 2", "layout: 7"))
     clock = VirtualClock()
     with refuses(ConfigError):
         begin_live(

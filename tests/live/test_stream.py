@@ -163,6 +163,14 @@ def test_arms_of_a_sender_whose_identity_is_the_t_pose_are_those_that_would_hang
         np.testing.assert_allclose(rotations.rotate(turn, [1.0, 0.0, 0.0]), [1.0, 0.0, 0.0], atol=1e-12)
 
 
+def test_a_pose_that_the_file_names_turns_as_its_sender_sends_it() -> None:
+    named = PerformerSensor(joint="l_wrist", role="bone://LeftLowerArm")
+    performer = Performer(name="p", description="d", sensors={"l_wrist": named})
+    (place,) = roles_of(performer, "unity_bones", where="p.yaml").places
+    assert place.position == "bone://LeftLowerArm"
+    assert place.standing == CONVENTIONS["unity_bones"]["l_elbow"].standing
+
+
 def test_names_of_the_file_come_first() -> None:
     performer = Performer(
         name="p",

@@ -10,15 +10,15 @@ RNG = np.random.default_rng(7)
 POSITION = RNG.normal(size=(4, 3))
 ORIENTATION = rotations.normalise(RNG.normal(size=(4, 4)))
 TRACKED = np.array([True, False, True, True])
-REST = rotations.normalise(RNG.normal(size=(3, 4)))
+TURN = rotations.normalise(RNG.normal(size=(3, 4)))
 OFFSET = np.array([[0.0, 0.0, 0.0], [0.1, -0.2, 0.3], [0.0, 0.0, 0.0]])
 
 
 def test_a_column_that_no_frame_has_is_refused() -> None:
     for points in (np.array([2, 4, -1]), np.array([2, 1])):
         with refuses(ValueError):
-            SensorPlan(4, points=points, segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
-    plan = SensorPlan(4, points=np.array([2, 1, -1]), segments=np.array([-1, 1, 3]), rest=REST, offset=OFFSET)
+            SensorPlan(4, points=points, segments=np.array([-1, 1, 3]), turn=TURN, offset=OFFSET)
+    plan = SensorPlan(4, points=np.array([2, 1, -1]), segments=np.array([-1, 1, 3]), turn=TURN, offset=OFFSET)
     with refuses(ValueError):
         plan.read(POSITION[:3], ORIENTATION[:3], TRACKED[:3])
     with refuses(ValueError):

@@ -7,7 +7,7 @@ import pytest
 
 from messages import Facts, refuses
 from motion_texts import BONES, amc_text, asf_text, write_amc
-from people import limbs_lie_along_their_bones
+from people import limbs_lie_along_their_bones, limbs_rest_as_one
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import JOINTS, SENSORS
@@ -114,6 +114,7 @@ def test_rest_pose_is_a_person_facing_x(tmp_path: Path) -> None:
     assert frames.names == SENSORS and len(frames) == 4 and frames.rate_hz == 120.0
     assert frames.joints is not None and frames.joints.names == JOINTS
     limbs_lie_along_their_bones(frames)
+    limbs_rest_as_one(frames)
     np.testing.assert_allclose(frames.orientation[0, frames.index("chest")], rotations.IDENTITY, atol=1e-12)
     at = {name: frames.position[0, i] / CMU_METRES for i, name in enumerate(frames.names)}
     np.testing.assert_allclose(at["pelvis"], [0.0, 0.0, 17.0], atol=1e-9)

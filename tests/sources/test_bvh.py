@@ -7,7 +7,7 @@ import pytest
 
 from messages import Facts, refuses, shows, shows_lines
 from motion_texts import JOINTS, bvh_text
-from people import limbs_lie_along_their_bones
+from people import limbs_lie_along_their_bones, limbs_rest_as_one
 from recordings import moved, op3, slider
 from retarget import rotations
 from retarget.errors import InputError
@@ -34,6 +34,7 @@ def test_rest_pose_is_a_person_facing_x_in_metres(tmp_path: Path) -> None:
     frames = read_bvh(write(tmp_path, bvh_text()))
     assert frames.names == SENSORS and len(frames) == 3 and frames.rate_hz == 120.0
     limbs_lie_along_their_bones(frames)
+    limbs_rest_as_one(frames)
     np.testing.assert_allclose(frames.orientation[:, frames.index("head"), 0], 1.0)
     at = {name: frames.position[0, i] for i, name in enumerate(frames.names)}
     np.testing.assert_allclose(at["pelvis"], [0.0, 0.0, 0.98], atol=1e-12)
@@ -63,6 +64,7 @@ def test_z_up_is_seen_in_the_rest_pose_and_the_heading_is_kept(tmp_path: Path) -
     assert frames.position[0, frames.index("head"), 2] == pytest.approx(1.52)
     assert frames.position[0, frames.index("l_wrist"), 1] == pytest.approx(-0.73), "the figure looks along -x"
     limbs_lie_along_their_bones(frames)
+    limbs_rest_as_one(frames)
     half_turn = rotations.log(frames.orientation[0, frames.index("pelvis")])
     np.testing.assert_allclose(np.abs(half_turn), [0.0, 0.0, np.pi], atol=1e-9)
     assert frames.skeleton is not None

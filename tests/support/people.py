@@ -92,3 +92,13 @@ def limbs_lie_along_their_bones(frames: SensorFrames) -> None:
             hanging = rotations.rotate(frames.orientation[:, frames.index(side + near)], np.array([0.0, 0.0, -1.0]))
             length = np.linalg.norm(bone, axis=1, keepdims=True)
             np.testing.assert_allclose(hanging, bone / length, atol=2e-3, err_msg=side + near)
+
+
+def limbs_rest_as_one(frames: SensorFrames, frame: int = 0) -> None:
+    """In a frame of the rest pose hands are turned as forearms, feet as shanks, and thumbs are where the body faces."""
+    turn = dict(zip(frames.names, frames.orientation[frame], strict=True))
+    for side in ("l_", "r_"):
+        for end, segment in (("wrist", "elbow"), ("ankle", "knee"), ("toe", "knee")):
+            np.testing.assert_allclose(turn[side + end], turn[side + segment], atol=1e-12)
+        facing = rotations.rotate(turn["pelvis"], np.array([1.0, 0.0, 0.0]))
+        np.testing.assert_allclose(rotations.rotate(turn[side + "wrist"], np.array([1.0, 0.0, 0.0])), facing, atol=1e-9)

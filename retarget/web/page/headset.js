@@ -56,7 +56,9 @@ function posesOf(frame, space, viewer) {
   }
   for (const [joint, name] of Object.entries(BODY)) {
     const at = frame.body?.get(joint) && frame.getPose(frame.body.get(joint), space);
-    if (at) poses[name] = pose(at);
+    if (!at) continue;
+    const { p, tracked } = pose(at); // the turns of WebXR's joints are others than ours
+    poses[name] = { p, tracked };
   }
   return poses;
 }

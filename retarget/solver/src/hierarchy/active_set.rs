@@ -8,7 +8,7 @@ use super::multipliers::examine;
 use super::problem::{Outcome, Problem};
 use super::work::Work;
 
-/// Factorizations before the level-by-level method takes over.
+/// Factorizations before the guess is given up.
 const MOST_GUESSES: u32 = 5;
 
 /// Hold at once all that the answer crosses, and let go of all that is held wrongly at the first level that has any, until neither is
@@ -16,8 +16,8 @@ const MOST_GUESSES: u32 = 5;
 ///
 /// A primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13(3), 2003.
 pub fn guess(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) -> bool {
-    work.guessed_variables.clone_from(&problem.variable_side);
-    work.guessed_rows.clone_from(&problem.row_side);
+    work.warm_variables.clone_from(&problem.variable_side);
+    work.warm_rows.clone_from(&problem.row_side);
     for _ in 0..MOST_GUESSES {
         factor_all(work.fma, problem, &mut work.factor, &mut work.candidate);
         outcome.factorizations += 1;
@@ -31,8 +31,8 @@ pub fn guess(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) -> b
             let_go(problem, release);
         }
     }
-    problem.variable_side.clone_from(&work.guessed_variables);
-    problem.row_side.clone_from(&work.guessed_rows);
+    problem.variable_side.clone_from(&work.warm_variables);
+    problem.row_side.clone_from(&work.warm_rows);
     false
 }
 

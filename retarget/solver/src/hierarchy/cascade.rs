@@ -2,11 +2,11 @@
 //! over all levels does not settle.
 //!
 //! Stage k keeps a feasible point that is optimal for the stages before, and a working set of limits that is linearly
-//! independent of their rows (it starts empty; a limit met on the way is always independent). Multipliers are then unique, and
+//! independent of their rows (what was held before, where it is that; a limit met on the way always is). Multipliers are then unique, and
 //! the lowest-index rule after a while makes it finite.
 
 use super::kernels::{add_scaled, compile_twice, dot};
-use super::limits::{advance, clamp_to_box, first_limit, hold_violated_rows, let_go};
+use super::limits::{advance, first_limit, hold_violated_rows, let_go};
 use super::multipliers::examine_level;
 use super::problem::{Outcome, Problem, Release, Side};
 use super::work::Work;
@@ -19,8 +19,7 @@ const PATIENCE: u32 = 60;
 const STILL: f64 = 1e-12;
 
 pub fn solve(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
-    outcome.fallback = true;
-    start(problem, work.fma);
+    start(problem);
     work.multipliers.clear(problem);
     for k in 0..=problem.level_count() {
         open_stage(problem, work, k);
@@ -28,11 +27,10 @@ pub fn solve(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) {
             outcome.capped = true;
         }
     }
-    clamp_to_box(problem);
 }
 
-/// A point inside the box that agrees with the active set; rows that it violates are held.
-fn start(problem: &mut Problem, fma: bool) {
+/// A point inside the box that agrees with the active set.
+fn start(problem: &mut Problem) {
     for i in 0..problem.n {
         let inside = problem.z[i].max(problem.lo[i]).min(problem.hi[i]);
         problem.z[i] = match problem.variable_side[i] {
@@ -42,8 +40,6 @@ fn start(problem: &mut Problem, fma: bool) {
         };
     }
     problem.z[problem.n..].fill(0.0);
-    let rows_end = problem.row_count();
-    hold_violated_rows(fma, problem, rows_end);
 }
 
 /// Working set of stage k: what is locked, equalities, violated rows; and what the stage before held, as long as that is

@@ -7,7 +7,7 @@ use super::problem::{Problem, Release, Side, CROSSED};
 #[derive(Clone, Copy)]
 pub struct Step {
     pub share: f64,
-    pub limit: Release,
+    limit: Release,
     side: Side,
 }
 

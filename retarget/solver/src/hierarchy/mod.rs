@@ -14,9 +14,9 @@
 //! * `damping`: targets of near-singular levels, moved nearer, once per solve.
 //! * `multipliers`: which rows and variables a limit holds rightly, level by level.
 //! * `limits`: moves that stop at the first limit; what is held there or released.
-//! * `active_set`: guess and verify (Dimitrov, Sherikov, Wieber; Escande, Mansard, Wieber 2014).
-//! * `cascade`: level by level with a classical active set, where the guess does not settle.
-//! * `reduced`: the cascade in what planted soles leave.
+//! * `active_set`: guess and verify (Hintermueller, Ito, Kunisch 2003).
+//! * `cascade`: level by level with a classical active set, where the guess does not settle: first, by `reduced`, in what planted
+//!   soles leave, then in the whole.
 
 mod active_set;
 mod cascade;
@@ -52,10 +52,10 @@ pub fn solve(problem: &mut Problem, workspace: &mut Workspace) -> Outcome {
     if problem.damping.iter().chain(&problem.short_lever).any(|d| *d != 0.0) {
         damping::lower(work.fma, problem, work, &mut outcome);
     }
-    if active_set::guess(problem, work, &mut outcome) {
-        limits::clamp_to_box(problem);
-    } else if !reduced::solve(problem, work, reduction, &mut outcome) {
+    if !active_set::guess(problem, work, &mut outcome) && !reduced::solve(problem, work, reduction, &mut outcome) {
+        (outcome.fallback, outcome.capped) = (true, false);
         cascade::solve(problem, work, &mut outcome);
     }
+    limits::clamp_to_box(problem);
     outcome
 }

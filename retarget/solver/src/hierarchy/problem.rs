@@ -25,7 +25,7 @@ pub enum Release {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
     pub factorizations: u32,
-    /// The level-by-level method had to take over.
+    /// The whole problem was solved level by level.
     pub fallback: bool,
     /// The answer was found in what the first equalities leave.
     pub reduced: bool,

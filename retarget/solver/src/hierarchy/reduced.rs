@@ -8,7 +8,6 @@
 use super::cascade;
 use super::factor::Factor;
 use super::kernels::{add_rows, compile_twice, dot, dot_rows};
-use super::limits::clamp_to_box;
 use super::problem::{Outcome, Problem, Side};
 use super::work::Work;
 
@@ -65,7 +64,7 @@ fn restart_unlimited(factor: &mut Factor, problem: &Problem) {
     }
 }
 
-/// Solve in the space that the first equalities leave. False, with nothing changed, where there is none or it does not hold the answer.
+/// Solve in the space that the first equalities leave. False, with the problem as it was, where there is none or it does not hold the answer.
 pub fn solve(problem: &mut Problem, work: &mut Work, reduction: &mut Reduction, outcome: &mut Outcome) -> bool {
     let Some(level) = first_equalities(problem) else { return false };
     let solved = leave_space(work.fma, problem, work, reduction, level)
@@ -218,6 +217,5 @@ compile_twice! {
                 Origin::Row(row) => problem.row_side[row] = side,
             }
         }
-        clamp_to_box(problem);
     }
 }

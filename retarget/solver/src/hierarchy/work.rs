@@ -18,12 +18,9 @@ pub struct Work {
     pub locked_row: Vec<bool>,
     /// Targets of one level before damping.
     pub asked: Vec<f64>,
-    /// The active set of the solve before, while damping looks for its own.
+    /// The active set, while another is tried.
     pub warm_variables: Vec<Side>,
     pub warm_rows: Vec<Side>,
-    /// The active set before it is guessed.
-    pub guessed_variables: Vec<Side>,
-    pub guessed_rows: Vec<Side>,
 }
 
 impl Work {
@@ -41,8 +38,6 @@ impl Work {
         self.asked.reserve(problem.row_count().saturating_sub(self.asked.len()));
         self.warm_variables.resize(problem.n, Side::Free);
         self.warm_rows.resize(problem.row_count(), Side::Free);
-        self.guessed_variables.resize(problem.n, Side::Free);
-        self.guessed_rows.resize(problem.row_count(), Side::Free);
         self.locked.resize(problem.n, false);
         self.locked_row.resize(problem.row_count(), false);
     }

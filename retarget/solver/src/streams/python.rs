@@ -168,17 +168,17 @@ impl PySensorPlan {
         count: usize,
         points: Integers<'_>,
         segments: Integers<'_>,
-        rest: Table<'_>,
+        turn: Table<'_>,
         offset: Table<'_>,
     ) -> PyResult<Self> {
         let points = points.as_slice()?;
         let segments = entries(&segments, points.len(), "segments")?;
-        let (rest, offset) = (numbers(&rest, points.len(), "rest")?, numbers(&offset, points.len(), "offset")?);
+        let (turn, offset) = (numbers(&turn, points.len(), "turn")?, numbers(&offset, points.len(), "offset")?);
         let columns = (0..points.len()).map(|i| {
             Ok(Column {
                 point: column(points[i], count)?,
                 segment: column(segments[i], count)?,
-                rest: rest[i],
+                turn: turn[i],
                 offset: (offset[i] != [0.0; 3]).then_some(offset[i]),
             })
         });

@@ -5,13 +5,13 @@ use crate::math::{quat_mul, sub, Quat, Vec3};
 /// A pose that is sent in parts (position here, rotation there) is put together from parts this near in time (s).
 const PARTNER: f64 = 0.1;
 
-/// Where a sensor's pose is found. point, segment: columns of the frame, None where it has none. rest: what its orientation is
+/// Where a sensor's pose is found. point, segment: columns of the frame, None where it has none. turn: what its orientation is
 /// multiplied by. offset: from the joint to the point that is sent, m, in the axes of that pose.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
     pub point: Option<usize>,
     pub segment: Option<usize>,
-    pub rest: Quat,
+    pub turn: Quat,
     pub offset: Option<Vec3>,
 }
 
@@ -27,7 +27,7 @@ impl Column {
 
     /// NaN where there is none.
     pub fn turn(&self, orientation: &[Quat]) -> Quat {
-        self.segment.map_or([f64::NAN; 4], |segment| quat_mul(orientation[segment], self.rest))
+        self.segment.map_or([f64::NAN; 4], |segment| quat_mul(orientation[segment], self.turn))
     }
 
     /// Whether the sender marks it as tracked.

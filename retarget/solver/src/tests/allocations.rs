@@ -149,7 +149,7 @@ fn no_frame_after_the_first_allocates_on_planted_soles() {
 }
 
 #[test]
-fn no_frame_after_the_first_allocates_where_the_active_set_cycles() {
+fn no_frame_after_the_first_allocates_where_the_guess_does_not_settle() {
     let robot = humanoid();
     let mut pose = robot.body.new_pose();
     robot.body.forward(&robot.body.rest(), &mut pose);
