@@ -95,7 +95,7 @@ class RobotPosture:
 
     q (nq,): root_position (3,) m, root_quaternion (4,) wxyz (fixed robots: where the body file has it) and joints.
     joint_positions (n,): rad, servo order. landmarks_asked, landmarks_reached (k, 3): m, in order of landmark_names.
-    centre_of_mass (3,) m; support_distance: m inside the support polygon of the soles, infinite without soles.
+    centre_of_mass (3,) m.
     observer_modes (o,): 0 free, 1 preventive, 2 reactive, in the order of the profile.
     """
 
@@ -107,5 +107,4 @@ class RobotPosture:
     landmarks_asked: FloatArray
     landmarks_reached: FloatArray
     centre_of_mass: FloatArray
-    support_distance: float
     observer_modes: ModeArray

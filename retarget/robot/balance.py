@@ -70,7 +70,6 @@ class StandingBalance:
 
     def __init__(self, priorities: Priorities, stance: Stance) -> None:
         self.edges = stance.edges(max((task.margin for task in _support_tasks(priorities)), default=0.0))
-        self._outline: Edges = stance.edges(0.0).tolist()
         self._drawn_in: Edges = self.edges.tolist()
         share = moving_share(priorities)
         self._room = None if share is None else room_of(self.edges, share, stance)
@@ -81,10 +80,6 @@ class StandingBalance:
         if self._room is None:
             return _braked(self._drawn_in, com, dt)
         return moving_spaces(self._room, com, velocity, dt)
-
-    def inside(self, com: FloatArray) -> float:
-        """How far (m) a centre of mass (3,) is inside the soles' outline."""
-        return inside(self._outline, com)
 
 
 def _support_tasks(priorities: Priorities) -> list[CentreOfMassTask]:

@@ -217,11 +217,6 @@ class OnSoles:
         """Stop trajectories on the soles that carry."""
         return self.stop if self.steps is None else self.steps.stopping
 
-    def inside(self, centre_of_mass: FloatArray) -> float:
-        """How far (m) a centre of mass (3,) is inside the outline of the soles that carry; infinite without soles."""
-        keeper = self.balance if self.steps is None else self.steps
-        return inf if keeper is None else keeper.inside(centre_of_mass)
-
 
 class Follower:
     """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: `Stepping` of a
@@ -506,6 +501,5 @@ class Follower:
             landmarks_asked=np.array(asked.landmarks),
             landmarks_reached=reached.points,
             centre_of_mass=reached.centre_of_mass,
-            support_distance=self._soles.inside(reached.centre_of_mass),
             observer_modes=self.hierarchy.solver.observer_modes,
         )

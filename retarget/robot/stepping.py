@@ -59,9 +59,6 @@ class StepBalance:
             self.depth(room, np.array([*middle, 0.0]), still, still)
             for room, middle in zip(self.over, self.middles[1:], strict=True)
         )
-        self._outlines: tuple[Edges, ...] = tuple(
-            support_edges([outline]).tolist() for outline in (np.concatenate(outlines), *outlines)
-        )
 
     def _hull(self, outlines: Sequence[FloatArray], size: float) -> Edges:
         """Edges of the hull of both soles (c, 2), each at a share of its size about its middle. It holds the rooms at
@@ -108,10 +105,6 @@ class StepBalance:
             if out > most:
                 share = min(share, most / out)
         return np.asarray(middle + share * (asked - middle))
-
-    def inside(self, com: FloatArray, support: int | None) -> float:
-        """How far (m) a centre of mass (3,) is inside the outline of both soles, or of the support foot's."""
-        return inside(self._outlines[0 if support is None else 1 + support], com)
 
 
 # The swing foot: the sole that carries nothing follows the performer's foot within bounds, and returns to its place.
@@ -322,10 +315,6 @@ class Stepping:
     def stands(self) -> bool:
         """Whether it stands on both soles, its mass where standing asks for it."""
         return self.plan.state is StepState.DOUBLE_SUPPORT
-
-    def inside(self, com: FloatArray) -> float:
-        """How far (m) a centre of mass (3,) is inside the outline of what carries."""
-        return self._balance.inside(com, self.plan.single_support)
 
     def aim(
         self,

@@ -84,14 +84,13 @@ def settled(robot: Follower, human: HumanPosture) -> list[RobotPosture]:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """What a robot did, its start included: q (T, nq), joints (T, n) rad, landmarks (T, k, 3) m, support (T,) m."""
+    """What a robot did, its start included: q (T, nq), joints (T, n) rad, landmarks (T, k, 3) m."""
 
     names: tuple[str, ...]
     q: FloatArray
     joints: FloatArray
     asked: FloatArray
     reached: FloatArray
-    support: FloatArray
 
     def track(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Asked and reached (T, 3) m of one landmark."""
@@ -110,7 +109,6 @@ def collect(done: Sequence[RobotPosture]) -> Followed:
         np.array([posture.joint_positions for posture in done]),
         np.array([posture.landmarks_asked for posture in done]),
         np.array([posture.landmarks_reached for posture in done]),
-        np.array([posture.support_distance for posture in done]),
     )
 
 

@@ -124,7 +124,6 @@ class StubFollower(Follower):
             landmarks_asked=points,
             landmarks_reached=points,
             centre_of_mass=np.zeros(3),
-            support_distance=0.0,
             observer_modes=np.zeros(0, dtype=np.uint8),
         )
 
