@@ -171,7 +171,7 @@ class Stepped:
         return lay_on_ticks(frames(), performer=load_performer("five"), playback=Playback(end=0.1), rate_hz=125.0)
 
 
-@pytest.mark.parametrize("priorities", ["servo", "balanced"])
+@pytest.mark.parametrize("priorities", ["servo", pytest.param("balanced", marks=pytest.mark.long)])
 def test_goals_are_those_of_a_run(priorities: str) -> None:
     clip: list[SensorSample | None] = [frames().sample(max(0.0, (tick - 700) * DT)) for tick in range(1100)]
     clip[100:110] = clip[900:930] = [None] * 10  # during the approach, and in a crouch
@@ -203,7 +203,7 @@ def wild() -> Iterator[st.SearchStrategy[object]]:
 
 
 @settings(max_examples=8, deadline=None)
-@given(st.lists(st.tuples(st.one_of(*wild()), st.integers(1, 40), st.floats(0.0, 15.0)), min_size=1, max_size=5))
+@given(st.lists(st.tuples(st.one_of(*wild()), st.integers(1, 40), st.floats(0.0, 15.0)), min_size=1, max_size=3))
 def test_wild_and_missing_samples_break_no_limit(pieces: list[tuple[tuple[str, float] | None, int, float]]) -> None:
     pipeline = wild_pipeline()
     goals = [pipeline.step(still(), DT).joint_positions]
@@ -261,11 +261,18 @@ def test_after_postures_that_no_solver_found_it_comes_back_as_after_any_hold(mon
 
 @pytest.mark.parametrize("by", [1e7, 1e300, np.inf, np.nan])
 def test_a_wrist_that_is_nowhere_is_a_lost_wrist(by: float) -> None:
-    def goals(sample: SensorSample) -> list[list[float]]:
-        pipeline = started()
-        return [pipeline.step(sample, DT).joint_positions.tolist() for _ in range(10)]
+    assert ten_goals(moved(still(), by, "l_wrist")) == of_a_lost_wrist()
 
-    assert goals(moved(still(), by, "l_wrist")) == goals(lost(still(), "l_wrist"))
+
+@cache
+def of_a_lost_wrist() -> list[list[float]]:
+    return ten_goals(lost(still(), "l_wrist"))
+
+
+def ten_goals(sample: SensorSample) -> list[list[float]]:
+    """Of ten ticks with the same sample."""
+    pipeline = started()
+    return [pipeline.step(sample, DT).joint_positions.tolist() for _ in range(10)]
 
 
 def test_the_robot_waits_in_its_approach_for_a_performer_who_is_lost() -> None:

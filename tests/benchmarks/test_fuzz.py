@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.fuzz import Outcome, corpus, try_case
 
-CASES = 600
+CASES = 300
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

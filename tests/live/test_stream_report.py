@@ -106,8 +106,12 @@ def flying(name: str, first: float) -> SenderFault:
     ("fault", "cause"),
     [
         (frozen("r_ankle", 6.0, 60.0), "r_ankle: frozen"),
-        (flying("l_wrist", 7.0), "not for long enough at a time, at last: l_wrist: jumped"),
         (now_and_then(6.0, 9.7), "not for long enough at a time, at last: nothing arrived"),
+        pytest.param(
+            flying("l_wrist", 7.0),
+            "not for long enough at a time, at last: l_wrist: jumped",
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_the_hold_reason_is_the_reason_of_the_stop(fault: SenderFault, cause: str) -> None:

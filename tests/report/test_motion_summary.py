@@ -107,7 +107,7 @@ def recording(shared: Path) -> Path:
     return shared / "mocap" / "cmu_asfamc" / "01_07.amc"
 
 
-@pytest.fixture(scope="module", params=["five", "six"])
+@pytest.fixture(scope="module", params=["five", pytest.param("six", marks=pytest.mark.long)])
 def worn(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

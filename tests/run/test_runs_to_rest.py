@@ -71,7 +71,7 @@ RETURN_S = 4.0
 """Longest return to stance in place of that of a run, so that what is refused takes less time."""
 
 
-@pytest.mark.parametrize("passed", [0, 60])
+@pytest.mark.parametrize("passed", [60, pytest.param(0, marks=pytest.mark.long)])
 def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_soles(
     passed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,7 +114,9 @@ def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
-@pytest.mark.parametrize("name", ["op3", "poppy", "wolfgang"])
+@pytest.mark.parametrize(
+    "name", ["op3", *(pytest.param(name, marks=pytest.mark.long) for name in ("poppy", "wolfgang"))]
+)
 def test_a_robot_at_rest_stays_there_when_torque_goes_off(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """ToddlerBot does not: its ankles have no stop within reach, and next to no friction."""
     witnesses: list[Witness] = []
@@ -144,7 +146,10 @@ def test_a_robot_at_rest_stays_there_when_torque_goes_off(name: str, monkeypatch
 WARM_UP_S = 4.0
 """A robot follows at full speed after 3 s."""
 
-RECORDED = [("02_06", 8.69), ("02_05", 11.38), ("02_10", 11.0)]
+RECORDED = [
+    ("02_06", 8.69),
+    *(pytest.param(*one, marks=pytest.mark.long) for one in (("02_05", 11.38), ("02_10", 11.0))),
+]
 """Trial, and when (s) the stop comes: where braking joint by joint moves a sole most, and while crouching."""
 
 

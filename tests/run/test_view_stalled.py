@@ -75,7 +75,9 @@ def killed(process: int) -> None:
     os.kill(process, signal.SIGKILL)
 
 
-@pytest.mark.parametrize(("hurt", "least_dropped"), [(nothing, 0), (stopped, 10), (killed, 100)])
+@pytest.mark.parametrize(
+    ("hurt", "least_dropped"), [pytest.param(nothing, 0, marks=pytest.mark.long), (stopped, 10), (killed, 100)]
+)
 def test_goals_and_all_else_are_equal_bit_for_bit(
     alone: Record, hurt: Callable[[int], object], least_dropped: int
 ) -> None:

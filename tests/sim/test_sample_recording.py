@@ -38,11 +38,11 @@ def test_it_is_a_whole_person_who_moves_as_persons_do(sample: SensorFrames) -> N
 
 
 SHIPPED_ROBOTS = [entry.name for entry in entries(Kind.ROBOT) if entry.shipped]
-IN_SECONDS = ("op3", "toddlerbot")
+QUICKEST = "op3"
 
 
 @pytest.mark.parametrize(
-    "robot", [pytest.param(name, marks=() if name in IN_SECONDS else pytest.mark.long) for name in SHIPPED_ROBOTS]
+    "robot", [pytest.param(name, marks=() if name == QUICKEST else pytest.mark.long) for name in SHIPPED_ROBOTS]
 )
 def test_every_shipped_robot_follows_it_within_all_limits(robot: str, tmp_path: Path) -> None:
     assert command("run", "--robot", robot, "--source", SAMPLE, "--report", tmp_path / "run.json") == DONE

@@ -82,7 +82,7 @@ def test_a_headset_asks_for_the_hands_that_the_same_poses_as_json_ask_for(tmp_pa
     for kind, axes in (("web://", "webxr"), ("json://:14150", "openxr")):
         recording, saved = tmp_path / f"{axes}.raw", tmp_path / f"{axes}.npz"
         writer = RawWriter(recording, url=kind)
-        for number in range(60 * 14):
+        for number in range(60 * 9):
             time = 1.0 + number / 60.0
             up = 0.5 - 0.5 * np.cos(2.0 * np.pi * max(time - 3.0, 0.0) / 4.0)  # of the left hand, to the front
             sway = 0.001 * np.sin(1.5 * time)
