@@ -65,7 +65,7 @@ def state(robot: Follower) -> StepState:
 @cache
 def two_steps() -> tuple[Follower, Followed]:
     robot = stepper()
-    return robot, played(robot, ((BOTH, 0.5), (LEFT, 3.0), (RIGHT, 4.0), (BOTH, 3.0)))
+    return robot, played(robot, ((BOTH, 0.5), (LEFT, 3.0), (RIGHT, 4.0), (BOTH, 3.5)))
 
 
 def soles(q: FloatArray) -> FloatArray:
