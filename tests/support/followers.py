@@ -8,6 +8,7 @@ import numpy as np
 
 from retarget.frames import SensorFrames
 from retarget.human.calibration import dimensions_from_skeleton
+from retarget.ik.support_polygon import support_distance
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report.tracking import Performance
@@ -120,6 +121,12 @@ def assert_within_limits(joints: FloatArray) -> None:
     assert (joints >= limits.lower - 1e-9).all() and (joints <= limits.upper + 1e-9).all()
     assert (velocity <= limits.max_velocity * (1.0 + 1e-6)).all()
     assert (acceleration <= limits.max_acceleration * (1.0 + 1e-6)).all()
+
+
+def balance_margin(robot: Follower, q: FloatArray) -> float:
+    """Least distance (m) of the centre of mass from the edges of both soles, over postures (T, nq); negative: outside."""
+    com = op3().body.solver_body().centre_of_mass(np.ascontiguousarray(q))
+    return float(support_distance(com, robot.stance.edges(0.0)).min())
 
 
 def sole_errors(robot: Follower, q: FloatArray) -> tuple[float, float]:
