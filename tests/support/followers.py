@@ -124,7 +124,7 @@ def assert_within_limits(joints: FloatArray) -> None:
 
 
 def balance_margin(robot: Follower, q: FloatArray) -> float:
-    """Least distance (m) of the centre of mass from the edges of both soles, over postures (T, nq); negative: outside."""
+    """Least distance (m) of the centre of mass from the edges of both soles, over postures (T, nq); below 0 outside."""
     com = op3().body.solver_body().centre_of_mass(np.ascontiguousarray(q))
     return float(support_distance(com, robot.stance.edges(0.0)).min())
 
