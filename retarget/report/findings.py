@@ -189,7 +189,7 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
         for name, share in (report.reachable_share or {}).items()
     ]
     if run.ticks_followed:
-        yield Finding("hands within reach", "; ".join(within))
+        yield Finding("hands within reach", "seen from the shoulder: " + "; ".join(within))
     if run.robot is not None:
         yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
     yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
@@ -391,8 +391,10 @@ def show_summary(run: RunResult, report: Report, console: Console) -> None:
     """Print the report of a run as two tables."""
     what = "human" if report.robot == "human" else report.robot
     lasted = f", {report.duration_s:.1f} s from the first to the end" if report.frames else ""
+    by = " and ".join(report.priorities)
     console.print(
-        f"{report.source} on {what}: {counted(report.frames, 'frame')} followed{lasted}, at {report.rate_hz:g} Hz"
+        f"{report.source} on {what} by {by}: {counted(report.frames, 'frame')} followed{lasted}, "
+        + f"at {report.rate_hz:g} Hz"
         + (f", speed {report.speed:g}" if report.speed != 1.0 else ""),
         markup=False,
         highlight=False,

@@ -222,11 +222,11 @@ def performer_postures(run: RunResult, ticks: list[int]) -> Postures:
 
 
 def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
-    """The robot as it was sent, with its soles."""
-    robot, sent = run.robot, run.record.robot
-    assert robot is not None and sent is not None
+    """The robot as it moved, with its soles: the simulated body, or what was sent where nothing has mass."""
+    robot, moved = run.robot, run.moved_q
+    assert robot is not None and moved is not None
     names = tuple(robot.profile.frames)
-    q = np.ascontiguousarray(sent.q[ticks])
+    q = np.ascontiguousarray(moved[ticks])
     points = robot.points(q, names)
     feet, size = _feet(points, names), _size(points, names)
     corners, normal, colour = facets_of(robot.solid, q)

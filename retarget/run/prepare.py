@@ -24,11 +24,12 @@ from retarget.model.human import Human, build_human
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
+from retarget.robot.balance import moving_share
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
-from retarget.run.options import RunOptions, priority_names
+from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
 from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
@@ -184,7 +185,7 @@ def prepare_for(
     performer = load_performer(options.performer_name)
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
-    for_human, for_robot, on_steps = stage_priorities(robot, options)
+    for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
     human = _human(perform(performer, robot), performer, for_human, options, scene if robot is None else None)
     if robot is None or for_robot is None:
@@ -203,7 +204,7 @@ def prepare_for(
         machine=machine,
         priorities=(for_human, for_robot),
         has_bus=options.bus != "none",
-        notes=(*human.notes, *robot.body.notes, *on_steps, *filter(None, (follower.note,))),
+        notes=(*human.notes, *robot.body.notes, *on_priorities, *filter(None, (follower.note,))),
         scene=scene,
         observers=follower.observers,
         scene_obstacles=follower.scene_obstacles,
@@ -286,7 +287,12 @@ def stage_priorities(
     key = f"{'retarget' if last == profile.retarget else 'standing'} {by}"
     of_human = _load_priorities(first, f"reconstruct {by}")
     of_robot = _load_priorities(last, key if options.priorities is None else "--priorities")
-    return of_human, *with_steps(of_robot, robot, options.steps, parts=options.parts)
+    of_robot, notes = with_steps(of_robot, robot, options.steps, parts=options.parts)
+    usual = name_with_mass(robot)
+    if robot.stands and options.has_mass and last != usual and moving_share(of_robot) is None:
+        still = f"{last} balances {profile.name} as if it stood still, so it may fall"
+        notes = (*notes, f"{still}. Use {usual}, or extend it")
+    return of_human, of_robot, notes
 
 
 def _load_priorities(name: str, named_by: str) -> Priorities:

@@ -32,7 +32,7 @@ from retarget.report.outputs import Outputs
 from retarget.run.controllers import GoToRest
 from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
-from retarget.run.prepare import prepare
+from retarget.run.prepare import prepare, stage_priorities
 from retarget.run.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
 from sim.mock_bus import MockBus, NoBus
@@ -65,6 +65,18 @@ def test_simulated_servos_begin_where_the_robot_stands(name: str, kind: type, ro
     bus.open()
     assert np.array_equal(bus.read().position, posture_ticks(robot))
     bus.close()
+
+
+@pytest.mark.parametrize(
+    ("bus", "priorities", "is_noted"), [("physics", "servo", True), ("physics", None, False), ("mock", "servo", False)]
+)
+def test_priorities_without_a_mass_are_noted_where_there_is_one(
+    bus: str, priorities: str | None, is_noted: bool, robot: RobotBody
+) -> None:
+    *_, notes = stage_priorities(robot, RunOptions(robot="op3", bus=bus, priorities=priorities))
+    assert bool(notes) == is_noted
+    if notes:
+        shows(notes)
 
 
 @pytest.mark.parametrize(("name", "port"), [("profile", "/dev/ttyUSB0"), ("/dev/ttyUSB7", "/dev/ttyUSB7")])
