@@ -189,7 +189,7 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
         for name, share in (report.reachable_share or {}).items()
     ]
     if run.ticks_followed:
-        yield Finding("hands within reach", "seen from the shoulder: " + "; ".join(within))
+        yield Finding("hands within reach", "; ".join(within))
     if run.robot is not None:
         yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
     yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))

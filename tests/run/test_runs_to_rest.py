@@ -225,7 +225,7 @@ def test_a_stop_by_the_guard() -> None:
     assert run.state == "fault"
     assert run.reason is not None
     shows(run.reason, 65, "r_el", 5, 70)
-    assert_stands_well(run)
+    assert_stands_well(run, braked=5)
 
 
 def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
