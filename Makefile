@@ -38,7 +38,7 @@ help:
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
 	@echo 'make gallery  the animation of one motion on every shipped robot'
-	@echo 'make robustness  in how many runs under perturbations it stands; takes half an hour'
+	@echo 'make robustness  in how many runs under perturbations it stands; takes hours'
 	@echo 'make mutants  every protection of guard, gate, supervisor, loop, readers and writers removed in turn: does a test fail?'
 	@echo 'make fuzz N=100000  so many damaged files of every kind: each is read, or refused by a message'
 	@echo 'make long    tests that take minutes'

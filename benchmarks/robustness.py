@@ -3,7 +3,7 @@
 Each seed draws its own perturbation: mass +-10 %, centre of mass 10 mm off, friction 0.5 to 1, latency 30 ms, stiffness
 +-30 %, or a push of 3 N for 0.2 s from front, back and side in turn. A robot stands if it has not fallen when it is at
 rest, torque off.
-`--json FILE` keeps every run.
+`--keep FILE` keeps each run as it ends, a line of JSON, and goes on from what it holds.
 """
 
 from __future__ import annotations
@@ -62,20 +62,35 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=50, help="runs of each kind of perturbation")
     parser.add_argument("--perturb", nargs="*", default=[NONE, *PERTURBATIONS], choices=[NONE, *PERTURBATIONS])
     parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--json", type=Path, help="file for every run")
+    parser.add_argument("--keep", type=Path, help="file for every run; runs that are in it are not made again")
     add_docs(parser)
     asked = parser.parse_args()
     cases = [
         Case(asked.robot, asked.source, asked.speed, asked.end, perturbation, seed)
-        for perturbation in asked.perturb
         for seed in range(asked.seeds)
+        for perturbation in asked.perturb
     ]
-    ends = list(run_all(cases, jobs=asked.jobs))
+    kept = {} if asked.keep is None or not asked.keep.is_file() else read(asked.keep)
+    new = [case for case in cases if case not in kept]
+    for case, end in zip(new, run_all(new, jobs=asked.jobs), strict=True):
+        kept[case] = end
+        if asked.keep is not None:
+            append(asked.keep, case, end)
     motion_name = Path(asked.source).stem
     print(f"{asked.robot}, {motion_name}, speed {asked.speed:g}, {asked.seeds} seeds; asked: {ASKED:.0%} stand")
-    show(ends, asked.perturb, docs=asked.docs)
-    if asked.json is not None:
-        asked.json.write_text(json.dumps([dataclasses.asdict(end) for end in ends], indent=1) + "\n", encoding="utf-8")
+    show([kept[case] for case in cases], asked.perturb, docs=asked.docs)
+
+
+def read(path: Path) -> dict[Case, Stood]:
+    """The runs that a file holds."""
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {Case(**case): Stood(**end) for case, end in lines}
+
+
+def append(path: Path, case: Case, end: Stood) -> None:
+    """Add a run to a file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps([dataclasses.asdict(case), dataclasses.asdict(end)]) + "\n")
 
 
 def run_all(cases: Iterable[Case], *, jobs: int) -> Iterator[Stood]:
