@@ -347,8 +347,8 @@ Build = Callable[[Priorities, BoolArray], Hierarchy]
 
 
 class FallbackHierarchy:
-    """Three more hierarchies for the targets of a first one. obstacles: where they are now, as the first has them.
-    separate: whether the next call of `first` separates limbs before all else."""
+    """More hierarchies for the targets of a first one. obstacles: where they are now, as the first has them. separate:
+    whether the next call of `first` separates limbs before all else."""
 
     def __init__(
         self, build: Build, priorities: Priorities, first: Hierarchy, *, soles: frozenset[str], carrying: BoolArray
@@ -362,7 +362,8 @@ class FallbackHierarchy:
             return hierarchy, np.concatenate([every[first.spans[k]] for k in order])
 
         free, apart = np.zeros_like(carrying), separated_first(priorities.levels, soles)
-        self._planted = in_order(soles_first(priorities.levels, soles), free)
+        planted = soles_first(priorities.levels, soles)
+        self._planted = in_order(planted, free) if planted != sorted(planted) else None  # None: the first one is that
         self._separated, self._above = in_order(apart, free), in_order(apart, carrying)
         self.obstacles: ObstaclePoses | None = None
         self.separate = self._separates = False
@@ -384,7 +385,7 @@ class FallbackHierarchy:
 
         targets: of the first hierarchy. velocity (nv,): at q. stands: whether the legs stand still.
         """
-        if not self._separates:
+        if self._planted is not None and not self._separates:
             yield self._solve(self._planted, targets, q, velocity, dt)
         if stands:
             yield self._solve(self._above, targets, q, velocity, dt)

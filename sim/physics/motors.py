@@ -392,9 +392,10 @@ def _set_viscous(model: Any, drives: Sequence[Drive]) -> None:
 
 # Current, supply and heat of simulated servos: a stated model, calibrated on no hardware.
 #
-# Current is torque / kt. The supply is the nominal voltage of each model less what all servos together lose in battery
-# and wires. A servo warms as a first-order lag: its final rise is HEAT_PER_WATT times the loss R i^2 in its windings
-# (the thermal resistance of `sim.servo_model`, whose servo has 12 V / 2.3 A = 5.2 ohm), reached with HEAT_TIME.
+# Current is torque / kt. The supply is the nominal voltage of each model less what the power of all servos, mechanical
+# and lost in their windings, costs in battery and wires. A servo warms as a first-order lag: its final rise is
+# HEAT_PER_WATT times the loss R i^2 in its windings (the thermal resistance of `sim.servo_model`, whose servo has
+# 12 V / 2.3 A = 5.2 ohm), reached with HEAT_TIME.
 
 HEAT_PER_WATT = HEAT_PER_AMPERE2 / (12.0 / LARGEST_CURRENT)
 """Final rise of temperature per loss, K/W."""
@@ -424,9 +425,9 @@ class Electrics:
         """Return the current of motors (n,) that give `torque` N m, A."""
         return np.asarray(driven * torque / self._constant)
 
-    def advance(self, torque: FloatArray, driven: BoolArray, elapsed: float) -> bool:
-        """Go on by `elapsed` s in which the motors gave `torque` (n,) N m. Return whether the motors need an
-        update: the supply has changed by more than NOTICED_V, or an alert is new."""
+    def advance(self, torque: FloatArray, speed: FloatArray, driven: BoolArray, elapsed: float) -> bool:
+        """Go on by `elapsed` s in which the motors gave `torque` (n,) N m at `speed` (n,) rad/s. Return whether the
+        motors need an update: the supply has changed by more than NOTICED_V, or an alert is new."""
         size = self.current(torque, driven)
         loss = self._resistance * size * size  # [W]
         final = AMBIENT + HEAT_PER_WATT * loss
@@ -438,7 +439,8 @@ class Electrics:
         fresh = self.trips and bool((alert != self.alert).any())
         if fresh:
             self.alert = alert
-        voltage = self._nominal - SUPPLY_RESISTANCE * (IDLE_CURRENT * size.size + float(loss.sum()) / self._nominal[0])
+        drawn = float(np.maximum(loss + driven * torque * speed, 0.0).sum())  # [W] a motor that brakes gives none back
+        voltage = self._nominal - SUPPLY_RESISTANCE * (IDLE_CURRENT * size.size + drawn / self._nominal[0])
         changed = abs(float(voltage[0] - self.voltage[0])) > NOTICED_V
         if changed:
             self.voltage = voltage

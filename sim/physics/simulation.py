@@ -225,7 +225,8 @@ class Simulation:
         elapsed = (self._done - self._heated) * self.world.step
         self._heated = self._done
         self._heat_due = self._done + self._count(HEAT_S)
-        if self.electrics.advance(self.motors.torque(self.data), self.motors.driven, elapsed):
+        torque, speed = self.motors.torque(self.data), self.motors.speed(self.data)
+        if self.electrics.advance(torque, speed, self.motors.driven, elapsed):
             self._wanted &= self.electrics.alert == 0
             self.motors.power(self._wanted, self.electrics.voltage)
 

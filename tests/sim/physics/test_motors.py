@@ -22,7 +22,7 @@ from sim.physics.motors import (
     position_loop,
 )
 from sim.physics.world import robot_drives
-from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME
+from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, SUPPLY_RESISTANCE
 
 BY_BAM = {"MX-64", "MX-106", "XL330-M288"}
 LINES = {
@@ -57,6 +57,7 @@ def test_every_model_has_sound_numbers_and_stalls_and_turns_as_its_maker_says(na
 DRIVES: tuple[Drive, ...] = robot_drives(op3())
 COUNT = len(DRIVES)
 ON = np.ones(COUNT, dtype=np.bool_)
+STILL = np.zeros(COUNT)
 
 
 def load(value: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -72,10 +73,25 @@ def test_a_servo_warms_to_its_final_rise_of_the_size_of_the_mock_bus_and_cools_a
     assert final - AMBIENT == pytest.approx(HEAT_PER_AMPERE2 * current**2, rel=0.7)
     seen = []
     for torque, seconds in ((1.0, HEAT_TIME), (1.0, 100 * HEAT_TIME), (0.0, 100 * HEAT_TIME)):
-        electrics.advance(load(torque), ON, seconds)
+        electrics.advance(load(torque), STILL, ON, seconds)
         seen.append(float(electrics.temperature[3]))
     assert seen == pytest.approx([AMBIENT + (final - AMBIENT) * (1.0 - np.exp(-1.0)), final, AMBIENT])
     assert electrics.temperature[4] == AMBIENT
+
+
+def test_motors_that_turn_draw_what_they_do_and_what_they_lose_and_give_none_back_as_they_brake() -> None:
+    every, ohm = np.ones(COUNT), np.array([drive.numbers.resistance for drive in DRIVES])
+    lost = ohm / np.array([drive.numbers.torque_constant for drive in DRIVES]) ** 2  # at 1 N m
+    sags = []
+    for speed in (0.0, 3.0, -1000.0):
+        electrics = Electrics(DRIVES)
+        electrics.advance(every, speed * every, ON, 1e-3)
+        sags.append(DRIVES[0].servo.model.voltage - float(electrics.voltage[0]))
+    still, turning = (
+        SUPPLY_RESISTANCE * (IDLE_CURRENT * COUNT + float((lost + speed).sum()) / DRIVES[0].servo.model.voltage)
+        for speed in (0.0, 3.0)
+    )
+    assert sags == pytest.approx([still, turning, 0.0])  # the last: too little to be noticed
 
 
 def test_too_much_for_too_long_or_too_hot_is_an_alert_that_stays() -> None:
@@ -83,14 +99,14 @@ def test_too_much_for_too_long_or_too_hot_is_an_alert_that_stays() -> None:
     most, breath = 0.9 * DRIVES[3].most_torque, 0.0
     for torque, times in ((most, 99), (breath, 1), (most, 99)):
         for _ in range(times):
-            electrics.advance(load(torque), ON, 0.01)
+            electrics.advance(load(torque), STILL, ON, 0.01)
         assert not electrics.alert.any()
     for _ in range(3):
-        electrics.advance(load(most), ON, 0.01)
+        electrics.advance(load(most), STILL, ON, 0.01)
     assert electrics.alert[3] == ServoAlert.OVERLOAD and not electrics.alert[4]
     electrics.temperature[5] = 200.0
-    assert electrics.advance(load(0.0), ON, 1e-3)
-    electrics.advance(load(0.0), ON, 1e6)
+    assert electrics.advance(load(0.0), STILL, ON, 1e-3)
+    electrics.advance(load(0.0), STILL, ON, 1e6)
     assert electrics.alert[5] == ServoAlert.OVERHEATING and electrics.temperature[5] < 30.0
 
 
