@@ -10,13 +10,13 @@ import numpy as np
 
 from benchmarks.bodies import BenchBody, Floats, Point
 from benchmarks.motion import RATE, Motion
-from benchmarks.one_stage import recorded
 from benchmarks.ours import Ours
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.follower import Follower
 from retarget.schema.priorities import load_priorities
+from retarget.types import ORIENTED, HumanPosture
 
 SHARED = Path(os.environ.get("RETARGET_SHARED", str(Path(__file__).resolve().parent.parent.parent / "shared")))
 RECORDING = SHARED / "mocap" / "cmu_asfamc" / "02_06.amc"
@@ -65,6 +65,18 @@ def followed(robot: BenchBody, source: SensorFrames) -> tuple[BenchBody, Motion]
         com[tick] = done.centre_of_mass
     motion = Motion(Path(source.source).stem, com, asked, follower.stance.q, (1.0, 1.0, 0.0))
     return replace(robot, points=points), motion
+
+
+def recorded(frames: SensorFrames) -> list[HumanPosture]:
+    """The whole body as the file knows it."""
+    assert frames.joints is not None
+    turns = np.stack([frames.orientation[:, frames.index(name)] for name in ORIENTED], axis=1)
+    names, position = frames.joints.names, frames.joints.position
+    empty, nowhere = np.zeros(0), np.zeros(3)
+    return [
+        HumanPosture(empty, names, np.ascontiguousarray(at), turn, nowhere, empty, 0.0, (1.0, 0.0))
+        for at, turn in zip(position, turns, strict=True)
+    ]
 
 
 def _point(robot: RobotBody, name: str) -> Point:

@@ -15,6 +15,7 @@ from benchmarks.table import add_docs, show_table
 from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import POINTS
 from retarget.report.measure import UNSENSED
+from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 
@@ -24,17 +25,17 @@ SETS = {
     "with head orientation": ("human", "five_head"),
     "with pelvis": ("human", "six"),
     "ten": ("human", "ten"),
-    "all": ("human", "all"),
     "head and hands": ("human", "three"),
 }
 """Priority file and performer of every column, by its head."""
 
 
 def unsensed_mm(frames: SensorFrames, priorities: str, sensors: str) -> float:
-    """Mean distance of the joints that five sensors do not see from the recorded ones, mm."""
+    """Mean distance from the recorded ones of the joints that no sensor sits on, mm, as `unsensed_mm` of a report."""
     assert frames.joints is not None, f"{frames.source} does not know the whole body"
     joints = replay(frames, load_priorities(priorities), sensors=sensors).joints
-    known = [name for name in UNSENSED if name in frames.joints.names]
+    sensed = {sensor.joint for sensor in load_performer(sensors).sensors.values()}
+    known = [name for name in UNSENSED if name in frames.joints.names and name not in sensed]
     off = [joints[:, POINTS.index(name)] - frames.joints.of(name) for name in known]
     return float(1e3 * np.linalg.norm(off, axis=-1).mean())
 
@@ -46,9 +47,9 @@ def main() -> None:
     add_docs(parser)
     asked = parser.parse_args()
     rows = [[unsensed_mm(open_source(path), *one) for one in SETS.values()] for path in asked.files]
-    table = [[path.stem, *(f"{value:.1f}" for value in row)] for path, row in zip(asked.files, rows, strict=True)]
-    means = ["mean", *(f"{value:.1f}" for value in np.mean(rows, axis=0))]
-    show_table("unsensed", ["recording", *SETS], [*table, means], docs=asked.docs)
+    named = zip([*(path.stem for path in asked.files), "mean"], [*rows, np.mean(rows, axis=0)], strict=True)
+    table = [[name, *(f"{value:.1f}" for value in row)] for name, row in named]
+    show_table("unsensed", ["recording", *SETS], table, docs=asked.docs)
 
 
 if __name__ == "__main__":
