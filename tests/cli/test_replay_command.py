@@ -52,7 +52,7 @@ CUT = re.compile(r"(?<=early)[:,][^;]*|\d+")
 """Where a file is cut, and what is left, is the compressor's."""
 
 
-@pytest.mark.parametrize("share", [0.5, 0.75])
+@pytest.mark.parametrize("share", [0.5, pytest.param(0.75, marks=pytest.mark.long)])
 def test_a_recording_that_was_cut_off(
     share: float, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

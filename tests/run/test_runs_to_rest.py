@@ -238,6 +238,7 @@ def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
     assert isinstance(refusal.value.__cause__, GuardError)  # it is silent: whether it has torque is not known
 
 
+@pytest.mark.long
 def test_without_the_way_the_same_stop_moves_the_soles_a_little(monkeypatch: pytest.MonkeyPatch) -> None:
     """What these tests can see: joints that brake in proportion, as the gate does, and no more."""
     with prepared(synthetic_performer, 5.9) as ready:

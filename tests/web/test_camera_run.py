@@ -77,6 +77,7 @@ def test_a_robot_follows_a_camera_but_not_what_is_wrong(
     assert data["stop"]["reason"] is None and data["hand_path_ratio"] > 0.7
 
 
+@pytest.mark.long
 def test_a_headset_asks_for_the_hands_that_the_same_poses_as_json_ask_for(tmp_path: Path) -> None:
     hands = []
     for kind, axes in (("web://", "webxr"), ("json://:14150", "openxr")):

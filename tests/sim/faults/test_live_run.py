@@ -187,7 +187,11 @@ def paused(first: int, last: int, *, raised: tuple[float, float]) -> tuple[LiveR
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "raised"), [(520, 720, (6.6, 7.4)), (20, 420, (3.2, 4.4))], ids=["following", "on the way"]
+    ("first", "last", "raised"),
+    [
+        pytest.param(520, 720, (6.6, 7.4), id="following"),
+        pytest.param(20, 420, (3.2, 4.4), id="on the way", marks=pytest.mark.long),
+    ],
 )
 def test_after_a_pause_no_joint_goes_fast_after_a_performer_who_moved_on(
     first: int, last: int, raised: tuple[float, float]
