@@ -173,6 +173,8 @@ def _creased(triangles: FloatArray, cell: float) -> Mesh:
 
 # A body to draw: its meshes with colours, and where its links are.
 
+LEAST_M = 0.05
+"""Height of a body that has hardly any: something to scale by."""
 LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#b0b0b0"
 """Of Okabe and Ito's palette: the sides of a body, and what is between."""
 SIDES = {"l_": LEFT, "r_": RIGHT}
@@ -198,6 +200,7 @@ class SolidBody:
     """A body to draw. links (m,): those that have meshes, by their numbers, and meshes (m,) in their frames; colours
     (m, 3), 0 to 1. height: from its lowest to its highest point as the file has it, m."""
 
+    body: BodyModel
     links: IntArray
     meshes: tuple[Mesh, ...]
     colours: FloatArray
@@ -224,6 +227,10 @@ class SolidBody:
         forward = [self.kinematics.forward(np.ascontiguousarray(posture)) for posture in q]
         return np.array([np.column_stack(pose)[self.links] for pose in forward])
 
+    def com(self, q: FloatArray) -> FloatArray:
+        """Centre of mass (T, 3) m in postures (T, nq)."""
+        return self.kinematics.centre_of_mass(np.ascontiguousarray(q))
+
 
 def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> SolidBody:
     """A body in the colours of its sides, see `side_colours`. named: None for the names of the links themselves."""
@@ -234,6 +241,5 @@ def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> Solid
     position, quat = kinematics.forward(body.qpos0)
     heights = [mesh.placed(position[link], quat[link]).vertices[:, 2] for link, mesh in meshes.items()]
     shades = [[int(colours[link][at : at + 2], 16) / 255.0 for at in (1, 3, 5)] for link in meshes]
-    return SolidBody(
-        links, tuple(meshes.values()), np.array(shades), float(np.ptp(np.concatenate(heights))), kinematics
-    )
+    height = max(float(np.ptp(np.concatenate(heights))), LEAST_M) if heights else LEAST_M
+    return SolidBody(body, links, tuple(meshes.values()), np.array(shades), height, kinematics)

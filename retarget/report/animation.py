@@ -14,8 +14,8 @@ from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.report import motion_metrics
 from retarget.report.findings import moments
-from retarget.report.plots import HUMAN_BONES, POSES, performer_facing, unlike_ticks
-from retarget.report.tracking import turned
+from retarget.report.plots import HUMAN_BONES, POSES, unlike_ticks
+from retarget.report.tracking import performer_facing, turned
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray, IntArray

@@ -7,7 +7,6 @@ import numpy as np
 
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.body_file import compile_body
-from retarget.model.human_dimensions import POINTS
 from retarget.model.robot import RobotBody
 from retarget.report.clearance import compared_pairs, moving_geoms
 from retarget.report.tracking import (
@@ -16,7 +15,6 @@ from retarget.report.tracking import (
     as_carried,
     asked_limbs,
     asked_torso,
-    headings,
     turned,
 )
 from retarget.robot.arm_branches import PARTS, arm_postures, chain_to_anchor, position_limits
@@ -55,13 +53,9 @@ def limb_angles(robot: RobotBody, q: FloatArray, asked: Performance) -> dict[str
 def performer_lean(asked: Performance) -> FloatArray:
     """How far (T, 2) the performer's trunk leans forward and to the left from where they stand upright, rad."""
     at = {name: asked.joints[:, asked.joint_names.index(name)] for name in TRUNK}
-    rest = dict(zip(POINTS, asked.dimensions.standing(), strict=True))
+    rest = asked.standing
     upright = rest["neck"] - 0.5 * (rest["l_hip"] + rest["r_hip"])
-    return _lean(turned(at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"]), _facing(asked))) - _lean(upright[None])
-
-
-def _facing(asked: Performance) -> FloatArray:
-    return headings(asked.pelvis, asked.joint_names, asked.joints, asked.dt)
+    return _lean(turned(at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"]), asked.heading)) - _lean(upright[None])
 
 
 def _robot_limbs(robot: RobotBody, q: FloatArray) -> dict[str, FloatArray]:
@@ -76,13 +70,13 @@ def _robot_limbs(robot: RobotBody, q: FloatArray) -> dict[str, FloatArray]:
 
 def _human_limbs(asked: Performance) -> dict[str, FloatArray]:
     """Both lines (T, 2, 3) m of each limb of the performer, in their heading."""
-    heading, lines = _facing(asked), {}
+    lines = {}
     for limb, parts in LIMBS.items():
         first, last = (
             asked.joints[:, [asked.joint_names.index(f"{side}_{OF_HUMAN.get(part, part)}") for side in "lr"]]
             for part in parts
         )
-        lines[limb] = turned(last - first, heading)
+        lines[limb] = turned(last - first, asked.heading)
     return lines
 
 

@@ -33,7 +33,6 @@ from retarget.report.report import (
     StopReport,
 )
 from retarget.report.tracking import Performance, hands_from_shoulders, reachable_hands, top_level_error
-from retarget.run.record import RobotRecord
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
 from retarget.types import MM, ORIENTED, FloatArray
@@ -117,6 +116,7 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
+    performance = _performance(run)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -128,7 +128,7 @@ def measure(run: RunResult) -> Report:
         retarget_us=None if run.record.robot is None else percentiles(run.record.timing.retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, run.clip.dt),
-        **_ways(run),
+        **_ways(run, performance),
         unsensed_mm=_unsensed(run),
         min_clearance_mm=clear.geoms,
         penetrating_frames=clear.penetrating,
@@ -145,10 +145,10 @@ def measure(run: RunResult) -> Report:
         servo_tracking_mm=_servo_tracking(run),
         servo_error_deg=_servo_error(run),
         no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
-        likeness_deg=(likeness := _likeness(run))[0],
+        likeness_deg=(likeness := _likeness(run, performance))[0],
         trunk_lean_deg=likeness[1],
         best_likeness_deg=None,
-        reachable_hands_mm=(hands := _hands(run, reached))[0],
+        reachable_hands_mm=(hands := _hands(run, performance, reached))[0],
         reachable_share=hands[1],
         closest_links=clear.closest,
         deep=clear.deep,
@@ -174,7 +174,7 @@ class _Ways(TypedDict):
     turned_deg: BothMoved
 
 
-def _ways(run: RunResult) -> _Ways:
+def _ways(run: RunResult, performance: Performance | None) -> _Ways:
     """How far robot and performer got."""
     names, asked, reached = run.followed
     moved, (travelled, turned) = _moved(run, reached), _travel(run)
@@ -184,7 +184,7 @@ def _ways(run: RunResult) -> _Ways:
         "hand_path_ratio": _hand_path_ratio(names, asked, moved),
         "pelvis_excursion_ratio": ratio,
         "pelvis_height_mm": None if heights is None or ratio is None else _spread(MM * np.abs(heights[1] - heights[0])),
-        "foot_path_ratio": _foot_path_ratio(run),
+        "foot_path_ratio": _foot_path_ratio(run, performance),
         "travelled_m": travelled,
         "turned_deg": turned,
     }
@@ -217,10 +217,8 @@ def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     human, robot, q, rows = run.record.human, run.robot, run.moved_q, run.record.following
     if not run.ticks_followed:
         return BothMoved(None, None), BothMoved(None, None)
-    pelvis = PostureReader(run.human).orientations(human.q[rows])[:, ORIENTED.index("pelvis")]
-    facing = tracking.headings(pelvis, human.joint_names, human.joints[rows], run.clip.dt)
     place = human.joints[rows, human.joint_names.index("pelvis"), :2]
-    travelled, turned = tracking.extent(place), float(np.degrees(tracking.turn_extent(facing)))
+    travelled, turned = tracking.extent(place), float(np.degrees(tracking.turn_extent(tracking.performer_facing(run))))
     if robot is None or q is None:
         return BothMoved(travelled, None), BothMoved(turned, None)
     q = np.ascontiguousarray(q[rows])
@@ -229,12 +227,12 @@ def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     return BothMoved(travelled, tracking.extent(place)), BothMoved(turned, float(np.degrees(turn)))
 
 
-def _foot_path_ratio(run: RunResult) -> float | None:
+def _foot_path_ratio(run: RunResult, performance: Performance | None) -> float | None:
     """Of the ticks that followed; None for a robot without feet that follow."""
-    robot, sent, q, rows = run.robot, run.record.robot, run.moved_q, run.record.following
-    if robot is None or sent is None or q is None or not run.ticks_followed:
+    robot, q, rows = run.robot, run.moved_q, run.record.following
+    if robot is None or performance is None or q is None or not run.ticks_followed:
         return None
-    asked = tracking.asked_feet(robot, _performance(run, sent))
+    asked = tracking.asked_feet(robot, performance)
     if not asked:
         return None
     reached = robot.points(np.ascontiguousarray(q[rows]), tuple(asked))
@@ -246,13 +244,14 @@ def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatAr
     return tracking.path_ratio(asked[:, hands], reached[:, hands]) if hands else None
 
 
-def _hands(run: RunResult, reached: FloatArray) -> tuple[dict[str, float] | None, dict[str, float] | None]:
+def _hands(
+    run: RunResult, asked: Performance | None, reached: FloatArray
+) -> tuple[dict[str, float] | None, dict[str, float] | None]:
     """Errors of the hands, mm, at the ticks at which they were asked within reach, and the share of these ticks;
     nothing without a robot that has both hands."""
     robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or not len(sent.q):
+    if robot is None or sent is None or asked is None:
         return None, None
-    asked = _performance(run, sent)
     found = reachable_hands(robot, asked, hands_from_shoulders(robot, asked, sent.q, reached))
     if not found:
         return None, None
@@ -266,9 +265,11 @@ def _hands(run: RunResult, reached: FloatArray) -> tuple[dict[str, float] | None
     return errors | both or None, {name: hand.share for name, hand in found.items()}
 
 
-def _performance(run: RunResult, sent: RobotRecord) -> Performance:
-    """What was asked of the robot, and of whom."""
-    human = run.record.human
+def _performance(run: RunResult) -> Performance | None:
+    """What was asked of the robot, and of whom; None where nothing was."""
+    human, sent = run.record.human, run.record.robot
+    if sent is None or not len(sent.q):
+        return None
     return Performance(
         dimensions=run.human.dimensions,
         joint_names=human.joint_names,
@@ -280,12 +281,12 @@ def _performance(run: RunResult, sent: RobotRecord) -> Performance:
     )
 
 
-def _likeness(run: RunResult) -> tuple[dict[str, Spread] | None, Spread | None]:
+def _likeness(run: RunResult, asked: Performance | None) -> tuple[dict[str, Spread] | None, Spread | None]:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
     robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or not len(sent.q):
+    if robot is None or sent is None or asked is None:
         return None, None
-    found = limb_angles(robot, sent.q, _performance(run, sent))
+    found = limb_angles(robot, sent.q, asked)
     spreads = _degrees({name: angles[run.record.following] for name, angles in found.items()})
     lean = spreads.pop(LEAN, None)
     return spreads or None, lean
@@ -294,12 +295,12 @@ def _likeness(run: RunResult) -> tuple[dict[str, Spread] | None, Spread | None]:
 def best_likeness(run: RunResult) -> dict[str, Spread] | None:
     """As `likeness_deg` and, as `trunk_lean`, `trunk_lean_deg`, at the best that the joints allow; takes seconds. None
     where nothing was followed by both hands."""
-    robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or not run.setup.priorities:
+    robot, asked = run.robot, _performance(run)
+    if robot is None or asked is None or not run.setup.priorities:
         return None
     tasks = [task for level in run.setup.priorities[-1].levels for task in level.tasks if isinstance(task, LimbTask)]
     weights = {name: task.weight for task in tasks for name in task.of}
-    return _degrees(best_angles(robot, _performance(run, sent), weights)) or None
+    return _degrees(best_angles(robot, asked, weights)) or None
 
 
 def _degrees(angles: dict[str, FloatArray]) -> dict[str, Spread]:

@@ -17,16 +17,15 @@ from numpy.typing import NDArray
 
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import convex_hull, plant
-from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import MIDDLE, SIDES
 from retarget.report import motion_metrics
 from retarget.report.motion_metrics import moved_joints, sole_corners, soles_of
 from retarget.report.solid import ELEVATION, facets_of, lit, project
-from retarget.report.tracking import headings, turned
+from retarget.report.tracking import performer_facing, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
-from retarget.types import MM, ORIENTED, FloatArray
+from retarget.types import MM, FloatArray
 
 # How all pictures look: sizes, colours that colour-blind readers can distinguish, and how a figure becomes a file.
 
@@ -188,14 +187,6 @@ def unlike_ticks(run: RunResult, count: int) -> list[int]:
         apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=-1).sum(axis=-1))
         chosen.append(int(np.nanargmax(apart)))
     return sorted(following.start + int(rows[row]) for row in chosen)
-
-
-def performer_facing(run: RunResult) -> FloatArray:
-    """Heading (t, 2), unit vectors on the ground, in which a robot mirrors the performer at the ticks that followed."""
-    human, following = run.record.human, run.record.following
-    pelvis = PostureReader(run.human).orientations(np.ascontiguousarray(human.q[following]))
-    turns = pelvis[:, ORIENTED.index("pelvis")]
-    return headings(turns, human.joint_names, human.joints[following], run.clip.dt)
 
 
 def _poses_title(run: RunResult) -> str:

@@ -2,22 +2,23 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from retarget import _solver, rotations
 from retarget.ik.support_polygon import Stance, plant
+from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.report import motion_metrics
 from retarget.robot.arm_branches import arm_postures, chain_to_anchor, position_limits
-from retarget.robot.landmarks import PELVIS, Facing
+from retarget.robot.landmarks import PELVIS, Facing, limb_scale
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import AxisTask, CentreOfMassTask, OrientationTask, PositionTask, Priorities, Task
 from retarget.schema.profile_parts import Landmark
-from retarget.types import BoolArray, FloatArray
+from retarget.types import ORIENTED, BoolArray, FloatArray
 
 STILL_M = 1e-3
 """Least way, m, that is asked of a landmark whose path is judged: less says nothing about moving."""
@@ -230,6 +231,20 @@ class Performance:
     landmarks: FloatArray
     dt: float
 
+    @cached_property
+    def heading(self) -> FloatArray:
+        """Unit vectors (T, 2) on the ground where the performer faces."""
+        return headings(self.pelvis, self.joint_names, self.joints, self.dt)
+
+    @property
+    def standing(self) -> dict[str, FloatArray]:
+        """Place (3,) m of each joint of the performer who stands upright."""
+        return dict(zip(POINTS, self.dimensions.standing(), strict=True))
+
+    def mean(self, names: Sequence[str]) -> FloatArray:
+        """Mean place (T, 3) m of some joints."""
+        return np.asarray(self.joints[:, [self.joint_names.index(name) for name in names]].mean(axis=1))
+
 
 def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str, FloatArray]:
     """Hand -> place (T, 3) m where it is asked, as the torso carries it while the robot stands in its stance.
@@ -265,8 +280,11 @@ def as_carried(turn: FloatArray, lines: FloatArray) -> FloatArray:
 
 def asked_limbs(entries: Mapping[str, Landmark], asked: Performance) -> dict[str, FloatArray]:
     """From the anchor of each landmark to where it is asked (T, 3) m, in the performer's heading."""
-    heading = headings(asked.pelvis, asked.joint_names, asked.joints, asked.dt)
-    return {name: turned(_limb(entry, asked), heading) + entry.offset for name, entry in entries.items()}
+    limbs, standing = {}, asked.standing
+    for name, entry in entries.items():
+        limb = limb_scale(entry, standing) * (asked.mean(entry.follows) - asked.mean(entry.measured_from))
+        limbs[name] = turned(limb, asked.heading) + entry.offset
+    return limbs
 
 
 def _stood(robot: RobotBody, stance: Stance, landmark: str) -> FloatArray:
@@ -299,6 +317,14 @@ def _faced(pelvis: FloatArray, left: FloatArray, right: FloatArray, dt: float) -
     return np.array([facing.update(*row, dt) for row in rows]).reshape(-1, 2)
 
 
+def performer_facing(run: RunResult) -> FloatArray:
+    """Heading (t, 2), unit vectors on the ground, in which a robot mirrors the performer at the ticks that followed."""
+    human, following = run.record.human, run.record.following
+    pelvis = PostureReader(run.human).orientations(np.ascontiguousarray(human.q[following]))
+    turns = pelvis[:, ORIENTED.index("pelvis")]
+    return headings(turns, human.joint_names, human.joints[following], run.clip.dt)
+
+
 def robot_headings(robot: RobotBody, q: FloatArray, dt: float) -> FloatArray:
     """Unit vectors (T, 2) on the ground where a robot faces in postures (T, nq), `dt` s apart, by its pelvis and feet
     as a human does."""
@@ -327,24 +353,7 @@ def asked_feet(robot: RobotBody, asked: Performance) -> dict[str, FloatArray]:
     planted robot is asked to stay where it is, its performer is not."""
     entries = {entry.frame: entry for entry in robot.profile.landmarks.values()}
     feet = [foot.frame for foot in robot.profile.feet.values() if foot.frame in entries]
-    return {frame: _scale(entries[frame], asked) * _mean(asked, entries[frame].follows) for frame in feet}
-
-
-def _limb(entry: Landmark, asked: Performance) -> FloatArray:
-    """The performer's limb (T, 3) m of a landmark, scaled to the robot, in the performer's world."""
-    return np.asarray(_scale(entry, asked) * (_mean(asked, entry.follows) - _mean(asked, entry.measured_from)))
-
-
-def _scale(entry: Landmark, asked: Performance) -> float:
-    """The length of a robot's limb over that of the performer's."""
-    rest = asked.dimensions.standing()
-    chain = [np.mean([rest[POINTS.index(name)] for name in point], axis=0) for point in entry.human_length]
-    return entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
-
-
-def _mean(asked: Performance, names: Sequence[str]) -> FloatArray:
-    """Mean place (T, 3) m of some joints."""
-    return np.asarray(asked.joints[:, [asked.joint_names.index(name) for name in names]].mean(axis=1))
+    return {frame: limb_scale(entries[frame], asked.standing) * asked.mean(entries[frame].follows) for frame in feet}
 
 
 def turned(points: FloatArray, heading: FloatArray) -> FloatArray:

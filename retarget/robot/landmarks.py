@@ -284,7 +284,7 @@ class LandmarkMap:
         self._over_foot = PelvisOverFoot(*(stance.points[name] for name in ANKLES)) if steps else None
         pelvis = profile.landmarks.get("pelvis")
         over_ankles = pelvis is not None and set(pelvis.measured_from) == set(ANKLES)
-        scale = _scale(pelvis, rest) if pelvis is not None and over_ankles else 0.0
+        scale = limb_scale(pelvis, rest) if pelvis is not None and over_ankles else 0.0
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
@@ -420,7 +420,7 @@ def drawn_in(value: float, most: float, knee: float) -> float:
 
 def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:
     """The limb vector of a landmark as a sum of human joints, scaled to the robot."""
-    scale = _scale(entry, rest)
+    scale = limb_scale(entry, rest)
     total: dict[str, float] = {}
     for names, sign in ((entry.follows, 1.0), (entry.measured_from, -1.0)):
         for name in names:
@@ -428,8 +428,8 @@ def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:
     return total
 
 
-def _scale(entry: Landmark, rest: Mapping[str, FloatArray]) -> float:
-    """The length of a robot's limb over that of the performer's."""
+def limb_scale(entry: Landmark, rest: Mapping[str, FloatArray]) -> float:
+    """The length of a robot's limb over that of the performer's. rest: place (3,) m of each joint, standing upright."""
     chain = [np.mean([rest[name] for name in point], axis=0) for point in entry.human_length]
     return entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
 

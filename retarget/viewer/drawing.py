@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from retarget.ik.support_polygon import convex_hull, plant, support_distance, support_edges
-from retarget.model.meshes import Mesh, shape_mesh
+from retarget.model.meshes import Mesh, SolidBody, shape_mesh
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import ShapeKind
@@ -35,7 +35,7 @@ from retarget.viewer.colours import (
     heat,
     heat_keys,
 )
-from retarget.viewer.snapshot import Actor, Cast, Snapshot
+from retarget.viewer.snapshot import Cast, Snapshot
 
 if TYPE_CHECKING:
     import viser
@@ -73,6 +73,10 @@ class Shapes:
             for index, handle in enumerate(self.handles):
                 move(handle, self._scale * points[index], None if turns is None else turns[index])
 
+    def show_poses(self, poses: FloatArray) -> None:
+        """Move them to poses (k, 7): position, m, and quaternion."""
+        self.show(poses[:, :3], poses[:, 3:])
+
 
 # The robot and its goal.
 
@@ -80,25 +84,28 @@ GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
 """A goal is seen where the robot is not: each link is smaller about its middle, and so inside of the robot's."""
 
 
-def _add_robot(scene: "viser.SceneApi", cast: Cast, actor: Actor) -> dict[str, Part]:
+def _add_robot(scene: "viser.SceneApi", cast: Cast, solid: SolidBody) -> dict[str, Part]:
     """The robot, its limbs in the colour of their servos' heat, and its goal."""
-    robot = Shapes(scene, "/robot", actor.meshes, color=ROBOT)
-    smaller = [_shrunk(mesh) for mesh in actor.meshes]
+    robot = Shapes(scene, "/robot", solid.meshes, color=ROBOT)
+    smaller = [_shrunk(mesh) for mesh in solid.meshes]
     goal = Shapes(scene, "/goal", smaller, color=GOAL, opacity=GOAL_OPACITY, cast_shadow=False)
     limbs: list[viser.MeshHandle | None] = []
     if cast.profile is not None:
-        body, handles = cast.profile.body, dict(zip(actor.links, robot.handles, strict=True))
+        body, handles = cast.profile.body, dict(zip(solid.links.tolist(), robot.handles, strict=True))
         limbs = [handles.get(int(body.joint_body[body.joint_index(joint)])) for joint in cast.joints]
 
     def show_robot(seen: Snapshot) -> None:
-        robot.show(*actor.posed(seen.robot))
+        robot.show_poses(solid.poses(seen.robot[None])[0])
         if cast.profile is None or seen.temperature is None:
             return
         for limb, temperature in zip(limbs, seen.temperature.tolist(), strict=True):
             if limb is not None:
                 limb.color = heat(temperature, cast.profile.profile.safety.temperature_c)
 
-    return {"robot": (robot.top, show_robot), "goal": (goal.top, lambda seen: goal.show(*actor.posed(seen.goal)))}
+    def show_goal(seen: Snapshot) -> None:
+        goal.show_poses(solid.poses(seen.goal[None])[0])
+
+    return {"robot": (robot.top, show_robot), "goal": (goal.top, show_goal)}
 
 
 def _shrunk(mesh: Mesh) -> Mesh:
@@ -110,14 +117,18 @@ def _shrunk(mesh: Mesh) -> Mesh:
 
 HUMAN_OPACITY = 0.65
 """Sensors are inside of the performer."""
-BALL, SENSOR_BALL = 0.018, 0.026
+BALL, SENSOR_BALL = 0.0145, 0.0205
 """Radius of a landmark and of a sensor, as a share of the height of the robot: a sensor is thicker than a wrist."""
 
 
 def _add_performer(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str, Part]:
     scale = height / cast.human.height
     human = Shapes(scene, "/performer/body", cast.human.meshes, scale=scale, color=HUMAN, opacity=HUMAN_OPACITY)
-    parts: dict[str, Part] = {"performer": (human.top, lambda seen: human.show(*cast.human.posed(seen.human)))}
+
+    def show_human(seen: Snapshot) -> None:
+        human.show_poses(cast.human.poses(seen.human[None])[0])
+
+    parts: dict[str, Part] = {"performer": (human.top, show_human)}
     if cast.sensors:
         balls = [_ball(SENSOR_BALL * cast.human.height)] * len(cast.sensors)
         worn = Shapes(scene, "/performer/sensors", balls, scale=scale, color=SENSOR, cast_shadow=False)
@@ -141,7 +152,7 @@ LINE_M = 0.003
 """Width of the line round the support polygon, and its height over the floor."""
 EDGE_M = 0.0005
 """A point on the edge is not outside."""
-CENTRE, DISC, POINT, PRESSED = 0.023, 0.029, 0.022, 0.013
+CENTRE, DISC, POINT, PRESSED = 0.018, 0.023, 0.0175, 0.0105
 """Radii, as shares of the robot's height."""
 OBSERVER_OPACITY, OBSTACLE_OPACITY = 0.35, 0.75
 """What is inside an observer is seen through it; an obstacle is more solid."""
@@ -159,7 +170,7 @@ def _add_ground(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str,
 
         def show_obstacles(seen: Snapshot) -> None:
             if seen.obstacle_poses is not None:
-                shapes.show(seen.obstacle_poses[:, :3], seen.obstacle_poses[:, 3:])
+                shapes.show_poses(seen.obstacle_poses)
 
         parts["obstacles"] = shapes.top, show_obstacles
     return parts
@@ -213,7 +224,7 @@ def _observers(scene: "viser.SceneApi", robot: RobotBody) -> Part:
     return shapes.top, show
 
 
-LEFT_OF_ROBOT = 1.15
+LEFT_OF_ROBOT = 0.92
 """The performer stands so many heights of the robot to its left, as tall as it."""
 
 
@@ -235,8 +246,8 @@ class Drawing:
             "/floor", 20.0, 20.0, cell_size=0.1, section_size=0.5, cell_color=(225, 228, 232), fade_distance=8.0
         )
         camera, middle = server.initial_camera, 0.5 * self._left  # in front of robot and performer
-        camera.position = (1.9 * self._height, middle, 0.9 * self._height)
-        camera.look_at = (0.0, middle, 0.45 * self._height)
+        camera.position = (1.5 * self._height, middle, 0.7 * self._height)
+        camera.look_at = (0.0, middle, 0.36 * self._height)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -270,7 +281,7 @@ class Drawing:
     def _begin(self, first: Snapshot) -> None:
         """The performer begins left of the robot (alone, where one looks) and looks along x, as the robot does."""
         human = self._cast.human
-        _, turns = human.body.solver_body().forward(np.ascontiguousarray(first.human))
+        _, turns = human.kinematics.forward(np.ascontiguousarray(first.human))
         x, y, _ = rotate(turns[1], np.array([1.0, 0.0, 0.0])).tolist()
         half = -0.5 * np.arctan2(y, x)
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])

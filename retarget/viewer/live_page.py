@@ -17,14 +17,15 @@ from typing import TYPE_CHECKING
 
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError
-from retarget.model.body_file import compile_body, compile_body_text
+from retarget.model.body import load_body_text
+from retarget.model.meshes import solid_body
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.schema.scene import load_scene
 from retarget.viewer.feed import BUFFER_BYTES, LONGEST_ANSWER, READY, REFUSED, SHOWN_HZ, STOP, PageSetup, unpacked
 from retarget.viewer.page import Page, headline
 from retarget.viewer.server import open_server
-from retarget.viewer.snapshot import Actor, Cast, Row, obstacle_meshes
+from retarget.viewer.snapshot import Cast, Row, obstacle_meshes
 
 if TYPE_CHECKING:
     import viser
@@ -136,12 +137,10 @@ def serve(link: socket.socket, page: LivePage) -> None:
 
 def cast_of(setup: PageSetup) -> Cast:
     """Robot and performer of a run. Raises RetargetError for a robot or scene that cannot be read."""
-    robot, body = None if setup.robot is None else load_robot(setup.robot, root=setup.root), None
-    if robot is not None:
-        body = Actor(compile_body(robot.profile.body_path, root=setup.root or robot.profile.root))
+    robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
     return Cast(
-        human=Actor(compile_body_text(setup.human_mjcf, source="human of the run", root="free")),
-        robot=body,
+        human=solid_body(load_body_text(setup.human_mjcf, source="human of the run", root="free")),
+        robot=None if robot is None else robot.solid,
         profile=robot,
         joints=() if robot is None else robot.joint_map.joints,
         landmarks=setup.landmarks,

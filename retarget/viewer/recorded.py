@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import RefusedError
-from retarget.model.meshes import Mesh
+from retarget.model.body import body_from_file
+from retarget.model.meshes import Mesh, SolidBody, solid_body
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import recorded_scene
@@ -21,7 +22,6 @@ from retarget.schema.scene import load_scene
 from retarget.types import BoolArray, FloatArray
 from retarget.viewer.snapshot import (
     STATE_WORDS,
-    Actor,
     Cast,
     Row,
     obstacle_meshes,
@@ -101,8 +101,8 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     if run.recording is not None:
         scene = RecordedScene(run.recording, motion.phase, run.tracks["no_command"])
     cast = Cast(
-        human=_actor(human),
-        robot=None if robot is None else _actor(robot),
+        human=_solid(human),
+        robot=None if robot is None else _solid(robot),
         profile=run.profile if robot is None else run.profile or _profile(Path(robot.body.source)),
         joints=() if robot is None else run.profile.joint_map.joints if run.profile else robot.joint_names,
         landmarks=() if robot is None or robot.asked is None else robot.asked.names,
@@ -127,9 +127,9 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     return ShownRun(cast, motion.time, tracks, scene, notes)
 
 
-def _actor(motion: Motion) -> Actor:
+def _solid(motion: Motion) -> SolidBody:
     assert motion.compiled is not None, "a body that was read"
-    return Actor(motion.compiled)
+    return solid_body(body_from_file(motion.compiled))
 
 
 def _profile(body: Path) -> RobotBody | None:

@@ -7,9 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from retarget.model.body import BodyModel, body_from_file
-from retarget.model.body_file import BodyFile
-from retarget.model.meshes import Mesh, link_meshes, shape_mesh
+from retarget.model.meshes import Mesh, SolidBody, shape_mesh
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses
@@ -28,29 +26,6 @@ STATE_WORDS = {
     RunState.FAULT: "stopped",
 }
 """What a robot does in a state of the run."""
-LEAST_M = 0.05
-"""Height of a body that has none: something to scale by."""
-
-
-class Actor:
-    """A compiled body that moves. meshes: of its links, and links: their numbers. height: from its lowest to its
-    highest link as the file has it, m."""
-
-    def __init__(self, file: BodyFile) -> None:
-        self.body: BodyModel = body_from_file(file)
-        self._solver, meshes = self.body.solver_body(), link_meshes(self.body)
-        self.links, self.meshes = list(meshes), list(meshes.values())
-        positions, _ = self._solver.forward(self.body.qpos0)
-        self.height = max(float(np.ptp(positions[1:, 2])), LEAST_M)
-
-    def posed(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions (m, 3) m and orientations (m, 4) of the links that have meshes, in a posture (nq,)."""
-        positions, turns = self._solver.forward(np.ascontiguousarray(q))
-        return positions[self.links], turns[self.links]
-
-    def com(self, q: FloatArray) -> FloatArray:
-        """Centre of mass (T, 3) m in postures (T, nq)."""
-        return self._solver.centre_of_mass(np.ascontiguousarray(q))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,8 +37,8 @@ class Cast:
     servos_commanded: snapshots hold temperatures and currents of the servos.
     """
 
-    human: Actor
-    robot: Actor | None = None
+    human: SolidBody
+    robot: SolidBody | None = None
     profile: RobotBody | None = None
     joints: tuple[str, ...] = ()
     landmarks: tuple[str, ...] = ()

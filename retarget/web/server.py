@@ -40,7 +40,7 @@ from hardware.clock import Clock, MonotonicClock
 from hardware.errors import RetargetError
 from retarget.errors import ConfigError
 from retarget.live.address import EVERYWHERE, local_interfaces
-from retarget.model.meshes import SolidBody, solid_body
+from retarget.model.meshes import SolidBody
 from retarget.sources.stream_frame import MAX_DATAGRAM
 from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageSetup, unpacked
 from retarget.viewer.live_page import cast_of
@@ -343,7 +343,7 @@ class PageServer:
         except RetargetError as error:
             self.feed.send(REFUSED + str(error).encode())
             return
-        self._solids = solids_of(self._cast)
+        self._solids = {"human": self._cast.human, "robot": self._cast.robot}
         self._send_all(
             "bodies", {who: None if solid is None else solid.as_json() for who, solid in self._solids.items()}
         )
@@ -431,12 +431,6 @@ def served_file(place: str) -> Path | None:
     root = {"page": HERE / "page", "runtime": runtime_folder()}.get(folder)
     path = None if root is None else root.joinpath(*inner)
     return path if path is not None and ".." not in inner and path.is_file() else None
-
-
-def solids_of(cast: Cast) -> dict[str, SolidBody | None]:
-    """Who is drawn, as solids."""
-    robot = None if cast.profile is None else cast.profile.solid
-    return {"human": solid_body(cast.human.body), "robot": robot}
 
 
 def _parsed(message: str | bytes) -> dict[str, Any]:

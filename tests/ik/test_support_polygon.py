@@ -90,7 +90,8 @@ def test_distance_is_that_to_the_nearest_edge() -> None:
 
 # What joints carry, against the engine's inverse dynamics.
 
-WEIGHT = op3().body.total_mass * 9.81
+HELD = np.array([0.0, 0.0, op3().body.total_mass * 9.81])
+"""What the ground carries of a robot at rest, N."""
 
 
 def standing() -> Stance:
@@ -110,22 +111,25 @@ def posture(arms: float, crouch: float) -> FloatArray:
     return q
 
 
-def by_inverse_dynamics(q: FloatArray, pressed: FloatArray) -> FloatArray:
-    """Torques (nv,) that hold the robot at rest while its soles carry their shares, by MuJoCo's own statics."""
+def by_inverse_dynamics(
+    q: FloatArray, pressed: FloatArray, force: FloatArray = HELD, inertial: FloatArray | float = 0.0
+) -> FloatArray:
+    """Torques (nv,) by MuJoCo while the soles carry their shares of a force (3,) N at `pressed` (2,) m. inertial (nv,):
+    what accelerates the robot, which does not move yet."""
     model = mujoco.MjModel.from_xml_path(str(op3().profile.body_path))
     data = mujoco.MjData(model)
     data.qpos[:] = q
     mujoco.mj_forward(model, data)
-    torque = data.qfrc_bias.copy()
+    torque = data.qfrc_bias + inertial
     soles = standing().soles
     left, right = (sole.outline.mean(axis=0) for sole in soles)
     share = (pressed - left) @ (right - left) / ((right - left) @ (right - left))
     across = pressed - left - share * (right - left)
     for sole, middle, part in ((soles[0], left, 1.0 - share), (soles[1], right, share)):
-        force = np.zeros(model.nv)
+        carried = np.zeros(model.nv)
         at = np.array([*(middle + across), 0.0])
-        mujoco.mj_applyFT(model, data, np.array([0.0, 0.0, part * WEIGHT]), np.zeros(3), at, sole.frame.body, force)
-        torque -= force
+        mujoco.mj_applyFT(model, data, part * force, np.zeros(3), at, sole.frame.body, carried)
+        torque -= carried
     return np.asarray(torque)
 
 
@@ -158,17 +162,7 @@ def test_arms_that_speed_up_load_the_legs_as_inverse_dynamics_say(joints: tuple[
     com, force = data.subtree_com[0].copy(), op3().body.total_mass * (acceleration + np.array([0.0, 0.0, 9.81]))
     # Where the ground carries the root's whole wrench but for a turn about the vertical.
     pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
-    data.qvel[:] = 0.0
-    mujoco.mj_forward(model, data)
-    torque = data.qfrc_bias + inertial
-    left, right = (sole.outline.mean(axis=0) for sole in standing().soles)
-    share = (pressed - left) @ (right - left) / ((right - left) @ (right - left))
-    across = pressed - left - share * (right - left)
-    for sole, middle, part in ((standing().soles[0], left, 1.0 - share), (standing().soles[1], right, share)):
-        carried = np.zeros(model.nv)
-        at = np.array([*(middle + across), 0.0])
-        mujoco.mj_applyFT(model, data, part * force, np.zeros(3), at, sole.frame.body, carried)
-        torque -= carried
+    torque = by_inverse_dynamics(q, pressed, force, inertial)
     turn = rotations.rotate(q[3:7], torque[3:6])
     assert np.abs([*torque[:3], *turn[:2]]).max() < 1e-6, "the root is carried, but for a turn about the vertical"
     found = GravityTorque(op3(), standing()).torques(q, acceleration, moment=moment[:2])

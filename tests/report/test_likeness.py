@@ -2,24 +2,12 @@
 
 import numpy as np
 
-from followers import DT, dimensions, follower, op3, performer, postures
+from followers import DT, follower, op3, performance, performer, postures
 from retarget.ik.support_polygon import plant
 from retarget.report.likeness import LEAN, LIMBS, arm_clearance, best_angles, best_postures, limb_angles
 from retarget.report.tracking import EVERY, Performance, hands_from_shoulders
 from retarget.robot.arm_branches import arm_postures
-from retarget.types import FloatArray, HumanPosture
-
-
-def performance(human: list[HumanPosture], landmarks: FloatArray) -> Performance:
-    return Performance(
-        dimensions=dimensions(performer()),
-        joint_names=human[0].joint_names,
-        joints=np.array([posture.joints for posture in human]),
-        pelvis=np.array([posture.orientation("pelvis") for posture in human]),
-        landmark_names=tuple(op3().profile.landmarks),
-        landmarks=landmarks,
-        dt=DT,
-    )
+from retarget.types import FloatArray
 
 
 def followed(priorities: str) -> tuple[Performance, FloatArray, FloatArray]:
@@ -27,7 +15,7 @@ def followed(priorities: str) -> tuple[Performance, FloatArray, FloatArray]:
     human, robot = postures(performer())[:250], follower(priorities=priorities)
     robot.start(human[0])
     done = [robot.step(posture, DT) for posture in human]
-    asked = performance(human, np.array([one.landmarks_asked for one in done]))
+    asked = performance(human, done[0].landmark_names, np.array([one.landmarks_asked for one in done]))
     return asked, np.array([one.q for one in done]), np.array([one.landmarks_reached for one in done])
 
 

@@ -11,13 +11,12 @@ from retarget.model.meshes import solid_body
 from retarget.report.plots import (
     PICTURES,
     figures_of,
-    performer_facing,
     plot_poses,
     plot_tracking,
     write_plots,
 )
 from retarget.report.solid import facets_of, lit
-from retarget.report.tracking import turned
+from retarget.report.tracking import performer_facing, turned
 from retarget.rotations import multiply
 from retarget.run.loop import Watch, run_human
 from retarget.run.run_result import RunResult

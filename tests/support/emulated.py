@@ -72,21 +72,18 @@ NO_DELAY = replace(Timing.none(), gap=REAL_TIME_GAP)
 
 
 @contextmanager
-def served(devices: Sequence[Device], path: Path, timing: Timing = NO_DELAY) -> Iterator[Line]:
-    """Serve devices on `path` while the context lasts."""
-    clock = MonotonicClock()
-    line = Line(devices, timing=timing, faults=FaultState(devices, origin=clock.now()))
-    terminal = PseudoTerminal(line, Link(path))
-    terminal.open()
+def serving(terminal: PseudoTerminal) -> Iterator[None]:
+    """Serve a terminal while the context lasts."""
     wake, poke = os.pipe()
     stop = threading.Event()
     listen = {wake: lambda: bool(os.read(wake, 1))}
-    thread = threading.Thread(target=lambda: serve([terminal], clock, until=stop.is_set, listen=listen))
+    thread = threading.Thread(target=lambda: serve([terminal], MonotonicClock(), until=stop.is_set, listen=listen))
     before = sys.getswitchinterval()
     sys.setswitchinterval(2e-4)  # a client that spins would keep the thread waiting for 5 ms each time
+    terminal.open()
     thread.start()
     try:
-        yield line
+        yield
     finally:
         stop.set()
         os.write(poke, b"x")
@@ -95,6 +92,15 @@ def served(devices: Sequence[Device], path: Path, timing: Timing = NO_DELAY) -> 
         terminal.close()
         os.close(wake)
         os.close(poke)
+        assert not thread.is_alive()
+
+
+@contextmanager
+def served(devices: Sequence[Device], path: Path, timing: Timing = NO_DELAY) -> Iterator[Line]:
+    """Serve devices on `path` while the context lasts."""
+    line = Line(devices, timing=timing, faults=FaultState(devices, origin=MonotonicClock().now()))
+    with serving(PseudoTerminal(line, Link(path))):
+        yield line
 
 
 # `retarget emulate`, and a log of what its client sends and of bus watchdogs that stop a servo: first word FILE.

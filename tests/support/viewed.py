@@ -5,11 +5,10 @@ from functools import cache
 import numpy as np
 
 from followers import dimensions, op3, performer
-from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import Human, build_human
 from retarget.model.meshes import shape_mesh
 from retarget.viewer.recorded import ShownRun
-from retarget.viewer.snapshot import Actor, Cast, Snapshot, snapshot_at
+from retarget.viewer.snapshot import Cast, Snapshot, snapshot_at
 
 SENSORS = ("l_wrist", "head")
 
@@ -22,12 +21,10 @@ def person() -> Human:
 @cache
 def cast_of_op3() -> Cast:
     robot = op3()
-    shown = Actor(compile_body(robot.profile.body_path, root="free"))
-    human = Actor(compile_body_text(person().mjcf, source="human", root="free"))
     ball = [shape_mesh(0, (0.05, 0.0, 0.0))]
     return Cast(
-        human=human,
-        robot=shown,
+        human=person().solid,
+        robot=robot.solid,
         profile=robot,
         joints=robot.joint_map.joints,
         landmarks=("l_hand",),
@@ -38,7 +35,7 @@ def cast_of_op3() -> Cast:
 
 @cache
 def cast_of_a_human() -> Cast:
-    return Cast(human=Actor(compile_body_text(person().mjcf, source="human", root="free")), sensors=SENSORS)
+    return Cast(human=person().solid, sensors=SENSORS)
 
 
 def shown(run: ShownRun, row: int) -> Snapshot:

@@ -31,7 +31,7 @@ def limb(server: Any, joint: str) -> Any:
     """The link that a joint of OP3 turns."""
     body, shown = op3().body, cast_of_op3().robot
     assert shown is not None
-    return node(server, "robot", shown.links.index(int(body.joint_body[body.joint_index(joint)])))
+    return node(server, "robot", shown.links.tolist().index(int(body.joint_body[body.joint_index(joint)])))
 
 
 def test_everything_has_a_box_and_a_meaning(server: Any) -> None:

@@ -352,7 +352,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
             Row(
                 time=1.0,
                 latency=0.007,
-                human=human_posture(),
+                human=build_human(dimensions(performer())).body.qpos0,
                 goal=goal,
                 state="holding",
                 why="l_wrist: lost",
@@ -367,13 +367,6 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         assert state["clipped"] == ["left hand 12 cm out of reach"]
         assert {who: len(state[who]) for who in links} == {who: 7 * count for who, count in links.items()}
         assert np.isfinite(state["robot"]).all() and np.isfinite(state["human"]).all()
-
-
-def human_posture() -> Any:
-    from retarget.model.body_file import compile_body_text
-    from retarget.viewer.snapshot import Actor
-
-    return Actor(compile_body_text(human(), source="human", root="free")).body.qpos0
 
 
 def test_the_end_and_its_reason_are_shown() -> None:

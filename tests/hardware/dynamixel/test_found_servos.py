@@ -11,7 +11,6 @@ from hardware.dynamixel.found_servos import (
 from hardware.dynamixel.line_scan import Sighting, Speed, all_speeds, scan_line
 from hardware.errors import BusError
 from messages import refuses
-from sim.emulator.faults import Fault, FaultKind
 
 
 def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
@@ -35,9 +34,7 @@ def test_all_servos_receive_it_within_a_second_at_any_speed(model: str, protocol
     assert rig.shown("torque_enable") == [0, 0, 0]
 
 
-def test_an_impossible_speed_is_left_out_and_a_port_that_is_gone_is_reported(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_servos_at_other_speeds_than_an_impossible_one_receive_it(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = _rig()
     set_baud = rig.port.set_baud
 
@@ -49,10 +46,6 @@ def test_an_impossible_speed_is_left_out_and_a_port_that_is_gone_is_reported(
     monkeypatch.setattr(rig.port, "set_baud", limited)
     broadcast_torque_off(rig.port, all_speeds())
     assert rig.shown("torque_enable") == [0, 1, 0]
-    monkeypatch.undo()
-    rig.fault(Fault(FaultKind.UNPLUG))
-    with refuses(BusError):
-        broadcast_torque_off(rig.port, all_speeds())
 
 
 SPEED = Speed(2, 2_000_000)

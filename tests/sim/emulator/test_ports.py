@@ -5,7 +5,6 @@ import fcntl
 import os
 import select
 import termios
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,8 +12,8 @@ from pathlib import Path
 import pytest
 from serial import Serial
 
-from emulated import StubDevice
-from hardware.clock import MonotonicClock, VirtualClock, thread_cpu
+from emulated import StubDevice, serving
+from hardware.clock import MonotonicClock, VirtualClock
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.serial_port import BytePort
 from hardware.errors import BusError, HardwareError
@@ -227,39 +226,10 @@ def test_where_there_is_no_pseudo_terminal_nothing_is_left(tmp_path: Path, monke
     assert list(tmp_path.iterdir()) == []
 
 
-@contextmanager
-def _serving(*terminals: PseudoTerminal) -> Iterator[list[float]]:
-    """Serve in a thread; the list gets the CPU time, s, that it took."""
-    wake, poke = os.pipe()
-    stop = threading.Event()
-    cost: list[float] = []
-
-    def work() -> None:
-        begun = thread_cpu()
-        serve(terminals, MonotonicClock(), until=stop.is_set, listen={wake: lambda: bool(os.read(wake, 1))})
-        cost.append(thread_cpu() - begun)
-
-    for terminal in terminals:
-        terminal.open()
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        yield cost
-    finally:
-        stop.set()
-        os.write(poke, b"x")
-        thread.join(5.0)
-        for terminal in terminals:
-            terminal.close()
-        os.close(wake)
-        os.close(poke)
-        assert not thread.is_alive()
-
-
 def test_a_plug_is_pulled_and_put_back_by_the_clock(tmp_path: Path) -> None:
     clock = MonotonicClock()
     unplug = Fault(FaultKind.UNPLUG, start=0.05, end=0.15)
-    with _serving(_terminal(tmp_path / "a", faults=(unplug,), origin=clock.now())):
+    with serving(_terminal(tmp_path / "a", faults=(unplug,), origin=clock.now())):
         end = clock.now() + 5.0
         seen = [True]
         while len(seen) < 3 and clock.now() < end:
