@@ -64,7 +64,7 @@ def test_after_a_refusal_at_rest_arms_alone_separate_limbs_where_legs_cannot(mon
     robot.start(human[0])
     fallback, legs = robot._soles.fallback, standing_dofs(robot._robot)
     assert fallback is not None
-    assert fallback._above[0].labels == fallback._separated[0].labels != fallback._planted[0].labels
+    assert fallback._above[0].labels == fallback._separated[0].labels != robot.hierarchy.labels
 
     def only_still_legs(self: Stopping, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
         return float(np.abs(velocity[legs]).max()) < 1e-9 and admits(self, q, velocity, dt)
