@@ -16,6 +16,7 @@ from retarget.live.stream_report import LiveReport
 from retarget.report.likeness import ARMS
 from retarget.report.motion_metrics import PhysicsReport, moved_joints
 from retarget.report.report import BusReport, Report, Spread
+from retarget.report.tracking import AWAY_M
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import MM, FloatArray
@@ -109,6 +110,8 @@ LEAN_DEG = Seen(15.0, 45.0)
 """Degrees, in all but a twentieth of the time. A trunk 15 off looks tired, one that is 45 off is folded over."""
 HAND_SHARE = Seen(0.2, 0.5)
 """Of the length of the arm, on average, within reach: 0.2 is a hand's length, 0.5 is from the chin to the belt."""
+HAND_AWAY_S = Seen(0.3, 2.0)
+"""Time for which a hand is more than 150 mm off in a row: a gesture takes two seconds."""
 SQUAT_SHARE = Seen(0.15, 0.4)
 """Of the length of the leg, in all but a twentieth of the time: a squat with level thighs goes down by a half. 0.15 off
 is seen beside the performer; with 0.4 off it is missed."""
@@ -124,12 +127,15 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
         return
     differs = [(words, value, seen) for words, value, seen in _differences(run, report) if value >= seen.difference]
     lost = [words for words, value, seen in differs if value >= seen.lost]
-    verdict = f"does not follow: {', '.join(lost)}" if lost else "follows"
-    if differs and not lost:
-        verdict += f", with {', '.join(words for words, _, _ in differs)}"
+    verdict, kept = "follows", True if not differs else None if not lost else False
+    if differs:
+        shown = lost or [words for words, _, _ in differs]
+        verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
     allowed = f"limbs within {LIMB_DEG.lost:g}° of the performer's, trunk within {LEAN_DEG.lost:g}°, "
-    allowed += f"pelvis within {SQUAT_SHARE.lost:.0%} of the leg, hands on their way"
-    yield Finding("following", verdict, allowed, not lost)
+    allowed += (
+        f"pelvis within {SQUAT_SHARE.lost:.0%} of the leg, hands on their way and never {HAND_AWAY_S.lost:g} s away"
+    )
+    yield Finding("following", verdict, allowed, kept)
 
 
 def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, Seen]]:
@@ -140,12 +146,15 @@ def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, S
     limbs, best = report.likeness_deg or {}, report.best_likeness_deg or {}
     for limb in (limb for limb in ARMS if limb in limbs):
         at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
-        yield f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off{at_best}", limbs[limb].mean, LIMB_DEG
+        words = f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off on average{at_best}"
+        yield words, limbs[limb].mean, LIMB_DEG
     if report.trunk_lean_deg is not None:
         yield f"its trunk {report.trunk_lean_deg.p95:.0f}° off (p95)", report.trunk_lean_deg.p95, LEAN_DEG
     if report.reachable_hands_mm:
         off, arm = report.reachable_hands_mm["worse"], MM * run.robot.profile.landmarks["l_hand"].robot_length
-        yield f"a hand {off:.0f} mm off", off / arm, HAND_SHARE
+        yield f"a hand {off:.0f} mm off on average", off / arm, HAND_SHARE
+    away = max((report.hands_away_s or {}).values(), default=0.0)
+    yield f"a hand more than {MM * AWAY_M:.0f} mm off for {away:.1f} s", away, HAND_AWAY_S
     if report.pelvis_height_mm is not None:
         off, leg = report.pelvis_height_mm.p95, MM * run.robot.profile.landmarks["pelvis"].robot_length
         yield f"its pelvis {off:.0f} mm too high or low (p95)", off / leg, SQUAT_SHARE

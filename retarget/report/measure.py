@@ -148,8 +148,7 @@ def measure(run: RunResult) -> Report:
         likeness_deg=(likeness := _likeness(run, performance))[0],
         trunk_lean_deg=likeness[1],
         best_likeness_deg=None,
-        reachable_hands_mm=(hands := _hands(run, performance, reached))[0],
-        reachable_share=hands[1],
+        **_hands(run, performance, reached),
         closest_links=clear.closest,
         deep=clear.deep,
         observers=observers,
@@ -244,17 +243,21 @@ def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatAr
     return tracking.path_ratio(asked[:, hands], reached[:, hands]) if hands else None
 
 
-def _hands(
-    run: RunResult, asked: Performance | None, reached: FloatArray
-) -> tuple[dict[str, float] | None, dict[str, float] | None]:
-    """Errors of the hands, mm, at the ticks at which they were asked within reach, and the share of these ticks;
-    nothing without a robot that has both hands."""
+class _Hands(TypedDict):
+    reachable_hands_mm: dict[str, float] | None
+    reachable_share: dict[str, float] | None
+    hands_away_s: dict[str, float] | None
+
+
+def _hands(run: RunResult, asked: Performance | None, reached: FloatArray) -> _Hands:
+    """How the hands followed at the ticks at which they were asked within reach; nothing without a robot that has
+    both."""
     robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or asked is None:
-        return None, None
-    found = reachable_hands(robot, asked, hands_from_shoulders(robot, asked, sent.q, reached))
+    found = {}
+    if robot is not None and sent is not None and asked is not None:
+        found = reachable_hands(robot, asked, hands_from_shoulders(robot, asked, sent.q, reached))
     if not found:
-        return None, None
+        return {"reachable_hands_mm": None, "reachable_share": None, "hands_away_s": None}
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
     ticks = [found[name].share for name in errors]
     both = (
@@ -262,7 +265,11 @@ def _hands(
         if errors
         else {}
     )
-    return errors | both or None, {name: hand.share for name, hand in found.items()}
+    return {
+        "reachable_hands_mm": errors | both or None,
+        "reachable_share": {name: hand.share for name, hand in found.items()},
+        "hands_away_s": {name: hand.away for name, hand in found.items()},
+    }
 
 
 def _performance(run: RunResult) -> Performance | None:
@@ -283,10 +290,10 @@ def _performance(run: RunResult) -> Performance | None:
 
 def _likeness(run: RunResult, asked: Performance | None) -> tuple[dict[str, Spread] | None, Spread | None]:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
-    robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or asked is None:
+    robot, q = run.robot, run.moved_q
+    if robot is None or q is None or asked is None:
         return None, None
-    found = limb_angles(robot, sent.q, asked)
+    found = limb_angles(robot, q, asked)
     spreads = _degrees({name: angles[run.record.following] for name, angles in found.items()})
     lean = spreads.pop(LEAN, None)
     return spreads or None, lean

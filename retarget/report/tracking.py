@@ -381,16 +381,20 @@ WITHIN_M = 0.002
 """The arm gets there when it gets this near, m."""
 SEEDS, TRIES = 500, 12
 """Postures of the arm, spread over its ranges, of which the nearest begin a search each: one may end in a corner."""
+AWAY_M = 0.15
+"""A hand that is farther off than this, m, is not where the performer's is, on a robot of any size."""
 STEPS = 40
 """Iterations of a search: it has a far way to go, from a posture that only lies near."""
 
 
 @dataclass(frozen=True)
 class Reachable:
-    """One hand. share: of the ticks that ask for it, those within reach; error: mean distance (m) at those, or None."""
+    """One hand. share: of the ticks that ask for it, those within reach; error: mean distance (m) at those, or None;
+    away: longest time (s) that it was farther off than `AWAY_M`, within reach."""
 
     share: float
     error: float | None
+    away: float
 
 
 def reachable_hands(robot: RobotBody, asked: Performance, reached: FloatArray) -> dict[str, Reachable]:
@@ -402,14 +406,23 @@ def reachable_hands(robot: RobotBody, asked: Performance, reached: FloatArray) -
     stance, found = plant(robot, robot.profile.postures.stand), {}
     for name, places in asked_arms(robot, stance, asked).items():
         column = asked.landmark_names.index(name)
-        error = np.linalg.norm(reached[::EVERY, column] - asked.landmarks[::EVERY, column], axis=1)
-        error = error[known := np.isfinite(error)]
-        within = within_reach(robot, stance, name, places[::EVERY][known])
+        off = np.linalg.norm(reached[:, column] - asked.landmarks[:, column], axis=1)
+        error, looked = off[::EVERY], np.zeros(len(off[::EVERY]), dtype=np.bool_)
+        known = np.isfinite(error)
+        looked[known] = within = within_reach(robot, stance, name, places[::EVERY][known])
+        away = np.repeat(looked, EVERY)[: len(off)] & (off > AWAY_M)
         found[name] = Reachable(
             share=float(within.mean()) if within.size else 0.0,
-            error=float(error[within].mean()) if within.any() else None,
+            error=float(error[looked].mean()) if looked.any() else None,
+            away=asked.dt * longest(away),
         )
     return found
+
+
+def longest(holds: BoolArray) -> int:
+    """How many values (T,) in a row are true, at most."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
 def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatArray) -> BoolArray:

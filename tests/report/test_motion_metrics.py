@@ -232,7 +232,7 @@ def test_the_approach_takes_no_part_in_the_jerk() -> None:
 
 def test_the_worse_hand_is_reported_with_the_mean(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mean counts each hand by its ticks within reach."""
-    found = {"l_hand": Reachable(1.0, 0.04), "r_hand": Reachable(0.5, 0.01)}
+    found = {"l_hand": Reachable(1.0, 0.04, 0.0), "r_hand": Reachable(0.5, 0.01, 0.3)}
     monkeypatch.setattr("retarget.report.measure.reachable_hands", lambda robot, asked, reached: found)
     hands = reported(Rig(np.zeros((51, 20))))[0].reachable_hands_mm
     assert hands == pytest.approx({"l_hand": 40.0, "r_hand": 10.0, "mean": 30.0, "worse": 40.0})

@@ -7,7 +7,7 @@ import pytest
 
 from followers import DT, follower, op3, performance, performer, postures
 from retarget import rotations
-from retarget.report.tracking import HANDS, asked_arms, reachable_hands, within_reach
+from retarget.report.tracking import AWAY_M, HANDS, asked_arms, longest, reachable_hands, within_reach
 from retarget.robot.arm_branches import chain_to_anchor
 from retarget.robot.landmarks import AskedLandmarks
 from retarget.types import FloatArray, HumanPosture
@@ -87,3 +87,20 @@ def test_a_frozen_robot_hides_nothing(frozen: bool) -> None:
         assert hand.share == honest[name].share > 0.2
         assert hand.error is not None
         assert hand.error > 0.02 if frozen else hand.error == pytest.approx(0.003)
+
+
+def test_a_hand_that_is_away_is_away_for_as_long_as_in_one_piece() -> None:
+    human, _ = performed()
+    asked = performance(human, follower().landmark_map.names, points())
+    gone = points()[:, :].copy()
+    column = asked.landmark_names.index("l_hand")
+    for first, last in ((20, 60), (100, 180)):
+        gone[first:last, column] += AWAY_M + 0.01
+    found = reachable_hands(op3(), asked, gone)
+    assert found["r_hand"].away == 0.0
+    assert 0.0 < found["l_hand"].away <= 80 * asked.dt
+    assert [longest(np.array(list(bits), dtype=np.int8) > 0) for bits in ([0, 0], [1, 1, 0, 1], [0, 1, 1, 1])] == [
+        0,
+        2,
+        3,
+    ]
