@@ -27,8 +27,6 @@ FAULT_ROWS = (
     "clearance below margin",  # what is asked is not sent
 )
 """One row of the fault table for each reaction that it knows."""
-MALFORMED = "duplicate id"
-"""A row with a robot file that is refused."""
 STOP_FAULT = "faults:\n  - {fault: over_temperature, ids: [5], start: 8.5}\n"
 """A servo that is too hot, about 1.5 s after following began: OP3 stops, goes to rest, and ends with exit code 1."""
 
@@ -101,7 +99,7 @@ def full_matrix(sources: Sources) -> list[Run]:
     runs += [_human(priorities, sources.clip) for priorities in ("paper", "human")]
     faults = [_faults(row, "--row", row) for row in FAULT_ROWS]
     faults.append(_faults("at random", "--no-rows", "--seeds", "1", "--seconds", "5"))
-    return [*faults, _faults(MALFORMED, "--row", MALFORMED, wire=False), *runs]
+    return [*faults, *runs]
 
 
 def small_matrix(folder: Path) -> list[Run]:
@@ -121,8 +119,8 @@ def _followed(name: str, robot: str, bus: str, words: tuple[str, ...]) -> Run:
     return Run(name, ("run", "--robot", robot, "--bus", bus, *words), wire=bus in ("emulator", "physics+wire"))
 
 
-def _faults(name: str, *words: str, wire: bool = True) -> Run:
-    return Run(f"faults {name}", ("faults", *words), wire=wire, saves=False)
+def _faults(name: str, *words: str) -> Run:
+    return Run(f"faults {name}", ("faults", *words), wire=True, saves=False)
 
 
 def _human(priorities: str, words: tuple[str, ...]) -> Run:

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from sim.faults.cases import Case
     from sim.faults.judge import Verdict
 
-FILE_ROW = "robot file: "
-"""Stands before the name of a row about a malformed robot file, in the table; `--row` takes both."""
 MOST_LINES = 5
 """Lines about the faults of one run."""
 
@@ -41,12 +39,10 @@ def faults(
         pairs: Every two rows together, too.
         rows: Every row alone.
     """
-    from sim.faults.cases import file_cases, pair_cases, row_cases, seed_cases
-    from sim.faults.malformed_files import MALFORMED
+    from sim.faults.cases import pair_cases, row_cases, seed_cases
     from sim.faults.rows import ROWS
 
-    names = [*(one.name for one in ROWS), *(one.name for one in MALFORMED)]
-    row = row and row.removeprefix(FILE_ROW)
+    names = [one.name for one in ROWS]
     if row is not None and row not in names:
         raise UsageError(
             "no such row", where="--row", found=repr(row), allowed=", ".join(names), next_step=suggest(row, names)
@@ -56,14 +52,13 @@ def faults(
         return
     work: list[Case] = []
     if rows or row is not None:
-        work += [case for case in (*row_cases(), *file_cases()) if row is None or case.name == row]
+        work += [case for case in row_cases() if row is None or case.name == row]
     work += pair_cases() if pairs else []
     work += seed_cases(range(first_seed, first_seed + seeds), seconds=seconds)
     raise typer.Exit(_run(work, jobs))
 
 
 def _show(name: str | None) -> None:
-    from sim.faults.malformed_files import MALFORMED
     from sim.faults.rows import ROWS
 
     table = Table(box=None, pad_edge=False)
@@ -72,9 +67,6 @@ def _show(name: str | None) -> None:
     for one in ROWS:
         if name in (None, one.name):
             table.add_row(one.name, one.reaction.value, f"{one.limit:g} s" if one.limit else "-", one.idle.value)
-    for file in MALFORMED:
-        if name in (None, file.name):
-            table.add_row(f"{FILE_ROW}{file.name}", "-", "-", "does not begin, no port opened")
     console().print(table)
 
 

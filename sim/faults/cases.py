@@ -16,7 +16,6 @@ from sim.faults.judge import (
     missing,
     violations,
 )
-from sim.faults.malformed_files import MALFORMED, judged_file
 from sim.faults.rows import APPROACHED, ROWS, Reaction
 
 # Random runs: faults of the table one after another, at random times, until one of them ends the run.
@@ -58,12 +57,12 @@ PAIR_AT, PAIR_GAP = 0.3, 0.1
 class Case:
     """One run. name: of its row, or of the first of two; second: of the other; when: state of the robot.
 
-    seed: of a random run of `seconds`; None: it is none. A name without `when` is that of a malformed file.
+    seed: of a random run of `seconds`, which has no name and no state of its own; None: it is none.
     """
 
     name: str = ""
     second: str | None = None
-    when: When | None = None
+    when: When = When.MOVING
     seed: int | None = None
     seconds: float = 0.0
 
@@ -73,11 +72,6 @@ def row_cases() -> list[Case]:
     return [
         Case(row.name, when=when) for row in ROWS for when in When if when is not When.APPROACHING or row in APPROACHED
     ]
-
-
-def file_cases() -> list[Case]:
-    """Every malformed robot file; they are read before anything moves."""
-    return [Case(file.name) for file in MALFORMED]
 
 
 def pair_cases() -> list[Case]:
@@ -95,9 +89,6 @@ def judged_case(case: Case) -> Verdict:
     if case.seed is not None:
         found = judged_seed(case.seed, seconds=case.seconds)
         return replace(found, name=f"seed {case.seed}: {found.name}")
-    if case.when is None:
-        file = next(one for one in MALFORMED if one.name == case.name)
-        return Verdict(f"robot file: {file.name}", judged_file(file))
     rows = {one.name: one for one in ROWS}
     row, other = rows[case.name], rows.get(case.second or "")
     if other is None:

@@ -42,17 +42,14 @@ def row(name: str) -> Row:
     return next(one for one in ROWS if one.name == name)
 
 
-def wrongs(
-    name: str, when: When, claims: Sequence[Claims] = ({},), *, before: Change | None = None
-) -> list[tuple[str, ...]]:
+def wrongs(name: str, when: When, claims: Sequence[Claims]) -> list[tuple[str, ...]]:
     """Run a row, and return its violations as judged by each of some claims; {}: by the row itself.
 
-    before: changes the bench of a moving robot before the fault; a function of a module, or a partial of one. Of a
-    moving robot a claim may also name the state `when` in which it is judged.
+    Of a moving robot a claim may also name the state `when` in which it is judged.
     """
     one = row(name)
     if when is When.MOVING:
-        return list(forked(partial(_row_job, name, claims, before), performer=one.performer, mass=one.mass))
+        return list(forked(partial(_row_job, name, claims), performer=one.performer, mass=one.mass))
     return _judged(one, run_row(one, when=when), when, claims)
 
 
@@ -71,7 +68,10 @@ def follow_for(bench: Bench, seconds: float) -> None:
 
 
 def pair_wrongs(first: str, second: str, *, gap: float, before: Change | None = None) -> tuple[str, ...]:
-    """Run two faults of a moving robot, and return the violations."""
+    """Run two faults of a moving robot, and return the violations.
+
+    before: changes the bench before the faults; a function of a module, or a partial of one.
+    """
     return tuple(forked(partial(_pair_job, first, second, gap, before)))
 
 
@@ -95,12 +95,10 @@ def _judged(one: Row, bench: Bench, when: When, claims: Sequence[Claims]) -> lis
     ]
 
 
-def _row_job(name: str, claims: Sequence[Claims], before: Change | None, bench: Bench) -> Callable[[], Any]:
+def _row_job(name: str, claims: Sequence[Claims], bench: Bench) -> Callable[[], Any]:
     one = row(name)
     follow_for(bench, ONSET + one.after)
     bench.leaves = one.reaction in OUTLIVED
-    if before is not None:
-        before(bench)
     one.inject(bench, ONSET)
     return lambda: _judged(one, bench, When.MOVING, claims)
 

@@ -4,23 +4,13 @@ Each row is run always in the state that tells most: idle if no run may begin wi
 minutes and is marked `long` (also: `retarget faults`).
 """
 
-from dataclasses import replace
-from functools import cache, partial
-from math import inf
+from functools import cache
 from typing import Any
-from unittest.mock import patch
 
 import pytest
 
-from hardware import servo_health
-from hardware.guard_state import GuardLimits, StopCause
-from hardware.servo_health import ANYTHING, BusHealth, ServoHealth, Watched, watched
-from hardware.servo_health import Row as Quantity
-from messages import shows
-from retarget.live.admission import Admission
-from retarget.live.performer import LivePerformer
-from row_runs import Change, always, wrongs
-from sim.faults.bench import Bench
+from hardware.guard_state import StopCause
+from row_runs import wrongs
 from sim.faults.cases import judged_seed
 from sim.faults.judge import When
 from sim.faults.rows import APPROACHED, ROWS, Idle, Reaction, Row
@@ -94,43 +84,3 @@ CLAIMS: list[tuple[str, When, dict[str, Any], str]] = [
 def test_the_judge_says_no(name: str, when: When, claimed: dict[str, Any], expected: str) -> None:
     wrong = next(lines for claim, lines in judged_as(name, when) if claim == claimed)
     assert any(expected in line for line in wrong), wrong
-
-
-def unwatched(quantity: Quantity, bench: Bench) -> None:
-    """Servo health without bounds for one of the watched quantities."""
-
-    def without(limits: GuardLimits) -> tuple[Watched, ...]:
-        rows = list(watched(limits))
-        rows[quantity] = replace(rows[quantity], stop=ANYTHING)
-        return tuple(rows)
-
-    with patch.object(servo_health, "watched", without):
-        bench.guard.health = ServoHealth(bench.robot.joint_map, bench.guard.limits)
-
-
-def any_pause(bench: Bench) -> None:
-    """A host that was stopped is not distinguished from a servo without torque."""
-    bench.guard.limits = replace(bench.guard.limits, max_pause=inf)
-
-
-@pytest.mark.parametrize(
-    ("name", "before"),
-    [
-        ("stopped for a second", partial(unwatched, Quantity.LIMP)),
-        ("stopped for a second", any_pause),
-        ("reset of a servo that is soon back", partial(unwatched, Quantity.LIMP)),
-        ("brown-out of a servo", partial(unwatched, Quantity.AGE)),
-        ("supply of a servo too low", partial(unwatched, Quantity.VOLTAGE)),
-        ("bus silent for 40 ms", always(BusHealth, (0.0, ""), "quietest")),
-        ("bus silent for 70 ms", always(BusHealth, None, "silence")),
-        ("left and right swapped", always(LivePerformer, True, "_is_good")),
-        ("second source", always(Admission, True, "admit", "confirm")),
-        ("unlisted source", always(Admission, True, "admit", "confirm")),
-    ],
-    ids=[
-        *("limp servo", "stopped host", "limp servo again", "age", "voltage", "hold in silence", "silence"),
-        *("swap", "second source", "unlisted source"),
-    ],
-)
-def test_a_row_fails_without_its_protection(name: str, before: Change) -> None:
-    shows(wrongs(name, When.MOVING, before=before)[0])

@@ -1,22 +1,19 @@
-"""Rows of the fault table: malformed robot files, of `malformed.yaml`, and how each is judged: a run must refuse it
-before it opens the performer's source or makes a bus."""
+"""Malformed robot files, of `malformed_robots.yaml`, from the command line: exit code 2, one message, no open port."""
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+import pytest
 import yaml
 
-from hardware.clock import VirtualClock
-from hardware.errors import RetargetError, TorqueError
-from retarget.errors import InputError
-from retarget.run.options import RunOptions
-from retarget.run.prepare import prepare_for
+from hardware.dynamixel.serial_port import SerialPort
+from retarget import cli
+from retarget.cli.exit import REFUSED
+from retarget.live import receivers
 from retarget.schema.catalogue import Kind, find
-from sim.faults.bench import ROBOT
 
 Change = Callable[[bytes, Path], bytes]
 """From the valid file, and the folder of the new one, to the malformed file."""
@@ -49,9 +46,8 @@ class Malformed:
 
 
 def _swapped(old: str, new: str, text: bytes) -> bytes:
-    """Replace one piece of text. Raises InputError where it is not there."""
-    if old.encode() not in text:
-        raise InputError("the robot's file has no such text", where="malformed files", found=old)
+    """Replace one piece of text."""
+    assert old.encode() in text, f"the robot's file has no {old!r}"
     return text.replace(old.encode(), new.encode(), 1)
 
 
@@ -101,35 +97,24 @@ def _malformed(name: str, reason: str, **change: Any) -> Malformed:
     return Malformed(name, CHANGES[key](value), reason)
 
 
-TABLE = Path(__file__).with_name("malformed.yaml")
+TABLE = Path(__file__).with_name("malformed_robots.yaml")
 MALFORMED: tuple[Malformed, ...] = tuple(
     _malformed(**entry) for entry in yaml.safe_load(TABLE.read_text(encoding="utf-8"))
 )
 
 
-BEGUN = "the run went on"
-
-
-class _BegunError(Exception):
-    """The run asked for the performer or the bus."""
-
-
-def judged_file(file: Malformed) -> tuple[str, ...]:
-    """Return the violations, a line each."""
-
-    def begun(*_: object) -> NoReturn:
-        raise _BegunError
-
-    with tempfile.TemporaryDirectory() as folder:
-        options = RunOptions(robot=str(file.write(find(Kind.ROBOT, ROBOT), Path(folder))))
-        try:
-            with prepare_for(begun, options, clock=VirtualClock(), make_bus=begun, goes_to_rest=True):
-                return (BEGUN,)
-        except _BegunError:
-            return (BEGUN,)
-        except TorqueError as error:
-            return (f"not refused as a file: {error}",)
-        except RetargetError as error:  # exit code 2, see `retarget.cli.exit`
-            return () if file.reason in str(error) else (f"the refusal does not name {file.reason!r}: {error}",)
-        except Exception as error:  # noqa: BLE001 - a traceback is what must not be
-            return (f"it was not foreseen: {type(error).__name__}: {error}",)
+@pytest.mark.parametrize("file", MALFORMED, ids=lambda one: one.name)
+def test_a_malformed_file_is_refused(
+    file: Malformed, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[object] = []
+    monkeypatch.setattr(SerialPort, "open", lambda self, baud: opened.append(baud))
+    monkeypatch.setattr(receivers, "open_socket", opened.append)
+    path = file.write(find(Kind.ROBOT, "op3"), tmp_path)
+    words = ["run", "--robot", str(path), "--source", "json://127.0.0.1:14150", "--bus", str(tmp_path / "port")]
+    with pytest.raises(SystemExit) as leaving:
+        cli.main(words)
+    message = capsys.readouterr().err
+    assert (leaving.value.code, opened) == (REFUSED, [])
+    assert message.startswith("error: ") and file.reason in message
+    assert "Traceback" not in message
