@@ -10,7 +10,7 @@ from hardware.clock import Clock
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
-from sim.servo_model import ServoLoad, saturated_lag
+from sim.servo_model import saturated_lag
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
 ALERT_BIT = np.uint8(0x80)  # of the error byte
@@ -29,8 +29,9 @@ class MockBus:
 
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
     whose drive saturates at its no-load speed. The lag, s, follows from the model and its P gain (about 45 ms for an
-    XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. `start` in
-    ticks, (n,). protocols: of the buses, by name, for the gains' unit; 2 where it is not given.
+    XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. Currents,
+    voltages and temperatures are unknown. `start` in ticks, (n,). protocols: of the buses, by name, for the unit of
+    their gains; 2 where it is not given.
     """
 
     def __init__(
@@ -51,7 +52,6 @@ class MockBus:
         self._lag = np.array([loop_lag(servo, protocol=spoken.get(servo.bus, 2)) for servo in servos])  # (n,) [s]
         self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
-        self._current_unit = np.array([model.current_unit or np.nan for model in models])  # (n,) [A], NaN: reports none
         zero = np.array([servo.zero_tick for servo in servos], dtype=np.int64)
         self._position: FloatArray = np.array(
             zero if start is None else start, dtype=np.float64
@@ -60,7 +60,6 @@ class MockBus:
             [model.centre_tick for model in models], dtype=np.float64
         )  # (n,) register [tick]
         self._velocity = np.zeros(count)  # (n,) [rad/s]
-        self._load = ServoLoad(np.array([model.voltage for model in models]), self._top * self._tick_rad)
         self._torque = np.zeros(count, dtype=np.bool_)
         self._time = clock.now()
         self._open = False
@@ -108,11 +107,10 @@ class MockBus:
         self._time += elapsed
         if elapsed <= 0.0:
             return
-        before, turns = self._velocity, self._turning()
+        turns = self._turning()
         moved, velocity = saturated_lag(self._goal - self._position, lag=self._lag, top=self._top, elapsed=elapsed)
         self._position = self._position + turns * moved
         self._velocity = turns * velocity * self._tick_rad
-        self._load.advance(before=before, after=self._velocity, torque=self._torque, elapsed=elapsed)
 
     def _turning(self) -> BoolArray:
         """Which shafts (n,) go to their goals."""
@@ -125,9 +123,9 @@ class MockBus:
             time=self._time,
             position=np.rint(self._position).astype(np.int64),
             velocity=np.rint(self._velocity / VELOCITY_UNIT) * VELOCITY_UNIT,
-            current=np.rint(self._load.current / self._current_unit) * self._current_unit,
-            voltage=np.rint(10.0 * self._load.voltage) / 10.0,
-            temperature=np.rint(self._load.temperature),
+            current=np.full(count, np.nan),
+            voltage=np.full(count, np.nan),
+            temperature=np.full(count, np.nan),
             error=np.zeros(count, dtype=np.uint8),
             alert=np.zeros(count, dtype=np.uint8),
             age=np.zeros(count),

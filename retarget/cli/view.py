@@ -13,7 +13,7 @@ from retarget.cli.application import note
 from retarget.cli.exit import StopRequest, stop_on_signals
 from retarget.live.performer import LivePerformer
 from retarget.run.loop import ObserverCallback, Watch
-from retarget.run.options import RunOptions
+from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
@@ -143,6 +143,7 @@ def viewing(
         human_mjcf=prepared.human.mjcf,
         sensors=tuple(prepared.performer.sensors),
         landmarks=() if machine is None else tuple(machine.robot.profile.landmarks),
+        servos_measure=options.bus not in SERVOLESS,
     )
     feed.begin(setup, rate_hz=1.0 / prepared.samples.dt)
     with closing(Viewing(feed, notify)) as view:

@@ -102,7 +102,7 @@ PHYSICS = ("physics", "physics+wire")
 WIRED = ("emulator", "physics+wire")
 """Buses with an emulated wire, on which faults can be injected."""
 SERVOLESS = ("mock", "none")
-"""Buses that `--robot human` accepts: the default one, and none."""
+"""Buses whose servos measure no current, voltage and temperature; those that `--robot human` accepts."""
 MAX_ITERATIONS = 100
 """Most iterations of a frame, twenty times the paper's: more is a mistyped value."""
 

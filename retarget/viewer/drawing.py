@@ -257,7 +257,7 @@ class Drawing:
     @property
     def keys(self) -> Keys:
         """What their colours mean."""
-        profile = self._cast.profile if self._cast.servos_commanded else None
+        profile = self._cast.profile if self._cast.servos_measure else None
         heated = () if profile is None else heat_keys(profile.profile.safety.temperature_c)
         return (*(key for part in self._parts for key in LEGEND[part]), *heated)
 

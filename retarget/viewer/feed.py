@@ -45,7 +45,7 @@ MOST_WORDS = 1024
 class PageSetup:
     """Who and what is seen, once the performer is known. robot: name or file of the profile, None for a human alone;
     root: how it stands in the world, None as its profile says; scene: file or name. sensors: of the
-    performer, and landmarks: of the robot, names."""
+    performer, and landmarks: of the robot, names. servos_measure: temperatures and currents."""
 
     robot: str | None
     root: Root | None
@@ -53,6 +53,7 @@ class PageSetup:
     human_mjcf: str
     sensors: tuple[str, ...] = ()
     landmarks: tuple[str, ...] = ()
+    servos_measure: bool = True
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ QUANTITIES = {
 }
 """What can be plotted, and the title of its plot."""
 OF_ANGLES = ("angle", "off its goal")
-"""Those of a run that knows no more of its servos than where they were."""
+"""Those of a run that knows no more of its servos than where they were: those of a mock bus measure nothing else."""
 LEAST_HEIGHT = 0.1
 """Least height of a plot, in its unit: what trembles by less is flat."""
 PLOTTED = 1500
@@ -36,7 +36,7 @@ class JointPlot:
         self._cast, self._rows, self._reach = cast, rows, (0.0, 0.0)
         with server.gui.add_folder("plot"):
             self._joint = server.gui.add_dropdown("joint", cast.joints)
-            quantities = tuple(QUANTITIES) if cast.servos_commanded else OF_ANGLES
+            quantities = tuple(QUANTITIES) if cast.servos_measure else OF_ANGLES
             self._quantity = server.gui.add_dropdown("shows", quantities)
             self._plot = server.gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2)),

@@ -146,6 +146,7 @@ def cast_of(setup: PageSetup) -> Cast:
         landmarks=setup.landmarks,
         sensors=setup.sensors,
         obstacles=obstacle_meshes(scene_shapes(load_scene(setup.scene))) if setup.scene else (),
+        servos_measure=setup.servos_measure,
     )
 
 

@@ -108,7 +108,7 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
         landmarks=() if robot is None or robot.asked is None else robot.asked.names,
         sensors=() if run.sensors is None else run.sensors.names,
         obstacles=() if scene is None else scene.obstacles,
-        servos_commanded="temperature" in run.tracks,
+        servos_measure=bool(np.isfinite(run.tracks.get("temperature", np.nan)).any()),
     )
     tracks: dict[str, NDArray[Any]] = {"human": human.q[run.shown]}
     tracks |= {} if run.sensors is None else {"sensors": run.sensors.position[run.shown]}

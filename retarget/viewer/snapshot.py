@@ -34,7 +34,7 @@ class Cast:
     and sensors (s) of the performer: names.
 
     profile: of the robot, where it is known: its soles, observers and servos. obstacles: of the scene.
-    servos_commanded: snapshots hold temperatures and currents of the servos.
+    servos_measure: snapshots hold temperatures and currents of the servos.
     """
 
     human: SolidBody
@@ -44,7 +44,7 @@ class Cast:
     landmarks: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
     obstacles: Sequence[Mesh] = ()
-    servos_commanded: bool = True
+    servos_measure: bool = True
 
     @cached_property
     def columns(self) -> IntArray:

@@ -1,4 +1,4 @@
-"""Supply, current and heat of emulated servos: the model of `sim.servo_model`, one servo at a time, with overload."""
+"""Supply, current and heat of emulated servos: by the numbers of `sim.servo_model`, with overload."""
 
 from math import expm1
 
@@ -63,7 +63,7 @@ class Electrics:
 
     @property
     def supplied(self) -> float:
-        """Supply as a share of the nominal voltage, sag left out (as the mock bus leaves it out of the speed)."""
+        """Supply as a share of the nominal voltage, sag left out, so that a shaft moves as on the mock bus."""
         return 1.0 if self.set_voltage is None else max(self.set_voltage, 0.0) / self.nominal
 
     @property

@@ -178,6 +178,7 @@ def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.C
     data = json.loads(report.read_text())
     assert data["frames"] == 361 and data["ticks"] > 751 and data["rate_hz"] == 125.0
     assert data["stop"] == {"state": "off", "reason": None}
+    assert data["bus"]["hottest"] is data["bus"]["lowest_voltage"] is None, "mock servos measure neither"
     assert data["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
     assert data["hand_path_ratio"] > 0.5 and data["pelvis_excursion_ratio"] > 0.3
     with np.load(saved) as arrays:

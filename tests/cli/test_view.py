@@ -5,11 +5,18 @@ from typing import Any, cast
 
 import pytest
 
+from hardware.clock import VirtualClock
 from messages import shows
+from recordings import performer
 from retarget.cli import main
 from retarget.cli.exit import REFUSED, StopRequest
-from retarget.cli.view import ON_THE_PAGE, Viewing
+from retarget.cli.view import ON_THE_PAGE, Viewing, viewing
 from retarget.report.outputs import Outputs
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.viewer.feed import PageSetup
+from retarget.viewer.live_page import cast_of
+from sim.mock_bus import mock_bus
 
 
 def leave(*words: str | Path) -> int:
@@ -36,6 +43,10 @@ def test_a_page_is_where_view_says() -> None:
 class FakeFeed:
     def __init__(self) -> None:
         self.pressed, self.rows = False, list[int]()
+        self.setup: PageSetup
+
+    def begin(self, setup: PageSetup, *, rate_hz: float) -> None:
+        self.setup = setup
 
     def stop_asked(self) -> bool:
         return self.pressed
@@ -58,3 +69,13 @@ def test_who_asked_first_stays_the_reason() -> None:
     stop.ask("the space bar")
     feed.pressed = True
     assert Viewing(cast(Any, feed)).with_stop_button(stop, stop)() and stop.why() == "the space bar"
+
+
+@pytest.mark.parametrize(("bus", "measure"), [("mock", False), ("none", False), ("emulator", True)])
+def test_a_page_shows_heat_and_current_where_servos_measure_them(bus: str, measure: bool) -> None:
+    feed, options = FakeFeed(), RunOptions(robot="op3", bus=bus)
+    with (
+        prepare(performer(), options, clock=VirtualClock(), make_bus=mock_bus) as prepared,
+        viewing(cast(Any, feed), prepared, options, notify=lambda text: None),
+    ):
+        assert cast_of(feed.setup).servos_measure == measure

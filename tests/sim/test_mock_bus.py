@@ -13,7 +13,8 @@ from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from hardware.servo import ServoGains, loop_lag
 from messages import refuses
-from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, ServoLoad, saturated_lag
+from sim.mock_bus import MockBus
+from sim.servo_model import saturated_lag
 
 SERVOS = four_servos()
 START = np.array([2048, 2100, 2048, 512])
@@ -34,6 +35,17 @@ def test_what_servos_say_can_be_set_for_a_while() -> None:
     assert [states.temperature[2] == 9.0 for states in cycles] == [False, True, False]
     assert [states.voltage[2] == 9.0 for states in cycles] == [False, True, False]
     assert cycles[1].temperature[1] > 20.0 and cycles[1].voltage[1] > 10.0
+
+
+def test_its_servos_measure_no_current_voltage_and_temperature() -> None:
+    bus = MockBus(SERVOS, clock := VirtualClock(), start=START)
+    bus.open()
+    bus.write(ServoGoals(GOAL))
+    bus.torque(True)
+    clock.advance(0.1)
+    states = bus.read()
+    assert states.velocity.any()
+    assert np.isnan([states.current, states.voltage, states.temperature]).all()
 
 
 def test_goals_are_approached_no_faster_than_the_servo_turns() -> None:
@@ -122,34 +134,7 @@ def test_a_servo_without_answer_to_torque_is_named_and_the_others_are_off() -> N
     bus.close()  # is closed, and allowed
 
 
-# Currents, voltages and temperatures stay plausible.
-
-ON = np.ones(3, dtype=np.bool_)
-STILL = np.zeros(3)
-
-
-def make() -> ServoLoad:
-    return ServoLoad(np.full(3, 12.0), np.full(3, 4.8))
-
-
-def test_a_moving_servo_draws_more_than_one_at_rest_and_the_supply_sags() -> None:
-    load = make()
-    load.advance(before=STILL, after=STILL, torque=ON, elapsed=0.01)
-    assert np.all(load.current < 0.05) and np.all(load.voltage > 11.9)
-    load.advance(before=STILL, after=np.array([4.0, 0.0, 0.0]), torque=ON, elapsed=0.1)
-    assert load.current[0] > 0.3 and load.current[1] == load.current[2] < 0.05
-    assert np.all(load.voltage == load.voltage[0]) and load.voltage[0] < 12.0
-    load.advance(before=STILL, after=np.full(3, 4.0), torque=~ON, elapsed=0.1)
-    assert np.all(load.current < 0.05)  # without torque there is no drive
-
-
-def test_heat_rises_to_its_final_value() -> None:
-    load = make()
-    fast = np.full(3, 4.0)
-    for _ in range(10):
-        load.advance(before=fast, after=fast, torque=ON, elapsed=1000.0)
-    assert load.temperature == pytest.approx(AMBIENT + HEAT_PER_AMPERE2 * load.current**2)
-
+# The lag with which a servo follows its goal.
 
 LAG = np.array([0.045, 0.02, 0.1, 0.0])  # [s]
 TOP = np.array([3140.0, 1000.0, 50.0, 800.0])  # [tick/s]

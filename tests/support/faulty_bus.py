@@ -13,6 +13,7 @@ from hardware.clock import Clock
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec
 from sim.mock_bus import ALERT_BIT, MockBus
+from sim.servo_model import AMBIENT, IDLE_CURRENT
 
 
 class FaultKind(Enum):
@@ -53,7 +54,7 @@ class MockFault:
 
 
 class FaultyBus(MockBus):
-    """A mock bus with `faults`, as data."""
+    """A mock bus with `faults`, as data. Its servos measure current, supply and temperature, which stay the same."""
 
     def __init__(
         self,
@@ -68,6 +69,9 @@ class FaultyBus(MockBus):
         super().__init__(servos, clock, start=start, protocols=protocols)
         if lag is not None:
             self._lag = np.full(len(servos), lag)
+        models = [servo.model for servo in servos]
+        self._current = np.array([np.nan if model.current_unit is None else IDLE_CURRENT for model in models])  # [A]
+        self._voltage = np.array([model.voltage for model in models])
         self._faults = tuple(faults)
         self._alert = np.zeros(len(servos), dtype=np.uint8)
         self._cycle = -1  # of reads
@@ -127,6 +131,15 @@ class FaultyBus(MockBus):
     def _turning(self) -> BoolArray:
         """Which shafts (n,) have torque, and are not stuck."""
         return self._torque > self._struck(FaultKind.STUCK)
+
+    def _registers(self) -> ServoStates:
+        """The registers, with what healthy servos at rest would measure; a servo without a current register none."""
+        return replace(
+            super()._registers(),
+            current=self._current.copy(),
+            voltage=self._voltage.copy(),
+            temperature=np.full(len(self._servos), AMBIENT),
+        )
 
     def _merged(self, fresh: ServoStates, missing: BoolArray) -> ServoStates:
         """Fresh values of the servos that answer, and the last values of the `missing` ones (n,)."""

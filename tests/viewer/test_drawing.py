@@ -1,5 +1,6 @@
 """The scene of a page: what moves is sent, what stands still is not, and what is hidden costs nothing."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,13 @@ def test_limbs_are_red_at_the_temperature_that_stops_the_robot(server: Any) -> N
     assert [tuple(limb.color) for limb in limbs] == [HOT, COLD]
     drawing.show(snapshot(temperature=None))
     assert tuple(limbs[0].color) == HOT, "what is not known changes nothing"
+
+
+@pytest.mark.parametrize("measure", [True, False])
+def test_the_legend_names_heat_where_servos_measure_it(server: Any, measure: bool) -> None:
+    heated = heat_keys(op3().profile.safety.temperature_c)
+    keys = Drawing(server, replace(cast_of_op3(), servos_measure=measure)).keys
+    assert [key in keys for key in heated] == [measure, measure]
 
 
 def test_observers_are_seen_while_they_act(server: Any) -> None:

@@ -1,5 +1,6 @@
 """The page of a recorded run: what is shown when, by its buttons, its slider and the clock."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 from unittest.mock import MagicMock
@@ -13,7 +14,7 @@ from followers import op3
 from hardware.clock import VirtualClock
 from messages import shows
 from retarget.types import FloatArray
-from retarget.viewer.joint_plot import QUANTITIES, JointPlot, curves
+from retarget.viewer.joint_plot import OF_ANGLES, QUANTITIES, JointPlot, curves
 from retarget.viewer.page import PLAY, RecordedPage, headline_of
 from retarget.viewer.snapshot import GRAVITY, Row, zero_moment_point
 from viewed import cast_of_op3, person, snapshot
@@ -131,6 +132,11 @@ def test_curves_of_a_joint_are_no_more_than_can_be_seen(quantity: str) -> None:
     expected = {"angle": np.degrees(0.1), "off its goal": np.degrees(0.1), "temperature": 40.0, "current": 0.5}
     np.testing.assert_allclose(servo, expected[quantity])
     assert np.isnan(goal).all() == (quantity != "angle")
+
+
+def test_what_servos_do_not_measure_is_not_offered(server: Any) -> None:
+    plot: Any = JointPlot(server, replace(cast_of_op3(), servos_measure=False), rows_of(np.arange(50.0)))
+    assert plot._quantity.options == OF_ANGLES
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)

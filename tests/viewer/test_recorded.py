@@ -108,7 +108,7 @@ def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
         arrays = {key: saved[key] for key in saved}
     robot = run.cast.robot
     assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
-    assert not run.cast.servos_commanded
+    assert not run.cast.servos_measure
     states = {shown(run, row).state for row in range(len(run.times))}
     assert states == {"approaching", "following", "stopping"}
     for row in (0, len(run.times) // 2, len(run.times) - 1):

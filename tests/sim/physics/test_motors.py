@@ -66,7 +66,7 @@ def load(value: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return torque
 
 
-def test_a_servo_warms_to_its_final_rise_of_the_size_of_the_mock_bus_and_cools_again() -> None:
+def test_a_servo_warms_to_its_final_rise_of_the_size_of_the_emulator_and_cools_again() -> None:
     electrics = Electrics(DRIVES)
     current = electrics.current(load(1.0), ON)[3]
     final = AMBIENT + HEAT_PER_WATT * DRIVES[3].numbers.resistance * current**2
