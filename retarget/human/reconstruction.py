@@ -86,8 +86,8 @@ _SETTLING_S = 1.0
 _SETTLING_FRAMES = 200
 _SETTLED = 1e-5
 """Settling ends when no coordinate changes by more than this per frame (m, rad)."""
-_LONGEST_FRAME_S = 0.0201
-"""Longest frame of the solver, that of 50 Hz: in a longer one its few iterations do not follow a fast hand."""
+_LONGEST_FRAME_S = 0.0101
+"""Longest frame of the solver, that of 100 Hz: in a longer one its few iterations do not follow a fast hand."""
 _MOST_PARTS = 50
 """Parts of a step: those of 1 s."""
 _FEET = ("l_ankle", "r_ankle")
