@@ -44,10 +44,10 @@ class LimitUse:
 
 
 def limit_use(run: RunResult) -> LimitUse:
-    """The use of limits by the postures that were sent (of a human: reconstructed), by finite differences."""
+    """The use of limits by the goals that were sent (of a human: by its postures), by finite differences."""
     moved, sent = moved_joints(run), run.record.robot
     names, limits, dt = moved.names, moved.limits, moved.dt
-    positions = moved.positions if sent is None else np.vstack([sent.start, moved.positions])
+    positions = moved.positions if sent is None else np.vstack([sent.start, sent.goals])
     if len(positions) < 3 or not names:
         return LimitUse(None, None, None)
     step = np.diff(positions, axis=0)

@@ -69,7 +69,7 @@ class StandingBalance:
     """
 
     def __init__(self, priorities: Priorities, stance: Stance) -> None:
-        self.edges = stance.edges(max((task.margin for task in _support_tasks(priorities)), default=0.0))
+        self.edges = stance.edges(max((task.margin for task in support_tasks(priorities)), default=0.0))
         self._drawn_in: Edges = self.edges.tolist()
         share = moving_share(priorities)
         self._room = None if share is None else room_of(self.edges, share, stance)
@@ -82,13 +82,14 @@ class StandingBalance:
         return moving_spaces(self._room, com, velocity, dt)
 
 
-def _support_tasks(priorities: Priorities) -> list[CentreOfMassTask]:
+def support_tasks(priorities: Priorities) -> list[CentreOfMassTask]:
+    """The tasks that keep a centre of mass over soles."""
     return [task for _, _, task in priorities.tasks() if isinstance(task, CentreOfMassTask)]
 
 
 def moving_share(priorities: Priorities) -> float | None:
     """The share of the support in which priorities keep a mass in motion; None: they balance it as if at rest."""
-    return min((task.moving for task in _support_tasks(priorities) if task.moving is not None), default=None)
+    return min((task.moving for task in support_tasks(priorities) if task.moving is not None), default=None)
 
 
 def inside(edges: Edges, point: FloatArray) -> float:

@@ -24,7 +24,7 @@ from retarget.model.human import Human, build_human
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
-from retarget.robot.balance import moving_share
+from retarget.robot.balance import moving_share, support_tasks
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
@@ -288,10 +288,10 @@ def stage_priorities(
     of_human = _load_priorities(first, f"reconstruct {by}")
     of_robot = _load_priorities(last, key if options.priorities is None else "--priorities")
     of_robot, notes = with_steps(of_robot, robot, options.steps, parts=options.parts)
-    usual = name_with_mass(robot)
-    if robot.stands and options.has_mass and last != usual and moving_share(of_robot) is None:
-        still = f"{last} balances {profile.name} as if it stood still, so it may fall"
-        notes = (*notes, f"{still}. Use {usual}, or extend it")
+    usual, balances = name_with_mass(robot), bool(support_tasks(of_robot))
+    if robot.stands and last != usual and (not balances or (options.has_mass and moving_share(of_robot) is None)):
+        how = f"balances {profile.name} as if it stood still" if balances else f"does not balance {profile.name}"
+        notes = (*notes, f"{last} {how}, so it may fall. Use {usual}, or extend it")
     return of_human, of_robot, notes
 
 

@@ -488,7 +488,7 @@ def _carriers(task: CarriedTask, here: KeyPath, document: Document) -> list[Prob
 
 # Whether a priority file is for the body that it was given to: a robot's file moves no human, nor the other way.
 
-FOR_HUMANS = "human, paper"
+FOR_HUMANS = "human, human_clear, paper"
 """The shipped priority files of the human's stage."""
 
 _GIVE_HUMAN = f"Give the human a priority file of its own (shipped: {FOR_HUMANS})"

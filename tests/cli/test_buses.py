@@ -68,11 +68,21 @@ def test_simulated_servos_begin_where_the_robot_stands(name: str, kind: type, ro
 
 
 @pytest.mark.parametrize(
-    ("bus", "priorities", "is_noted"), [("physics", "servo", True), ("physics", None, False), ("mock", "servo", False)]
+    ("bus", "priorities", "is_noted"),
+    [("physics", "servo", True), ("physics", None, False), ("mock", "servo", False), ("mock", "unbalanced.yaml", True)],
 )
-def test_priorities_without_a_mass_are_noted_where_there_is_one(
-    bus: str, priorities: str | None, is_noted: bool, robot: RobotBody
+def test_priorities_under_which_a_robot_may_fall_are_noted(
+    bus: str,
+    priorities: str | None,
+    is_noted: bool,
+    robot: RobotBody,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    levels = "[self collision, soles, likeness, posture]"
+    text = f"name: unbalanced\ndescription: without balance\nextends: servo\nlevels: {levels}\n"
+    Path("unbalanced.yaml").write_text(text, encoding="utf-8")
     *_, notes = stage_priorities(robot, RunOptions(robot="op3", bus=bus, priorities=priorities))
     assert bool(notes) == is_noted
     if notes:
