@@ -341,9 +341,9 @@ def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
     yield Finding("at rest", "" if seen.toppled is None else f"it did not stay: {seen.toppled}")
     margin = seen.min_zmp_margin_mm
     if margin is not None:
-        near = f"never nearer to the edge of the soles than {margin:z.1f} mm"
+        near = f"never nearer to the edge of the soles than {margin:z.2f} mm"
         slipped = f"{seen.foot_slip_mm['total']:.1f} mm slipped, tipped by {seen.sole_tilt_max_deg:.1f} degrees"
-        yield Finding("pressure", f"{near}; {slipped}", "within the soles", margin > TIPS_MM)
+        yield Finding("pressure", f"{near}; {slipped}", f"more than {TIPS_MM:g} mm inside the soles", margin > TIPS_MM)
     torque, heat = seen.torque_nm, {joint: heat for joint, heat in seen.temperature_c.items() if heat == heat}
     if torque:
         most = max(torque, key=lambda joint: torque[joint].max)

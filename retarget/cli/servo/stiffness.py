@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import typer
 
+from hardware.guard_state import StopCause
 from hardware.servo import DEFAULT_P_GAIN, p_gain
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import detached_screens, stop_on_signals
@@ -63,7 +64,9 @@ def stiffness(
     run = _play(body, options, held, hung)
     record, sent = run.record, run.record.robot
     if run.reason is not None or sent is None:
-        typer.echo(f"no measurement: {run.reason}", err=True)
+        soft = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
+        lighter = f". {joint} may be softer than expected: take a joint that carries less" if soft else ""
+        typer.echo(f"no measurement: {run.reason}{lighter}", err=True)
         raise typer.Exit(1)
     rows = record.phase == Phase.FOLLOW
     goals = body.joint_map.to_radians(sent.goal_ticks[rows])

@@ -5,6 +5,7 @@ import io
 import re
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ import pytest
 from command_line import code_of, copy_of_op3
 from hardware.bus import ServoGoals
 from hardware.guard import CheckedGoal, Guard
+from hardware.guard_state import Stop, StopCause
 from messages import shows
-from retarget.cli.exit import DONE, REFUSED
+from retarget.cli.exit import DONE, REFUSED, STOPPED
 from retarget.safety.gate import Gate
 from sim.physics.bus import PhysicsBus
 
@@ -115,3 +117,14 @@ def test_what_is_refused_before_anything_moves(
     ):
         assert run("op3", "--joint", "l_knee", *words) == REFUSED
         shows(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("cause", [StopCause.FOLLOWING_ERROR, StopCause.TEMPERATURE])
+def test_a_servo_that_gives_way_is_to_carry_less(
+    cause: StopCause, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop = Stop(cause, "the guard stopped it", 1.0)
+    ended = SimpleNamespace(record=SimpleNamespace(robot=None), reason=stop.reason, stop=stop)
+    monkeypatch.setattr("retarget.cli.servo.stiffness._play", lambda *_: ended)
+    assert run("op3", "--joint", "l_knee", "--bus", "physics") == STOPPED
+    shows(capsys.readouterr().err)
