@@ -126,5 +126,5 @@ def test_a_servo_that_gives_way_is_to_carry_less(
     stop = Stop(cause, "the guard stopped it", 1.0)
     ended = SimpleNamespace(record=SimpleNamespace(robot=None), reason=stop.reason, stop=stop)
     monkeypatch.setattr("retarget.cli.servo.stiffness._play", lambda *_: ended)
-    assert run("op3", "--joint", "l_knee", "--bus", "physics") == STOPPED
+    assert run("op3", "--joint", "l_knee", "--bus", "physics", *WEIGHT) == STOPPED
     shows(capsys.readouterr().err)
