@@ -127,7 +127,7 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
         return
     differs = [(words, value, seen) for words, value, seen in _differences(run, report) if value >= seen.difference]
     lost = [words for words, value, seen in differs if value >= seen.lost]
-    verdict, kept = "follows", True if not differs else None if not lost else False
+    verdict, kept = "follows", False if lost else None if differs else True
     if differs:
         shown = lost or [words for words, _, _ in differs]
         verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
