@@ -68,7 +68,10 @@ def test_ratios_and_travel_are_those_of_the_simulated_body(bare: RunResult, push
     assert q is not None and bare.record.robot is not None and bare.moved_q is bare.record.robot.q
     tick = int(np.argmin(np.abs(pushed.time - bare.record.time[20])))
     np.testing.assert_allclose(q[20, :7], pushed.body[tick, :7], atol=2e-3)
-    assert fell.likeness_deg == still.likeness_deg and (fell.travelled_m.robot or 0.0) > 0.0
+    assert still.likeness_deg is not None and fell.likeness_deg is not None and still.trunk_lean_deg is not None
+    assert fell.likeness_deg["thighs"].max > still.likeness_deg["thighs"].max
+    assert fell.trunk_lean_deg is not None and fell.trunk_lean_deg.max > still.trunk_lean_deg.max
+    assert (fell.travelled_m.robot or 0.0) > 0.0
 
 
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
