@@ -92,7 +92,7 @@ def test_a_frozen_robot_hides_nothing(frozen: bool) -> None:
 def test_a_hand_that_is_away_is_away_for_as_long_as_in_one_piece() -> None:
     human, _ = performed()
     asked = performance(human, follower().landmark_map.names, points())
-    gone = points()[:, :].copy()
+    gone = points().copy()
     column = asked.landmark_names.index("l_hand")
     for first, last in ((20, 60), (100, 180)):
         gone[first:last, column] += AWAY_M + 0.01
