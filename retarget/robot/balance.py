@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from retarget import rotations
 from retarget._solver import Probe
@@ -418,6 +417,8 @@ def _over(
 ) -> tuple[FloatArray, float]:
     """The posture (nq,) nearest to `stand` with both soles planted and the centre of mass over the one that is to carry
     alone, its trunk as it is, `squat` m lower if that is given; and how far (m) corners or mass are off then."""
+    from scipy.optimize import least_squares  # half of a start, and only a setup without a run asks for it
+
     body, solver = robot.body, robot.body.solver_body()
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]
     dofs = [body.dof_index(joint) for joint in joints]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from observed import BOX, CARTS, CYLINDER, POINT, Rig, Shape, aim, ball, chain, rig, rod, wall
-from retarget._solver import Solver, Task
+from retarget._solver import Braking, Solver, Task
 
 DT, SPEED, INFLUENCE = 0.02, 0.5, 0.1
 ITERATIONS = [1, 2, 3, 5, 10]
@@ -38,6 +38,26 @@ def test_a_straight_approach_ends_on_the_law(distance: float, n_ik: int) -> None
         assert distance >= least - 1e-12
         if n_ik > 2:  # one iteration goes 5 cm at most
             assert distance == pytest.approx(least, abs=1e-9)
+
+
+@pytest.mark.parametrize("speed", [1.5, 2.5])
+@pytest.mark.parametrize("acceleration", [2.0, 5.0])
+def test_a_body_that_brakes_at_any_moment_stops_before_the_margin(speed: float, acceleration: float) -> None:
+    """A wall in the way along x, after y goes as fast again as x: braking in proportion takes as long as y needs."""
+    made = rig(POINT, [ball(1, margin=0.01)], [wall(quat=(0.5**0.5, 0.0, -(0.5**0.5), 0.0), at=(0.5, 0.0, 0.0))])
+    levels = [[Task.preventive(speed=SPEED)], [Task.position(1)]]
+    far, fastest = np.full(3, 100.0), speed * np.array([0.5, 1.0, 1.0])
+    solver = made.solver(levels, activation="all", n_ik=5, max_velocity=fastest, acceleration=acceleration)
+    braking = Braking(-far, far, fastest, np.full(3, acceleration), dt=DT)
+    q, nearest = np.zeros(3), np.inf
+    for k in range(300):
+        before, q = q, solver.frame(aim(solver, l1_0=(1.0 if k > 50 else 0.0, 30.0, 0.0)), DT).copy()
+        step = q - before
+        ticks = braking.ticks(step)
+        stop = q + step * sum(1.0 - tick / ticks for tick in range(1, int(ticks) + 1))
+        nearest = min(nearest, float(made.near(stop).distance[0]))
+        assert nearest >= 0.01 - 1e-9
+    assert nearest < 0.011  # it came there, nevertheless
 
 
 @pytest.mark.parametrize("n_ik", ITERATIONS)

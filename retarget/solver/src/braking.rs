@@ -69,6 +69,17 @@ pub fn frame_bounds(q: f64, before: f64, limit: &Limit, dt: f64) -> FrameBox {
     }
 }
 
+/// Seconds that a body needs to come to rest, at most, after a frame that begins at this velocity: as long as the slowest coordinate at
+/// its full deceleration. 0 for a body at rest, and for one that stops at once.
+pub fn stopping_time(velocity: &[f64], limits: &[Limit], dt: f64) -> f64 {
+    let now = velocity.iter().zip(limits).map(|(v, limit)| v.abs() / limit.acceleration).fold(0.0, f64::max);
+    if now > 0.0 {
+        now + dt
+    } else {
+        0.0
+    }
+}
+
 /// Part of the frame's box that is left for one iteration, with its step limit. Contains a point of the frame's box always.
 pub fn iteration_bounds(frame: &FrameBox, done: f64, step: f64) -> (f64, f64) {
     let (lo, hi) = (frame.lo - done, frame.hi - done);

@@ -1,6 +1,6 @@
 //! The observers of one solver at work: what is known of each pair, and how near it may come.
 
-use super::law::{damped_floor, way_out, Mode};
+use super::law::{damped_floor, stopping_floor, way_out, Mode};
 use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
@@ -59,6 +59,8 @@ pub struct Watch {
     /// Violation of each task's rows, m.
     pub violation: Vec<f64>,
     pub(super) dt: f64,
+    /// Seconds that the body needs to come to rest from how it moves as a frame begins.
+    pub stopping: f64,
     /// Share of a frame that one iteration is.
     pub(super) iteration: f64,
     pub(super) approaching: Vec<Approach>,
@@ -112,6 +114,7 @@ impl Watch {
             modes_now: vec![Mode::Free; set.observers.len()],
             violation: vec![0.0; tasks.len()],
             dt: 0.0,
+            stopping: 0.0,
             iteration: 1.0,
             approaching: Vec::with_capacity(set.pairs.len()),
             solids: set.new_solids(),
@@ -219,7 +222,10 @@ impl Watch {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
         match (state.mode, self.task_of[k]) {
             (Mode::Reactive, (_, Some(task))) => way_out(distance, pair.margin, self.tasks[task].speed, dt),
-            (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
+            (_, (Some(task), _)) => {
+                let damped = damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt);
+                damped.max(stopping_floor(distance, pair.margin, self.stopping, dt))
+            }
             _ => f64::NEG_INFINITY,
         }
     }
