@@ -11,6 +11,9 @@ from messages import shows
 REAL_TIME = {"send_poses"}
 """Examples that go on in real time: each has a test of its own."""
 
+QUICK = {"live_obstacle", "move_one_joint", "own_hierarchy", "own_loop", "stand_in_physics"}
+"""Examples that take a second or three; the others are long."""
+
 NEEDS = {"read_into_pandas": ("pandas",)}
 """What an example needs beyond what every test needs."""
 
@@ -22,7 +25,10 @@ EXAMPLES = sorted(
 )
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, id=path.stem, marks=() if path.stem in QUICK else pytest.mark.long) for path in EXAMPLES],
+)
 def test_example_runs(
     path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -110,6 +110,7 @@ def test_an_unknown_sensor_is_refused_with_the_nearest_name(positions: str) -> N
         SensorSample.of({positions: (0, 0, 1.6)}, {"haed": (1, 0, 0, 0)})
 
 
+@pytest.mark.long
 def test_a_lost_sensor_is_none_or_not_valid() -> None:
     first, second = started(), started()
     for _ in range(3):
@@ -202,6 +203,7 @@ def wild() -> Iterator[st.SearchStrategy[object]]:
     yield st.tuples(st.sampled_from(FIVE), st.sampled_from([0.1, 1.0, 30.0, 1e5, 1e300, np.inf, np.nan]))
 
 
+@pytest.mark.long
 @settings(max_examples=8, deadline=None)
 @given(st.lists(st.tuples(st.one_of(*wild()), st.integers(1, 40), st.floats(0.0, 15.0)), min_size=1, max_size=3))
 def test_wild_and_missing_samples_break_no_limit(pieces: list[tuple[tuple[str, float] | None, int, float]]) -> None:
@@ -242,6 +244,7 @@ def test_without_samples_the_robot_brakes_holds_and_comes_back_slowly() -> None:
     assert keep_limits([*follow, *gone, *(one.joint_positions for one in back)])
 
 
+@pytest.mark.long
 def test_after_postures_that_no_solver_found_it_comes_back_as_after_any_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline, step, lost = started(), Follower.step, iter(range(5))
 
@@ -259,6 +262,7 @@ def test_after_postures_that_no_solver_found_it_comes_back_as_after_any_hold(mon
     assert changes <= 2 + 2 * 4, "and it does not flap"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", [1e7, np.nan])
 def test_a_wrist_that_is_nowhere_is_a_lost_wrist(by: float) -> None:
     assert ten_goals(moved(still(), by, "l_wrist")) == of_a_lost_wrist()
@@ -290,6 +294,7 @@ def test_the_robot_waits_in_its_approach_for_a_performer_who_is_lost() -> None:
     assert keep_limits(goals)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("names", [("l_ankle",), FIVE])
 def test_a_lost_ankle_holds_the_robot_and_a_lost_wrist_does_not(names: tuple[str, ...]) -> None:
     pipeline = started()
@@ -299,6 +304,7 @@ def test_a_lost_ankle_holds_the_robot_and_a_lost_wrist_does_not(names: tuple[str
     assert state_of(pipeline) == "hold"
 
 
+@pytest.mark.long
 def test_a_stop_brakes_and_a_new_start_goes_on_from_there() -> None:
     pipeline = started()
     for tick in range(150):
@@ -328,6 +334,7 @@ def test_the_human_alone(robot: str | None) -> None:
     assert pipeline.step(None, 0.01).human.q.tolist() == goal.human.q.tolist()
 
 
+@pytest.mark.long
 def test_the_same_calls_give_the_same_goals() -> None:
     def goals() -> list[list[float]]:
         pipeline = Pipeline("op3", performer="five")
@@ -338,6 +345,7 @@ def test_the_same_calls_give_the_same_goals() -> None:
     assert goals() == goals()
 
 
+@pytest.mark.long
 def test_what_cannot_be_used_is_refused_and_nothing_changes() -> None:
     pipeline = started()
     before = pipeline.step(still(), DT).joint_positions
@@ -355,6 +363,7 @@ def test_what_cannot_be_used_is_refused_and_nothing_changes() -> None:
     assert np.abs(pipeline.step(still(), DT).joint_positions - before).max() < 1e-3
 
 
+@pytest.mark.long
 def test_what_cannot_be_started_is_refused() -> None:
     with refuses(UsageError, "rate_hz"):
         Pipeline(None, rate_hz=np.nan)

@@ -116,7 +116,7 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
-    performance = _performance(run)
+    performance, moved = _performance(run), _moved(run, reached)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -128,7 +128,7 @@ def measure(run: RunResult) -> Report:
         retarget_us=None if run.record.robot is None else percentiles(run.record.timing.retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, run.clip.dt),
-        **_ways(run, performance),
+        **_ways(run, performance, moved),
         unsensed_mm=_unsensed(run),
         min_clearance_mm=clear.geoms,
         penetrating_frames=clear.penetrating,
@@ -148,7 +148,7 @@ def measure(run: RunResult) -> Report:
         likeness_deg=(likeness := _likeness(run, performance))[0],
         trunk_lean_deg=likeness[1],
         best_likeness_deg=None,
-        **_hands(run, performance, reached),
+        **_hands(run, performance, moved),
         closest_links=clear.closest,
         deep=clear.deep,
         observers=observers,
@@ -173,10 +173,9 @@ class _Ways(TypedDict):
     turned_deg: BothMoved
 
 
-def _ways(run: RunResult, performance: Performance | None) -> _Ways:
-    """How far robot and performer got."""
-    names, asked, reached = run.followed
-    moved, (travelled, turned) = _moved(run, reached), _travel(run)
+def _ways(run: RunResult, performance: Performance | None, moved: FloatArray) -> _Ways:
+    """How far robot and performer got. moved (T, k, 3) m: what was followed, as the body moved."""
+    (names, asked, _), (travelled, turned) = run.followed, _travel(run)
     heights = _pelvis_heights(run, moved)
     ratio = None if heights is None else tracking.excursion_ratio(*heights)
     return {
@@ -249,13 +248,13 @@ class _Hands(TypedDict):
     hands_away_s: dict[str, float] | None
 
 
-def _hands(run: RunResult, asked: Performance | None, reached: FloatArray) -> _Hands:
-    """How the hands followed at the ticks at which they were asked within reach; nothing without a robot that has
-    both."""
-    robot, sent = run.robot, run.record.robot
+def _hands(run: RunResult, asked: Performance | None, moved: FloatArray) -> _Hands:
+    """How the hands followed, moved (T, k, 3) m, at the ticks at which they were asked within reach; nothing without a
+    robot that has both."""
+    robot, q = run.robot, run.moved_q
     found = {}
-    if robot is not None and sent is not None and asked is not None:
-        found = reachable_hands(robot, asked, hands_from_shoulders(robot, asked, sent.q, reached))
+    if robot is not None and q is not None and asked is not None:
+        found = reachable_hands(robot, asked, hands_from_shoulders(robot, asked, q, moved))
     if not found:
         return {"reachable_hands_mm": None, "reachable_share": None, "hands_away_s": None}
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}

@@ -147,10 +147,10 @@ class Report:
     it followed. pelvis_height_mm: how much too high or low the pelvis was. best_likeness_deg: the same of arms and
     `trunk_lean` at their best, as far as limits and self-collision allow with the trunk as asked; null where it was not
     asked for. travelled_m: diagonal of the ground that the pelvis covers; turned_deg: range of the heading;
-    foot_path_ratio: of feet, against the performer's. In physics, likeness, heights, paths, travel and turns are those
-    of the simulated body. reachable_hands_mm: mean error of each hand, seen from its shoulder, of both, and of the
-    worse, at the ticks at which it was asked where the arm gets from the torso that was asked; reachable_share: of the
-    ticks that followed, those; hands_away_s: longest time that each hand was more than 150 mm off at such ticks.
+    foot_path_ratio: of feet, against the performer's. In physics, likeness, hands, heights, paths, travel and turns are
+    those of the simulated body. reachable_hands_mm: mean error of each hand, seen from its shoulder, of both, and of
+    the worse, at the ticks at which it was asked where the arm gets from the torso that was asked; reachable_share: of
+    the ticks that followed, those; hands_away_s: longest time that each hand was more than 150 mm off at such ticks.
     fallen, physics: as the simulation saw it; null without.
     steps: null of a robot that makes none. live: of the stream, null of a file.
     """

@@ -9,6 +9,7 @@ from benchmarks.fuzz import Outcome, corpus, try_case
 CASES = 300
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_damaged_files_are_read_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kinds, done = corpus(tmp_path), Outcome()

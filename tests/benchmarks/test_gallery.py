@@ -19,6 +19,7 @@ def test_the_picture_that_is_shown_moves_and_is_small() -> None:
     assert gallery.IMAGE.stat().st_size <= 1e6
 
 
+@pytest.mark.long
 def test_the_performer_and_each_robot_stand_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gallery, "synthetic_performer", lambda: synthetic_performer().cut(0.0, 0.5))
     monkeypatch.setattr(gallery, "SECONDS", 0.3)

@@ -11,6 +11,7 @@ from benchmarks.physics_runs import Stood
 from benchmarks.robustness import Case, append, read, run_all
 
 
+@pytest.mark.long
 def test_every_case_is_played_in_order() -> None:
     cases = [Case("op3", "synthetic", 1.0, 0.05, perturbation, 1) for perturbation in ("none", "push")]
     ends = list(run_all(cases, jobs=1))

@@ -1,10 +1,12 @@
 """The benchmark of a live tick: what it counts is ours, and adds up."""
 
 import numpy as np
+import pytest
 
 from benchmarks.tick_cost import ASKED, PARTS, READING, measure
 
 
+@pytest.mark.long
 def test_parts_are_in_the_tick_and_most_of_it() -> None:
     spent = measure(1.6, parts=True)
     whole, parts = spent["tick"], np.sum([spent[name] for name in PARTS], axis=0)

@@ -115,6 +115,7 @@ def test_a_run_is_refused_before_it_begins(
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.long
 def test_all_of_them_are_replaced_where_that_is_asked_for(
     short: list[str | Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -128,6 +129,7 @@ def test_all_of_them_are_replaced_where_that_is_asked_for(
     assert read_recording(tmp_path / "r.mcap").damage == ""
 
 
+@pytest.mark.long
 def test_a_replay(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "again.npz"
     out.write_bytes(MINE)

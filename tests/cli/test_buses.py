@@ -134,6 +134,7 @@ def play(asked: RunOptions, push: Push | None = None, *, rest: bool = True) -> R
     return bench.seen(run)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["op3", "toddlerbot"])
 def test_before_torque_goes_off_a_run_says_to_hold_who_cannot_stay(
     robot: str, capsys: pytest.CaptureFixture[str]
@@ -160,6 +161,7 @@ def test_a_run_stands_reports_and_ends_at_rest(tmp_path: Path, capsys: pytest.Ca
     assert recorded.session.goes_to_rest and np.isfinite(recorded.topic(TRUTH).rows["q"]).any()
 
 
+@pytest.mark.long
 def test_a_fall_ends_the_run_a_second_later_and_says_how() -> None:
     run = play(options(seconds=6.0), Push((20.0, 0.0, 0.0), 1.5, 0.3))
     assert run.physics is not None and run.physics.fall is not None
@@ -186,6 +188,7 @@ def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
         assert stop.cause is StopCause.FALLEN and not machine.guard.may_go_to_rest
 
 
+@pytest.mark.long
 def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
     asked = options(seconds=0.3)
     bench = PhysicsBench(asked, lambda text: None)
@@ -199,6 +202,7 @@ def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
     assert finished(run, Outputs()) == STOPPED
 
 
+@pytest.mark.long
 def test_a_robot_that_does_not_come_to_rest_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(GoToRest, "target", lambda self, sample, **known: None)
     run = play(options(seconds=0.05))
@@ -206,6 +210,7 @@ def test_a_robot_that_does_not_come_to_rest_is_reported(monkeypatch: pytest.Monk
     assert any(note.startswith("not at rest") for note in run.notes)
 
 
+@pytest.mark.long
 def test_limits_are_those_of_the_goals_that_were_sent_not_of_postures_beside_them() -> None:
     run = play(options(seconds=0.1))
     sent = run.record.robot
@@ -220,6 +225,7 @@ def test_limits_are_those_of_the_goals_that_were_sent_not_of_postures_beside_the
     assert limits_broken(run).velocity and limits_broken(run).acceleration
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mount", "hook"), [("stand", None), ("gantry", "neck")])
 def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, shared: Path) -> None:
     """Head, pelvis and feet that would cross on average 20 mm off at most: where it was sent and where it is."""
@@ -240,6 +246,7 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
         assert np.mean([tracks[name].mean for name in ("head", "pelvis", "l_sole", "r_sole")]) <= 20.0
 
 
+@pytest.mark.long
 def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> None:
     asked = options(seconds=0.4, perturbations=("mass", "friction", "push", "stiffness=0.8"), seed=5)
     bench = PhysicsBench(asked, lambda text: None)

@@ -42,6 +42,7 @@ def test_a_robot_that_does_not_stay_at_rest_is_to_be_held(robot: str, capsys: py
     assert topples_at_rest(replace(robot_body, profile=hanging)) is None, "only who stands can go down"
 
 
+@pytest.mark.long
 def test_it_says_whether_physics_takes_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = run(capsys, "check", "op3")
     assert re.search(r"physics: +ready\n", out)

@@ -49,6 +49,7 @@ def test_the_help_of_run_fits_two_screens(monkeypatch: pytest.MonkeyPatch, capsy
     assert not any("--no-mirror" in line for line in lines), "the opposites of switches go without saying"
 
 
+@pytest.mark.long
 def test_a_process_of_its_own_starts_fast_and_a_shared_one_is_left_alone() -> None:
     code = "import atexit, gc, sys; from retarget.cli import main; sys.argv = ['retarget', 'check', 'op3']\n"
     shown = "gc.get_threshold()[0] > 10_000, gc.get_freeze_count() > 0, 'glfw' in sys.modules"
@@ -138,6 +139,7 @@ def test_a_defect_shows_its_traceback(capsys: pytest.CaptureFixture[str]) -> Non
     shows(shown)
 
 
+@pytest.mark.long
 def test_a_reader_that_leaves_is_no_defect() -> None:
     code = "from retarget.cli.exit import exit_code_of\nimport sys\n"
     code += "sys.exit(exit_code_of(lambda: [print('line') for _ in range(100000)]))"

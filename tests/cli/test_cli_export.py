@@ -31,6 +31,7 @@ ENDINGS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("to", ENDINGS)
 def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {path.name for path in run.parent.iterdir()}

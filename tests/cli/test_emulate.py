@@ -65,6 +65,7 @@ def test_a_client_is_served_faults_are_typed_and_a_signal_ends_it(tmp_path: Path
         process.communicate()
 
 
+@pytest.mark.long
 def test_the_link_of_another_emulator_is_refused_and_that_of_a_killed_one_is_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

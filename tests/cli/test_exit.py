@@ -251,6 +251,7 @@ def test_another_thread_sets_no_handlers() -> None:
     assert seen == [before]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", [["--help"], ["check", "op3"]])
 def test_any_command_on_a_full_device_is_one_line(words: list[str]) -> None:
     if not Path("/dev/full").exists():
@@ -263,6 +264,7 @@ def test_any_command_on_a_full_device_is_one_line(words: list[str]) -> None:
     assert result.stderr.startswith("error: stdout: cannot print") and len(result.stderr.splitlines()) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", [["--help"], ["check", "op3"]])
 def test_any_command_whose_reader_has_left_is_quiet(words: list[str]) -> None:
     reader, writer = os.pipe()

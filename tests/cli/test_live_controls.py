@@ -128,6 +128,7 @@ def clutched() -> tuple[LiveRig, RunResult, list[str]]:
     return played(held, seconds=SECONDS, dead_man=True)
 
 
+@pytest.mark.long
 def test_nothing_moves_before_it_is_held() -> None:
     stop = Script(lambda poll: [(Asked.STOP, "enough")] if poll * DT > 2.0 else [])
     _, result, states = played(stop, seconds=1.0, dead_man=True)
@@ -137,6 +138,7 @@ def test_nothing_moves_before_it_is_held() -> None:
     assert not (result.record.phase == Phase.FOLLOW).any()
 
 
+@pytest.mark.long
 def test_let_go_it_holds_within_two_ticks_and_stands_soon() -> None:
     _, result, states = clutched()
     steps = np.abs(np.diff(goals_of(result), axis=0)).max(axis=1)
@@ -148,6 +150,7 @@ def test_let_go_it_holds_within_two_ticks_and_stands_soon() -> None:
         assert steps[still].max() == 0.0, begun
 
 
+@pytest.mark.long
 def test_taken_up_again_it_moves_within_limits_and_not_at_once() -> None:
     _, result, _ = clutched()
     goals, robot = goals_of(result), result.robot
@@ -219,6 +222,7 @@ def test_the_space_bar_stops_and_the_robot_goes_to_rest() -> None:
     assert away[-1] < 1e-6 < away[braking[0]] and len(braking) * result.clip.dt <= 4.0
 
 
+@pytest.mark.long
 def test_the_space_bar_again_switches_torque_off_at_once_and_a_held_one_does_not() -> None:
     """Held: repeats 30 times a second after half a second, and two that are read at once."""
     _, once, _ = played(Typed({500: " "}))
@@ -249,6 +253,7 @@ class Unreadable(type(Path())):  # type: ignore[misc]
         raise OSError(errno.EIO, os.strerror(errno.EIO)) if self.failed else FileNotFoundError
 
 
+@pytest.mark.long
 def test_a_file_that_cannot_be_looked_for_stops_the_robot_as_well() -> None:
     """It brakes and goes to rest as ever, and checks that fail meanwhile switch no torque off."""
     file = Unreadable("stop")
@@ -258,6 +263,7 @@ def test_a_file_that_cannot_be_looked_for_stops_the_robot_as_well() -> None:
     assert result.stop.reason == f"stop cannot be looked for ({os.strerror(errno.EIO)})"
 
 
+@pytest.mark.long
 def test_why_the_robot_stops_is_reported_while_it_does() -> None:
     """Once, of a servo that reports an error, without a key pressed."""
     torque: list[bool] = []
@@ -299,6 +305,7 @@ def test_a_stop_is_requested_before_anything_is_reported() -> None:
         assert controls.why() == SPACE and not controls.engaged
 
 
+@pytest.mark.long
 def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) -> None:
     answers: dict[int, str] = {}
     words = {550: "status", 560: "hold", 580: "resume", 590: "status", 700: "stop"}

@@ -25,6 +25,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("command") / "run.mcap")
 
 
+@pytest.mark.long
 def test_the_same_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert run(plain.path, "--save", tmp_path / "again.npz") == DONE
     shown = capsys.readouterr()
@@ -36,6 +37,7 @@ def test_the_same_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], tmp
         assert len(arrays["time"]) == len(plain.result.record)
 
 
+@pytest.mark.long
 def test_other_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def moved(recording: object) -> Played:
         found = plain.played()
@@ -52,6 +54,7 @@ CUT = re.compile(r"(?<=early)[:,][^;]*|\d+")
 """Where a file is cut, and what is left, is the compressor's."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.5, pytest.param(0.75, marks=pytest.mark.long)])
 def test_a_recording_that_was_cut_off(
     share: float, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -72,6 +75,7 @@ def test_a_recording_that_was_cut_off(
     shows(shown.out, compared, varies=CUT)
 
 
+@pytest.mark.long
 def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its files are in the recording; the body goes beside the run that is saved, where others find it."""
     own = tmp_path / "op3"
@@ -92,6 +96,7 @@ def test_a_robot_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     shows(capsys.readouterr().err)
 
 
+@pytest.mark.long
 def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(plain.path, "--goals", "--bus", "emulator") == DONE
     out = capsys.readouterr().out

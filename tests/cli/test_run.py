@@ -54,6 +54,7 @@ def test_a_real_left_arm_to_the_side_is_not_enough(slimevr: str, capsys: pytest.
     shows(said)
 
 
+@pytest.mark.long
 def test_a_real_person_is_kept(
     slimevr: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -68,6 +69,7 @@ def test_a_real_person_is_kept(
     shows(said, "1.6")
 
 
+@pytest.mark.long
 def test_a_run_in_which_nobody_was_followed_is_no_success(
     shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -150,6 +152,7 @@ def raw(path: Path, *, seconds: float) -> str:
     return f"replay://{path}"
 
 
+@pytest.mark.long
 def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Done, and not stopped for want of data: even of a robot, and with time to spare."""
     source, report = raw(tmp_path / "six.raw", seconds=6.0), tmp_path / "report.json"
@@ -192,6 +195,7 @@ def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.C
     assert "%" not in shown.err  # no progress bar in a pipe
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "options",
     [
@@ -242,6 +246,7 @@ def test_ctrl_c_after_the_motion_costs_no_file(amc: Path, tmp_path: Path, monkey
     assert (tmp_path / "r.json").exists()
 
 
+@pytest.mark.long
 def test_a_file_that_cannot_be_written_costs_no_other(
     amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -258,6 +263,7 @@ def test_a_file_that_cannot_be_written_costs_no_other(
     shows(shown.err)
 
 
+@pytest.mark.long
 def test_a_reader_that_leaves_costs_no_file(amc: Path, tmp_path: Path) -> None:
     words = [sys.executable, "-m", "retarget", "run", *map(str, short(amc, "--report", tmp_path / "r.json"))]
     reader, writer = os.pipe()
@@ -268,6 +274,7 @@ def test_a_reader_that_leaves_costs_no_file(amc: Path, tmp_path: Path) -> None:
     assert (tmp_path / "r.json").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("until", "torque"), [(4.0, Torque.OFF), (30.0, Torque.UNCONFIRMED)])
 def test_the_end_of_torque_is_said_also_where_no_servo_confirms_it(
     until: float, torque: Torque, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -170,6 +170,7 @@ def getting_down(frames: int = 120) -> FloatArray:
     return np.asarray(joints + (joints[0, ankles].mean(axis=0) - joints[:, ankles].mean(axis=1))[:, None])
 
 
+@pytest.mark.long
 def test_who_gets_down_leans_the_trunk_as_people_do() -> None:
     truth = getting_down()
     sensors = truth[:, [POINTS.index(name) for name in FIVE]]

@@ -1,6 +1,7 @@
 """A robot on its soles that can always stop: what is refused, and that the way to a stop keeps everything."""
 
 import numpy as np
+import pytest
 
 from followers import DT, follow, follower, op3, performer, postures
 from retarget.ik.gravity_torque import GRAVITY
@@ -85,6 +86,7 @@ def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
     assert ticks > 5
 
 
+@pytest.mark.long
 def test_the_mass_brakes_evenly_and_softly_whatever_the_limbs_do() -> None:
     """Joints that stopped one after the other would throw it."""
     human, random = postures(performer()), np.random.default_rng(1)

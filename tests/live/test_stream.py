@@ -92,6 +92,7 @@ def test_nothing_of_a_real_sender_is_dropped(
     assert stream.frames > 250 and stream.admission.refused.count == 0
 
 
+@pytest.mark.long
 def test_a_second_of_powering_reports_no_lost_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=0.5))
     with rig.prepared() as prepared:

@@ -42,6 +42,7 @@ from sim.faults.sender import FakeSender, SenderFault, frozen, lost, silent
 from sim.performer import synthetic_performer
 
 
+@pytest.mark.long
 def test_a_run_reports_on_its_stream() -> None:
     sender = FakeSender(faults=[silent(5.8, 6.6), lost("l_wrist", 7.3, 7.8)])
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=5.8))
@@ -102,6 +103,7 @@ def flying(name: str, first: float) -> SenderFault:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [

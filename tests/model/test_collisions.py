@@ -50,6 +50,7 @@ def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Mo
     assert (-scene_distances(obstacles.arms, scene, obstacles.times).min(axis=0) > 0.01).all()
 
 
+@pytest.mark.long
 def test_every_recording_gets_its_rows() -> None:
     found = list(measured("demo", synthetic_performer(), BRIEF))
     rows = [row for row in found if isinstance(row, Row)]

@@ -210,6 +210,7 @@ def _standing_at(q: FloatArray, points: FloatArray) -> FloatArray:
     return q
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "floor", "step"),
     [

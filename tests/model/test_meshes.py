@@ -106,6 +106,7 @@ def bodies() -> dict[str, SolidBody]:
     }
 
 
+@pytest.mark.long
 def test_bodies_to_draw_are_whole_and_small() -> None:
     for name, solid in bodies().items():
         drawn = solid.as_json()
@@ -118,6 +119,7 @@ def test_bodies_to_draw_are_whole_and_small() -> None:
     assert 1.5 < bodies()["human"].height < 1.9
 
 
+@pytest.mark.long
 def test_a_dense_mesh_of_a_file_is_thinned_and_keeps_its_place() -> None:
     ball = shape_mesh(ShapeKind.CAPSULE, (0.1, 0.0, 0.0), around=120)
     vertices, faces = (" ".join(map(str, array.ravel().tolist())) for array in (ball.vertices, ball.faces))

@@ -384,6 +384,7 @@ def test_a_part_below_the_soles_is_refused() -> None:
         robot_observers(replace(robot, profile=profile))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ROBOTS)
 def test_hands_that_are_asked_below_it_stay_above(name: str) -> None:
     """A performer who crouches and digs: both wrists go 0.3 m below their feet."""

@@ -142,6 +142,7 @@ def test_postures_touch_nothing(body: PosedBody, posture: str) -> None:
     assert body.pose(getattr(body.profile.postures, posture)).touching() == set()
 
 
+@pytest.mark.long
 def test_where_observers_are_clear_the_bodys_own_shapes_are(name: str) -> None:
     """The gate looks at observers, the report at the body's own shapes: a hand was in a bracket that had none."""
     robot, chance = load_robot(name), np.random.default_rng(SEED)

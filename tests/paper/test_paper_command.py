@@ -16,6 +16,7 @@ def paper(*words: str | Path) -> int:
     return int(leaving.value.code or 0)
 
 
+@pytest.mark.long
 def test_figures_without_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = ("figure4", "figure5", "figure6")
     assert paper("--out", tmp_path / "new", "--only", ",".join(("jog", "jump", *names))) == DONE

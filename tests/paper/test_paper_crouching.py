@@ -23,6 +23,8 @@ from sim.performer import CYCLES, synthetic_performer
 
 Outcomes = dict[tuple[int, str], Outcome]
 
+pytestmark = pytest.mark.long
+
 
 def run(frames: SensorFrames) -> Outcomes:
     outcomes = crouching(frames)
@@ -84,7 +86,6 @@ def test_table_and_data(made: Outcomes, capsys: pytest.CaptureFixture[str]) -> N
     assert as_data(made[1, "paper"])["scene"] is None
 
 
-@pytest.mark.long
 def test_the_recording_of_the_paper(shared: Path) -> None:
     frames = read_trial(shared / "mocap", CROUCH)
     assert frames is not None and len(frames) == 2235

@@ -148,6 +148,7 @@ def messages(run: Recorded) -> list[DecodedMessageTuple]:
         return list(reader.iter_decoded_messages())
 
 
+@pytest.mark.long
 def test_every_message_has_the_time_of_its_cycle(messages: list[DecodedMessageTuple], run: Recorded) -> None:
     assert len(messages) > 2 * len(run.result.record)
     for _, channel, message, read in messages:

@@ -78,6 +78,7 @@ def test_it_approaches_slowly_and_ends_at_rest(plain: Recorded) -> None:
     np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest, atol=1e-6)
 
 
+@pytest.mark.long
 def test_slower_is_the_same_trajectory_in_more_ticks(plain: Recorded) -> None:
     result = send(plain.played(), speed=0.5)
     robot, sent, then = result.robot, result.record.robot, plain.result.record.robot
@@ -87,6 +88,7 @@ def test_slower_is_the_same_trajectory_in_more_ticks(plain: Recorded) -> None:
     check_motion(result)
 
 
+@pytest.mark.long
 def test_after_a_hold_it_rejoins_the_trajectory_slowly(plain: Recorded) -> None:
     result = send(plain.played(), held=range(120, 140))
     robot, sent = result.robot, result.record.robot
@@ -132,6 +134,7 @@ def test_the_gate_refuses_what_no_robot_can(plain: Recorded) -> None:
     check_motion(result)
 
 
+@pytest.mark.long
 def test_a_robot_that_is_too_slow_for_the_goals_gives_up(plain: Recorded) -> None:
     """The gate refuses them again and again: the robot holds, stops with a reason, and rests."""
     robot = load_robot("op3")

@@ -43,12 +43,14 @@ def chosen(rows: TopicRows, at: NDArray[np.intp]) -> TopicRows:
     return TopicRows(rows.cycles[at], rows.rows[at])
 
 
+@pytest.mark.long
 def test_all_of_it(run: Recorded) -> None:
     found = run.played()
     assert found.whole and found.missing == 0 and found.last_tick == run.result.ticks_followed - 1
     assert found.cycles.index.tolist() == list(range(len(found.cycles)))
 
 
+@pytest.mark.long
 def test_cycles_that_were_lost_are_counted(run: Recorded) -> None:
     whole = run.played()
 
@@ -163,6 +165,7 @@ def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) 
         np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
 
 
+@pytest.mark.long
 def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
@@ -173,6 +176,7 @@ def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -
             played(read_recording(path))
 
 
+@pytest.mark.long
 def test_a_flipped_bit_never_changes_what_is_read(content: bytes, tmp_path: Path) -> None:
     """Whatever stands before it is read; what is read is what was written."""
     path = tmp_path / "run.mcap"

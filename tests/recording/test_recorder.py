@@ -81,6 +81,7 @@ def test_every_tick_is_in_it(whole: Recorded) -> None:
     np.testing.assert_array_equal(cycles.sensor_position[kept & followed], asked)
 
 
+@pytest.mark.long
 def test_recording_changes_nothing(whole: Recorded) -> None:
     assert goals(record(None).result) == goals(whole.result)
 
@@ -110,6 +111,7 @@ def use_disk(monkeypatch: pytest.MonkeyPatch, *, room: int, hangs: threading.Eve
     monkeypatch.setattr(Path, "open", opened)
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_the_recording_and_nothing_else(
     whole: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -148,6 +150,7 @@ def test_a_disk_that_is_full_from_the_start_is_refused(tmp_path: Path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: Recorded) -> None:
     hangs = threading.Event()
     use_disk(monkeypatch, room=40_000, hangs=hangs)

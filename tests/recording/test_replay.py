@@ -61,6 +61,7 @@ def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Played | 
     return goal_difference(found or run.played(), cast(Any, SimpleNamespace(sent=goals)), run.result.robot)
 
 
+@pytest.mark.long
 def test_one_tick_of_one_joint_is_located(run: Recorded) -> None:
     goals = sent(run.played())
     row = goals[30][0]
@@ -142,6 +143,7 @@ def stopped_by_the_operator(prepared: Prepared) -> Watch:
     return Watch(stop_asked=lambda: next(asked) == 180)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("watch", [stopped_from_outside, stopped_by_the_operator])
 def test_what_people_asked_for_is_asked_for_again(watch: Callable[[Prepared], Watch], tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", watch=watch)
@@ -206,6 +208,7 @@ class Held:
         return self._clip.recorded()
 
 
+@pytest.mark.long
 def test_who_was_held_is_held_again(tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", samples=Held)
     found = run.played()
@@ -243,6 +246,7 @@ def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.result.record.human.q, run.result.record.human.q)
 
 
+@pytest.mark.long
 def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
     found = plain.played()
     where = int(np.flatnonzero(found.cycles.phase == 1)[10])

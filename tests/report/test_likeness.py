@@ -1,6 +1,7 @@
 """Angles between the limbs of a robot and of its performer."""
 
 import numpy as np
+import pytest
 
 from followers import DT, follower, op3, performance, performer, postures
 from retarget.ik.support_polygon import plant
@@ -44,6 +45,7 @@ def test_a_trunk_that_leans_as_the_performers_does_is_no_error() -> None:
     assert np.degrees(limb_angles(op3(), stood, asked)[LEAN].max()) > 15.0  # it is seen to stand still
 
 
+@pytest.mark.long
 def test_hands_first_puts_hands_where_the_arm_has_them_seen_from_the_shoulder() -> None:
     off = {}
     for priorities in ("servo", "hands_first"):
@@ -72,6 +74,7 @@ def cost(q: FloatArray, wanted: FloatArray) -> FloatArray:
     return np.asarray(np.sum((scale[:, None] * (lines(q) - wanted)) ** 2, axis=(1, 2)))
 
 
+@pytest.mark.long
 def test_no_posture_of_an_arm_is_better_than_the_best() -> None:
     """Against 4,000 postures of each arm that meet nothing; lines that the joints allow are found to half a degree."""
     stance, chance = plant(op3(), op3().profile.postures.stand), np.random.default_rng(5)
@@ -91,6 +94,7 @@ def test_no_posture_of_an_arm_is_better_than_the_best() -> None:
     assert (cost(best, wanted)[:12] < 0.15**2 * np.radians(0.5) ** 2).all() and cost(best, wanted)[12:].max() > 1e-3
 
 
+@pytest.mark.long
 def test_the_best_is_no_worse_than_what_the_solver_finds() -> None:
     """Of a performer whom the arms can follow, and with its trunk as asked."""
     asked, q, _ = followed("servo")

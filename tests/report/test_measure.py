@@ -163,6 +163,7 @@ def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPa
 pytest.importorskip("mujoco")
 
 
+@pytest.mark.long
 def test_what_moved_is_the_simulated_body_and_not_what_was_sent() -> None:
     """A body that froze has gone no way, whatever goals were sent to it."""
     run = play(synthetic_performer().cut(0.0, 2.5), RunOptions(robot="op3", bus="physics"))
@@ -174,6 +175,8 @@ def test_what_moved_is_the_simulated_body_and_not_what_was_sent() -> None:
     assert (still.travelled_m.robot, still.turned_deg.robot) == (0.0, 0.0)
     assert moved.pelvis_height_mm is not None and still.pelvis_height_mm is not None
     assert still.pelvis_height_mm.p95 > 2.0 * moved.pelvis_height_mm.p95
+    assert moved.reachable_hands_mm is not None and still.reachable_hands_mm is not None
+    assert still.reachable_hands_mm["worse"] > 2.0 * moved.reachable_hands_mm["worse"]
 
 
 @pytest.mark.long

@@ -107,7 +107,7 @@ def recording(shared: Path) -> Path:
     return shared / "mocap" / "cmu_asfamc" / "01_07.amc"
 
 
-@pytest.fixture(scope="module", params=["five", pytest.param("six", marks=pytest.mark.long)])
+@pytest.fixture(scope="module", params=[pytest.param(worn, marks=pytest.mark.long) for worn in ("five", "six")])
 def worn(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -235,6 +235,7 @@ def performed() -> Done:
     return act(robot(None), None, human())
 
 
+@pytest.mark.long
 def test_modes_seldom_change() -> None:
     modes = np.array([posture.observer_modes for posture in performed().postures])
     names = robot(None).observers.names
@@ -243,6 +244,7 @@ def test_modes_seldom_change() -> None:
     assert found.switches.worst <= 2.0, found.switches.name
 
 
+@pytest.mark.long
 def test_observers_add_little_jerk() -> None:
     """Upright next to none; where it folds onto its thighs, a twentieth of what it would be if joints chattered."""
     upright = human()[:50]
@@ -260,6 +262,7 @@ def test_no_shaking_at_switch_on() -> None:
     assert done.swing() < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tick", [150, 250])
 def test_a_hand_that_rests_against_a_sphere_rests(tick: int) -> None:
     motion = raised()[:tick]
@@ -269,6 +272,7 @@ def test_a_hand_that_rests_against_a_sphere_rests(tick: int) -> None:
     assert done.swing() < 1e-4
 
 
+@pytest.mark.long
 def test_a_hand_that_rests_against_a_box_rests() -> None:
     motion = raised()[:200]
     x, y, z = act(robot(None), None, motion).reached("r_hand")[-1]

@@ -37,6 +37,7 @@ def human_run() -> RunResult:
     return result(ending, clip, human, None)
 
 
+@pytest.mark.long
 def test_all_pictures_of_a_robot(run: RunResult, tmp_path: Path) -> None:
     written = write_plots(figures_of(run), tmp_path / "new" / "folder")
     assert [path.stem for path in written] == [name for name in PICTURES if name != "pressure"]  # it has no mass

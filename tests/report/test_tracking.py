@@ -38,6 +38,7 @@ def points() -> FloatArray:
     return np.array([asked.landmarks for asked in performed()[1]])
 
 
+@pytest.mark.long
 def test_the_asked_torso_is_found_again() -> None:
     human, asked = performed()
     names, stance = follower().landmark_map.names, follower().stance

@@ -63,6 +63,7 @@ def off_from_anywhere(name: str) -> FloatArray:
     return np.array(off)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["wolfgang", "op3"])
 def test_an_arm_finds_back_from_any_branch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without being led it stays in a wrong one for ever."""
@@ -86,12 +87,14 @@ def test_an_arm_that_only_lags_is_not_led(monkeypatch: pytest.MonkeyPatch) -> No
     assert np.array_equal(free, jumped())
 
 
+@pytest.mark.long
 def test_an_arm_that_does_not_arrive_is_led_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is asked for its limbs again, and led no more while the performer stands."""
     monkeypatch.setattr(arm_branches, "MOST_LED_S", 0.02)
     assert off_from_anywhere("wolfgang").max() > WRONG
 
 
+@pytest.mark.long
 def test_an_arm_that_stays_unlike_hardly_bends_the_trunk(monkeypatch: pytest.MonkeyPatch) -> None:
     """ToddlerBot's shoulder does not turn as far back as a performer's."""
     start = postures(performer())[0]

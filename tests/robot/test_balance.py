@@ -150,6 +150,7 @@ def zmp_outside(robot: Follower) -> float:
     return float((support_distance(zmp, np.array(room().zero_moment_point)) < -5e-3).mean())
 
 
+@pytest.mark.long
 def test_a_robot_that_follows_with_it_keeps_its_zero_moment_point_on_its_soles() -> None:
     assert zmp_outside(follower(priorities="balanced")) < 0.01 < 0.3 < zmp_outside(follower())
 

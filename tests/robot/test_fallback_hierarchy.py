@@ -76,6 +76,7 @@ def test_after_a_refusal_at_rest_arms_alone_separate_limbs_where_legs_cannot(mon
     assert solved == ["separated", "above"]
 
 
+@pytest.mark.long
 def test_with_soles_first_the_robot_follows_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where nothing is near, a robot that always falls back follows as one that never does."""
     once = followed(follower())

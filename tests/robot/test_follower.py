@@ -69,6 +69,7 @@ def assert_well(run: RunResult) -> None:
         assert np.linalg.norm(corners - corners[0], axis=-1).max() < 0.003
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("trial", "start"), [("02_06", 5.0), ("49_18", 0.0)])
 def test_a_raised_hand_is_raised_when_following_begins(trial: str, start: float, shared: Path) -> None:
     """A hand that follows from below while the clip runs stays 0.3 m behind for seconds."""
@@ -121,6 +122,7 @@ def crouched(name: str = "op3", ticks: int = 250) -> Follower:
     return robot
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(STEADY))
 def test_legs_and_trunk_end_as_in_the_stance_and_arms_aside(name: str) -> None:
     """Hands that stay, with arms that are drawn elsewhere, would hold a waist aside, and two planted soles cannot go
@@ -287,6 +289,7 @@ def test_half_of_the_speed_in_time_and_every_limit_kept(both: tuple[tuple[FloatA
     assert (changes <= op3().joint_map.max_acceleration + 1e-6).all()
 
 
+@pytest.mark.long
 def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
     """The way to a stop is one from the speed that the robot has, not from twice or half of it."""
     robot = begun()
@@ -427,6 +430,7 @@ def with_a_belly() -> RobotBody:
     return replace(op3(), profile=profile.model_copy(update={"observers": observers}))
 
 
+@pytest.mark.long
 def test_a_robot_whose_hips_fold_little_stays_down_while_the_performer_squats() -> None:
     """Lean and crouch want the same hips. It stood up again, as a lean counted for more than a crouch on small legs."""
     motion = postures(performer())

@@ -108,6 +108,7 @@ def test_no_foot_is_off_the_floor_before_the_balance_is_over_the_other() -> None
     assert balance_margin(robot, done.q) > 0.02
 
 
+@pytest.mark.long
 def test_a_crouched_robot_rises_to_what_one_leg_can_carry() -> None:
     """A performer who crouches, then on one foot: both knees share the crouch, and one leg alone could not hold it."""
     robot = stepper()
@@ -171,6 +172,7 @@ def test_a_mass_that_was_stopped_outside_its_room_is_led_back_before_it_stands(a
     assert state(robot) is StepState.DOUBLE_SUPPORT and StepState.RETURN_WEIGHT in seen
 
 
+@pytest.mark.long
 def test_a_foot_without_contact_is_waited_for() -> None:
     took = []
     for contact in (None, (True, True), (True, False)):

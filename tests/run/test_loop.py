@@ -621,6 +621,7 @@ def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
         return prepared.run(Watch(stop_asked=stop_asked))
 
 
+@pytest.mark.long
 def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its ticks came in time, and the robot kept its limits."""
     monkeypatch.setattr("retarget.run.record.LONGEST_APPROACH_S", 2.2)
@@ -633,6 +634,7 @@ def test_an_approach_that_is_held_up_misses_no_tick(monkeypatch: pytest.MonkeyPa
     shows(report.notes)
 
 
+@pytest.mark.long
 def test_of_a_long_run_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.live.begin.KEPT_S", 1.0)
     run = played(duration=2.0)

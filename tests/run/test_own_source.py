@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -93,6 +94,7 @@ def test_the_function_is_not_called_after_the_end() -> None:
     assert other.finished and other.poll(3.0) == [] and asked == [1.0]
 
 
+@pytest.mark.long
 def test_the_performer_is_followed_until_the_source_is_over_and_can_be_recorded(tmp_path: Path) -> None:
     chance, clip, buses = np.random.default_rng(0), list[StreamFrame](), list[MockBus]()
     begun: list[float] = []
@@ -110,6 +112,7 @@ def test_the_performer_is_followed_until_the_source_is_over_and_can_be_recorded(
     assert kept and kept == [written(frame) for frame in clip[: len(kept)]]
 
 
+@pytest.mark.long
 def test_an_exception_of_the_function_ends_the_run_at_rest_and_is_its_reason() -> None:
     chance, clock, buses = np.random.default_rng(0), VirtualClock(), list[MockBus]()
     begun: list[float] = []

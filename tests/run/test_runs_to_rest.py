@@ -71,6 +71,7 @@ RETURN_S = 4.0
 """Longest return to stance in place of that of a run, so that what is refused takes less time."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("passed", [60, pytest.param(0, marks=pytest.mark.long)])
 def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_soles(
     passed: int, monkeypatch: pytest.MonkeyPatch
@@ -106,6 +107,7 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
     assert (motion_metrics.support_margin(com, np.concatenate(corners, axis=1)) > 0.0).all()
 
 
+@pytest.mark.long
 def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
     run, _ = stopped("op3", 10**6, start="stand")
     assert run.record is not None and run.record.robot is not None and run.robot is not None
@@ -114,6 +116,7 @@ def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["op3", *(pytest.param(name, marks=pytest.mark.long) for name in ("poppy", "wolfgang"))]
 )
@@ -212,6 +215,7 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
     assert_stands_well(run)
 
 
+@pytest.mark.long
 def test_the_end_of_a_clip_in_the_middle_of_a_motion() -> None:
     with prepared(synthetic_performer, 15.4) as ready:
         run = ready.run()
@@ -219,6 +223,7 @@ def test_the_end_of_a_clip_in_the_middle_of_a_motion() -> None:
     assert_stands_well(run)
 
 
+@pytest.mark.long
 def test_a_stop_by_the_guard() -> None:
     fault = MockFault(FaultKind.HOT, first=981, cycles=1, servo=4, value=70.0)
     with prepared(synthetic_performer, 11.23, [fault]) as ready:

@@ -75,6 +75,7 @@ def killed(process: int) -> None:
     os.kill(process, signal.SIGKILL)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("hurt", "least_dropped"), [pytest.param(nothing, 0, marks=pytest.mark.long), (stopped, 10), (killed, 100)]
 )

@@ -62,6 +62,7 @@ def test_the_message_names_all_of_them() -> None:
         refuse_contact(both, where="op3, standing")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["op3", "human"])
 def test_a_swallowed_start_is_refused_before_anything_moves(robot: str, tmp_path: Path) -> None:
     frames = synthetic_performer()
@@ -220,6 +221,7 @@ def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:
     assert is_clear(among, path[[0, 0]]) and among.clearance.in_the_way(among.observers.names) == "", "nothing now"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_the_verdict_is_that_of_looking_everywhere(seed: int) -> None:
     """Quick or not: what is cleared is clear, and what is refused misses at most by what rows keep on top."""

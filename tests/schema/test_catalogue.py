@@ -6,9 +6,12 @@ from pathlib import Path
 import pytest
 
 from messages import Facts, refuses
-from retarget.errors import UsageError
+from retarget.errors import ConfigError, UsageError
 from retarget.schema.catalogue import Kind, entries, find
 from retarget.schema.files import check_folder, check_place, refuse_existing, write_atomic, write_stream
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
+from retarget.schema.scene import load_scene
 
 
 @pytest.fixture
@@ -127,3 +130,20 @@ def test_a_link_that_leads_nowhere_is_something(tmp_path: Path) -> None:
     with refuses(UsageError, "--overwrite"):
         refuse_existing(tmp_path / "link", option="--record")
     refuse_existing(tmp_path / "free", option="--record")
+
+
+LOADERS = {
+    Kind.PRIORITIES: load_priorities,
+    Kind.PERFORMER: load_performer,
+    Kind.SCENE: load_scene,
+}
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"), [(given, wanted) for given in (Kind.ROBOT, *LOADERS) for wanted in LOADERS if given != wanted]
+)
+def test_a_file_of_another_kind_is_one_problem(given: Kind, wanted: Kind) -> None:
+    path = next(entry.path for entry in entries(given) if entry.shipped)
+    with refuses(ConfigError) as refused:
+        LOADERS[wanted](path)
+    assert len(refused.value.problems) == 1

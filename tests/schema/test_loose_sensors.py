@@ -72,6 +72,7 @@ def errors(names: tuple[str, ...], scale: float) -> FloatArray:
     return np.asarray(np.mean(rows, axis=0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("names", "share"), [(FIVE, 0.75), (TEN, 0.45)])
 def test_what_is_beside_its_joint_is_found(names: tuple[str, ...], share: float) -> None:
     before, after, plain, loose = errors(names, 1.0)

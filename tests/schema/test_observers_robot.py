@@ -51,6 +51,7 @@ def fixtures() -> dict[str, SceneState]:
 NAMES = ("low sphere", "sphere", "high sphere", "sphere ahead", "wall", "table edge", "gap narrower than the arm")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_in_the_way_of_a_hand_is_evaded(name: str) -> None:
     state = fixtures()[name]

@@ -67,6 +67,7 @@ def _paths(node: object, here: tuple[str | int, ...] = ()) -> list[tuple[str | i
     return [here, *(path for key, value in items for path in _paths(value, (*here, key)))]
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(data=st.data())
 def test_any_value_in_any_place_is_read_or_refused(

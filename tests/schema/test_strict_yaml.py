@@ -188,6 +188,7 @@ leaves = st.one_of(
 nodes = st.recursive(leaves, lambda node: st.lists(node, max_size=4) | st.dictionaries(names, node, max_size=4))
 
 
+@pytest.mark.long
 @given(st.dictionaries(names, nodes, min_size=1))
 def test_what_is_written_is_read_back(data: dict[str, object]) -> None:
     text = yaml.dump(data, Dumper=_Quoting, default_flow_style=None, allow_unicode=False).replace("!!", "")

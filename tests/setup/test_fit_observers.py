@@ -246,6 +246,7 @@ def profile_with(fragment: str, folder: Path) -> Path:
     return folder / "robot.yaml"
 
 
+@pytest.mark.long
 def test_the_fragment_loads_in_a_profile(op3: Fit, tmp_path: Path) -> None:
     profile = load_profile(profile_with(op3.text, tmp_path))
     assert len(profile.observers) == len(op3.observers) == 21

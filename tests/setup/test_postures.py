@@ -21,6 +21,7 @@ def imported(text: str, folder: Path) -> Path:
     return import_robot(path, folder / "new", samples=20).folder
 
 
+@pytest.mark.long
 def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> None:
     """Forearms so wide that both meet in front of the chest, whatever shoulders and elbows do: a run may begin."""
     text = small_bust().replace('<box size="0.03 0.1 0.03"/>', '<box size="0.3 0.1 0.03"/>')

@@ -63,6 +63,7 @@ def brute_force(points: FloatArray, seed: int) -> float:
     return min(float(minimize(volume, start, method="Nelder-Mead", options=options).fun) for start in best)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_it_encloses_and_no_brute_force_finds_a_smaller_one(seed: int) -> None:
     points = cloud(seed)

@@ -240,6 +240,7 @@ def run(*faults: MockFault) -> tuple[RunResult, FloatArray, list[str]]:
     return result, result.robot.joint_map.to_radians(result.record.robot.goal_ticks), messages
 
 
+@pytest.mark.long
 def test_its_begin_and_its_end_are_reported_once() -> None:
     result, goals, messages = run(MockFault(FaultKind.HOT, FIRST, 250, servo=3, value=61.0))
     assert result.robot is not None and result.state == "off"

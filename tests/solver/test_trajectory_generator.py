@@ -83,6 +83,7 @@ def test_it_is_about_as_fast_as_its_limits(seed: int) -> None:
     assert not way.any() or least <= dt * len(move.arrive(target)) <= most + 3.001 * dt
 
 
+@pytest.mark.long
 @settings(max_examples=30)
 @given(seeds)
 def test_targets_and_overrides_that_change_in_every_tick_keep_the_limits(seed: int) -> None:

@@ -257,6 +257,7 @@ rows = st.one_of(
 )
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(rows, st.floats(-0.5, 2.0)), min_size=1, max_size=6))
 def test_any_landmarks_give_finite_poses_or_none(frames: list[tuple[list[list[float]], float]]) -> None:
     decoder, time = CameraDecoder(), 100.0

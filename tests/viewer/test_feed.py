@@ -111,6 +111,7 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
     assert not run.stop_asked(), "a page that is gone does not stop the robot"
 
 
+@pytest.mark.long
 def test_a_page_that_hangs_is_ended_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 0.1)
     with open_feed(LIVE_PAGE, "0", "") as run:

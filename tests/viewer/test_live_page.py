@@ -63,6 +63,7 @@ def test_it_can_be_stopped_before_anything_moves(watched: Watched) -> None:
     assert watched.stops == [1] and watched.page.button.label == STOPPING_WORDS
 
 
+@pytest.mark.long
 def test_rows_are_drawn_and_the_end_is_shown(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.viewer.live_page.LAST_SHOWN_S", 0.0)
     watched.page.begin(cast_of_op3())

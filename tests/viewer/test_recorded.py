@@ -55,6 +55,7 @@ def at(scene: RecordedScene, row: int) -> FloatArray:
     return poses
 
 
+@pytest.mark.long
 def test_obstacles_move_from_the_first_tick_that_followed(whole: RecordedRun) -> None:
     scene = scene_of(whole)
     assert len(scene.obstacles) == 1 and scene.notes == ()

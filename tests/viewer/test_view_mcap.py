@@ -25,6 +25,7 @@ def run(path: Path) -> RunResult:
     return recorded(path, robot="op3", stop=400)
 
 
+@pytest.mark.long
 def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     seen, sent = open_recorded(path), run.record.robot
     assert sent is not None and run.robot is not None
@@ -51,6 +52,7 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     np.testing.assert_array_equal(curves(seen, seen.cast, 4, "temperature")[2], sent.temperature[:, 4])
 
 
+@pytest.mark.long
 def test_what_no_servo_measured_is_not_shown(tmp_path: Path, path: Path, run: RunResult) -> None:
     """Mock servos measure nothing."""
     unknown = tuple(MockFault(FaultKind.HOT, 0, 10**6, servo=servo, value=float("nan")) for servo in range(20))
@@ -59,6 +61,7 @@ def test_what_no_servo_measured_is_not_shown(tmp_path: Path, path: Path, run: Ru
     assert not open_recorded(tmp_path / "run.mcap").cast.servos_measure
 
 
+@pytest.mark.long
 def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
     """Fallen, say, with bent knees; until that is known, it is where its servos have it."""
     path, ticks, robot = tmp_path / "run.mcap", 0, op3()

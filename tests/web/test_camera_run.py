@@ -33,6 +33,7 @@ def half_outside(rows: FloatArray) -> FloatArray:
     return rows
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changed", "every", "ends", "why"),
     [

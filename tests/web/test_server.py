@@ -117,6 +117,7 @@ def fetched(address: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
         return error.code, dict(error.headers), error.read()
 
 
+@pytest.mark.long
 def test_files_are_served_to_who_has_the_key_with_a_policy(shared: Page) -> None:
     status, headers, body = fetched(shared.address)
     assert status == 200 and b"<html" in body and headers["Content-Type"] == "text/html"
@@ -144,6 +145,7 @@ def test_a_socket_of_another_page_is_refused(shared: Page, origin: str | None) -
         pass
 
 
+@pytest.mark.long
 def test_poses_go_on_to_the_run_byte_for_byte() -> None:
     with page() as one, one.browser() as anna, one.browser("watch", "olga") as olga:
         assert anna.hear("welcome")["robot"] == "op3" and olga.hear("welcome")
@@ -198,6 +200,7 @@ def test_a_stop_is_sent_until_the_run_ends() -> None:
             one.feed._stop = False  # as if the run had not heard it
 
 
+@pytest.mark.long
 def test_all_dead_man_controls_that_are_in_use_must_be_held() -> None:
     with page() as one, one.browser("watch", "olga") as olga, one.browser(name="anna") as anna:
         olga.say(say="held", held=True)
@@ -217,6 +220,7 @@ def human() -> str:
     return build_human(dimensions(performer())).mjcf
 
 
+@pytest.mark.long
 def test_what_a_page_asks_for_reaches_the_operator() -> None:
     with page() as one, one.browser("watch", "olga") as olga:
         olga.say(say="pause")
@@ -278,6 +282,7 @@ def test_all_dead_man_controls_are_held_and_lapse_where_the_server_hangs() -> No
         assert [one for one, _ in control.poll(now)] == found, now
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "messages",
     [
@@ -298,6 +303,7 @@ def test_what_no_page_of_ours_says_is_refused(shared: Page, messages: list[str |
         assert "anew" in Browser(socket).hear("refused")["why"]
 
 
+@pytest.mark.long
 def test_a_page_that_does_not_say_what_it_is_is_sent_away(shared: Page) -> None:
     where = urlsplit(shared.address)
     with client.connect(f"ws://{where.netloc}{where.path}ws", origin=f"http://{where.netloc}") as socket:
@@ -305,6 +311,7 @@ def test_a_page_that_does_not_say_what_it_is_is_sent_away(shared: Page) -> None:
     assert shared.told(f"a page was sent away: {why}")
 
 
+@pytest.mark.long
 def test_a_flood_is_sent_away_and_the_run_goes_on() -> None:
     with page() as one:
         with one.browser() as anna:
@@ -318,6 +325,7 @@ def test_a_flood_is_sent_away_and_the_run_goes_on() -> None:
             assert anna.hear("welcome"), "it may come back"
 
 
+@pytest.mark.long
 def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
     with shared.browser("camera", "carla") as carla:
         for _ in range(3):
@@ -329,6 +337,7 @@ def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
     assert [said["rtt_ms"] for said in shared.control.health if "rtt_ms" in said] == [3.0] * 3
 
 
+@pytest.mark.long
 def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
     robot = op3()
     landmarks = tuple(robot.profile.landmarks)
@@ -369,6 +378,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         assert np.isfinite(state["robot"]).all() and np.isfinite(state["human"]).all()
 
 
+@pytest.mark.long
 def test_the_end_and_its_reason_are_shown() -> None:
     with ExitStack() as outer:
         with pytest.raises(ConfigError), page() as one:
@@ -379,6 +389,7 @@ def test_the_end_and_its_reason_are_shown() -> None:
         assert anna.hear("state")["state"] == "ended"
 
 
+@pytest.mark.long
 def test_the_network_is_reached_over_https_with_the_certificate_that_is_told() -> None:
     with page(listen=True) as one:
         where = urlsplit(one.address)

@@ -73,6 +73,7 @@ class Audit:
             monkeypatch.setattr(owner, name, spy)
 
 
+@pytest.mark.long
 def test_half_as_stiff_is_found_and_no_goal_is_unchecked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,6 +23,7 @@ def test_every_pair_is_there_once_in_every_state() -> None:
     assert len(row_cases()) == 3 * len(ROWS) + len(APPROACHED)
 
 
+@pytest.mark.long
 def test_cases_and_results_can_go_to_another_process() -> None:
     every = [Case("second source", when=When.IDLE), Case("flood"), *seed_cases(range(2), seconds=1.0)]
     found = [
@@ -39,6 +40,7 @@ def _wrong(cases: list[Case]) -> dict[str, tuple[str, ...]]:
         return {result.name: result.wrong for result in pool.map(judged_case, cases, chunksize=4) if result.wrong}
 
 
+@pytest.mark.long
 def test_limbs_that_press_together_do_not_keep_a_stop_from_its_end() -> None:
     """The return to stance ends as near to it as they come."""
     verdict = judged_case(Case("clearance below margin", "person stops it", When.MOVING))

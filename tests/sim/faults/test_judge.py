@@ -162,6 +162,7 @@ def _endless(bench: Bench) -> Callable[[], object]:
     return lambda: (bench.trace.endless, violations(bench, bench.trace))
 
 
+@pytest.mark.long
 def test_a_run_that_does_not_end_is_ended_and_found() -> None:
     endless, wrong = forked(_endless)
     assert endless
@@ -197,6 +198,7 @@ def _hurried(bench: Bench) -> Callable[[], object]:
     return judged
 
 
+@pytest.mark.long
 def test_goals_that_are_too_fast_on_the_approach_and_when_following_resumes_are_found() -> None:
     approach, again = forked(_hurried)
     shows(approach)
@@ -211,6 +213,7 @@ BLIND = always(LivePerformer, True, "_is_good")
 """Sensor validity that accepts everything."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("first", "second", "expected"),
     [
@@ -222,11 +225,13 @@ def test_a_missing_reaction_to_two_faults_is_found(first: str, second: str, expe
     assert expected in pair_wrongs(first, second, gap=0.05, before=BLIND)
 
 
+@pytest.mark.long
 def test_a_random_run_without_a_reaction_is_found() -> None:
     with patch.object(LivePerformer, "_is_good", lambda self, heard, now: True):
         shows(judged_seed(BLIND_SEED, seconds=1.0).wrong)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gap", [0.0, 0.02, 0.05, 0.1])
 @pytest.mark.parametrize("names", [("wrist lost", "left and right swapped"), ("left and right swapped", "wrist lost")])
 def test_a_wrist_that_is_lost_and_sides_that_change_places_are_a_swap(names: tuple[str, str], gap: float) -> None:

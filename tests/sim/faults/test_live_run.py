@@ -56,6 +56,7 @@ def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
     np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest[robot.servo_columns], atol=1e-6)
 
 
+@pytest.mark.long
 def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend() -> None:
     rig = LiveRig(
         FakeSender(faults=[swapped("l_ankle", "r_ankle", 5.5, 99.0)]),
@@ -69,6 +70,7 @@ def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend() -> None:
     assert result.stop is None
 
 
+@pytest.mark.long
 def test_a_sensor_that_jumps_and_comes_back_leaves_no_trace() -> None:
     """A wrist is 0.5 m off for 0.1 s: the robot does not hold, and is 0.3 s later where it is without that."""
     options = LiveOptions(countdown=0.5, duration=4.0)
@@ -116,6 +118,7 @@ def three(parts: Parts, *faults: SenderFault, duration: float) -> LiveRig:
     return made
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("parts", ["whole", "upper"])
 def test_head_and_hands_are_followed(parts: Parts, tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
@@ -186,6 +189,7 @@ def paused(first: int, last: int, *, raised: tuple[float, float]) -> tuple[LiveR
         return rig, prepared.run(Watch(stop_asked=look))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("first", "last", "raised"),
     [
@@ -207,6 +211,7 @@ def test_after_a_pause_no_joint_goes_fast_after_a_performer_who_moved_on(
     assert share[again:][phases[again:] == Phase.FOLLOW].max() < 0.8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "within"), [("silent", 0.15), ("late", 0.06)])
 def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: float) -> None:
     sender, trouble = FakeSender(), [0.0, 0.0]
@@ -267,6 +272,7 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
         return rig, prepared.run(Watch())
 
 
+@pytest.mark.long
 def test_a_sensor_that_comes_back_is_blended_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, result = lost_wrist(LIMITS.blend, monkeypatch)
     shows(rig.said, "l_wrist")

@@ -103,6 +103,7 @@ def test_after_a_latch_only_torque_off_is_good() -> None:
     assert torque_on_again(on, 2.0) == [] and torque_on_again(off, 1.0) == []
 
 
+@pytest.mark.long
 def test_without_a_gate_the_forced_stage_is_a_collision() -> None:
     row = next(one for one in ROWS if one.name == "clearance below margin")
     bench = Bench(FakeSender(), duration=2.0, gate=False)
