@@ -25,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
 	@echo 'make web     what web:// needs: your camera, phone or headset as the performer'
-	@echo 'make test    every test but the long ones'
+	@echo 'make test    every test but the slow ones (make long)'
 	@echo 'make browser  the tests of web:// in headless Chromium, with the real body tracker; minutes'
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes'
@@ -41,7 +41,7 @@ help:
 	@echo 'make robustness  in how many runs under perturbations it stands; takes hours'
 	@echo 'make mutants  every protection of guard, gate, supervisor, loop, readers and writers removed in turn: does a test fail?'
 	@echo 'make fuzz N=100000  so many damaged files of every kind: each is read, or refused by a message'
-	@echo 'make long    tests that take minutes'
+	@echo 'make long    the slow tests, a second to minutes each'
 	@echo 'make docs-tables  the measured tables of the pages, from docs/tables and from what is computed in a second'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
 	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'

@@ -17,23 +17,14 @@ from retarget.model.robot import RobotBody, load_profile, load_robot
 from retarget.report.rest_check import at_rest, path_to_rest
 from retarget.robot.balance import heaviest_loads
 from retarget.run.options import name_with_mass
-from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_of
-from retarget.schema.performer import Performer, load_performer
-from retarget.schema.priorities import Priorities, load_priorities
-from retarget.schema.profile import DRAFT, RobotProfile, marked_lines
+from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
+from retarget.schema.performer import load_performer
+from retarget.schema.priorities import load_priorities
+from retarget.schema.profile import DRAFT, marked_lines
 from retarget.schema.profile_parts import safety_facts
-from retarget.schema.scene import Obstacle, Scene, load_scene
+from retarget.schema.scene import Obstacle, load_scene
 from retarget.schema.strict_models import Schema, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan
-
-KEYS_OF_KIND: dict[Kind, frozenset[str]] = {
-    Kind.ROBOT: frozenset(RobotProfile.model_fields) - {"name"},
-    Kind.PRIORITIES: frozenset(Priorities.model_fields) - {"name", "description"},
-    Kind.PERFORMER: frozenset(Performer.model_fields) - {"name", "description"},
-    Kind.SCENE: frozenset(Scene.model_fields) - {"name", "description"},
-    Kind.SESSION: frozenset({"robot", "source", "bus"}),
-}
-"""Keys that show the kind of a file."""
 
 ELSEWHERE = {
     **dict.fromkeys(
@@ -92,9 +83,7 @@ def _targets(name: str) -> list[tuple[Kind, Path]]:
 def _kind(path: Path) -> Kind:
     """What a file is: by its keys, then by the folder that it lies in. Raises ConfigError."""
     keys = scan(read_text(path), path).data.keys()
-    shared = {kind: len(own & keys) for kind, own in KEYS_OF_KIND.items()}
-    best = max(shared, key=lambda kind: shared[kind])
-    kind = best if shared[best] else kind_of(path)
+    kind = kind_by_keys(keys) or kind_of(path)
     if kind is None:
         raise ConfigError(
             "this is no configuration that can be checked",

@@ -15,8 +15,8 @@ from typer.models import OptionInfo
 from retarget.cli.application import USUAL_VALUES
 from retarget.errors import ConfigError
 from retarget.live.address import is_address
-from retarget.schema.catalogue import Kind, find
-from retarget.schema.strict_models import Integer, Number, Schema, Switch, Text, one_or_more, read_model
+from retarget.schema.catalogue import Kind, read_as
+from retarget.schema.strict_models import Integer, Number, Schema, Switch, Text, one_or_more, validated
 from retarget.schema.strict_yaml import Document
 
 REPLAY = "replay://"
@@ -46,7 +46,8 @@ def session_options(session: str | Path, command: Callable[..., Any]) -> dict[st
             key = option.removeprefix("--")
             kinds[key], parameters[key] = (_kind_of(kind, option) | None, None), name
     model = create_model("Session", __base__=Schema, **kinds)
-    read, document = read_model(model, find(Kind.SESSION, session))
+    document = read_as(Kind.SESSION, session)
+    read = validated(model, document)
 
     def value_of(key: str, value: Any) -> Any:
         return _from_folder(document, key, value) if key in READ else value

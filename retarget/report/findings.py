@@ -19,6 +19,7 @@ from retarget.report.report import BusReport, Report, Spread
 from retarget.report.tracking import AWAY_M
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
+from retarget.schema.priorities import LimbTask
 from retarget.types import MM, FloatArray
 
 # How much of each kind of joint limit a run used: the joint that came nearest to its own.
@@ -143,10 +144,11 @@ def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, S
     if report.fallen:
         yield "it fell", math.inf, Seen(0.0, 0.0)
     limbs, best = report.likeness_deg or {}, report.best_likeness_deg or {}
+    arms = Seen(LIMB_DEG.difference) if _hands_come_first(run) else LIMB_DEG
     for limb in (limb for limb in ARMS if limb in limbs):
         at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
         words = f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off on average{at_best}"
-        yield words, limbs[limb].mean, LIMB_DEG
+        yield words, limbs[limb].mean, arms
     if report.trunk_lean_deg is not None:
         yield f"its trunk {report.trunk_lean_deg.p95:.0f}° off (p95)", report.trunk_lean_deg.p95, LEAN_DEG
     if report.reachable_hands_mm:
@@ -166,6 +168,13 @@ def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, S
     if turn.performer is not None and turn.robot is not None:
         words = f"{turn.robot:.0f}° turned of the performer's {turn.performer:.0f}°"
         yield words, turn.performer - turn.robot, TURN_DEG
+
+
+def _hands_come_first(run: RunResult) -> bool:
+    """Whether a level asks for hands and not for forearms, which then are as like as the hands leave them."""
+    levels = run.setup.priorities[-1].levels if run.setup.priorities else ()
+    asked = ({name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels)
+    return any("l_hand" in names and "l_forearm" not in names for names in asked)
 
 
 def _like(report: Report) -> str:

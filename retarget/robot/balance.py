@@ -417,7 +417,7 @@ def _over(
 ) -> tuple[FloatArray, float]:
     """The posture (nq,) nearest to `stand` with both soles planted and the centre of mass over the one that is to carry
     alone, its trunk as it is, `squat` m lower if that is given; and how far (m) corners or mass are off then."""
-    from scipy.optimize import least_squares  # half of a start, and only a setup without a run asks for it
+    from scipy.optimize import least_squares  # 0.6 s to import, and only `--steps` and `check` need it
 
     body, solver = robot.body, robot.body.solver_body()
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]

@@ -6,12 +6,14 @@ shipped one of the same name. What belongs to one specimen of a robot, its calib
 """
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from retarget.errors import UsageError, renamed_to, suggest
+from retarget.errors import ConfigError, UsageError, renamed_to, suggest
 from retarget.schema.strict_models import listed
+from retarget.schema.strict_yaml import Document, read_text, scan
 
 MAX_LISTED = 1000
 """At most this many configurations of one kind are looked at in one folder."""
@@ -128,6 +130,40 @@ def kind_of(path: Path) -> Kind | None:
     """The kind of a configuration file by the folder that it lies in; None for any other folder."""
     folders = [folder.name for folder in path.resolve().parents]
     return next((kind for kind in Kind if kind.value in folders[:3]), None)
+
+
+TELLING = {
+    Kind.ROBOT: {"body", "root", "frames", "servos", "buses", "feet", "postures", "landmarks", "safety"},
+    Kind.PRIORITIES: {"extends", "levels", "iterations", "activation"},
+    Kind.PERFORMER: {"sensors", "roles", "partial"},
+    Kind.SCENE: {"obstacles"},
+    Kind.SESSION: {"robot", "source", "bus"},
+}
+"""Keys that files of one kind alone have."""
+
+
+def kind_by_keys(keys: Iterable[str]) -> Kind | None:
+    """The kind of a configuration file by its keys, most of them; None where none of them tells."""
+    shared = {kind: len(telling.intersection(keys)) for kind, telling in TELLING.items()}
+    best = max(shared, key=lambda kind: shared[kind])
+    return best if shared[best] else None
+
+
+def read_as(kind: Kind, name_or_path: str | Path) -> Document:
+    """Strict YAML of a configuration by name or path. Raises UsageError as `find`, ConfigError for a file that is one
+    of another kind; the document has its own problems."""
+    path = find(kind, name_or_path)
+    document = scan(read_text(path), path)
+    other = kind_by_keys(document.data)
+    if other is not None and other is not kind and not TELLING[kind].intersection(document.data):
+        raise ConfigError(
+            f"this is a {other.label}",
+            where=str(path),
+            found=f"keys {listed(document.data, limit=5)}",
+            allowed=f"a {kind.label} ({', '.join(sorted(TELLING[kind]))})",
+            next_step=f"Give a {kind.label}",
+        )
+    return document
 
 
 def _in_folder(kind: Kind, folder: Path, *, shipped: bool) -> list[Entry]:

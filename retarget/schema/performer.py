@@ -7,8 +7,8 @@ from pydantic import Field
 
 from retarget.errors import Problem
 from retarget.frames import JOINTS, SENSORS
-from retarget.schema.catalogue import Kind, find
-from retarget.schema.strict_models import Name, Schema, Switch, Text, read_model, unknown_name
+from retarget.schema.catalogue import Kind, read_as
+from retarget.schema.strict_models import Name, Schema, Switch, Text, unknown_name, validated
 from retarget.schema.strict_yaml import Document
 
 HELD = ("head", "l_wrist", "r_wrist")
@@ -51,8 +51,7 @@ class Performer(Schema):
 
 def load_performer(path_or_name: str | Path) -> Performer:
     """A performer by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
-    performer, _ = read_model(Performer, find(Kind.PERFORMER, path_or_name), check=_check)
-    return performer
+    return validated(Performer, read_as(Kind.PERFORMER, path_or_name), check=_check)
 
 
 def _check(performer: Performer, document: Document) -> list[Problem]:

@@ -20,7 +20,7 @@ from pydantic_core import PydanticCustomError
 
 from retarget.errors import ConfigError, Problem, UsageError
 from retarget.frames import SENSORS
-from retarget.schema.catalogue import Kind, find, is_file
+from retarget.schema.catalogue import Kind, find, is_file, read_as
 from retarget.schema.strict_models import (
     Integer,
     Name,
@@ -401,7 +401,7 @@ MAX_BASES = 8
 
 def _merged(path: Path, overlays: tuple[Path, ...] = ()) -> Document:
     """A priority file, with what it takes from its base where it is an overlay. overlays: those that led here."""
-    document = scan(read_text(path), path)
+    document = read_as(Kind.PRIORITIES, path)
     if document.data.get("extends") is None:
         return document
     base = _merged(_base(document, overlays), (*overlays, path))

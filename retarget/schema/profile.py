@@ -8,7 +8,7 @@ from pydantic import Field, PrivateAttr
 from hardware.bus import BusSpec
 from hardware.guard_state import GuardLimits
 from hardware.servo import ServoSpec, find_model
-from retarget.schema.catalogue import Kind, find
+from retarget.schema.catalogue import Kind, read_as
 from retarget.schema.profile_parts import (
     Bus,
     Coupling,
@@ -24,7 +24,7 @@ from retarget.schema.profile_parts import (
     servo_specs,
     with_stiffness,
 )
-from retarget.schema.strict_models import Check, Name, Schema, Text, read_model
+from retarget.schema.strict_models import Check, Name, Schema, Text, validated
 
 
 class RobotProfile(Schema):
@@ -104,9 +104,9 @@ def read_profile(path_or_name: str | Path, *, check: Check[RobotProfile] | None 
 
     check: cross checks besides the models. Raises UsageError for an unknown name, ConfigError with all problems.
     """
-    path = find(Kind.ROBOT, path_or_name)
-    profile, _ = read_model(RobotProfile, path, check=check)
-    profile._path = path
+    document = read_as(Kind.ROBOT, path_or_name)
+    profile = validated(RobotProfile, document, check=check)
+    profile._path = document.path
     return profile
 
 

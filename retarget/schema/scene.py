@@ -19,9 +19,9 @@ from pydantic_core import PydanticCustomError
 
 from retarget.errors import Problem
 from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated, rotation_vector
-from retarget.schema.catalogue import Kind, find
+from retarget.schema.catalogue import Kind, read_as
 from retarget.schema.shapes import Distance, Point, Size, SolidShape
-from retarget.schema.strict_models import Name, Quaternion, Schema, Switch, Text, read_model
+from retarget.schema.strict_models import Name, Quaternion, Schema, Switch, Text, validated
 from retarget.schema.strict_yaml import Document, KeyPath
 
 # Models of the entries of a scene: shapes, places and motions of obstacles. SI units.
@@ -308,12 +308,8 @@ class Scene(Schema):
 
 def load_scene(name_or_path: str | Path) -> Scene:
     """A scene by shipped or user's name, or by path. Raises UsageError, ConfigError with all its problems."""
-    scene, _ = read_model(
-        Scene,
-        find(Kind.SCENE, name_or_path),
-        check=lambda scene, document: check_obstacles(scene.obstacles, document),
-    )
-    return scene
+    document = read_as(Kind.SCENE, name_or_path)
+    return validated(Scene, document, check=lambda scene, document: check_obstacles(scene.obstacles, document))
 
 
 def on_floor(scene: Scene | None) -> Scene:

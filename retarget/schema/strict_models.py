@@ -241,10 +241,6 @@ Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_un
 """Rotation as w x y z."""
 
 
-COMMON = {"name", "description"}
-"""Keys that files of several kinds have."""
-
-
 def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> tuple[M, Document]:
     """Read a YAML file as `model`. Raises ConfigError with all problems of the file, those of `check` included."""
     document = scan(read_text(path), path)
@@ -254,7 +250,6 @@ def read_model(model: type[M], path: Path, *, check: Check[M] | None = None) -> 
 def validated(model: type[M], document: Document, *, check: Check[M] | None = None) -> M:
     """A document that is read, as `model`. Raises ConfigError as `read_model`."""
     problems = list(document.problems)
-    _refuse_another_kind(model, document)
     try:
         read = model.model_validate(document.data)
     except ValidationError as error:
@@ -267,24 +262,6 @@ def validated(model: type[M], document: Document, *, check: Check[M] | None = No
     if problems:
         raise ConfigError.from_problems(problems, title=f"{document.path}: {len(problems)} problems")
     return read
-
-
-def _refuse_another_kind(model: type[BaseModel], document: Document) -> None:
-    """Raise ConfigError, one problem instead of one per key, for a file that has nothing of what the model needs, not
-    by a similar name either, and mostly keys that it does not know."""
-    needed = [name for name, field in model.model_fields.items() if field.is_required() and name not in COMMON]
-    found = [name for name in document.data if name not in COMMON]
-    unknown = [name for name in found if name not in keys_at(model, ()) and not suggest(name, needed)]
-    if not needed or set(needed) & set(found) or not unknown or 2 * len(unknown) < len(found):
-        return
-    problem = document.problem(
-        (),
-        "this is a file of another kind",
-        found=f"keys {listed(found)}",
-        allowed=f"a file with {listed(needed)}",
-        next_step="Give that file, or `retarget check` this one",
-    )
-    raise ConfigError.from_problems([problem], title=f"{document.path}: 1 problem")
 
 
 def _valid_part(model: type[M], data: Mapping[str, Any]) -> M:

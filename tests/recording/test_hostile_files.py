@@ -72,7 +72,6 @@ def session(content: bytes, tmp_path_factory: pytest.TempPathFactory) -> Session
 LONG = (2**63, 2**64 - 1, 51)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("length", LONG)
 def test_a_length_that_no_record_has_is_damage(length: int, session: Session, tmp_path: Path) -> None:
     long = struct.pack("<BQ", 5, length) + bytes(50)
@@ -99,7 +98,6 @@ def test_a_packed_file_is_never_unpacked_beyond_its_limit(says: int, session: Se
         tracemalloc.stop()
 
 
-@pytest.mark.long
 def test_all_chunks_count_together(session: Session, tmp_path: Path) -> None:
     path = tmp_path / "many.mcap"
     path.write_bytes(mcap(packed(record_of(3, bytes(2**26 - 9))) * 17, session=session))

@@ -202,7 +202,6 @@ def test_the_body_of_then_is_used_and_another_can_be_given(
         read_run(run.path, body=tmp_path / "nothing.xml")
 
 
-@pytest.mark.long
 def test_half_a_recording_is_exported_with_a_word(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -43,7 +43,6 @@ def chosen(rows: TopicRows, at: NDArray[np.intp]) -> TopicRows:
     return TopicRows(rows.cycles[at], rows.rows[at])
 
 
-@pytest.mark.long
 def test_all_of_it(run: Recorded) -> None:
     found = run.played()
     assert found.whole and found.missing == 0 and found.last_tick == run.result.ticks_followed - 1
@@ -176,7 +175,6 @@ def test_cut_before_the_first_chunk_is_refused(content: bytes, tmp_path: Path) -
             played(read_recording(path))
 
 
-@pytest.mark.long
 def test_a_flipped_bit_never_changes_what_is_read(content: bytes, tmp_path: Path) -> None:
     """Whatever stands before it is read; what is read is what was written."""
     path = tmp_path / "run.mcap"

@@ -13,6 +13,7 @@ from retarget.report.measure import measure
 from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
+from retarget.schema.priorities import load_priorities
 from rig import Rig, person, result, scripted_run, short_clip
 
 
@@ -138,6 +139,14 @@ def test_a_sentence_says_whether_it_follows(
     alike |= {"reachable_hands_mm": None, "hands_away_s": None, "hand_path_ratio": 1.0, "pelvis_height_mm": None}
     found = of("following", run, replace(report, **(alike | differs)))
     assert (found.measured, found.kept) == (words, kept)
+
+
+def test_arms_that_hands_come_before_differ_in_part(run: RunResult, report: Report) -> None:
+    report = replace(report, trunk_lean_deg=None, reachable_hands_mm=None, hands_away_s=None, pelvis_height_mm=None)
+    report = replace(report, likeness_deg={"upper_arms": BAD}, hand_path_ratio=1.0)
+    priorities = (*run.setup.priorities[:-1], load_priorities("hands_first"))
+    manipulates = replace(run, setup=replace(run.setup, priorities=priorities))
+    assert (of("following", run, report).kept, of("following", manipulates, report).kept) == (False, None)
 
 
 def test_the_height_of_the_pelvis_is_shown_where_it_was_to_move(run: RunResult, report: Report) -> None:

@@ -46,16 +46,18 @@ def test_a_trunk_that_leans_as_the_performers_does_is_no_error() -> None:
 
 
 @pytest.mark.long
-def test_hands_first_puts_hands_where_the_arm_has_them_seen_from_the_shoulder() -> None:
-    off = {}
+def test_hands_first_puts_hands_where_the_arm_has_them_and_leaves_the_trunk() -> None:
+    off, lean = dict[str, float](), dict[str, float]()
     for priorities in ("servo", "hands_first"):
         asked, q, reached = followed(priorities)
+        lean[priorities] = np.degrees(limb_angles(op3(), q, asked)[LEAN][150:]).max()
         seen = hands_from_shoulders(op3(), asked, q, reached)
         hands = [asked.landmark_names.index(name) for name in ("l_hand", "r_hand")]
         off[priorities] = np.linalg.norm(seen - asked.landmarks, axis=2)[150:, hands].mean()
         others = [column for column in range(len(asked.landmark_names)) if column not in hands]
         np.testing.assert_array_equal(seen[:, others], reached[:, others])
     assert off["hands_first"] < 0.008 < off["servo"] < 0.06
+    assert lean["hands_first"] < 2.0 < lean["servo"]  # a hand that reaches folds no trunk
 
 
 WEIGHTS = {"l_hand": 0.15, "l_upper_arm": 0.1, "l_forearm": 0.1}

@@ -107,7 +107,7 @@ def recording(shared: Path) -> Path:
     return shared / "mocap" / "cmu_asfamc" / "01_07.amc"
 
 
-@pytest.fixture(scope="module", params=[pytest.param(worn, marks=pytest.mark.long) for worn in ("five", "six")])
+@pytest.fixture(scope="module", params=["five", "six"])
 def worn(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -141,6 +141,7 @@ def after_jump(seconds: float, length: float = 0.3) -> slice:
     return slice(first, first + round(length * 125.0))
 
 
+@pytest.mark.long
 def test_the_sensors_do_jump(recording: Path, worn: str) -> None:
     frames = read_amc(recording).select(tuple(load_performer(worn).sensors)).cut(START, END)
     jumps = {jump.sensor: jump.distance_m for jump in find_jumps(frames)}
@@ -149,6 +150,7 @@ def test_the_sensors_do_jump(recording: Path, worn: str) -> None:
     assert jumps["head"] > 0.2 and jumps["r_wrist"] > 0.35 and jumps["l_ankle"] > 0.5
 
 
+@pytest.mark.long
 def test_the_joints_keep_their_limits_tick_by_tick(run: Arrays) -> None:
     robot, dt = load_robot("op3"), 1.0 / 125.0
     limits, names = robot.limits, run["joint_names"].tolist()
@@ -160,6 +162,7 @@ def test_the_joints_keep_their_limits_tick_by_tick(run: Arrays) -> None:
     assert moved[after_jump(0.0)].max() > 1e-3  # it does go after the sensors
 
 
+@pytest.mark.long
 def test_what_is_asked_jumps_and_what_is_sent_does_not(run: Arrays) -> None:
     asked, reached = steps(run["landmarks_asked"]), steps(run["landmarks_reached"])
     hands = [run["landmark_names"].tolist().index(name) for name in ("l_hand", "r_hand")]

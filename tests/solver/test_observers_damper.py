@@ -43,7 +43,7 @@ def test_a_straight_approach_ends_on_the_law(distance: float, n_ik: int) -> None
 @pytest.mark.parametrize("speed", [1.5, 2.5])
 @pytest.mark.parametrize("acceleration", [2.0, 5.0])
 def test_a_body_that_brakes_at_any_moment_stops_before_the_margin(speed: float, acceleration: float) -> None:
-    """A wall in the way along x, after y goes as fast again as x: braking in proportion takes as long as y needs."""
+    """A wall bars x, while y goes twice as fast: joints that brake in proportion take as long as y needs."""
     made = rig(POINT, [ball(1, margin=0.01)], [wall(quat=(0.5**0.5, 0.0, -(0.5**0.5), 0.0), at=(0.5, 0.0, 0.0))])
     levels = [[Task.preventive(speed=SPEED)], [Task.position(1)]]
     far, fastest = np.full(3, 100.0), speed * np.array([0.5, 1.0, 1.0])

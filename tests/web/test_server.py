@@ -117,7 +117,6 @@ def fetched(address: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
         return error.code, dict(error.headers), error.read()
 
 
-@pytest.mark.long
 def test_files_are_served_to_who_has_the_key_with_a_policy(shared: Page) -> None:
     status, headers, body = fetched(shared.address)
     assert status == 200 and b"<html" in body and headers["Content-Type"] == "text/html"

@@ -76,8 +76,8 @@ impl FrameSolver {
                             watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
                         }
                     }
-                    watch.stopping = stopping_time(&self.velocity, &self.limits, dt);
-                    watch.begin(&self.pose, dt, self.settings.n_ik);
+                    let stopping = stopping_time(&self.velocity, &self.limits, dt);
+                    watch.begin(&self.pose, dt, stopping, self.settings.n_ik);
                 }
                 _ => watch.look(&self.pose, done, &self.step),
             }

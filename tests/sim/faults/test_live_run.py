@@ -56,7 +56,6 @@ def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
     np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest[robot.servo_columns], atol=1e-6)
 
 
-@pytest.mark.long
 def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend() -> None:
     rig = LiveRig(
         FakeSender(faults=[swapped("l_ankle", "r_ankle", 5.5, 99.0)]),
@@ -211,7 +210,6 @@ def test_after_a_pause_no_joint_goes_fast_after_a_performer_who_moved_on(
     assert share[again:][phases[again:] == Phase.FOLLOW].max() < 0.8
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("kind", "within"), [("silent", 0.15), ("late", 0.06)])
 def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: float) -> None:
     sender, trouble = FakeSender(), [0.0, 0.0]

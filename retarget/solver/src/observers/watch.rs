@@ -60,7 +60,7 @@ pub struct Watch {
     pub violation: Vec<f64>,
     pub(super) dt: f64,
     /// Seconds that the body needs to come to rest from how it moves as a frame begins.
-    pub stopping: f64,
+    pub(super) stopping: f64,
     /// Share of a frame that one iteration is.
     pub(super) iteration: f64,
     pub(super) approaching: Vec<Approach>,
