@@ -7,7 +7,6 @@ import numpy as np
 
 from hardware.guard_state import StopCause
 from retarget.human.samples import Clip
-from retarget.model.human import PostureReader
 from retarget.report import motion_metrics, tracking
 from retarget.report.clearance import RunClearances, clearances, in_mm
 from retarget.report.likeness import LEAN, best_angles, limb_angles
@@ -35,7 +34,7 @@ from retarget.report.report import (
 from retarget.report.tracking import Performance, hands_from_shoulders, reachable_hands, top_level_error
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
-from retarget.types import MM, ORIENTED, FloatArray
+from retarget.types import MM, FloatArray
 
 # What the bus's own clock and the guard recorded of a run.
 
@@ -116,7 +115,7 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
-    performance, moved = _performance(run), _moved(run, reached)
+    performance, moved = tracking.performance_of(run), _moved(run, reached)
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -271,22 +270,6 @@ def _hands(run: RunResult, asked: Performance | None, moved: FloatArray) -> _Han
     }
 
 
-def _performance(run: RunResult) -> Performance | None:
-    """What was asked of the robot, and of whom; None where nothing was."""
-    human, sent = run.record.human, run.record.robot
-    if sent is None or not len(sent.q):
-        return None
-    return Performance(
-        dimensions=run.human.dimensions,
-        joint_names=human.joint_names,
-        joints=human.joints,
-        pelvis=PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")],
-        landmark_names=sent.landmark_names,
-        landmarks=sent.landmarks_asked,
-        dt=run.clip.dt,
-    )
-
-
 def _likeness(run: RunResult, asked: Performance | None) -> tuple[dict[str, Spread] | None, Spread | None]:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
     robot, q = run.robot, run.moved_q
@@ -301,7 +284,7 @@ def _likeness(run: RunResult, asked: Performance | None) -> tuple[dict[str, Spre
 def best_likeness(run: RunResult) -> dict[str, Spread] | None:
     """As `likeness_deg` and, as `trunk_lean`, `trunk_lean_deg`, at the best that the joints allow; takes seconds. None
     where nothing was followed by both hands."""
-    robot, asked = run.robot, _performance(run)
+    robot, asked = run.robot, tracking.performance_of(run)
     if robot is None or asked is None or not run.setup.priorities:
         return None
     tasks = [task for level in run.setup.priorities[-1].levels for task in level.tasks if isinstance(task, LimbTask)]

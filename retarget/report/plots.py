@@ -20,9 +20,10 @@ from retarget.ik.support_polygon import convex_hull, plant
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import MIDDLE, SIDES
 from retarget.report import motion_metrics
+from retarget.report.likeness import ARMS, LEAN, limb_angles
 from retarget.report.motion_metrics import moved_joints, sole_corners, soles_of
 from retarget.report.solid import ELEVATION, facets_of, lit, project
-from retarget.report.tracking import performer_facing, turned
+from retarget.report.tracking import performance_of, performer_facing, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
 from retarget.types import MM, FloatArray
@@ -133,6 +134,7 @@ class Postures:
 
 
 POSES = 9
+"""In a strip, and where a robot follows, the one that is least alike."""
 WIDTH, MOST_PER_HEIGHT, TITLE = 13.5, 1.7, 0.45
 """Inches: of the whole picture, of a body's height at most, and of the title."""
 GAP, ROOM = 0.07, 0.12
@@ -147,7 +149,8 @@ def plot_poses(run: RunResult) -> Figure | None:
     """The human above, the robot below; of a human alone, the recorded body over the reconstructed one."""
     if run.ticks_followed < 2:
         return None
-    ticks = unlike_ticks(run, min(POSES, run.ticks_followed))
+    ticks, worst = unlike_ticks(run, min(POSES, run.ticks_followed)), least_alike(run)
+    ticks = sorted({*ticks} | ({worst} if worst is not None else set()))
     bodies = [performer_postures(run, ticks)]
     bodies += [] if run.robot is None else [robot_postures(run, ticks)]
     extents = np.array([[body.extent(pose) for pose in range(len(ticks))] for body in bodies])  # (lines, poses, 4)
@@ -164,9 +167,8 @@ def plot_poses(run: RunResult) -> Figure | None:
         for body, floor in zip(bodies, floors, strict=True):
             place = (float(places[pose]), float(floor))
             body.draw(axes, pose, place=place, points_per_unit=72.0 * inches)
-        axes.text(
-            places[pose], 0.0, f"{run.record.time[tick]:.1f} s", fontsize=9, ha="center", va="top", color="#555555"
-        )
+        label = f"{run.record.time[tick]:.1f} s" + ("\nleast alike" if tick == worst else "")
+        axes.text(places[pose], 0.0, label, fontsize=9, ha="center", va="top", color="#555555")
     axes.set_xlim(-GAP, across)
     axes.set_ylim(down, 0.0)
     axes.set_aspect("equal")
@@ -187,6 +189,17 @@ def unlike_ticks(run: RunResult, count: int) -> list[int]:
         apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=-1).sum(axis=-1))
         chosen.append(int(np.nanargmax(apart)))
     return sorted(following.start + int(rows[row]) for row in chosen)
+
+
+def least_alike(run: RunResult) -> int | None:
+    """The tick at which arms and trunk of the robot are farthest from the performer's, in sum of their angles; None
+    where nothing shows it."""
+    asked, q, following = performance_of(run), run.moved_q, run.record.following
+    if run.robot is None or q is None or asked is None:
+        return None
+    angles = [angle[following] for limb, angle in limb_angles(run.robot, q, asked).items() if limb in (*ARMS, LEAN)]
+    off = np.concatenate(angles, axis=1).sum(axis=1) if angles else np.zeros(0)
+    return following.start + int(np.nanargmax(off)) if np.isfinite(off).any() else None
 
 
 def _poses_title(run: RunResult) -> str:

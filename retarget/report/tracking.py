@@ -246,6 +246,22 @@ class Performance:
         return np.asarray(self.joints[:, [self.joint_names.index(name) for name in names]].mean(axis=1))
 
 
+def performance_of(run: RunResult) -> Performance | None:
+    """What was asked of the robot of a run, and of whom; None where nothing was."""
+    human, sent = run.record.human, run.record.robot
+    if sent is None or not len(sent.q):
+        return None
+    return Performance(
+        dimensions=run.human.dimensions,
+        joint_names=human.joint_names,
+        joints=human.joints,
+        pelvis=PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")],
+        landmark_names=sent.landmark_names,
+        landmarks=sent.landmarks_asked,
+        dt=run.clip.dt,
+    )
+
+
 def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str, FloatArray]:
     """Hand -> place (T, 3) m where it is asked, as the torso carries it while the robot stands in its stance.
 
