@@ -365,14 +365,14 @@ def heaviest_loads(robot: RobotBody) -> list[PostureLoad]:
     keeps = StandingStrength(robot, stance, share=1.0)
     rest = plant(robot, robot.profile.postures.rest)
     both = [_heaviest(keeps, f"in {name}", keeps.torques(at.q)) for name, at in (("stand", stance), ("rest", rest))]
-    return [*both, one_leg_load(robot)]
+    return [*both, on_one_leg(robot)[0]]
 
 
-def one_leg_load(robot: RobotBody) -> PostureLoad:
+def on_one_leg(robot: RobotBody) -> tuple[PostureLoad, float]:
     """The heavier load of both legs of a robot with two soles, each with the centre of mass over the middle of its
-    sole."""
-    keeps, torques, _ = _one_leg_torques(robot)
-    return max((_heaviest(keeps, "on one leg", torque) for torque in torques), key=lambda load: load.share)
+    sole; and how far (m) the mass stays from there while both soles are flat: much where ankles or hips do not roll."""
+    keeps, torques, missed = _one_leg_torques(robot)
+    return max((_heaviest(keeps, "on one leg", torque) for torque in torques), key=lambda load: load.share), missed
 
 
 def one_leg_squat(robot: RobotBody) -> float:
@@ -385,12 +385,6 @@ def one_leg_squat(robot: RobotBody) -> float:
         if (np.abs(_one_leg_torques(robot, step * SQUAT_STEP_M)[1]) > most).any():
             return (step - 1) * SQUAT_STEP_M
     return deepest
-
-
-def missed_on_one_leg(robot: RobotBody) -> float:
-    """How far (m) a robot with two soles stays from having its mass over the middle of one while both are flat on the
-    floor: much where its ankles or hips do not roll."""
-    return _one_leg_torques(robot)[2]
 
 
 def _one_leg_torques(robot: RobotBody, squat: float | None = None) -> tuple[StandingStrength, FloatArray, float]:

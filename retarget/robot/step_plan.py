@@ -11,7 +11,7 @@ from enum import Enum
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
-from retarget.robot.balance import ENOUGH, missed_on_one_leg, moving_share, one_leg_load
+from retarget.robot.balance import ENOUGH, moving_share, on_one_leg
 from retarget.schema.priorities import (
     CentreOfMassTask,
     Level,
@@ -264,7 +264,7 @@ def with_steps(
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
             raise kind(f"steps {steps} are not possible here", where=where, found=found, next_step=next_step)
     if steps == "shift":
-        missed, load = missed_on_one_leg(robot), one_leg_load(robot)
+        load, missed = on_one_leg(robot)
         why = f"{load}, more than {100 * ENOUGH:.0f}%" if load.share > ENOUGH else ""
         if missed > MISSED_M:
             why = f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"

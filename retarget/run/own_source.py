@@ -82,13 +82,12 @@ def performing(
     clock: Clock,
     notify: Notify = lambda text: None,
     tap: RawTap | None = None,
-    where: str = "own source",
 ) -> Perform:
     """A performance by a source of your own, for `retarget.run.prepare.prepare_for`.
 
     clock: that of the run, whose time `read` is given. notify: receives instructions to the performer, and changes.
-    tap: records what came. where: the source's name in messages. The result raises InputError where there are no data,
-    sensors are missing, or the performer does not stand still; UsageError for a performer who cannot be measured.
+    tap: records what came. The result raises InputError where there are no data, sensors are missing, or the performer
+    does not stand still; UsageError for a performer who cannot be measured.
     """
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
@@ -96,7 +95,7 @@ def performing(
         stream = open_stream(
             None, performer, receiver=source, tap=tap, smoothing=options.smoothing, latest=options.latest
         )
-        return begin_live(stream, options, clock=clock, rate_hz=live_rate_hz(robot), where=where, notify=notify)
+        return begin_live(stream, options, clock=clock, rate_hz=live_rate_hz(robot), where="own source", notify=notify)
 
     return perform
 

@@ -20,7 +20,7 @@ from retarget.robot.balance import (
     StandingStrength,
     heaviest_loads,
     leg_joints,
-    one_leg_load,
+    on_one_leg,
 )
 from retarget.robot.follower import Follower
 from retarget.schema.priorities import load_priorities
@@ -44,7 +44,7 @@ def test_loads_are_shown_with_the_strength(name: str) -> None:
 def test_the_hip_carries_all_but_its_leg_beside_itself(name: str) -> None:
     """Its roll joint: the weight of all that it holds up, as far beside it as the middle of the body nearly is."""
     robot = load_robot(name)
-    load = one_leg_load(robot)
+    load, _ = on_one_leg(robot)
     assert "hip_roll" in load.joint.lower() or "HipRoll" in load.joint
     body = robot.body
     place = body.solver_body().points(
