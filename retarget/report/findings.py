@@ -132,9 +132,10 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
     if differs:
         shown = lost or [words for words, _, _ in differs]
         verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
-    allowed = f"limbs within {LIMB_DEG.lost:g}° of the performer's, trunk within {LEAN_DEG.lost:g}°, "
-    allowed += f"pelvis within {SQUAT_SHARE.lost:.0%} of the leg, hands on their way, "
-    allowed += f"none more than {MM * AWAY_M:.0f} mm off for {HAND_AWAY_S.lost:g} s"
+    bounds = [seen.lost if lost else seen.difference for seen in (LIMB_DEG, LEAN_DEG, SQUAT_SHARE, HAND_AWAY_S)]
+    allowed = f"limbs within {bounds[0]:g}° of the performer's, trunk within {bounds[1]:g}°, "
+    allowed += f"pelvis within {bounds[2]:.0%} of the leg, hands on their way, "
+    allowed += f"none more than {MM * AWAY_M:.0f} mm off for {bounds[3]:g} s"
     yield Finding("following", verdict, allowed, kept)
 
 

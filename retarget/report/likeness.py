@@ -46,7 +46,7 @@ def limb_angles(robot: RobotBody, q: FloatArray, asked: Performance) -> dict[str
     if _has_trunk(robot):
         stood = plant(robot, robot.profile.postures.stand).q
         lean = _lean(_trunk(robot, q)) - _lean(_trunk(robot, stood[None])) - performer_lean(asked)
-        found[LEAN] = np.linalg.norm(lean, axis=1)[:, None]
+        found[LEAN] = np.minimum(np.linalg.norm(lean, axis=1), np.pi)[:, None]  # nothing leans farther away
     return found
 
 
@@ -145,7 +145,7 @@ def best_angles(robot: RobotBody, asked: Performance, weights: Mapping[str, floa
     if _has_trunk(robot):
         trunk = _trunk(robot, stance.q[None])
         lean = _lean(np.einsum("tij,j->ti", turn, trunk[0])) - _lean(trunk) - performer_lean(asked)[rows]
-        found[LEAN] = np.linalg.norm(lean, axis=1)[:, None]
+        found[LEAN] = np.minimum(np.linalg.norm(lean, axis=1), np.pi)[:, None]  # nothing leans farther away
     return found
 
 

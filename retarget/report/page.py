@@ -57,6 +57,10 @@ LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
 
+FOLLOWED = ("likeness", "over the ground", "foot path")
+"""Findings on what a person sees that stand in the head of the page."""
+
+
 def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[str, Figure]) -> None:
     """Write the page of a run, whole or not at all, into its folder, made if need be. Raises UsageError if that cannot
     be."""
@@ -67,7 +71,7 @@ def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[s
 def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) -> str:
     """The page of a run. Every text of the run in it is escaped. figures: as of `plots.figures_of`."""
     found = findings(run, report)
-    limits = [finding for finding in found if finding.kept is not None]
+    limits = [finding for finding in found if finding.kept is not None and finding.name != "following"]
     animation, tracking, script = animation_of(run), _tracking(report), _script()
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
@@ -77,6 +81,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
         report=report,
         counted=counted,
         verdict=next((finding for finding in found if finding.name == "following"), None),
+        followed=[finding for finding in found if finding.name in FOLLOWED],
         limits=limits,
         failed=sum(not limit.kept for limit in limits),
         moments=moments(run),

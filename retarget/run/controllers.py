@@ -71,7 +71,7 @@ class Commanded:
 
     @property
     def stands(self) -> bool:
-        """Whether its posture is the one before: no motion is left to brake."""
+        """Whether its posture is the one before."""
         return self.stood_s > 0.0
 
     def take(self, goal: CheckedGoal, target: Target | None, *, on_soles: bool) -> None:
@@ -511,6 +511,12 @@ class RobotMotion:
             self._gate.clearance.begin(standing, present)
         self.commanded.begin(standing, present)
         return goal
+
+    @property
+    def stands(self) -> bool:
+        """Whether nothing is left to brake: neither the posture nor the goals that hold it, which may still change
+        where they make up for a load."""
+        return self.commanded.stands and self._gate.at_rest
 
     def has_arrived(self, state: RunState) -> bool:
         """Whether the controller of a state has begun, and has nothing left to do."""

@@ -297,7 +297,7 @@ class Loop:
         return Situation(
             approached=motion.approach.arrived,
             arrived=motion.has_arrived(self._machine.supervisor.state),
-            stands=motion.commanded.stands,
+            stands=motion.stands,
             straight=motion.on_approach,
             goes_to_rest=self._machine.goes_to_rest,
         )

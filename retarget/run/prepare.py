@@ -34,6 +34,7 @@ from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
 from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
+from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
 from retarget.schema.scene import load_scene, on_floor
@@ -291,7 +292,8 @@ def stage_priorities(
     usual, balances = name_with_mass(robot), bool(support_tasks(of_robot))
     if robot.stands and last != usual and (not balances or (options.has_mass and moving_share(of_robot) is None)):
         how = f"balances {profile.name} as if it stood still" if balances else f"does not balance {profile.name}"
-        notes = (*notes, f"{last} {how}, so it may fall. Use {usual}, or extend it")
+        with_mass = next((one.name for one in entries(Kind.PRIORITIES) if one.name == f"balanced_{last}"), usual)
+        notes = (*notes, f"{last} {how}, so it may fall. Use {with_mass}, or extend it")
     return of_human, of_robot, notes
 
 

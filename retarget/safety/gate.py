@@ -128,6 +128,11 @@ class Gate:
         self._joints, self.displacement = goal, displacement
         return self._make(target, passed=True)
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether the goal that was made last can be the last: the joints may stop at it at once."""
+        return bool(self._braking.ticks(self.displacement) <= 1.0)
+
     def brake(self) -> CheckedGoal:
         """The next goal of the last verified braking trajectory; once at rest, the same goal for ever."""
         self._offset_change = (1.0 - 1.0 / self._braking.ticks(self.displacement)) * self._offset_change

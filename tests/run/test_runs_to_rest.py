@@ -20,6 +20,7 @@ from retarget.human.samples import Playback
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report import motion_metrics
+from retarget.report.measure import limits_broken
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.follower import Follower
 from retarget.run.loop import INTERRUPTED, Watch
@@ -31,7 +32,7 @@ from retarget.run.supervisor import STATES
 from retarget.safety.gate import Gate
 from retarget.sources.open import open_source
 from retarget.types import FloatArray, Notify, RunState
-from sim.mock_bus import MockBus
+from sim.mock_bus import MockBus, mock_bus
 from sim.performer import synthetic_performer
 from sim.physics.witness import Witness
 
@@ -213,6 +214,14 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
         run = stop_at(ready)
     assert (run.state, run.reason) == ("off", INTERRUPTED)
     assert_stands_well(run)
+
+
+def test_a_stop_is_over_when_its_goals_stand_not_its_posture_alone() -> None:
+    """Where goals make up for a load they may go on after the posture that they hold."""
+    options, clock = RunOptions(robot="wolfgang", priorities="balanced"), VirtualClock()
+    with prepare(lambda: synthetic_performer().cut(0.0, 3.3), options, clock=clock, make_bus=mock_bus) as prepared:
+        run = prepared.run()
+    assert limits_broken(run) == LimitViolations(position=0, velocity=0, acceleration=0)
 
 
 @pytest.mark.long
