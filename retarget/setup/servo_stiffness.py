@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from hardware.joint_map import JointMap
-from hardware.servo import ServoSpec
+from hardware.servo import ServoSpec, loop_stiffness
 from retarget.errors import UsageError, suggest
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
@@ -99,7 +99,8 @@ def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) ->
     goals = np.tile(stand[robot.servo_columns], (len(path), 1))
     goals[:, column] = path
     torque = load_torques(robot, column, goals, hung)
-    ticks = np.ptp(torque) / servo.gear / servo.model.stiffness.nominal / servo.model.tick_rad
+    expected = loop_stiffness(servo, protocol=robot.profile.buses[servo.bus].protocol)
+    ticks = np.ptp(torque) / servo.gear / expected / servo.model.tick_rad
     if ticks < LEAST_TICKS:
         raise UsageError(
             "too little load for a measurement",
