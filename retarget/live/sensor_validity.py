@@ -248,7 +248,7 @@ class Engagement:
         """Whether the robot is to follow: False while a pedal or key is released."""
         self.settled = 0.0
         """Share of its speed that the robot may use beyond that of its slow approach: 0 until the blend back is over,
-        then up to 1 in `LIMITS.blend` s."""
+        then up to 1 in as long as that took."""
         self.following = False
         """Whether samples are followed; else the last one is held."""
         self._held = self.shown = first
@@ -279,7 +279,7 @@ class Engagement:
                 return None
             self.following, self._began, self._duration = True, now, self._blend_time(sample)
         share = (now - self._began) / self._duration
-        self.settled = min(max((now - self._began - self._duration) / LIMITS.blend, 0.0), 1.0)
+        self.settled = min(max((now - self._began) / self._duration - 1.0, 0.0), 1.0)
         self.shown = sample if share >= 1.0 else _blend(self._held, sample, share * share * (3.0 - 2.0 * share))
         return self.shown
 
