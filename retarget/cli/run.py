@@ -1,7 +1,7 @@
 """`retarget run`: let a robot, or the virtual human alone, follow a performer, recorded or live."""
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -61,8 +61,7 @@ from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
 from retarget.report.findings import show_summary
 from retarget.report.measure import best_likeness, measure, measure_latest
-from retarget.report.outputs import Outputs, Written
-from retarget.report.report import Report
+from retarget.report.outputs import Outputs
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
@@ -120,11 +119,12 @@ class CommandRun:
         self.notify = self.recorder.recorded_notify(log)
         self._feed: ViewFeed | None = None
 
+    @contextmanager
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
-    ) -> AbstractContextManager[Prepared]:
-        """The run that can start, with its bus open. robot: as of `prepare_for`."""
-        return prepare_for(
+    ) -> Iterator[Prepared]:
+        """The run that can start, with its bus open, and what is to be known of it said. robot: as of `prepare_for`."""
+        with prepare_for(
             perform,
             self.options,
             clock=self.recorder.clock,
@@ -133,7 +133,10 @@ class CommandRun:
             notify=self.notify,
             supervisor=supervisor,
             robot=robot,
-        )
+        ) as prepared:
+            for text in prepared.notes:
+                self.notify(f"note: {text}")
+            yield prepared
 
     @contextmanager
     def page(self) -> Iterator[None]:
@@ -243,28 +246,24 @@ def follow_clip(
             ):
                 result = run.play(recorded, page, page.with_stop_button(stop, stop), stop, show)
         # Signals are still received and not raised, so that the files are written.
-        return run.recorder.code(finished(run.bench.seen(result), outputs))
+        return run.recorder.code(finished(run.bench.seen(result), outputs, said=prepared.notes))
 
 
-def finished(run: RunResult, outputs: Outputs) -> int:
-    """Write the files of a run, show its summary, return the exit code. A run that was asked to stop, with no file that
-    needs all metrics, is only measured in part, so that the command ends soon."""
+def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> int:
+    """Write the files of a run, show its summary without the notes that were said, return the exit code. A run that was
+    asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon."""
     soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     report = measure_latest(run) if soon else measure(run)
     if outputs.best_likeness:
         report = replace(report, best_likeness_deg=best_likeness(run))
     written = outputs.write(run, report)
-    _show(run, report, written)
-    return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
-
-
-def _show(run: RunResult, report: Report, written: Written) -> None:
-    """Show the summary, last of all, because a terminal may be gone or full."""
-    show_summary(run, report, console())
+    show_summary(run, replace(report, notes=tuple(note for note in report.notes if note not in said)), console())
+    # Last of all, because a terminal may be gone or full.
     for line in written.lines:
         typer.echo(line)
     for problem in written.problems:
         typer.echo(f"error: {problem}", err=True)
+    return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
 
 
 # A live run: open the stream, calibrate, follow until it is stopped; on virtual time where nothing is real.
@@ -404,7 +403,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
         operator.close()  # a stop that comes while the report is written finds no run
         stream_report = performer.report(address=address.text, person=begins.person, times=web.times())
         result = replace(run.bench.seen(result), live=stream_report)
-        return max(run.recorder.code(finished(result, outputs)), _followed(result, notify))
+        return max(run.recorder.code(finished(result, outputs, said=prepared.notes)), _followed(result, notify))
 
 
 def _performing(

@@ -167,8 +167,11 @@ class RunOptions:
             allowed = " or ".join(f"--bus {name}" for name in WIRED)
             raise UsageError("only the emulator has faults to inject", where="--faults", found=bus, allowed=allowed)
         if self.physics != PhysicsOptions() and not self.has_physics:
-            options, allowed = "--mount, --hook, --seed, --perturb", " or ".join(f"--bus {name}" for name in PHYSICS)
-            raise UsageError("only a robot with mass has these", where=options, found=bus, allowed=allowed)
+            mass = self.physics
+            options = {"--mount": mass.mount, "--hook": mass.hook, "--seed": mass.seed, "--perturb": mass.perturbations}
+            given = ", ".join(option for option, value in options.items() if value)
+            allowed = " or ".join(f"--bus {name}" for name in PHYSICS)
+            raise UsageError("only a robot with mass has this", where=given, found=bus, allowed=allowed)
         if not self.gate and not self.simulated:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=bus)
         if self.steps == "shift" and self.parts != "whole":

@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
 from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -491,30 +492,26 @@ def _carriers(task: CarriedTask, here: KeyPath, document: Document) -> list[Prob
 FOR_HUMANS = "human, human_clear, paper"
 """The shipped priority files of the human's stage."""
 
-_GIVE_HUMAN = f"Give the human a priority file of its own (shipped: {FOR_HUMANS})"
-
 
 def check_for_human(priorities: Priorities, name: str) -> None:
     """Raise ConfigError for tasks that name no sensor of any performer, and would have no effect.
 
     name: of the priority file, or its path.
     """
-    where = str(find(Kind.PRIORITIES, name))
-    problems = [
-        Problem(
-            f"task {task.type} of level {priorities.levels[level].name!r} names no sensor of a performer",
-            where=where,
-            found=listed(task.of),
-            allowed=listed(SENSORS),
-            next_step=_GIVE_HUMAN,
-        )
-        for level, _, task in priorities.tasks()
+    asked = [
+        task.of
+        for _, _, task in priorities.tasks()
         if isinstance(task, PositionTask | LimbTask | OrientationTask | LookAtTask)
         and not task.optional
         and not set(task.of) & set(SENSORS)
     ]
-    if problems:
-        raise ConfigError.from_problems(problems, title=f"{where}: {len(problems)} problems")
+    if asked:
+        raise ConfigError(
+            "it moves no human: it asks for what is no sensor of a performer",
+            where=str(find(Kind.PRIORITIES, name)),
+            found=listed(dict.fromkeys(chain.from_iterable(asked))),
+            next_step=f"Give the human a priority file of its own ({FOR_HUMANS})",
+        )
 
 
 @contextmanager

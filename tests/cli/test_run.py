@@ -259,8 +259,10 @@ def test_a_file_that_cannot_be_written_costs_no_other(
     assert saved.exists()
     shows_lines(shown.out, re.compile("^(tracking|run)"))
     assert {path.name for path in tmp_path.iterdir()} == {"r.npz", "r_human.xml"}
-    assert [line[:20] for line in shown.err.splitlines()] == ["error: report not wr", "error: picture not w"]
-    shows(shown.err)
+    note, *errors = shown.err.splitlines()
+    assert note.startswith("note: frame rate")
+    assert [line[:20] for line in errors] == ["error: report not wr", "error: picture not w"]
+    shows("\n".join(errors))
 
 
 @pytest.mark.long
@@ -270,7 +272,8 @@ def test_a_reader_that_leaves_costs_no_file(amc: Path, tmp_path: Path) -> None:
     os.close(reader)
     with os.fdopen(writer, "w") as pipe:
         result = subprocess.run(words, stdout=pipe, stderr=subprocess.PIPE, text=True, timeout=60)
-    assert (result.returncode, result.stderr) == (DONE, "")
+    assert result.returncode == DONE
+    assert [line[:16] for line in result.stderr.splitlines()] == ["note: frame rate"]
     assert (tmp_path / "r.json").exists()
 
 
@@ -291,3 +294,12 @@ def test_a_recording_is_played_on_one_core_and_has_no_dead_man(capsys: pytest.Ca
     assert run_run(*words, str(min(os.sched_getaffinity(0)))) == DONE
     assert run_run(*words, "0", "--dead-man", "d") == REFUSED
     assert "--dead-man" in capsys.readouterr().err
+
+
+def test_what_is_to_be_known_of_a_run_is_said_once_and_before_it(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--robot", "op3", "--source", "sample", "--end", "0.1", "--priorities", "fixed_base")
+    assert run_run(*words) == DONE
+    said = capsys.readouterr()
+    [note] = [line for line in said.err.splitlines() if "fixed_base" in line]
+    shows(note, "balance", "op3")
+    assert note not in said.out

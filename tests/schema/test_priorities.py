@@ -309,7 +309,7 @@ def test_a_file_that_holds_all_that_it_takes_loads_as_the_file_itself(name: str,
 @pytest.mark.parametrize(
     ("robot", "priorities", "message"),
     [
-        ("human", "servo", r"servo\.yaml.*names no sensor of a performer"),
+        ("human", "servo", r"servo\.yaml.*neck.*human_clear"),
         ("op3", "human", r"human\.yaml: .*l_wrist, r_wrist.*leave its priorities out"),
     ],
 )
