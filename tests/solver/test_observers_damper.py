@@ -5,6 +5,7 @@ import pytest
 
 from observed import BOX, CARTS, CYLINDER, POINT, Rig, Shape, aim, ball, chain, rig, rod, wall
 from retarget._solver import Braking, Solver, Task
+from retarget.types import FloatArray
 
 DT, SPEED, INFLUENCE = 0.02, 0.5, 0.1
 ITERATIONS = [1, 2, 3, 5, 10]
@@ -40,6 +41,12 @@ def test_a_straight_approach_ends_on_the_law(distance: float, n_ik: int) -> None
             assert distance == pytest.approx(least, abs=1e-9)
 
 
+def stopped(braking: Braking, q: FloatArray, step: FloatArray) -> FloatArray:
+    """Where a body rests that went by `step` to q in the last tick, all joints braked in proportion."""
+    ticks = braking.ticks(step)
+    return np.asarray(q + step * sum(1.0 - tick / ticks for tick in range(1, int(ticks) + 1)))
+
+
 @pytest.mark.parametrize("speed", [1.5, 2.5])
 @pytest.mark.parametrize("acceleration", [2.0, 5.0])
 def test_a_body_that_brakes_at_any_moment_stops_before_the_margin(speed: float, acceleration: float) -> None:
@@ -52,12 +59,30 @@ def test_a_body_that_brakes_at_any_moment_stops_before_the_margin(speed: float, 
     q, nearest = np.zeros(3), np.inf
     for k in range(300):
         before, q = q, solver.frame(aim(solver, l1_0=(1.0 if k > 50 else 0.0, 30.0, 0.0)), DT).copy()
-        step = q - before
-        ticks = braking.ticks(step)
-        stop = q + step * sum(1.0 - tick / ticks for tick in range(1, int(ticks) + 1))
-        nearest = min(nearest, float(made.near(stop).distance[0]))
+        nearest = min(nearest, float(made.near(stopped(braking, q, q - before)).distance[0]))
         assert nearest >= 0.01 - 1e-9
     assert nearest < 0.011  # it came there, nevertheless
+
+
+@pytest.mark.parametrize("seed", [8, 14, 20])
+def test_where_it_would_come_to_rest_a_part_keeps_its_margin_with_its_other_end_too(seed: int) -> None:
+    """A bar is led about boxes by jumps, and turns: what is nearest now is not what is nearest when it rests."""
+    rng = np.random.default_rng(seed)
+    bar = Shape(BOX, (0.12, 0.02, 0.02), 2, at=(0.1, 0.0, 0.0), margin=0.01)
+    made = rig(chain(2), [bar], [Shape(BOX, (0.05, 0.05, 0.05), at=at) for at in ((0.45, 0.1, 0.0), (0.1, -0.4, 0.0))])
+    fastest, acceleration, dt = np.full(2, 3.0), 40.0, 0.008
+    levels = [[Task.preventive(speed=SPEED)], [Task.posture(np.ones(2))]]
+    solver = made.solver(levels, activation="all", n_ik=5, max_velocity=fastest, acceleration=acceleration)
+    braking = Braking(-np.full(2, 9.0), np.full(2, 9.0), fastest, np.full(2, acceleration), dt=dt)
+    q, nearest = np.array([1.5, 0.0]), np.inf
+    solver.reset(q)
+    for k in range(1200):
+        if k % 60 == 0:
+            goal = rng.uniform(-2.5, 2.5, 2)
+        before, q = q, solver.frame(aim(solver, l1_0=goal), dt).copy()
+        nearest = min(nearest, float(made.near(stopped(braking, q, q - before)).distance.min()))
+        assert nearest > 0.0095
+    assert nearest < 0.012  # it came there, nevertheless
 
 
 @pytest.mark.parametrize("n_ik", ITERATIONS)

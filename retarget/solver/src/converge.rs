@@ -77,7 +77,9 @@ impl FrameSolver {
                         }
                     }
                     let stopping = stopping_time(&self.velocity, &self.limits, dt);
-                    watch.begin(&self.pose, dt, stopping, self.settings.n_ik);
+                    let motion = (self.velocity.as_slice(), self.limits.as_slice());
+                    watch.rest.foresee((&self.body, &watch.set), &self.q, motion, dt, stopping);
+                    watch.begin(&self.pose, dt, self.settings.n_ik);
                 }
                 _ => watch.look(&self.pose, done, &self.step),
             }

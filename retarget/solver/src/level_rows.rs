@@ -7,8 +7,8 @@ use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most rows of one task: where more pairs are within influence, the closest get them.
-const MOST_ROWS: usize = 128;
+/// Most pairs of one task that may have their two rows: where more are within influence, the closest get them.
+const MOST_PAIRS: usize = 128;
 
 /// A task's place in the target vector and among the rows.
 pub struct Placed {
@@ -76,7 +76,7 @@ impl Layout {
 pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
     for task in levels.iter_mut().flatten() {
         if let TaskKind::Observers(task) = &mut task.kind {
-            task.rows = set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_ROWS);
+            task.rows = 2 * set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_PAIRS);
         }
     }
 }
@@ -93,12 +93,13 @@ pub fn watch(
     for p in placed {
         if let TaskKind::Observers(task) = &mut p.task.kind {
             (task.index, task.first_row) = (tasks.len(), p.first_row);
-            tasks.push(ObserverTask { used: Vec::with_capacity(task.rows), ..task.clone() });
+            let pairs = || Vec::with_capacity(task.rows / 2);
+            tasks.push(ObserverTask { used: pairs(), at_rest: pairs(), ..task.clone() });
         }
     }
     let mut column = vec![None; body.nv];
     for &(dof, c) in &columns.all {
         column[dof] = Some(c);
     }
-    Watch::new(set, tasks, activation, &column)
+    Watch::new(set, tasks, activation, &column, body)
 }

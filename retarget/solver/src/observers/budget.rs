@@ -65,6 +65,9 @@ impl Watch {
     pub(super) fn spend(&mut self, pose: &Pose, step: &[f64]) {
         self.set.place(pose, &mut self.solids);
         self.expected.copy_from_slice(step);
+        for (left, step) in self.rest.left.iter_mut().zip(step) {
+            *left -= step;
+        }
         for k in 0..self.pairs.len() {
             let way = self.way(k, step);
             if way > 0.0 {
@@ -81,19 +84,21 @@ impl Watch {
         self.sum_violations();
     }
 
-    /// Pairs that get a row before the first solve of an iteration: what held before, and what a step like the last would spend.
+    /// Pairs that get rows before the first solve of an iteration: what held before, what a step like the last would spend, and what
+    /// may meet before the body rests.
     pub(super) fn wake_expected(&mut self, first: bool) {
         self.near.clear();
         for k in 0..self.pairs.len() {
             let state = &self.pairs[k];
             let side = if first { state.first_side } else { state.side };
-            if side != Side::Free || self.way(k, &self.expected) >= state.budget {
+            let held = side != Side::Free || state.rest_side != Side::Free;
+            if held || self.may_meet(k) || self.way(k, &self.expected) >= state.budget {
                 self.wake(k);
                 self.near.push(k);
             }
             self.pairs[k].has_row = self.near.last() == Some(&k);
         }
-        if self.near.len() > self.most_rows {
+        if self.near.len() > self.most_pairs {
             let pairs = &self.pairs;
             self.near.sort_unstable_by(|a, b| pairs[*a].budget.total_cmp(&pairs[*b].budget));
         }
@@ -147,6 +152,26 @@ impl Watch {
         if state.at_least == f64::NEG_INFINITY || state.at_least < distance {
             (state.at_least, state.at_most) = (distance, if is_far { f64::INFINITY } else { distance });
         }
+        self.look_at_rest(k);
+    }
+
+    /// Look at a pair where the body would come to rest.
+    fn look_at_rest(&mut self, k: usize) {
+        self.pairs[k].at_rest = self.may_meet(k).then(|| {
+            let (a, b) = self.set.sides(k, &self.rest.solids, &self.fixtures);
+            nearest(a, b, &mut self.scratch)
+        });
+    }
+
+    /// Whether a pair that is apart now may be nearer than its margin where the body comes to rest, as this frame may change that.
+    fn may_meet(&self, k: usize) -> bool {
+        let margin = self.set.pairs[k].margin;
+        if !self.is_there(k) || self.rest.share == 0.0 || self.way(k, &self.rest.way) < self.pairs[k].at_least - margin
+        {
+            return false;
+        }
+        let (a, b) = self.set.sides(k, &self.rest.solids, &self.fixtures);
+        gap_at_least(a, b) <= margin + self.way(k, &self.rest.change)
     }
 
     /// Where an obstacle is at the start of the next frame; whatever else was known of it is forgotten where that differs.

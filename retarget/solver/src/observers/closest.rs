@@ -10,9 +10,9 @@ use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 
 impl Watch {
-    /// A frame of `dt` s in `n_ik` iterations begins in this posture, of a body that needs `stopping` s to come to rest.
-    pub fn begin(&mut self, pose: &Pose, dt: f64, stopping: f64, n_ik: usize) {
-        (self.dt, self.stopping, self.iteration) = (dt, stopping, 1.0 / n_ik as f64);
+    /// A frame of `dt` s in `n_ik` iterations begins in this posture.
+    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize) {
+        (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
         if self.activation == Activation::All {
             self.open_budgets(pose);
         } else {

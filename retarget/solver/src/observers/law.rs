@@ -27,17 +27,6 @@ pub fn damped_floor(distance: f64, influence: f64, margin: f64, speed: f64, dt: 
     margin + (distance - margin) * (-speed * dt / room).exp()
 }
 
-/// Least distance at the end of a frame of `dt` s that began at `distance`, for a body that needs `stopping` s to come to rest; beyond
-/// influence too, for what comes fast has to brake earlier.
-///
-/// All joints brake in proportion, so that a part which approaches goes on for half of that time's way: it is to have the room.
-pub fn stopping_floor(distance: f64, margin: f64, stopping: f64, dt: f64) -> f64 {
-    if distance <= margin || stopping <= 0.0 {
-        return f64::NEG_INFINITY;
-    }
-    margin + (distance - margin) * (-2.0 * dt / stopping).exp()
-}
-
 /// Least distance at the end of a frame for a part that touches: out at `speed` (m/s), up to the margin and no farther.
 pub fn way_out(distance: f64, margin: f64, speed: f64, dt: f64) -> f64 {
     (distance + speed * dt).min(margin.max(distance))

@@ -7,6 +7,7 @@
 //! * `watch`: what is known of each pair.
 //! * `closest`: of those influenced by one obstacle, only the closest that approaches (paper).
 //! * `budget`: pairs that cannot have come too near, whose distance need not be computed.
+//! * `rest`: the same pairs where the body would come to rest.
 //! * `rows`: inequality rows of pairs, written into a hierarchy problem.
 //! * `path`: whether a path of postures keeps pairs apart, between its rows too; `stage` and `way` are its parts.
 
@@ -14,6 +15,7 @@ mod budget;
 mod closest;
 pub mod law;
 mod path;
+mod rest;
 mod rows;
 mod set;
 mod stage;

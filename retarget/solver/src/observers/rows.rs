@@ -5,6 +5,7 @@ use super::set::Mover;
 use super::task::Activation;
 use super::watch::Watch;
 use crate::body::Body;
+use crate::geometry::Nearest;
 use crate::hierarchy::{Problem, Side};
 use crate::kinematics::Pose;
 use crate::math::*;
@@ -47,13 +48,14 @@ impl Watch {
             let task = if self.pairs[k].mode == Mode::Reactive { reacts } else { prevents };
             let Some(t) = task else { continue };
             let task = &mut self.tasks[t];
-            if !task.on || task.used.len() == task.rows {
+            if !task.on || 2 * task.used.len() == task.rows {
                 continue;
             }
             let r = task.first_row + task.used.len();
             task.used.push(k);
             let asked = if waits { 0.0 } else { self.asked(k) };
-            self.write_row(k, r, asked, body, pose, problem, shift);
+            let Nearest { a, b, normal, .. } = self.pairs[k].nearest;
+            self.write_row(k, r, &Place { a, b, normal, asked, pose, more: None }, body, problem, shift);
             if asked > 0.0 {
                 ease(problem, r, asked);
             }
@@ -61,14 +63,35 @@ impl Watch {
             problem.row_side[r] = if first { state.first_side } else { state.side };
             problem.present[r] = !waits && may_be_crossed(problem, r);
             waiting |= waits;
+            if waits || state.mode == Mode::Reactive {
+                continue;
+            }
+            if let Some(place) = self.at_rest(k) {
+                let task = &self.tasks[t];
+                let r = task.first_row + task.rows - 1 - task.at_rest.len();
+                self.write_row(k, r, &place, body, problem, shift);
+                self.tasks[t].at_rest.push(k);
+                problem.row_side[r] = self.pairs[k].rest_side;
+                problem.present[r] = may_be_crossed(problem, r);
+            }
         }
         waiting
     }
 
+    /// Where the body would come to rest, a pair keeps its margin, or what it is to have by the end of the frame; None: it does.
+    fn at_rest(&self, k: usize) -> Option<Place<'_>> {
+        let (state, rest) = (&self.pairs[k], &self.rest);
+        let Nearest { a, b, normal, distance } = state.at_rest?;
+        let asked = (self.set.pairs[k].margin.min(state.floor) - distance) * rest.share;
+        Some(Place { a, b, normal, asked, pose: &rest.pose, more: Some(&rest.left) })
+    }
     fn clear_rows(&mut self, problem: &mut Problem) {
         for task in &mut self.tasks {
             problem.present[task.first_row..task.first_row + task.used.len()].fill(false);
+            let end = task.first_row + task.rows;
+            problem.present[end - task.at_rest.len()..end].fill(false);
             task.used.clear();
+            task.at_rest.clear();
         }
     }
 
@@ -81,43 +104,36 @@ impl Watch {
         floor - distance + self.drift(k)
     }
 
-    /// The row n . J dq >= asked of a pair.
-    #[allow(clippy::too_many_arguments)]
-    fn write_row(
-        &self,
-        k: usize,
-        r: usize,
-        asked: f64,
-        body: &Body,
-        pose: &Pose,
-        problem: &mut Problem,
-        shift: &Shift<'_>,
-    ) {
-        let state = &self.pairs[k];
-        let (n, a, b) = (state.nearest.normal, state.nearest.a, state.nearest.b);
+    /// The row n . J dq >= asked of a pair in a place.
+    fn write_row(&self, k: usize, r: usize, place: &Place<'_>, body: &Body, problem: &mut Problem, shift: &Shift<'_>) {
         let row = problem.row_mut(r);
         row.fill(0.0);
         // The hierarchy solves for z, with dq = reference + scale z: columns take the scale, the limit what the reference
         // moves.
         let mut moved = 0.0;
         for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
-            let value = sign * dot(n, body.point_column(pose, dof, if sign > 0.0 { a } else { b }));
-            moved += value * shift.reference[dof];
+            let point = if sign > 0.0 { place.a } else { place.b };
+            let value = sign * dot(place.normal, body.point_column(place.pose, dof, point));
+            moved += value * (shift.reference[dof] - place.more.map_or(0.0, |more| more[dof]));
             row[c] = value * shift.scale[dof];
         }
-        problem.lower[r] = asked - moved;
+        problem.lower[r] = place.asked - moved;
         problem.upper[r] = f64::INFINITY;
     }
 
     /// Remember which rows held.
     pub fn keep_sides(&mut self, problem: &Problem, first: bool) {
         for &k in &self.near {
-            self.pairs[k].side = Side::Free;
+            (self.pairs[k].side, self.pairs[k].rest_side) = (Side::Free, Side::Free);
         }
         for task in &self.tasks {
             for (index, &k) in task.used.iter().enumerate() {
                 let r = task.first_row + index;
                 self.pairs[k].side = if problem.present[r] { problem.row_side[r] } else { Side::Free };
+            }
+            for (index, &k) in task.at_rest.iter().enumerate() {
+                let r = task.first_row + task.rows - 1 - index;
+                self.pairs[k].rest_side = if problem.present[r] { problem.row_side[r] } else { Side::Free };
             }
         }
         if first {
@@ -126,6 +142,16 @@ impl Watch {
             }
         }
     }
+}
+
+/// A point of either side of a pair in a posture, the normal between them, and least n . J dq there: `asked`, and what `more` moves.
+struct Place<'a> {
+    a: Vec3,
+    b: Vec3,
+    normal: Vec3,
+    asked: f64,
+    pose: &'a Pose,
+    more: Option<&'a [f64]>,
 }
 
 /// From dq to the hierarchy's variables z: dq = reference + scale z.

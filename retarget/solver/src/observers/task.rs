@@ -33,6 +33,8 @@ pub struct ObserverTask {
     pub rows: usize,
     /// Pairs that its rows stand for, in this iteration.
     pub used: Vec<usize>,
+    /// The same for its last rows, from the last one on, about where the body would come to rest.
+    pub at_rest: Vec<usize>,
 }
 
 impl ObserverTask {

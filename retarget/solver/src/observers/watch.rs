@@ -1,8 +1,10 @@
 //! The observers of one solver at work: what is known of each pair, and how near it may come.
 
-use super::law::{damped_floor, stopping_floor, way_out, Mode};
+use super::law::{damped_floor, way_out, Mode};
+use super::rest::Rest;
 use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
+use crate::body::Body;
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
 use crate::hierarchy::Side;
 use crate::math::*;
@@ -28,6 +30,10 @@ pub struct PairState {
     /// Side of its row in the last solve, and in that of the first iteration of the last frame.
     pub side: Side,
     pub first_side: Side,
+    /// The same where the body would come to rest; None: far enough apart.
+    pub at_rest: Option<Nearest>,
+    /// Side of the row there.
+    pub rest_side: Side,
 }
 
 /// A pair that came nearer in the trial.
@@ -59,8 +65,6 @@ pub struct Watch {
     /// Violation of each task's rows, m.
     pub violation: Vec<f64>,
     pub(super) dt: f64,
-    /// Seconds that the body needs to come to rest from how it moves as a frame begins.
-    pub(super) stopping: f64,
     /// Share of a frame that one iteration is.
     pub(super) iteration: f64,
     pub(super) approaching: Vec<Approach>,
@@ -68,10 +72,11 @@ pub struct Watch {
     pub(super) fixtures: Vec<Solid>,
     /// Observers and obstacles where they were when the frame began.
     pub(super) start: (Vec<Solid>, Vec<Solid>),
+    pub rest: Rest,
     /// A step like the one to come: the last one of this frame, or all of the frame before.
     pub(super) expected: Vec<f64>,
-    /// Rows that the smallest task has.
-    pub(super) most_rows: usize,
+    /// Pairs for which the smallest task has rows.
+    pub(super) most_pairs: usize,
     pub(super) scratch: Scratch,
 }
 
@@ -81,6 +86,7 @@ impl Watch {
         tasks: Vec<ObserverTask>,
         activation: Activation,
         columns: &[Option<usize>],
+        body: &Body,
     ) -> Self {
         let task_of = set.pairs.iter().map(|p| ObserverTask::of_pair(&tasks, p)).collect();
         let movers = set
@@ -101,6 +107,8 @@ impl Watch {
             has_row: false,
             side: Side::Free,
             first_side: Side::Free,
+            at_rest: None,
+            rest_side: Side::Free,
         };
         Self {
             activation,
@@ -114,14 +122,14 @@ impl Watch {
             modes_now: vec![Mode::Free; set.observers.len()],
             violation: vec![0.0; tasks.len()],
             dt: 0.0,
-            stopping: 0.0,
             iteration: 1.0,
             approaching: Vec::with_capacity(set.pairs.len()),
             solids: set.new_solids(),
             fixtures: set.new_fixtures(),
             start: (set.new_solids(), set.new_fixtures()),
+            rest: Rest::new(body, &set),
             expected: vec![0.0; columns.len()],
-            most_rows: tasks.iter().map(|t| t.rows).min().unwrap_or(0),
+            most_pairs: tasks.iter().map(|t| t.rows / 2).min().unwrap_or(0),
             scratch: Scratch::default(),
             tasks,
             set,
@@ -142,7 +150,7 @@ impl Watch {
     pub(super) fn forget(&mut self, k: usize) {
         let state = &mut self.pairs[k];
         (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
-        (state.mode, state.side, state.first_side) = (Mode::Free, Side::Free, Side::Free);
+        (state.mode, state.side, state.first_side, state.rest_side) = (Mode::Free, Side::Free, Side::Free, Side::Free);
     }
 
     /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
@@ -222,10 +230,7 @@ impl Watch {
         let (pair, state) = (&self.set.pairs[k], &self.pairs[k]);
         match (state.mode, self.task_of[k]) {
             (Mode::Reactive, (_, Some(task))) => way_out(distance, pair.margin, self.tasks[task].speed, dt),
-            (_, (Some(task), _)) => {
-                let damped = damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt);
-                damped.max(stopping_floor(distance, pair.margin, self.stopping, dt))
-            }
+            (_, (Some(task), _)) => damped_floor(distance, pair.influence, pair.margin, self.tasks[task].speed, dt),
             _ => f64::NEG_INFINITY,
         }
     }
