@@ -123,7 +123,7 @@ class CommandRun:
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
     ) -> Iterator[Prepared]:
-        """The run that can start, with its bus open, and what is to be known of it said. robot: as of `prepare_for`."""
+        """The run that can start, with its bus open; its notes are said. robot: as of `prepare_for`."""
         with prepare_for(
             perform,
             self.options,

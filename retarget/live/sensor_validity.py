@@ -248,7 +248,7 @@ class Engagement:
         """Whether the robot is to follow: False while a pedal or key is released."""
         self.settled = 0.0
         """Share of its speed that the robot may use beyond that of its slow approach: 0 until the blend back is over,
-        then up to 1 in as long as that took."""
+        then rising to 1 over the duration of that blend."""
         self.following = False
         """Whether samples are followed; else the last one is held."""
         self._held = self.shown = first

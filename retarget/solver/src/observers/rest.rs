@@ -8,17 +8,18 @@ use crate::braking::Limit;
 use crate::geometry::Solid;
 use crate::kinematics::Pose;
 
-/// That posture.
+/// The posture in which the body would come to rest if it braked after this frame.
 pub struct Rest {
     pub pose: Pose,
     pub solids: Vec<Solid>,
     pub q: Vec<f64>,
-    /// What is moved by then, and in that frame, less what the present one has moved already; most by which this one may change what
-    /// is moved by then (nv).
+    /// Displacement until rest, (T + dt) / 2 v for a body that needs T s to stop (nv).
     pub way: Vec<f64>,
+    /// What remains of a frame like the last one, dt v less what this one has moved so far (nv).
     pub left: Vec<f64>,
+    /// Most that this frame can add to `way`, (T + dt) / 2 dt a (nv).
     pub change: Vec<f64>,
-    /// Share of a change of that way that is made in the frame itself; 0: the body rests.
+    /// Displacement in a frame for one until rest, 2 dt / (T + dt); 0: the body rests.
     pub share: f64,
 }
 

@@ -78,7 +78,8 @@ impl Watch {
         waiting
     }
 
-    /// Where the body would come to rest, a pair keeps its margin, or what it is to have by the end of the frame; None: it does.
+    /// The row about the posture of rest, n . J (sum dq - dt v) >= share (min(margin, floor) - distance); None: the pair is far enough
+    /// apart there.
     fn at_rest(&self, k: usize) -> Option<Place<'_>> {
         let (state, rest) = (&self.pairs[k], &self.rest);
         let Nearest { a, b, normal, distance } = state.at_rest?;
