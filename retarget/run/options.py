@@ -171,7 +171,7 @@ class RunOptions:
             options = {"--mount": mass.mount, "--hook": mass.hook, "--seed": mass.seed, "--perturb": mass.perturbations}
             given = ", ".join(option for option, value in options.items() if value)
             allowed = " or ".join(f"--bus {name}" for name in PHYSICS)
-            raise UsageError("only a robot with mass has this", where=given, found=bus, allowed=allowed)
+            raise UsageError("only a simulated robot with mass takes this", where=given, found=bus, allowed=allowed)
         if not self.gate and not self.simulated:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=bus)
         if self.steps == "shift" and self.parts != "whole":

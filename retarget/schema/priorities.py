@@ -498,19 +498,20 @@ def check_for_human(priorities: Priorities, name: str) -> None:
 
     name: of the priority file, or its path.
     """
-    asked = [
-        task.of
-        for _, _, task in priorities.tasks()
+    wrong = [
+        (priorities.levels[level].name, task.of)
+        for level, _, task in priorities.tasks()
         if isinstance(task, PositionTask | LimbTask | OrientationTask | LookAtTask)
         and not task.optional
         and not set(task.of) & set(SENSORS)
     ]
-    if asked:
+    if wrong:
         raise ConfigError(
-            "it moves no human: it asks for what is no sensor of a performer",
+            f"tasks name no sensor of a performer, in {listed(dict.fromkeys(level for level, _ in wrong))}",
             where=str(find(Kind.PRIORITIES, name)),
-            found=listed(dict.fromkeys(chain.from_iterable(asked))),
-            next_step=f"Give the human a priority file of its own ({FOR_HUMANS})",
+            found=listed(dict.fromkeys(chain.from_iterable(of for _, of in wrong))),
+            allowed=listed(SENSORS),
+            next_step=f"Name sensors, or take a file for the human ({FOR_HUMANS})",
         )
 
 

@@ -76,6 +76,15 @@ def test_the_robot_has_all_of_its_speed_after_the_blend_and_never_in_a_hold() ->
     assert 0.0 <= np.diff(settled[:280]).max() <= DT / LIMITS.blend * 1.001
 
 
+def test_after_a_long_blend_the_speed_rises_as_slowly() -> None:
+    engagement, settled = Engagement(sample(0.0)), list[float]()
+    for tick in range(1200):
+        engagement.step(DT * tick, sample(1.0), good=True)
+        settled.append(engagement.settled)
+    rises = DT * np.count_nonzero((np.array(settled) > 0.0) & (np.array(settled) < 1.0))
+    assert rises >= 1.0 / LIMITS.blend_speed and settled[-1] == 1.0  # no sooner than at the fastest speed
+
+
 FRESH = np.array([ValidityState.FRESH], dtype=np.uint8)
 LOST = np.array([ValidityState.STALE], dtype=np.uint8)
 

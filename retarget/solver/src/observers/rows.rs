@@ -86,6 +86,7 @@ impl Watch {
         let asked = (self.set.pairs[k].margin.min(state.floor) - distance) * rest.share;
         Some(Place { a, b, normal, asked, pose: &rest.pose, more: Some(&rest.left) })
     }
+
     fn clear_rows(&mut self, problem: &mut Problem) {
         for task in &mut self.tasks {
             problem.present[task.first_row..task.first_row + task.used.len()].fill(false);

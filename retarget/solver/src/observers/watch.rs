@@ -30,7 +30,7 @@ pub struct PairState {
     /// Side of its row in the last solve, and in that of the first iteration of the last frame.
     pub side: Side,
     pub first_side: Side,
-    /// The same where the body would come to rest; None: far enough apart.
+    /// Where its sides are nearest in the posture of rest; None: far enough apart there.
     pub at_rest: Option<Nearest>,
     /// Side of the row there.
     pub rest_side: Side,
