@@ -85,6 +85,55 @@ def test_where_it_would_come_to_rest_a_part_keeps_its_margin_with_its_other_end_
     assert nearest < 0.012  # it came there, nevertheless
 
 
+def test_two_parts_that_come_at_each_other_stop_before_the_margin() -> None:
+    """One goes twice as fast as the other, and aside as well."""
+    made = rig(CARTS, [ball(1, margin=0.01), ball(2, at=(0.5, 0.0, 0.0))], pairs=[(0, 1)])
+    levels = [[Task.preventive(speed=SPEED)], [Task.position(1), Task.position(2)]]
+    fastest, slowed, dt = np.array([1.0, 2.0, 2.0, 2.0]), np.full(4, 5.0), 0.008
+    solver = made.solver(levels, activation="all", n_ik=5, max_velocity=fastest, max_acceleration=slowed)
+    braking = Braking(-np.full(4, 9.0), np.full(4, 9.0), fastest, slowed, dt=dt)
+    q, nearest = np.zeros(4), np.inf
+    for _ in range(250):
+        before, q = q, solver.frame(aim(solver, l1_0=(1.0, 0.02, 0.0), l1_1=(-1.0, 0.0, 0.0)), dt).copy()
+        nearest = min(nearest, float(made.near(stopped(braking, q, q - before)).distance[0]))
+        assert nearest >= 0.01
+    assert nearest < 0.02  # they met, nevertheless
+
+
+@pytest.mark.parametrize("away", [0.15, 0.19, 0.225])
+def test_where_an_obstacle_will_be_at_the_time_of_rest_it_is_not_met(away: float) -> None:
+    """A ball comes across the way, and at any moment braking ends beside it, not where it has come to by then."""
+    made = rig(POINT, [ball(1, margin=0.01)], [ball(at=(0.5, away, 0.0), margin=0.01)])
+    made.velocity = np.array([[0.0, -0.3, 0.0]])
+    levels = [[Task.preventive(speed=SPEED)], [Task.position(1)]]
+    fastest, slowed, dt = np.full(3, 1.0), np.full(3, 4.0), 0.008
+    solver = made.solver(levels, activation="all", n_ik=5, max_velocity=fastest, max_acceleration=slowed)
+    braking = Braking(-np.full(3, 9.0), np.full(3, 9.0), fastest, slowed, dt=dt)
+    q, nearest = np.zeros(3), np.inf
+    for _ in range(150):
+        made.show(solver)
+        before, q = q, solver.frame(aim(solver, l1_0=(1.0, 0.0, 0.0)), dt).copy()
+        made.at = made.at + dt * made.velocity
+        later = dt * (braking.ticks(q - before) - 1.0)
+        nearest = min(nearest, float(made.near(stopped(braking, q, q - before), later=later).distance[0]))
+        assert nearest > 0.009
+    assert nearest < 0.02  # it was in the way, nevertheless
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.02, 0.04], ids=["to its middle", "past its middle", "far past it"])
+def test_what_would_stop_beyond_the_middle_of_an_obstacle_is_slowed_not_led_through_it(beyond: float) -> None:
+    """A solver starts anew in the midst of a motion: the shortest way out of a ball is then the way on."""
+    made = rig(POINT, [ball(1, 0.02, margin=0.01)], [ball(0, 0.03, at=(0.1, 0.0, 0.0))])
+    levels, acceleration = [[Task.preventive(speed=SPEED)], [Task.position(1)]], 10.0
+    solver = made.solver(levels, activation="all", n_ik=5, acceleration=acceleration)
+    speed = float(np.sqrt(2.0 * acceleration * (0.1 + beyond))) - acceleration * DT
+    solver.reset(np.zeros(3), np.array([speed, 0.0, 0.0]))
+    for _ in range(3):
+        solver.frame(aim(solver, l1_0=(1.0, 0.0, 0.0)), DT)
+        assert solver.velocity[0] < speed - 0.5 * acceleration * DT
+        speed = float(solver.velocity[0])
+
+
 @pytest.mark.parametrize("n_ik", ITERATIONS)
 @pytest.mark.parametrize("goal", [None, (0.5, 0.0, 0.0)], ids=["nothing asked", "asked inward"])
 def test_inside_the_margin_it_comes_out_at_the_same_law(n_ik: int, goal: tuple[float, float, float] | None) -> None:
@@ -97,11 +146,13 @@ def test_inside_the_margin_it_comes_out_at_the_same_law(n_ik: int, goal: tuple[f
     assert made.near(q).distance[0] == pytest.approx(0.01, abs=1e-6)
 
 
-def test_from_rest_it_comes_out_no_faster_than_joints_do_with_ease() -> None:
+@pytest.mark.parametrize("velocity", [0.0, 1e-9], ids=["from rest", "from the slightest motion"])
+def test_from_rest_it_comes_out_no_faster_than_joints_do_with_ease(velocity: float) -> None:
     """A quarter of the way that accelerations allow in the first frame, the law later; and it arrives."""
     made = rig(POINT, [ball(1, margin=0.01)], [ball(at=(0.104, 0.0, 0.0), influence=INFLUENCE)])
     solver = made.solver([[Task.preventive(speed=SPEED)]], activation="all", n_ik=1, acceleration=1.0)
     targets = aim(solver)
+    solver.reset(np.zeros(3), np.array([velocity, 0.0, 0.0]))
     first = made.near(solver.frame(targets, DT)).distance[0] - 0.004
     assert first == pytest.approx(0.25 * 1.0 * DT**2, rel=1e-6) and first < floor(0.004, margin=0.01) - 0.004
     for _ in range(400):

@@ -3,7 +3,7 @@
 //! The linear problem of one iteration is metric, rows and box, in the variables z = (dq - reference) / scale. Observers add their rows,
 //! and ask for a second solve after a trial.
 
-use crate::braking::{frame_bounds, iteration_bounds, stopping_time};
+use crate::braking::{frame_bounds, iteration_bounds};
 use crate::frame::FrameSolver;
 use crate::hierarchy::{solve, Problem};
 use crate::level_rows::Placed;
@@ -76,10 +76,8 @@ impl FrameSolver {
                             watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
                         }
                     }
-                    let stopping = stopping_time(&self.velocity, &self.limits, dt);
                     let motion = (self.velocity.as_slice(), self.limits.as_slice());
-                    watch.rest.foresee((&self.body, &watch.set), &self.q, motion, dt, stopping);
-                    watch.begin(&self.pose, dt, self.settings.n_ik);
+                    watch.begin(&self.body, (&self.q, &self.pose), motion, dt, self.settings.n_ik);
                 }
                 _ => watch.look(&self.pose, done, &self.step),
             }

@@ -85,8 +85,8 @@ impl FrameSolver {
         settings: Settings,
     ) -> Self {
         let columns = Columns::new(&body, locked);
-        if let Some((set, _)) = &observers {
-            reserve_rows(&mut levels, set);
+        if let Some((set, activation)) = &observers {
+            reserve_rows(&mut levels, set, *activation);
         }
         let mut layout = Layout::new(&body, levels, locked, columns.all.len());
         let watch = observers.map(|(set, activation)| watch(&body, &columns, &mut layout.placed, set, activation));
@@ -146,7 +146,9 @@ impl FrameSolver {
     pub fn reset(&mut self, q: &[f64], velocity: &[f64]) {
         self.q.copy_from_slice(q);
         self.posed = false;
-        self.velocity.copy_from_slice(velocity);
+        for &(dof, _) in &self.columns.all {
+            self.velocity[dof] = velocity[dof]; // what is locked stays at rest
+        }
         self.problem.z.fill(0.0);
         self.progress.reset();
         if let Some(watch) = &mut self.watch {

@@ -7,7 +7,7 @@ use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most pairs of one task that may have their two rows: where more are within influence, the closest get them.
+/// Most pairs of one task that may have rows: where more are within influence, those get them that may come too near first.
 const MOST_PAIRS: usize = 128;
 
 /// A task's place in the target vector and among the rows.
@@ -73,10 +73,11 @@ impl Layout {
 }
 
 /// Give every task of observers room for the pairs that it looks at.
-pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
+pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet, activation: Activation) {
     for task in levels.iter_mut().flatten() {
         if let TaskKind::Observers(task) = &mut task.kind {
-            task.rows = 2 * set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_PAIRS);
+            task.pairs = set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_PAIRS);
+            task.has_rest = activation == Activation::All && !task.reactive;
         }
     }
 }
@@ -93,8 +94,7 @@ pub fn watch(
     for p in placed {
         if let TaskKind::Observers(task) = &mut p.task.kind {
             (task.index, task.first_row) = (tasks.len(), p.first_row);
-            let pairs = || Vec::with_capacity(task.rows / 2);
-            tasks.push(ObserverTask { used: pairs(), at_rest: pairs(), ..task.clone() });
+            tasks.push(ObserverTask { used: Vec::with_capacity(task.pairs), ..task.clone() });
         }
     }
     let mut column = vec![None; body.nv];

@@ -4,9 +4,9 @@
 //! what it misses is found after the step, and corrected by the next one.
 
 use super::law::Mode;
-use super::set::{Mover, ObstaclePose, Other};
+use super::set::{place_obstacles, Mover, ObstaclePose, Other};
 use super::watch::Watch;
-use crate::geometry::{gap_at_least, nearest, Nearest};
+use crate::geometry::{extreme, gap_at_least, nearest, Nearest, Solid};
 use crate::hierarchy::Side;
 use crate::kinematics::Pose;
 use crate::math::*;
@@ -20,10 +20,9 @@ impl Watch {
     /// A frame begins: modes, floors and budgets, as far as they follow from what is known already.
     pub(super) fn open_budgets(&mut self, pose: &Pose) {
         self.set.place(pose, &mut self.solids);
-        self.place_fixtures(0.0);
         self.start.0.copy_from_slice(&self.solids);
-        self.start.1.copy_from_slice(&self.fixtures);
-        self.place_fixtures(1.0);
+        place_obstacles(&self.obstacles, 0.0, &mut self.start.1);
+        place_obstacles(&self.obstacles, self.dt, &mut self.fixtures);
         for k in 0..self.pairs.len() {
             self.open_budget(k);
         }
@@ -33,12 +32,13 @@ impl Watch {
     fn open_budget(&mut self, k: usize) {
         let state = &mut self.pairs[k];
         (state.is_fresh, state.has_floor) = (false, false);
-        let comes = self.obstacle_way(k);
-        if comes.is_nan() {
+        if !self.is_there(k) {
             self.pairs[k].budget = f64::INFINITY;
             self.forget(k);
             return;
         }
+        self.look_at_rest(k);
+        let comes = self.obstacle_way(k, self.dt);
         let (least, most) = (self.pairs[k].at_least, self.pairs[k].at_most);
         let mode = self.mode_at(k, least);
         if mode != Mode::Reactive && mode == self.mode_at(k, most) {
@@ -90,17 +90,19 @@ impl Watch {
         self.near.clear();
         for k in 0..self.pairs.len() {
             let state = &self.pairs[k];
-            let side = if first { state.first_side } else { state.side };
-            let held = side != Side::Free || state.rest_side != Side::Free;
-            if held || self.may_meet(k) || self.way(k, &self.expected) >= state.budget {
+            let sides = if first { state.first_sides } else { state.sides };
+            if sides != [Side::Free; 2] || state.at_rest.is_some() || self.way(k, &self.expected) >= state.budget {
                 self.wake(k);
                 self.near.push(k);
             }
             self.pairs[k].has_row = self.near.last() == Some(&k);
         }
         if self.near.len() > self.most_pairs {
-            let pairs = &self.pairs;
-            self.near.sort_unstable_by(|a, b| pairs[*a].budget.total_cmp(&pairs[*b].budget));
+            let room = |k: usize| {
+                let at_rest = self.pairs[k].at_rest.map_or(f64::INFINITY, |n| n.distance - self.set.pairs[k].margin);
+                self.pairs[k].budget.min(at_rest)
+            };
+            self.near.sort_unstable_by(|a, b| room(*a).total_cmp(&room(*b)));
         }
     }
 
@@ -152,26 +154,33 @@ impl Watch {
         if state.at_least == f64::NEG_INFINITY || state.at_least < distance {
             (state.at_least, state.at_most) = (distance, if is_far { f64::INFINITY } else { distance });
         }
-        self.look_at_rest(k);
     }
 
-    /// Look at a pair where the body would come to rest.
+    /// Look at a pair where the body would come to rest, if it may be nearer than its margin there, as this frame may change that.
     fn look_at_rest(&mut self, k: usize) {
-        self.pairs[k].at_rest = self.may_meet(k).then(|| {
-            let (a, b) = self.set.sides(k, &self.rest.solids, &self.fixtures);
-            nearest(a, b, &mut self.scratch)
-        });
-    }
-
-    /// Whether a pair that is apart now may be nearer than its margin where the body comes to rest, as this frame may change that.
-    fn may_meet(&self, k: usize) -> bool {
-        let margin = self.set.pairs[k].margin;
-        if !self.is_there(k) || self.rest.share == 0.0 || self.way(k, &self.rest.way) < self.pairs[k].at_least - margin
-        {
-            return false;
+        self.pairs[k].at_rest = None;
+        if self.rest.time == 0.0 {
+            return;
         }
-        let (a, b) = self.set.sides(k, &self.rest.solids, &self.fixtures);
-        gap_at_least(a, b) <= margin + self.way(k, &self.rest.change)
+        let (margin, change) = (self.set.pairs[k].margin, self.way(k, &self.rest.change));
+        let way = self.way(k, &self.rest.way) + change + self.obstacle_way(k, self.rest.time);
+        if way < self.pairs[k].at_least - margin {
+            return;
+        }
+        let (a, b) = self.set.sides(k, &self.rest.solids, &self.rest.fixtures);
+        if gap_at_least(a, b) > margin + change {
+            return;
+        }
+        let mut found = nearest(a, b, &mut self.scratch);
+        if found.distance < 0.0 {
+            // Beyond its middle the shortest way out of an obstacle leads on through it: the way back is that of now.
+            let now = self.between(k, true);
+            if now.distance > 0.0 && dot(now.normal, found.normal) < 0.0 {
+                let (a, b) = self.set.sides(k, &self.rest.solids, &self.rest.fixtures);
+                found = along(a, b, now.normal);
+            }
+        }
+        self.pairs[k].at_rest = Some(found);
     }
 
     /// Where an obstacle is at the start of the next frame; whatever else was known of it is forgotten where that differs.
@@ -195,14 +204,11 @@ impl Watch {
         nearest(a, b, &mut self.scratch)
     }
 
-    /// How far the surface of a pair's obstacle may come in this frame, m; NaN where it is not there.
-    fn obstacle_way(&self, k: usize) -> f64 {
+    /// How far the surface of a pair's obstacle may come in `time` s, m.
+    fn obstacle_way(&self, k: usize, time: f64) -> f64 {
         let Other::Obstacle(o) = self.set.pairs[k].other else { return 0.0 };
-        if !self.present[o] {
-            return f64::NAN;
-        }
         let (linear, angular) = (norm(self.obstacles[o].linear), norm(self.obstacles[o].angular));
-        self.dt * (linear + length_of_arc(angular, self.set.obstacles[o].shape.reach()))
+        time * (linear + length_of_arc(angular, self.set.obstacles[o].shape.reach()))
     }
 
     /// How far a step may bring both sides of a pair together or apart.
@@ -219,6 +225,12 @@ impl Watch {
             }
         }
     }
+}
+
+/// Two solids along the direction in which A moves away from B, which need not be that in which they are nearest.
+fn along(a: &Solid, b: &Solid, normal: Vec3) -> Nearest {
+    let (a, b) = (extreme(a, scale(normal, -1.0)).1, extreme(b, normal).1);
+    Nearest { distance: dot(normal, sub(a, b)), a, b, normal }
 }
 
 /// How far a point gets that turns; not at all where it does not, however long the lever.

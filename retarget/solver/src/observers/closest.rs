@@ -2,18 +2,21 @@
 //! its motion (paper, "observer prioritization"). Where all act, `budget` keeps them.
 
 use super::law::{damping_share, Mode};
-use super::set::{Other, Pair};
+use super::set::{place_obstacles, Other, Pair};
 use super::task::Activation;
 use super::watch::{Approach, Watch};
+use crate::body::Body;
+use crate::braking::Limit;
 use crate::geometry::{gap_at_least, nearest};
 use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 
 impl Watch {
-    /// A frame of `dt` s in `n_ik` iterations begins in this posture.
-    pub fn begin(&mut self, pose: &Pose, dt: f64, n_ik: usize) {
+    /// A frame of `dt` s in `n_ik` iterations begins in this posture, of a body whose coordinates go by this velocity within limits.
+    pub fn begin(&mut self, body: &Body, (q, pose): (&[f64], &Pose), motion: (&[f64], &[Limit]), dt: f64, n_ik: usize) {
         (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
         if self.activation == Activation::All {
+            self.rest.foresee((body, &self.set), &self.obstacles, q, motion, dt);
             self.open_budgets(pose);
         } else {
             self.measure(pose, 0.0);
@@ -32,7 +35,7 @@ impl Watch {
     /// Pairs within influence, their modes and violations, with obstacles as they are after `share` of the frame.
     fn measure(&mut self, pose: &Pose, share: f64) {
         self.set.place(pose, &mut self.solids);
-        self.place_fixtures(share);
+        place_obstacles(&self.obstacles, share * self.dt, &mut self.fixtures);
         self.near.clear();
         self.violation.fill(0.0);
         for k in 0..self.set.pairs.len() {
@@ -84,7 +87,7 @@ impl Watch {
             problem.lower[row] = problem.lower[row] + share * moved + (1.0 - share) * drift;
             problem.upper[row] = f64::INFINITY;
             problem.present[row] = true;
-            problem.row_side[row] = self.pairs[pair].side;
+            problem.row_side[row] = self.pairs[pair].sides[0];
             self.note(pair, Mode::Preventive);
             any = true;
         }

@@ -1,10 +1,10 @@
-//! Where the body would come to rest, were it braked after a frame like the last one, all joints in proportion: there too pairs keep
-//! their margin, by a second row. What is nearest now need not be what is nearest then: a thigh that swings up meets the trunk with its
-//! far end.
+//! Where the body would come to rest, were it braked after a frame like the last one, all joints in proportion, and where obstacles will be
+//! by then: there too pairs keep their margin, by a second row. What is nearest now need not be what is nearest then: a thigh that swings up
+//! meets the trunk with its far end.
 
-use super::set::ObserverSet;
+use super::set::{place_obstacles, ObserverSet, ObstaclePose};
 use crate::body::Body;
-use crate::braking::Limit;
+use crate::braking::{stopping_time, Limit};
 use crate::geometry::Solid;
 use crate::kinematics::Pose;
 
@@ -12,47 +12,55 @@ use crate::kinematics::Pose;
 pub struct Rest {
     pub pose: Pose,
     pub solids: Vec<Solid>,
-    pub q: Vec<f64>,
-    /// Displacement until rest, (T + dt) / 2 v for a body that needs T s to stop (nv).
+    pub fixtures: Vec<Solid>,
+    q: Vec<f64>,
+    /// Seconds from the start of the frame until then, T + dt for a body that needs T s to stop; 0: the body rests.
+    pub time: f64,
+    /// Displacement in a frame for one until rest, 2 dt / (T + dt).
+    pub share: f64,
+    /// Displacement until rest, (T + dt) / 2 v (nv).
     pub way: Vec<f64>,
     /// What remains of a frame like the last one, dt v less what this one has moved so far (nv).
     pub left: Vec<f64>,
     /// Most that this frame can add to `way`, (T + dt) / 2 dt a (nv).
     pub change: Vec<f64>,
-    /// Displacement in a frame for one until rest, 2 dt / (T + dt); 0: the body rests.
-    pub share: f64,
 }
 
 impl Rest {
     pub fn new(body: &Body, set: &ObserverSet) -> Self {
         let still = || vec![0.0; body.nv];
-        let (pose, solids, q) = (body.new_pose(), set.new_solids(), body.rest());
-        Self { pose, solids, q, way: still(), left: still(), change: still(), share: 0.0 }
+        let (solids, fixtures) = (set.new_solids(), set.new_fixtures());
+        let (pose, q, way, left, change) = (body.new_pose(), body.rest(), still(), still(), still());
+        Self { pose, solids, fixtures, q, time: 0.0, share: 0.0, way, left, change }
     }
 
-    /// A frame of `dt` s begins in posture q (nq), of a body whose coordinates (nv) go by `velocity` and that needs `stopping` s to come to
-    /// rest.
+    /// A frame of `dt` s begins in posture q (nq), of a body whose coordinates (nv) go by `velocity`.
     pub fn foresee(
         &mut self,
         (body, set): (&Body, &ObserverSet),
+        obstacles: &[ObstaclePose],
         q: &[f64],
         (velocity, limits): (&[f64], &[Limit]),
         dt: f64,
-        stopping: f64,
     ) {
-        self.share = 0.0;
-        if stopping == 0.0 {
+        let stopping = stopping_time(velocity, limits, dt);
+        self.time = 0.0;
+        if stopping == 0.0 || !stopping.is_finite() {
             return;
         }
-        self.share = 2.0 * dt / (stopping + dt);
-        for i in 0..velocity.len() {
-            self.way[i] = 0.5 * (stopping + dt) * velocity[i]; // all joints brake in proportion
-            self.left[i] = dt * velocity[i];
-            self.change[i] = 0.5 * (stopping + dt) * dt * limits[i].acceleration;
+        self.time = stopping + dt;
+        self.share = 2.0 * dt / self.time;
+        for (i, (v, limit)) in velocity.iter().zip(limits).enumerate() {
+            // What stops at once comes to rest with the others all the same, and is taken to speed up by no more than its speed.
+            let change = if limit.acceleration.is_finite() { dt * limit.acceleration } else { v.abs() };
+            self.way[i] = 0.5 * self.time * v;
+            self.left[i] = dt * v;
+            self.change[i] = 0.5 * self.time * change;
         }
         self.q.copy_from_slice(q);
         body.integrate(&mut self.q, &self.way);
         body.forward(&self.q, &mut self.pose);
         set.place(&self.pose, &mut self.solids);
+        place_obstacles(obstacles, self.time, &mut self.fixtures);
     }
 }

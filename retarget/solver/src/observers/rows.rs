@@ -1,6 +1,7 @@
 //! Inequality rows of pairs, n . J dq >= what is left of the approach, written into a hierarchy problem.
 
 use super::law::Mode;
+use super::rest::Rest;
 use super::set::Mover;
 use super::task::Activation;
 use super::watch::Watch;
@@ -48,32 +49,22 @@ impl Watch {
             let task = if self.pairs[k].mode == Mode::Reactive { reacts } else { prevents };
             let Some(t) = task else { continue };
             let task = &mut self.tasks[t];
-            if !task.on || 2 * task.used.len() == task.rows {
+            if !task.on || task.used.len() == task.pairs {
                 continue;
             }
-            let r = task.first_row + task.used.len();
+            let rows = task.rows_of(task.used.len());
             task.used.push(k);
             let asked = if waits { 0.0 } else { self.asked(k) };
-            let Nearest { a, b, normal, .. } = self.pairs[k].nearest;
-            self.write_row(k, r, &Place { a, b, normal, asked, pose, more: None }, body, problem, shift);
-            if asked > 0.0 {
-                ease(problem, r, asked);
+            let now = Some(Place { nearest: self.pairs[k].nearest, asked, pose, rest: None });
+            let sides = if first { self.pairs[k].first_sides } else { self.pairs[k].sides };
+            for ((row, side), place) in rows.into_iter().zip(sides).zip([now, self.at_rest(k)]) {
+                if let (Some(r), Some(place)) = (row, place) {
+                    let may_be_crossed = self.write_row(k, r, &place, body, problem, shift);
+                    problem.present[r] = !waits && may_be_crossed;
+                    problem.row_side[r] = side;
+                }
             }
-            let state = &self.pairs[k];
-            problem.row_side[r] = if first { state.first_side } else { state.side };
-            problem.present[r] = !waits && may_be_crossed(problem, r);
             waiting |= waits;
-            if waits || state.mode == Mode::Reactive {
-                continue;
-            }
-            if let Some(place) = self.at_rest(k) {
-                let task = &self.tasks[t];
-                let r = task.first_row + task.rows - 1 - task.at_rest.len();
-                self.write_row(k, r, &place, body, problem, shift);
-                self.tasks[t].at_rest.push(k);
-                problem.row_side[r] = self.pairs[k].rest_side;
-                problem.present[r] = may_be_crossed(problem, r);
-            }
         }
         waiting
     }
@@ -82,18 +73,15 @@ impl Watch {
     /// apart there.
     fn at_rest(&self, k: usize) -> Option<Place<'_>> {
         let (state, rest) = (&self.pairs[k], &self.rest);
-        let Nearest { a, b, normal, distance } = state.at_rest?;
-        let asked = (self.set.pairs[k].margin.min(state.floor) - distance) * rest.share;
-        Some(Place { a, b, normal, asked, pose: &rest.pose, more: Some(&rest.left) })
+        let nearest = state.at_rest?;
+        let asked = (self.set.pairs[k].margin.min(state.floor) - nearest.distance) * rest.share;
+        Some(Place { nearest, asked, pose: &rest.pose, rest: Some(rest) })
     }
 
     fn clear_rows(&mut self, problem: &mut Problem) {
         for task in &mut self.tasks {
-            problem.present[task.first_row..task.first_row + task.used.len()].fill(false);
-            let end = task.first_row + task.rows;
-            problem.present[end - task.at_rest.len()..end].fill(false);
+            problem.present[task.first_row..task.first_row + task.rows()].fill(false);
             task.used.clear();
-            task.at_rest.clear();
         }
     }
 
@@ -106,82 +94,76 @@ impl Watch {
         floor - distance + self.drift(k)
     }
 
-    /// The row n . J dq >= asked of a pair in a place.
-    fn write_row(&self, k: usize, r: usize, place: &Place<'_>, body: &Body, problem: &mut Problem, shift: &Shift<'_>) {
-        let row = problem.row_mut(r);
-        row.fill(0.0);
-        // The hierarchy solves for z, with dq = reference + scale z: columns take the scale, the limit what the reference
-        // moves.
-        let mut moved = 0.0;
+    /// The row n . J dq >= asked of a pair in a place. Returns whether any point of the box lies below it; if none does, it asks for
+    /// nothing.
+    ///
+    /// Beyond what the pair does that stands still, or brakes, it asks for no more than a share of what the box allows: joints
+    /// that cannot get out in one frame would all go as far as they may, those that carry the body as well, and lower levels
+    /// could keep nothing.
+    fn write_row(
+        &self,
+        k: usize,
+        r: usize,
+        place: &Place<'_>,
+        body: &Body,
+        problem: &mut Problem,
+        shift: &Shift<'_>,
+    ) -> bool {
+        let Nearest { a, b, normal, .. } = place.nearest;
+        let (mut limit, mut still, mut least, mut most) = (place.asked, 0.0, 0.0, 0.0);
+        problem.row_mut(r).fill(0.0);
         for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
-            let point = if sign > 0.0 { place.a } else { place.b };
-            let value = sign * dot(place.normal, body.point_column(place.pose, dof, point));
-            moved += value * (shift.reference[dof] - place.more.map_or(0.0, |more| more[dof]));
-            row[c] = value * shift.scale[dof];
+            let value = sign * dot(normal, body.point_column(place.pose, dof, if sign > 0.0 { a } else { b }));
+            let (left, braked) = place.rest.map_or((0.0, 0.0), |rest| {
+                let left = rest.left[dof];
+                (left, left - rest.share * rest.share * rest.way[dof])
+            });
+            // The hierarchy solves for z, with dq = reference + scale z: columns take the scale, limits what the reference moves.
+            limit += value * (left - shift.reference[dof]);
+            still += value * (braked - shift.reference[dof]);
+            let column = value * shift.scale[dof];
+            problem.row_mut(r)[c] = column;
+            if column != 0.0 {
+                let (to_lo, to_hi) = (column * problem.lo[c], column * problem.hi[c]);
+                (least, most) = (least + to_lo.min(to_hi), most + to_lo.max(to_hi));
+            }
         }
-        problem.lower[r] = place.asked - moved;
+        problem.lower[r] = limit.min(still + EASE * (most - still).max(0.0));
         problem.upper[r] = f64::INFINITY;
+        !(least >= problem.lower[r])
     }
 
     /// Remember which rows held.
     pub fn keep_sides(&mut self, problem: &Problem, first: bool) {
         for &k in &self.near {
-            (self.pairs[k].side, self.pairs[k].rest_side) = (Side::Free, Side::Free);
+            self.pairs[k].sides = [Side::Free; 2];
         }
         for task in &self.tasks {
             for (index, &k) in task.used.iter().enumerate() {
-                let r = task.first_row + index;
-                self.pairs[k].side = if problem.present[r] { problem.row_side[r] } else { Side::Free };
-            }
-            for (index, &k) in task.at_rest.iter().enumerate() {
-                let r = task.first_row + task.rows - 1 - index;
-                self.pairs[k].rest_side = if problem.present[r] { problem.row_side[r] } else { Side::Free };
+                self.pairs[k].sides = task.rows_of(index).map(|row| match row {
+                    Some(r) if problem.present[r] => problem.row_side[r],
+                    _ => Side::Free,
+                });
             }
         }
         if first {
             for pair in &mut self.pairs {
-                pair.first_side = pair.side;
+                pair.first_sides = pair.sides;
             }
         }
     }
 }
 
-/// A point of either side of a pair in a posture, the normal between them, and least n . J dq there: `asked`, and what `more` moves.
+/// Where a pair is nearest in a posture, and least n . J dq there: `asked`, and where that is about rest, what remains of the last frame.
 struct Place<'a> {
-    a: Vec3,
-    b: Vec3,
-    normal: Vec3,
+    nearest: Nearest,
     asked: f64,
     pose: &'a Pose,
-    more: Option<&'a [f64]>,
+    rest: Option<&'a Rest>,
 }
 
 /// From dq to the hierarchy's variables z: dq = reference + scale z.
 pub struct Shift<'a> {
     pub reference: &'a [f64],
     pub scale: &'a [f64],
-}
-
-/// Ask for no more than a share of the way out that the box allows: joints that cannot get out in one frame would all go as far as
-/// they may, those that carry the body as well, and lower levels could keep nothing.
-fn ease(problem: &mut Problem, r: usize, asked: f64) {
-    let row = problem.row(r);
-    let still = problem.lower[r] - asked;
-    let reach = |i: &usize| (row[*i] * problem.lo[*i]).max(row[*i] * problem.hi[*i]);
-    let most: f64 = (0..problem.n).filter(|i| row[*i] != 0.0).map(|i| reach(&i)).sum();
-    if most > still {
-        problem.lower[r] = problem.lower[r].min(still + EASE * (most - still));
-    }
-}
-
-/// Whether any point of the box lies below the row's lower limit; if none does, the row asks for nothing.
-fn may_be_crossed(problem: &Problem, r: usize) -> bool {
-    let row = problem.row(r);
-    let mut least = 0.0;
-    for i in 0..problem.n {
-        if row[i] != 0.0 {
-            least += (row[i] * problem.lo[i]).min(row[i] * problem.hi[i]);
-        }
-    }
-    !(least >= problem.lower[r])
 }

@@ -52,6 +52,14 @@ impl ObstaclePose {
     }
 }
 
+/// Put the solids of obstacles where they are `time` s later.
+pub fn place_obstacles(obstacles: &[ObstaclePose], time: f64, solids: &mut [Solid]) {
+    for (solid, obstacle) in solids.iter_mut().zip(obstacles) {
+        let there = obstacle.after(time);
+        (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
+    }
+}
+
 /// What an observer looks at.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Other {

@@ -3,7 +3,7 @@
 //! A robot on its feet turns and shifts with its joints, because the planted foot stays. Distances depend on relative motion only: the
 //! body is left where its root was, and the obstacles are placed relative to the foot.
 
-use super::set::{ObserverSet, ObstaclePose, Other};
+use super::set::{place_obstacles, ObserverSet, ObstaclePose, Other};
 use super::way::Way;
 use crate::body::Body;
 use crate::geometry::{extreme, gap_at_least, nearest, Scratch, Shape, Solid};
@@ -80,20 +80,14 @@ impl Stage {
         self.body.forward(&self.q, &mut self.pose);
         self.set.place(&self.pose, &mut self.solids);
         self.looks += 1;
-        if self.fixtures.is_empty() {
-            return;
-        }
-        let foot = self.soles.get(self.planted).map(|sole| sole.0);
+        place_obstacles(&self.obstacles, time * self.dt, &mut self.fixtures);
+        let Some(&(link, _)) = self.soles.get(self.planted) else { return };
+        let (position, rotation) = (&self.pose.position[link], &self.pose.rotation[link]);
         let from_world = transpose(&quat_to_mat(self.foot.1));
-        for (solid, obstacle) in self.fixtures.iter_mut().zip(&self.obstacles) {
-            let there = obstacle.after(time * self.dt);
-            (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
-            if let Some(link) = foot {
-                let (position, rotation) = (&self.pose.position[link], &self.pose.rotation[link]);
-                let from_foot = mat_vec(&from_world, sub(solid.position, self.foot.0));
-                solid.position = add(*position, mat_vec(rotation, from_foot));
-                solid.rotation = mat_mul(rotation, &mat_mul(&from_world, &solid.rotation));
-            }
+        for solid in &mut self.fixtures {
+            let from_foot = mat_vec(&from_world, sub(solid.position, self.foot.0));
+            solid.position = add(*position, mat_vec(rotation, from_foot));
+            solid.rotation = mat_mul(rotation, &mat_mul(&from_world, &solid.rotation));
         }
     }
 

@@ -30,11 +30,12 @@ pub struct ObserverTask {
     /// Place among the tasks of observers.
     pub index: usize,
     pub first_row: usize,
-    pub rows: usize,
-    /// Pairs that its rows stand for, in this iteration.
+    /// Most pairs that may have a row at once.
+    pub pairs: usize,
+    /// Each of them may have a second row, about where the body would come to rest.
+    pub has_rest: bool,
+    /// Pairs that have a row in this iteration, in order.
     pub used: Vec<usize>,
-    /// The same for its last rows, from the last one on, about where the body would come to rest.
-    pub at_rest: Vec<usize>,
 }
 
 impl ObserverTask {
@@ -43,6 +44,17 @@ impl ObserverTask {
             Other::Observer(other) => self.with_self && (self.of[pair.observer] || self.of[other]),
             Other::Obstacle(_) => self.with_scene && self.of[pair.observer],
         }
+    }
+
+    /// First the row of each pair, then the second rows.
+    pub fn rows(&self) -> usize {
+        self.pairs * (1 + usize::from(self.has_rest))
+    }
+
+    /// The rows of the pair that is `used` as the n-th: of the present, and of the posture of rest.
+    pub fn rows_of(&self, n: usize) -> [Option<usize>; 2] {
+        let row = self.first_row + n;
+        [Some(row), self.has_rest.then_some(row + self.pairs)]
     }
 
     /// The first tasks that look at a pair before contact and in contact.

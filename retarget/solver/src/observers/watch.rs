@@ -27,13 +27,11 @@ pub struct PairState {
     /// It was looked at in the present posture.
     pub is_fresh: bool,
     pub has_row: bool,
-    /// Side of its row in the last solve, and in that of the first iteration of the last frame.
-    pub side: Side,
-    pub first_side: Side,
     /// Where its sides are nearest in the posture of rest; None: far enough apart there.
     pub at_rest: Option<Nearest>,
-    /// Side of the row there.
-    pub rest_side: Side,
+    /// Sides of its rows (of the present, of rest) in the last solve, and in that of the first iteration of the last frame.
+    pub sides: [Side; 2],
+    pub first_sides: [Side; 2],
 }
 
 /// A pair that came nearer in the trial.
@@ -105,10 +103,9 @@ impl Watch {
             has_floor: false,
             is_fresh: false,
             has_row: false,
-            side: Side::Free,
-            first_side: Side::Free,
             at_rest: None,
-            rest_side: Side::Free,
+            sides: [Side::Free; 2],
+            first_sides: [Side::Free; 2],
         };
         Self {
             activation,
@@ -129,7 +126,7 @@ impl Watch {
             start: (set.new_solids(), set.new_fixtures()),
             rest: Rest::new(body, &set),
             expected: vec![0.0; columns.len()],
-            most_pairs: tasks.iter().map(|t| t.rows / 2).min().unwrap_or(0),
+            most_pairs: tasks.iter().map(|t| t.pairs).min().unwrap_or(0),
             scratch: Scratch::default(),
             tasks,
             set,
@@ -150,7 +147,8 @@ impl Watch {
     pub(super) fn forget(&mut self, k: usize) {
         let state = &mut self.pairs[k];
         (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
-        (state.mode, state.side, state.first_side, state.rest_side) = (Mode::Free, Side::Free, Side::Free, Side::Free);
+        (state.mode, state.at_rest) = (Mode::Free, None);
+        (state.sides, state.first_sides) = ([Side::Free; 2], [Side::Free; 2]);
     }
 
     /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.
@@ -189,14 +187,6 @@ impl Watch {
     /// A pair of observers, or with an obstacle that is there.
     pub(super) fn is_there(&self, k: usize) -> bool {
         !matches!(self.set.pairs[k].other, Other::Obstacle(o) if !self.present[o])
-    }
-
-    /// Obstacles where they are after `share` of the frame.
-    pub(super) fn place_fixtures(&mut self, share: f64) {
-        for (solid, obstacle) in self.fixtures.iter_mut().zip(&self.obstacles) {
-            let there = obstacle.after(share * self.dt);
-            (solid.position, solid.rotation) = (there.position, quat_to_mat(there.quat));
-        }
     }
 
     /// What a pair does next at this distance.
