@@ -119,12 +119,11 @@ class CommandRun:
         self.notify = self.recorder.recorded_notify(log)
         self._feed: ViewFeed | None = None
 
-    @contextmanager
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
-    ) -> Iterator[Prepared]:
-        """The run that can start, with its bus open; its notes are said. robot: as of `prepare_for`."""
-        with prepare_for(
+    ) -> AbstractContextManager[Prepared]:
+        """The run that can start, with its bus open. robot: as of `prepare_for`."""
+        return prepare_for(
             perform,
             self.options,
             clock=self.recorder.clock,
@@ -133,10 +132,7 @@ class CommandRun:
             notify=self.notify,
             supervisor=supervisor,
             robot=robot,
-        ) as prepared:
-            for text in prepared.notes:
-                self.notify(f"note: {text}")
-            yield prepared
+        )
 
     @contextmanager
     def page(self) -> Iterator[None]:

@@ -1,6 +1,6 @@
 """Load and check everything a run needs; what cannot run is refused before anything moves or is written."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -82,6 +82,11 @@ Perform = Callable[[Performer, RobotBody | None], Performance]
 
 def _ignore(text: str) -> None:
     """Drop the message."""
+
+
+def _say(notes: Iterable[str], notify: Notify) -> None:
+    for note in notes:
+        notify(f"note: {note}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +182,10 @@ def prepare_for(
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives warnings about servos. robot:
-    replaces the one that the options name. has_deadlines: whether a late tick stops the robot; None: where the bus is
-    real, for simulated servos wait for a slow host. supervisor: of a run whose performer is waited for and measured
-    first; None: a new one.
+    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives notes, each as soon as it is
+    known, and warnings about servos. robot: replaces the one that the options name. has_deadlines: whether a late tick
+    stops the robot; None: where the bus is real, for simulated servos wait for a slow host. supervisor: of a run whose
+    performer is waited for and measured first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer_name)
@@ -188,13 +193,18 @@ def prepare_for(
         robot = load_robot(options.robot, root=options.root)
     for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
+    of_robot = () if robot is None else (*robot.body.notes, *on_priorities)
+    _say(of_robot, notify)  # before a performer gets into the pose
     human = _human(perform(performer, robot), performer, for_human, options, scene if robot is None else None)
+    _say(human.notes, notify)
     if robot is None or for_robot is None:
         yield human
         return
     dt = human.samples.dt
     bus = make_bus(robot, clock)
     follower, gate = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
+    of_follower = tuple(filter(None, (follower.note,)))
+    _say(of_follower, notify)
     late = not options.simulated if has_deadlines is None else has_deadlines
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
@@ -205,7 +215,7 @@ def prepare_for(
         machine=machine,
         priorities=(for_human, for_robot),
         has_bus=options.bus != "none",
-        notes=(*human.notes, *robot.body.notes, *on_priorities, *filter(None, (follower.note,))),
+        notes=(*of_robot, *human.notes, *of_follower),
         scene=scene,
         observers=follower.observers,
         scene_obstacles=follower.scene_obstacles,

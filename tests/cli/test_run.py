@@ -27,6 +27,7 @@ from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.report.measure import measure
 from retarget.report.report import Report
+from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
 from retarget.sources.raw_record import RawReader, RawWriter
 from sim.faults.sender import FakeSender
@@ -122,6 +123,14 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         with pytest.raises(KeyboardInterrupt):
             _wait_until_engaged(controls, controls.look, performer, rig.clock)
         assert not rig.bus.torque_on
+
+
+def test_what_is_to_be_known_of_the_robot_is_said_before_the_performer_gets_into_the_pose() -> None:
+    rig = LiveRig(FakeSender())
+    rig.run_options = RunOptions(robot="op3", priorities="fixed_base")
+    with rig.prepared() as prepared:
+        [note] = [note for note in prepared.notes if "fixed_base" in note]
+        assert rig.said[0].endswith(note) and len(rig.said) > 1
 
 
 class Grip:

@@ -59,7 +59,9 @@ class LiveRig:
 
         clock = self.clock if recorder is None else recorder.clock
         make_bus = self._bus if recorder is None else recorder.make_bus(self._bus)
-        with prepare_for(perform, self.run_options, clock=clock, make_bus=make_bus, goes_to_rest=True) as prepared:
+        with prepare_for(
+            perform, self.run_options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=self.said.append
+        ) as prepared:
             yield prepared
 
     def _bus(self, robot: RobotBody, clock: Clock) -> MockBus:
