@@ -282,8 +282,10 @@ class Solver:
         """Start from posture q (nq,), moving at velocity (nv,) per second; the active set stays, as a guess."""
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
-    def clip(self, targets: Floats, dt: float) -> Floats:
-        """Many frames: targets (T, target_size) -> postures (T, nq). Its first guess is that of the clip before."""
+    def brake(self, targets: Floats, ticks: float, dt: float, frames: int) -> Floats:
+        """Postures (frames, nq), dt seconds each, on the way to rest: coordinates and the centre of mass go on by less
+        and less of the velocity that they have, in proportion, and by none after so many ticks. Targets of other tasks
+        stay. Its first guess is that of the time before."""
     def set_obstacles(
         self,
         position: Floats,

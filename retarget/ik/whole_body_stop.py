@@ -32,6 +32,12 @@ LONGEST = 100
 """Most ticks of a stop trajectory; a posture that takes longer to stop is not admitted."""
 ROUND_OFF = 1e-9
 """Angle (rad) beyond its limit at which a joint that rests there may seem to be."""
+MASS = 40.0
+"""A centre of mass that is off by its height over the soles weighs as much as a joint of a leg that is off by so many
+rad: where legs move the mass, it goes where it should."""
+OTHERS = 100.0
+"""Weight of a joint that carries nothing beside one of a leg, in squares: arms brake in proportion. Where no joint of a leg
+moves the mass, as sideways without a roll of the ankle, they would swing for the last millimetre of it, and not rest."""
 STANDING = 1e-9
 """Speed (rad/s) below which a leg stands."""
 
@@ -63,20 +69,21 @@ class Stopping:
         planted = np.concatenate([sole.outline[few] for sole, few in soles])
         self._footing = Footing(self._body, links, local, np.insert(planted, 2, 0.0, axis=1), stance.edges(0.0))
         ends = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
-        self._solvers = _solver(body, ends, stance), _solver(body, widest, stance)
+        self._solvers = [_solver(body, kept, stance, self._height, carrying) for kept in (ends, widest)]
         self._solver = self._solvers[0]
         frames = [sole.frame for sole in stance.soles]
         bodies = [frame.body for frame in frames]
         self._probe = Probe(self._body, bodies, np.array([frame.position for frame in frames]), bodies)
-        self._targets = np.zeros((LONGEST + SPARE_TICKS, self._solver.target_size))
+        self._targets = np.zeros(self._solver.target_size)
         self._soles = [self._slot(0, index) for index in range(2 * len(frames))]  # places, then orientations
-        self._mass, self._place = self._slot(1, 0), self._slot(2, 0)
+        for task in range(2):
+            self._slot(1, task)  # the mass and the joints, which the solver lets brake
         self.begin(stance.q)
 
     def _slot(self, level: int, task: int) -> slice:
         """Where the target of a task stands, which is there from now on."""
         start, stop = self._solver.target_slice(level, task)
-        self._targets[:, start] = 1.0
+        self._targets[start] = 1.0
         return slice(start + 1, stop)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
@@ -126,8 +133,8 @@ class Stopping:
         return True
 
     def _in_proportion(self, q: FloatArray, velocity: FloatArray, dt: float) -> FloatArray | None:
-        """Postures (k, nq) from q on, tick by tick, to rest: soles stay where they are, then the mass brakes in
-        proportion, and all joints as nearly as they can; None: they cannot come to rest in time."""
+        """Postures (k, nq) from q on, tick by tick, to rest: soles stay where they are, and mass and all joints
+        brake in proportion as nearly as they can; None: they cannot come to rest in time."""
         mass_velocity = self._body.centre_of_mass_jacobian(q) @ velocity
         # The mass is braked by BRAKING; a fast one in such a time that its zero-moment point is at its capture point.
         time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / BRAKING)
@@ -136,20 +143,14 @@ class Stopping:
             return None
         if ticks <= 1.0:
             return q[None]
-        soles, turned, mass = self._probe.read(q)
-        targets, place = self._targets[: ceil(ticks) - 1 + SPARE_TICKS], q
+        soles, turned, _ = self._probe.read(q)
         for goal, stays in zip(self._soles, (*soles, *turned), strict=True):
-            targets[:, goal] = stays
-        for tick in range(len(targets)):
-            left = max(1.0 - (tick + 1) / ticks, 0.0) * dt
-            mass = mass + left * mass_velocity
-            place = self._body.integrate(place, left * velocity)
-            targets[tick, self._mass], targets[tick, self._place] = mass, place
+            self._targets[goal] = stays
         lowest, highest = self._ends
         joints = q[self._columns]
         self._solver = self._solvers[bool(((joints < lowest) | (joints > highest)).any())]
         self._solver.reset(q, velocity)
-        way = np.concatenate([q[None], self._solver.clip(targets, dt)])
+        way = np.concatenate([q[None], self._solver.brake(self._targets, ticks, dt, ceil(ticks) - 1 + SPARE_TICKS)])
         return None if self._ticks(self._solver.velocity, dt) > 1.0 else way
 
     def _ticks(self, velocity: FloatArray, dt: float) -> float:
@@ -182,14 +183,14 @@ class Stopping:
         return off, BALANCE_M - inside
 
 
-def _solver(body: BodyModel, limits: JointLimits, stance: Stance) -> Solver:
-    """Soles first, then the centre of mass, then joints."""
+def _solver(body: BodyModel, limits: JointLimits, stance: Stance, height: float, carrying: BoolArray) -> Solver:
+    """Soles first, then the centre of mass, at this height (m), beside joints."""
     frames = [sole.frame for sole in stance.soles]
     places = [Task.position(frame.body, as_vector(frame.position)) for frame in frames]
     planted = places + [Task.orientation(frame.body) for frame in frames]
     return Solver(
         body.solver_body(),
-        [planted, [Task.centre_of_mass()], [Task.posture(np.ones(body.nv))]],
+        [planted, [Task.centre_of_mass(weight=(MASS / height,) * 3), Task.posture(np.where(carrying, 1.0, OTHERS))]],
         lower=limits.lower,
         upper=limits.upper,
         max_velocity=limits.max_velocity,

@@ -86,6 +86,17 @@ def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
     assert ticks > 5
 
 
+def test_a_fast_crouch_is_stopped_whatever_arms_do() -> None:
+    """Joints that made up for what soles had cost them went to and fro at their full acceleration, and did not rest."""
+    guard, where, random = stopping(), stance(), np.random.default_rng(0)
+    arms = [op3().body.dof_index(joint) for joint in op3().joint_map.joints if "sho" in joint or "el" in joint]
+    for _ in range(20):
+        velocity = upward(-0.15)
+        velocity[arms] = random.uniform(-4.0, 4.0, len(arms))
+        guard.begin(where.q)
+        assert guard.admits(where.q, velocity, DT)
+
+
 @pytest.mark.long
 def test_the_mass_brakes_evenly_and_softly_whatever_the_limbs_do() -> None:
     """Joints that stopped one after the other would throw it."""

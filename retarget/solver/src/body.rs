@@ -88,11 +88,7 @@ impl Body {
             for k in 0..size_v {
                 dof_link.push(joint.body);
                 dof_is_root.push(joint.kind == JointKind::Free);
-                dof_linear.push(match joint.kind {
-                    JointKind::Free => k < 3,
-                    JointKind::Slide => true,
-                    _ => false,
-                });
+                dof_linear.push(joint.kind == JointKind::Slide || joint.kind == JointKind::Free && k < 3);
             }
             joint.axis = unit_or(joint.axis, [0.0, 0.0, 1.0]);
         }

@@ -18,10 +18,7 @@ impl Limit {
 /// Largest displacement x of this frame such that x, x - a, x - 2a, ... (down to zero) stays within `gap`,
 /// where `a` is the change of displacement per frame that the acceleration limit allows.
 pub fn braking_displacement(gap: f64, a: f64) -> f64 {
-    if gap <= 0.0 || !gap.is_finite() {
-        return gap;
-    }
-    if !a.is_finite() || a <= 0.0 {
+    if gap <= 0.0 || !gap.is_finite() || !a.is_finite() || a <= 0.0 {
         return gap;
     }
     let n = ((((1.0 + 8.0 * gap / a).sqrt() - 1.0) * 0.5).floor()).max(0.0);

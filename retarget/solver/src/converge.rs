@@ -7,7 +7,8 @@ use crate::braking::{frame_bounds, iteration_bounds};
 use crate::frame::FrameSolver;
 use crate::hierarchy::{solve, Problem};
 use crate::level_rows::Placed;
-use crate::observers::{Activation, Shift};
+use crate::math::add_scaled;
+use crate::observers::{Activation, Iteration};
 use crate::progress::Instant;
 use crate::task::TaskKind;
 use crate::task_rows::{Columns, RowWriter};
@@ -63,9 +64,7 @@ impl FrameSolver {
     /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
     fn look(&mut self, targets: &[f64], instant: Instant, done: usize, dt: f64) {
         if instant != Instant::Start || !self.posed {
-            self.body.forward(&self.q, &mut self.pose);
-            self.body.mass_properties(&mut self.pose);
-            self.posed = true;
+            self.pose_body();
         }
         let mut violation: &[f64] = &[];
         if let Some(watch) = &mut self.watch {
@@ -84,6 +83,12 @@ impl FrameSolver {
             violation = &watch.violation;
         }
         self.progress.look(&self.body, &self.pose, &self.placed, targets, instant, violation, &mut self.task_errors);
+    }
+
+    fn pose_body(&mut self) {
+        self.body.forward(&self.q, &mut self.pose);
+        self.body.mass_properties(&mut self.pose);
+        self.posed = true;
     }
 
     /// No obstacle comes nearer in the iterations that are left.
@@ -144,16 +149,37 @@ impl FrameSolver {
         self.body.integrate(&mut self.q, &self.step);
     }
 
-    /// A row of `targets` and a row of `postures` (nq) for each frame of `dt` seconds. A clip begins with the active set with which the
-    /// clip before began: where one is made in every tick, as a way to a stop is, it begins much alike.
-    pub fn clip(&mut self, targets: &[f64], dt: f64, postures: &mut [f64]) {
-        self.first_sides.clone_from(&self.clip_sides);
-        let rows = targets.chunks_exact(self.target_size.max(1));
-        for (t, (row, posture)) in rows.zip(postures.chunks_exact_mut(self.body.nq)).enumerate() {
-            self.frame(row, dt);
+    /// Come to rest, a row of `postures` (nq) for each frame of `dt` seconds: coordinates and the centre of mass go on by less and less
+    /// of the velocity with which they began, by none after so many `ticks`, as far as `targets` of other tasks and the limits
+    /// let them. It begins with the active set with which it began the time before: where a stop is sought in every tick, these are much alike.
+    pub fn brake(&mut self, targets: &mut [f64], ticks: f64, dt: f64, postures: &mut [f64]) {
+        self.first_sides.clone_from(&self.stop_sides);
+        if !self.posed {
+            self.pose_body();
+        }
+        self.began.copy_from_slice(&self.velocity);
+        let mass = (0..self.body.nv)
+            .fold([0.0; 3], |mass, dof| add_scaled(mass, self.body.com_column(&self.pose, dof), self.began[dof]));
+        for (t, posture) in postures.chunks_exact_mut(self.body.nq).enumerate() {
+            let left = (1.0 - (t + 1) as f64 / ticks).max(0.0) * dt;
+            for p in &self.placed {
+                let target = &mut targets[p.target.clone()][1..];
+                match p.task.kind {
+                    TaskKind::Posture => {
+                        self.step.iter_mut().zip(&self.began).for_each(|(step, began)| *step = left * began);
+                        target.copy_from_slice(&self.q);
+                        self.body.integrate(target, &self.step);
+                    }
+                    TaskKind::CentreOfMass { over: None } => {
+                        target.copy_from_slice(&add_scaled(self.pose.com, mass, left));
+                    }
+                    _ => {}
+                }
+            }
+            self.frame(targets, dt);
             posture.copy_from_slice(&self.q);
             if t == 0 {
-                self.clip_sides.clone_from(&self.first_sides);
+                self.stop_sides.clone_from(&self.first_sides);
             }
         }
     }
@@ -274,12 +300,9 @@ impl FrameSolver {
             self.solve_once();
             return;
         };
-        let shift = Shift { reference: &self.reference, scale: &self.scale };
-        let is_trial = watch.write_rows(&self.body, &self.pose, &mut self.problem, &shift, first);
+        let (body, pose, reference, scale) = (&self.body, &self.pose, &self.reference, &self.scale);
+        let is_trial = watch.write_rows(&mut self.problem, &Iteration { body, pose, first, reference, scale });
         let acts = watch.activation;
-        // Damping lowers targets where it solves.
-        self.asked.0.clone_from(&self.problem.lower);
-        self.asked.1.clone_from(&self.problem.upper);
         self.solve_once();
         if acts == Activation::All {
             self.solve_surprises(first);
@@ -305,10 +328,8 @@ impl FrameSolver {
             }
             self.ask_again();
             let Some(watch) = &mut self.watch else { return };
-            let shift = Shift { reference: &self.reference, scale: &self.scale };
-            watch.write_rows_from(before, &self.body, &self.pose, &mut self.problem, &shift, first);
-            self.asked.0.clone_from(&self.problem.lower);
-            self.asked.1.clone_from(&self.problem.upper);
+            let (body, pose, reference, scale) = (&self.body, &self.pose, &self.reference, &self.scale);
+            watch.write_rows_from(before, &mut self.problem, &Iteration { body, pose, first, reference, scale });
             self.solve_once();
         }
     }
@@ -320,6 +341,9 @@ impl FrameSolver {
     }
 
     fn solve_once(&mut self) {
+        // Damping lowers targets where it solves.
+        self.asked.0.clone_from(&self.problem.lower);
+        self.asked.1.clone_from(&self.problem.upper);
         let outcome = solve(&mut self.problem, &mut self.work);
         self.stats.factorizations += u64::from(outcome.factorizations);
         self.stats.fallbacks += u64::from(outcome.fallback);

@@ -56,15 +56,17 @@ pub struct FrameSolver {
     pub(crate) q_address: Vec<Option<usize>>,
     pub(crate) problem: Problem,
     pub(crate) work: Workspace,
-    /// Active set after the first iteration of the last frame, and of the first frame of the last clip.
+    /// Active set after the first iteration of the last frame, and of the first frame of the last stop.
     pub(crate) first_sides: (Vec<Side>, Vec<Side>),
-    pub(crate) clip_sides: (Vec<Side>, Vec<Side>),
+    pub(crate) stop_sides: (Vec<Side>, Vec<Side>),
     pub(crate) pose: Pose,
     /// The pose is that of `q`.
     pub(crate) posed: bool,
     pub(crate) frame_box: Vec<FrameBox>,
     pub(crate) done: Vec<f64>,
     pub(crate) step: Vec<f64>,
+    /// Velocity with which a stop began.
+    pub(crate) began: Vec<f64>,
     pub(crate) weight2: Vec<f64>,
     pub(crate) scale: Vec<f64>,
     pub(crate) reference: Vec<f64>,
@@ -113,7 +115,7 @@ impl FrameSolver {
             progress,
             watch,
             soft_share: 1.0,
-            clip_sides: first_sides.clone(),
+            stop_sides: first_sides.clone(),
             damping_length: settings.damping * body.size(),
             columns,
             q_address,
@@ -125,6 +127,7 @@ impl FrameSolver {
             frame_box: vec![FrameBox::default(); body.nv],
             done: vec![0.0; body.nv],
             step: vec![0.0; body.nv],
+            began: vec![0.0; body.nv],
             weight2: vec![0.0; body.nv],
             scale: vec![1.0; body.nv],
             reference: vec![0.0; body.nv],

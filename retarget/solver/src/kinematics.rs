@@ -36,11 +36,8 @@ impl Body {
     /// Forward kinematics: fills positions, rotations, and the axes of all coordinates.
     pub fn forward(&self, q: &[f64], pose: &mut Pose) {
         for (b, link) in self.links.iter().enumerate() {
-            let (mut p, mut r);
-            if b == 0 {
-                p = link.pos;
-                r = link.quat;
-            } else {
+            let (mut p, mut r) = (link.pos, link.quat);
+            if b > 0 {
                 let parent = link.parent;
                 p = add(pose.position[parent], mat_vec(&pose.rotation[parent], link.pos));
                 r = quat_mul(pose.quat[parent], link.quat);
@@ -54,9 +51,7 @@ impl Body {
                         r = quat_unit([q[a + 3], q[a + 4], q[a + 5], q[a + 6]]);
                         m = quat_to_mat(r);
                         for k in 0..3 {
-                            let mut e = [0.0; 3];
-                            e[k] = 1.0;
-                            pose.axis[v + k] = e;
+                            pose.axis[v + k] = IDENTITY[k];
                             pose.axis[v + 3 + k] = column(&m, k);
                             pose.anchor[v + 3 + k] = p;
                         }

@@ -7,7 +7,7 @@ use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most pairs of one task that may have rows: where more are within influence, those get them that may come too near first.
+/// Most pairs of one task that may have rows: where more are within influence, those get them that have the least room, now or at rest.
 const MOST_PAIRS: usize = 128;
 
 /// A task's place in the target vector and among the rows.
@@ -97,9 +97,5 @@ pub fn watch(
             tasks.push(ObserverTask { used: Vec::with_capacity(task.pairs), ..task.clone() });
         }
     }
-    let mut column = vec![None; body.nv];
-    for &(dof, c) in &columns.all {
-        column[dof] = Some(c);
-    }
-    Watch::new(set, tasks, activation, &column, body)
+    Watch::new(set, tasks, activation, &columns.of, body)
 }

@@ -139,11 +139,7 @@ impl Task {
 
 /// Entries of one half-space in a target: nx, ny, nz, d, and mx, my, mz before d where there is a point.
 fn half_space_size(with_point: bool) -> usize {
-    if with_point {
-        7
-    } else {
-        4
-    }
+    4 + 3 * usize::from(with_point)
 }
 
 /// Half-spaces n . c + m . p <= d of a support target that are in use: (n, m, d), m zero where there is no point.

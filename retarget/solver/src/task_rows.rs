@@ -10,24 +10,23 @@ use crate::task::{half_spaces, tangents, Task, TaskKind};
 pub struct Columns {
     pub chain: Vec<Vec<(usize, usize)>>,
     pub all: Vec<(usize, usize)>,
+    /// Of each coordinate, if it takes part.
+    pub of: Vec<Option<usize>>,
 }
 
 impl Columns {
     pub fn new(body: &Body, locked: &[bool]) -> Self {
-        let mut column = vec![usize::MAX; body.nv];
+        let mut of = vec![None; body.nv];
         let mut all = vec![];
         for dof in 0..body.nv {
             if !locked[dof] {
-                column[dof] = all.len();
+                of[dof] = Some(all.len());
                 all.push((dof, all.len()));
             }
         }
-        let chain = body
-            .links
-            .iter()
-            .map(|l| l.chain.iter().filter(|d| !locked[**d]).map(|d| (*d, column[*d])).collect())
-            .collect();
-        Self { chain, all }
+        let chain =
+            body.links.iter().map(|l| l.chain.iter().filter_map(|d| of[*d].map(|c| (*d, c))).collect()).collect();
+        Self { chain, all, of }
     }
 }
 
@@ -43,9 +42,7 @@ impl RowWriter<'_> {
     /// Rows and targets of `task`; `strength` multiplies rows and targets alike.
     pub fn write(&mut self, task: &Task, target: &[f64], first: usize, strength: f64) {
         let error = self.asked(task, target);
-        let body = self.body;
-        let pose = self.pose;
-        let columns = self.columns;
+        let (body, pose, columns) = (self.body, self.pose, self.columns);
         match &task.kind {
             TaskKind::Position { link, point, from } => {
                 let p = body.point(pose, *link, *point);

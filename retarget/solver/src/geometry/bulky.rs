@@ -2,11 +2,11 @@
 
 use super::capsule_and::NO_DIRECTION;
 use super::contact::{meet, MISS};
-use super::difference::{Best, Difference};
+use super::difference::{Best, Difference, BETTER};
 use super::gjk::{nearest_apart, Apart};
 use super::solid::{Nearest, Scratch, Solid};
 use super::way_out::{climb, flat, way_out, PARALLEL};
-use crate::math::{across, add, add_scaled, cross, dot, mat_vec, norm, scale, Vec3};
+use crate::math::{across, add, add_scaled, cross, dot, mat_vec, norm, scale, Vec3, IDENTITY};
 
 /// A direction whose gap is not less than this (m) below the distance of points that were found is as good as they are.
 const SAME: f64 = 1e-12;
@@ -19,8 +19,6 @@ const ROUND: f64 = 1e-8;
 
 /// Sine below which the products of the table have lost digits, and the gap is worked out from the direction.
 const NEARLY_PARALLEL: f64 = 1e-3;
-/// An edge across an edge must be better than a face by this (m), so that the choice does not flicker.
-const BETTER: f64 = 1e-13;
 
 /// The largest gap of two boxes along the directions of `way_out::flat`; `m` is in the frame of the first. These are the fifteen along
 /// which two boxes can be kept apart: faces, and edge across edge (Gottschalk, Lin, Manocha, 1996).
@@ -39,7 +37,7 @@ fn separating(m: &Difference) -> Best {
     };
     for i in 0..3 {
         let gap = c[i].abs() - half_a[i] - half_b[0] * size[0][i] - half_b[1] * size[1][i] - half_b[2] * size[2][i];
-        offer(gap, &|| unit(i));
+        offer(gap, &|| IDENTITY[i]);
     }
     for j in 0..3 {
         offer(dot(c, axes[j]).abs() - half_b[j] - dot(half_a, size[j]), &|| axes[j]);
@@ -52,7 +50,7 @@ fn separating(m: &Difference) -> Best {
             if sine < PARALLEL {
                 continue;
             }
-            let direction = || scale(cross(unit(i), axes[j]), 1.0 / sine);
+            let direction = || scale(cross(IDENTITY[i], axes[j]), 1.0 / sine);
             let along = c[i2] * axes[j][i1] - c[i1] * axes[j][i2];
             let reach_a = half_a[i1] * size[j][i2] + half_a[i2] * size[j][i1];
             let reach_b = half_b[j1] * size[j2][i] + half_b[j2] * size[j1][i];
@@ -69,12 +67,6 @@ fn separating(m: &Difference) -> Best {
         best.normal = scale(best.normal, -1.0);
     }
     best
-}
-
-fn unit(k: usize) -> Vec3 {
-    let mut unit = [0.0; 3];
-    unit[k] = 1.0;
-    unit
 }
 
 /// The direction from which no step enlarges the gap, on the smooth sides around `start` and along edges that are nearly across it.

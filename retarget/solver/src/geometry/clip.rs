@@ -3,15 +3,10 @@
 /// Most corners: sixteen, and one more for each of four cuts.
 const MOST: usize = 20;
 
+#[derive(Default)]
 pub struct Polygon {
     points: [[f64; 2]; MOST],
     count: usize,
-}
-
-impl Default for Polygon {
-    fn default() -> Self {
-        Self { points: [[0.0; 2]; MOST], count: 0 }
-    }
 }
 
 impl Polygon {

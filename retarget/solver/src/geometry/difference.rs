@@ -1,7 +1,7 @@
 //! The difference A - B of two cores, as a sum of segments and discs: every shape here is such a sum about its centre.
 
 use super::solid::{Shape, Solid};
-use crate::math::{across, add_scaled, cross, dot, mat_t_vec, norm, scale, sub, Mat3, Vec3};
+use crate::math::{across, add_scaled, column, cross, dot, mat_t_vec, norm, scale, sub, Mat3, Vec3, IDENTITY};
 
 #[derive(Clone, Copy, Default)]
 pub struct Edge {
@@ -51,13 +51,9 @@ impl Difference {
     fn put(&mut self, solid: &Solid, frame: &Mat3) {
         let axis = |k: usize| {
             if std::ptr::eq(&solid.rotation, frame) {
-                // Its own axes without rounding.
-                let mut unit = [0.0; 3];
-                unit[k] = 1.0;
-                unit
+                IDENTITY[k] // its own axes without rounding
             } else {
-                let r = &solid.rotation;
-                mat_t_vec(frame, [r[0][k], r[1][k], r[2][k]])
+                mat_t_vec(frame, column(&solid.rotation, k))
             }
         };
         match solid.shape {
@@ -118,7 +114,7 @@ impl Difference {
 }
 
 /// A candidate wins by more than this (m): of equals the first is kept, so that the choice does not flicker.
-const BETTER: f64 = 1e-13;
+pub const BETTER: f64 = 1e-13;
 
 /// The best direction so far.
 #[derive(Clone, Copy)]

@@ -315,11 +315,8 @@ impl Factor {
         } else if new > 0 {
             self.least_squares(first, 0.0);
         }
-        for slot in 0..count {
-            let r = self.members[slot];
-            let row = &self.coefficients[r * self.width + first..r * self.width + rank];
-            let reached: f64 = row.iter().zip(&self.y[first..]).map(|(c, y)| c * y).sum();
-            self.residual[r] = reached - self.residual[r];
+        for &r in &self.members {
+            self.residual[r] = self.reached(r, first) - self.residual[r];
         }
     }
 

@@ -89,10 +89,6 @@ impl Problem {
         self.n = n;
         self.stride = n.div_ceil(8).max(1) * 8;
         let stride = self.stride;
-        let refill = |buffer: &mut Vec<f64>, size: usize, value: f64| {
-            buffer.clear();
-            buffer.resize(size, value);
-        };
         refill(&mut self.rows, m * stride, 0.0);
         refill(&mut self.lower, m, 0.0);
         refill(&mut self.upper, m, 0.0);
@@ -103,16 +99,11 @@ impl Problem {
         refill(&mut self.damping, self.level_end.len(), 0.0);
         refill(&mut self.short_lever, self.level_end.len(), 0.0);
         refill(&mut self.patience, self.level_end.len(), 0.0);
-        self.present.clear();
-        self.present.resize(m, false);
-        for (buffer, size) in [(&mut self.variable_side, n), (&mut self.row_side, m)] {
-            buffer.clear();
-            buffer.resize(size, Side::Free);
-        }
-        for buffer in [&mut self.lo_is_stop, &mut self.hi_is_stop] {
-            buffer.clear();
-            buffer.resize(n, false);
-        }
+        refill(&mut self.present, m, false);
+        refill(&mut self.variable_side, n, Side::Free);
+        refill(&mut self.row_side, m, Side::Free);
+        refill(&mut self.lo_is_stop, n, false);
+        refill(&mut self.hi_is_stop, n, false);
     }
 
     #[inline(always)]
@@ -184,6 +175,11 @@ impl Problem {
             self.row_side[r] = if self.present[r] { side } else { Side::Free };
         }
     }
+}
+
+fn refill<T: Clone>(buffer: &mut Vec<T>, size: usize, value: T) {
+    buffer.clear();
+    buffer.resize(size, value);
 }
 
 fn settled(side: Side, lower: f64, upper: f64) -> Side {

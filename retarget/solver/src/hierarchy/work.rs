@@ -27,12 +27,7 @@ impl Work {
     /// Buffers, and the sizes of rows; once per problem.
     pub fn prepare(&mut self, problem: &Problem) {
         self.fma = kernels::has_fma();
-        self.make_room(problem);
         self.factor.prepare(problem);
-    }
-
-    /// Buffers for problems of this size.
-    fn make_room(&mut self, problem: &Problem) {
         self.candidate.resize(problem.stride, 0.0);
         self.direction.resize(problem.stride, 0.0);
         self.asked.reserve(problem.row_count().saturating_sub(self.asked.len()));

@@ -156,7 +156,8 @@ impl Watch {
         }
     }
 
-    /// Look at a pair where the body would come to rest, if it may be nearer than its margin there, as this frame may change that.
+    /// Look at a pair where the body would come to rest, if it may be nearer than its margin there, give or take what this frame can
+    /// change. Whoever would rest far beyond an obstacle is not seen; nearer to it, the row of the present is.
     fn look_at_rest(&mut self, k: usize) {
         self.pairs[k].at_rest = None;
         if self.rest.time == 0.0 {
@@ -171,16 +172,12 @@ impl Watch {
         if gap_at_least(a, b) > margin + change {
             return;
         }
-        let mut found = nearest(a, b, &mut self.scratch);
-        if found.distance < 0.0 {
-            // Beyond its middle the shortest way out of an obstacle leads on through it: the way back is that of now.
-            let now = self.between(k, true);
-            if now.distance > 0.0 && dot(now.normal, found.normal) < 0.0 {
-                let (a, b) = self.set.sides(k, &self.rest.solids, &self.rest.fixtures);
-                found = along(a, b, now.normal);
-            }
-        }
-        self.pairs[k].at_rest = Some(found);
+        let found = nearest(a, b, &mut self.scratch);
+        let (c, d) = self.set.sides(k, &self.start.0, &self.start.1);
+        let now = nearest(c, d, &mut self.scratch);
+        // From beyond its middle the way out of an obstacle leads on through it: the way back is that of now.
+        let is_through = now.distance > 0.0 && dot(now.normal, found.normal) < 0.0;
+        self.pairs[k].at_rest = Some(if is_through { along(a, b, now.normal) } else { found });
     }
 
     /// Where an obstacle is at the start of the next frame; whatever else was known of it is forgotten where that differs.

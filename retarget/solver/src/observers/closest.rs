@@ -2,7 +2,7 @@
 //! its motion (paper, "observer prioritization"). Where all act, `budget` keeps them.
 
 use super::law::{damping_share, Mode};
-use super::set::{place_obstacles, Other, Pair};
+use super::set::{place_obstacles, Other};
 use super::task::Activation;
 use super::watch::{Approach, Watch};
 use crate::body::Body;
@@ -107,17 +107,13 @@ impl Watch {
                 let p = &self.set.pairs[other.pair];
                 match obstacle {
                     Other::Obstacle(_) => p.other == obstacle,
-                    Other::Observer(o) => p.other == obstacle || is_self(p) && p.observer == o,
+                    Other::Observer(o) => p.other == obstacle || other.pair < self.set.self_pairs && p.observer == o,
                 }
             };
             !self.approaching.iter().any(|other| shares(other) && nearer(other))
         };
-        is_first(pair.other) || is_self(pair) && is_first(Other::Observer(pair.observer))
+        is_first(pair.other) || approach.pair < self.set.self_pairs && is_first(Other::Observer(pair.observer))
     }
-}
-
-fn is_self(pair: &Pair) -> bool {
-    matches!(pair.other, Other::Observer(_))
 }
 
 fn dot(row: &[f64], z: &[f64]) -> f64 {

@@ -25,7 +25,7 @@ mod way;
 
 pub use law::Mode;
 pub use path::PathChecker;
-pub use rows::Shift;
+pub use rows::Iteration;
 pub use set::{Mover, Observer, ObserverSet, Obstacle, ObstaclePose, Other, Pair};
 pub use task::{Activation, ObserverTask};
 pub use watch::Watch;

@@ -14,15 +14,16 @@ pub struct Rest {
     pub solids: Vec<Solid>,
     pub fixtures: Vec<Solid>,
     q: Vec<f64>,
-    /// Seconds from the start of the frame until then, T + dt for a body that needs T s to stop; 0: the body rests.
+    /// Seconds from the start of the frame until then, T + dt for a body that needs T s to stop; 0: it rests, stops at once or cannot
+    /// brake, and nothing is foreseen.
     pub time: f64,
     /// Displacement in a frame for one until rest, 2 dt / (T + dt).
     pub share: f64,
-    /// Displacement until rest, (T + dt) / 2 v (nv).
+    /// Displacement until rest, v (T + dt) / 2 (nv). Ends of ranges are not looked at.
     pub way: Vec<f64>,
     /// What remains of a frame like the last one, dt v less what this one has moved so far (nv).
     pub left: Vec<f64>,
-    /// Most that this frame can add to `way`, (T + dt) / 2 dt a (nv).
+    /// Most that this frame can add to `way`, a dt (T + dt) / 2 (nv).
     pub change: Vec<f64>,
 }
 

@@ -11,36 +11,21 @@ use crate::hierarchy::{Problem, Side};
 use crate::kinematics::Pose;
 use crate::math::*;
 
-/// Share of the fastest way out that a pair may ask for in one iteration.
+/// Share of what the box allows beyond standing still, or braking, that a row may ask for in one iteration.
 const EASE: f64 = 0.25;
 
 impl Watch {
     /// Rows of all pairs that act, in the variables of the hierarchy. Returns whether rows wait for a trial.
-    pub fn write_rows(
-        &mut self,
-        body: &Body,
-        pose: &Pose,
-        problem: &mut Problem,
-        shift: &Shift<'_>,
-        first: bool,
-    ) -> bool {
+    pub fn write_rows(&mut self, problem: &mut Problem, at: &Iteration<'_>) -> bool {
         self.clear_rows(problem);
         if self.activation == Activation::All {
-            self.wake_expected(first);
+            self.wake_expected(at.first);
         }
-        self.write_rows_from(0, body, pose, problem, shift, first)
+        self.write_rows_from(0, problem, at)
     }
 
     /// The rows of those pairs in `near` from `start` on.
-    pub fn write_rows_from(
-        &mut self,
-        start: usize,
-        body: &Body,
-        pose: &Pose,
-        problem: &mut Problem,
-        shift: &Shift<'_>,
-        first: bool,
-    ) -> bool {
+    pub fn write_rows_from(&mut self, start: usize, problem: &mut Problem, at: &Iteration<'_>) -> bool {
         let mut waiting = false;
         for index in start..self.near.len() {
             let k = self.near[index];
@@ -55,11 +40,11 @@ impl Watch {
             let rows = task.rows_of(task.used.len());
             task.used.push(k);
             let asked = if waits { 0.0 } else { self.asked(k) };
-            let now = Some(Place { nearest: self.pairs[k].nearest, asked, pose, rest: None });
-            let sides = if first { self.pairs[k].first_sides } else { self.pairs[k].sides };
+            let now = Some(Place { nearest: self.pairs[k].nearest, asked, pose: at.pose, rest: None });
+            let sides = if at.first { self.pairs[k].first_sides } else { self.pairs[k].sides };
             for ((row, side), place) in rows.into_iter().zip(sides).zip([now, self.at_rest(k)]) {
                 if let (Some(r), Some(place)) = (row, place) {
-                    let may_be_crossed = self.write_row(k, r, &place, body, problem, shift);
+                    let may_be_crossed = self.write_row(k, r, &place, problem, at);
                     problem.present[r] = !waits && may_be_crossed;
                     problem.row_side[r] = side;
                 }
@@ -97,31 +82,24 @@ impl Watch {
     /// The row n . J dq >= asked of a pair in a place. Returns whether any point of the box lies below it; if none does, it asks for
     /// nothing.
     ///
-    /// Beyond what the pair does that stands still, or brakes, it asks for no more than a share of what the box allows: joints
-    /// that cannot get out in one frame would all go as far as they may, those that carry the body as well, and lower levels
-    /// could keep nothing.
-    fn write_row(
-        &self,
-        k: usize,
-        r: usize,
-        place: &Place<'_>,
-        body: &Body,
-        problem: &mut Problem,
-        shift: &Shift<'_>,
-    ) -> bool {
+    /// It asks for no more than what standing still brings (braking, in the row about rest) and the share `EASE` of what the box
+    /// allows beyond that: joints that cannot get out in one frame would all go as far as they may, those that carry the body
+    /// as well, and lower levels could keep nothing.
+    fn write_row(&self, k: usize, r: usize, place: &Place<'_>, problem: &mut Problem, at: &Iteration<'_>) -> bool {
         let Nearest { a, b, normal, .. } = place.nearest;
         let (mut limit, mut still, mut least, mut most) = (place.asked, 0.0, 0.0, 0.0);
         problem.row_mut(r).fill(0.0);
         for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
-            let value = sign * dot(normal, body.point_column(place.pose, dof, if sign > 0.0 { a } else { b }));
+            let value = sign * dot(normal, at.body.point_column(place.pose, dof, if sign > 0.0 { a } else { b }));
             let (left, braked) = place.rest.map_or((0.0, 0.0), |rest| {
+                // Way goes by the square of speed: who brakes makes it shorter by `share`, and a step counts 1 / share in it.
                 let left = rest.left[dof];
                 (left, left - rest.share * rest.share * rest.way[dof])
             });
             // The hierarchy solves for z, with dq = reference + scale z: columns take the scale, limits what the reference moves.
-            limit += value * (left - shift.reference[dof]);
-            still += value * (braked - shift.reference[dof]);
-            let column = value * shift.scale[dof];
+            limit += value * (left - at.reference[dof]);
+            still += value * (braked - at.reference[dof]);
+            let column = value * at.scale[dof];
             problem.row_mut(r)[c] = column;
             if column != 0.0 {
                 let (to_lo, to_hi) = (column * problem.lo[c], column * problem.hi[c]);
@@ -154,7 +132,7 @@ impl Watch {
     }
 }
 
-/// Where a pair is nearest in a posture, and least n . J dq there: `asked`, and where that is about rest, what remains of the last frame.
+/// A row to write: a pose, where the pair is nearest in it, and the least n . J dq; `rest`, if that is the pose of rest.
 struct Place<'a> {
     nearest: Nearest,
     asked: f64,
@@ -162,8 +140,12 @@ struct Place<'a> {
     rest: Option<&'a Rest>,
 }
 
-/// From dq to the hierarchy's variables z: dq = reference + scale z.
-pub struct Shift<'a> {
+/// What rows of one iteration are written for, the `first` of a frame or not: a body in a pose, and its step
+/// dq = reference + scale z by the hierarchy's variables z.
+pub struct Iteration<'a> {
+    pub body: &'a Body,
+    pub pose: &'a Pose,
+    pub first: bool,
     pub reference: &'a [f64],
     pub scale: &'a [f64],
 }

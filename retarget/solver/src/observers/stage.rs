@@ -82,12 +82,10 @@ impl Stage {
         self.looks += 1;
         place_obstacles(&self.obstacles, time * self.dt, &mut self.fixtures);
         let Some(&(link, _)) = self.soles.get(self.planted) else { return };
-        let (position, rotation) = (&self.pose.position[link], &self.pose.rotation[link]);
-        let from_world = transpose(&quat_to_mat(self.foot.1));
+        let turn = mat_mul(&self.pose.rotation[link], &quat_to_mat(quat_conj(self.foot.1)));
         for solid in &mut self.fixtures {
-            let from_foot = mat_vec(&from_world, sub(solid.position, self.foot.0));
-            solid.position = add(*position, mat_vec(rotation, from_foot));
-            solid.rotation = mat_mul(rotation, &mat_mul(&from_world, &solid.rotation));
+            solid.position = add(self.pose.position[link], mat_vec(&turn, sub(solid.position, self.foot.0)));
+            solid.rotation = mat_mul(&turn, &solid.rotation);
         }
     }
 
@@ -148,10 +146,6 @@ impl Stage {
     fn both(&self, pair: usize) -> (&Solid, &Solid) {
         self.set.sides(pair, &self.solids, &self.fixtures)
     }
-}
-
-fn transpose(m: &Mat3) -> Mat3 {
-    [column(m, 0), column(m, 1), column(m, 2)]
 }
 
 fn base_of(body: &Body, set: &ObserverSet, observer: usize, other: Other) -> Option<usize> {

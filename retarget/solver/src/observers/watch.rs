@@ -27,7 +27,7 @@ pub struct PairState {
     /// It was looked at in the present posture.
     pub is_fresh: bool,
     pub has_row: bool,
-    /// Where its sides are nearest in the posture of rest; None: far enough apart there.
+    /// Where its sides are nearest in the posture of rest; None: far enough apart there, or none is foreseen.
     pub at_rest: Option<Nearest>,
     /// Sides of its rows (of the present, of rest) in the last solve, and in that of the first iteration of the last frame.
     pub sides: [Side; 2],

@@ -132,11 +132,7 @@ pub struct Arm {
 impl Arm {
     /// Its length where slides on the way are drawn out by `stretch` m.
     pub fn at_most(&self, stretch: f64) -> f64 {
-        if self.turns {
-            self.length + stretch
-        } else {
-            self.length
-        }
+        self.length + if self.turns { stretch } else { 0.0 }
     }
 }
 

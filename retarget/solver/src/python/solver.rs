@@ -9,7 +9,7 @@ use crate::frame::{FrameSolver, Settings};
 use crate::hierarchy::{solve, Outcome, Problem, Workspace};
 use crate::observers::Activation;
 use crate::task::{Task, TaskKind};
-use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 /// A body, its levels and limits, and the state of the convergence loop; see `retarget/_solver.pyi`.
@@ -126,11 +126,18 @@ impl PySolver {
         Ok(PyArray1::from_slice(py, &self.solver.q))
     }
 
-    fn clip<'py>(&mut self, py: Python<'py>, targets: Table<'py>, dt: f64) -> PyResult<Matrix<'py>> {
-        let (solver, frames, dt) = (&mut self.solver, targets.shape()[0], time_step(dt)?);
-        let all = table(&targets, frames, solver.target_size, "targets")?;
+    fn brake<'py>(
+        &mut self,
+        py: Python<'py>,
+        targets: Numbers<'py>,
+        ticks: f64,
+        dt: f64,
+        frames: usize,
+    ) -> PyResult<Matrix<'py>> {
+        let (solver, dt) = (&mut self.solver, time_step(dt)?);
+        let mut targets = entries(&targets, solver.target_size, "targets")?.to_vec();
         let mut out = vec![0.0; frames * solver.body.nq];
-        py.detach(|| solver.clip(all, dt, &mut out));
+        py.detach(|| solver.brake(&mut targets, ticks, dt, &mut out));
         PyArray1::from_vec(py, out).reshape([frames, solver.body.nq])
     }
 

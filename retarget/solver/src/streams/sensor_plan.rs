@@ -1,6 +1,6 @@
 //! Sensor plan: from the poses of a sender to the sensors of a performer.
 
-use crate::math::{quat_mul, sub, Quat, Vec3};
+use crate::math::{mat_vec, quat_mul, quat_to_mat, sub, Quat, Vec3};
 
 /// A pose that is sent in parts (position here, rotation there) is put together from parts this near in time (s).
 const PARTNER: f64 = 0.1;
@@ -21,7 +21,7 @@ impl Column {
         match (self.point, self.offset) {
             (None, _) => [f64::NAN; 3],
             (Some(point), None) => position[point],
-            (Some(point), Some(offset)) => sub(position[point], turned(orientation[point], offset)),
+            (Some(point), Some(offset)) => sub(position[point], mat_vec(&quat_to_mat(orientation[point]), offset)),
         }
     }
 
@@ -34,17 +34,6 @@ impl Column {
     pub fn is_tracked(&self, tracked: &[bool]) -> bool {
         self.point.or(self.segment).is_some_and(|column| tracked[column])
     }
-}
-
-/// A vector turned by a unit quaternion: v + 2 w (u x v) + 2 u x (u x v).
-fn turned(q: Quat, v: Vec3) -> Vec3 {
-    let [w, x, y, z] = q;
-    let t = [2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])];
-    [
-        v[0] + w * t[0] + y * t[2] - z * t[1],
-        v[1] + w * t[1] + z * t[0] - x * t[2],
-        v[2] + w * t[2] + x * t[1] - y * t[0],
-    ]
 }
 
 /// The last pose of one sensor, part by part, each with its time, s.

@@ -4,7 +4,7 @@
 //! pose of its sensor. A sensor is judged by the age of that pose, by whether it stays at an impossible place, and by whether it
 //! repeats one value while the others move. Every limit comes from `retarget.live.sensor_validity.ValidityLimits`.
 
-use crate::math::{Quat, Vec3};
+use crate::math::{norm, sub, Quat, Vec3};
 
 /// Numbers that differ less (m, parts of a unit quaternion) are the same: an orientation that was composed of others in float32
 /// varies by 3e-7. The noise of an inertial sensor exceeds this within one sample, that of optical ones by far.
@@ -151,10 +151,6 @@ fn differ<const N: usize>(a: &[f64; N], b: &[f64; N], least: f64) -> bool {
     a.iter().zip(b).any(|(x, y)| (x - y).abs() > least)
 }
 
-fn distance(a: Vec3, b: Vec3) -> f64 {
-    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f64>().sqrt()
-}
-
 /// The sensors of a performer. others: the sensor of the other side of each, if it has one.
 #[derive(Clone, Debug)]
 pub struct Validity {
@@ -217,7 +213,7 @@ impl Validity {
         let Some(row) = self.others[sent.row] else { return self.by_speed(elapsed) };
         let other = &self.sensors[row];
         // Comparisons with NaN, of a place that is not known, are false.
-        let nearer = |p: Vec3, to: Vec3, than: Vec3| distance(p, to) <= MUCH_NEARER * distance(p, than);
+        let nearer = |p: Vec3, to: Vec3, than: Vec3| norm(sub(p, to)) <= MUCH_NEARER * norm(sub(p, than));
         let left_its_own = match capture.iter().find(|sent| sent.row == row && sent.position[0].is_finite()) {
             Some(sent) => nearer(sent.position, own.position, other.position),
             None => time - other.at <= limits.back_within,
@@ -233,7 +229,7 @@ impl Validity {
     fn is_reached(&mut self, time: f64, sent: &Sent, reach: f64) -> bool {
         let limits = self.limits;
         let sensor = &self.sensors[sent.row];
-        let (elapsed, away) = (time - sensor.at, distance(sent.position, sensor.position));
+        let (elapsed, away) = (time - sensor.at, norm(sub(sent.position, sensor.position)));
         let at_other = u32::from(reach < self.by_speed(elapsed));
         let is_late = |elapsed: f64| (-limits.settled_after..=0.0).contains(&elapsed);
         let mut jump = match sensor.jump {
@@ -246,7 +242,7 @@ impl Validity {
             Some(jump) => jump,
         };
         if time > jump.last {
-            let (gap, on) = (time - jump.last, distance(sent.position, jump.place));
+            let (gap, on) = (time - jump.last, norm(sub(sent.position, jump.place)));
             let soon = (time - jump.since).min(limits.back_within);
             // It jumps back: walking through its old place is none.
             if on > limits.swap && away < 0.5 * on && away <= self.by_speed(soon) {
