@@ -10,11 +10,6 @@ pub struct Limit {
     pub acceleration: f64,
 }
 
-impl Limit {
-    pub const NONE: Self =
-        Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, velocity: f64::INFINITY, acceleration: f64::INFINITY };
-}
-
 /// Largest displacement x of this frame such that x, x - a, x - 2a, ... (down to zero) stays within `gap`,
 /// where `a` is the change of displacement per frame that the acceleration limit allows.
 pub fn braking_displacement(gap: f64, a: f64) -> f64 {

@@ -87,8 +87,8 @@ impl FrameSolver {
         settings: Settings,
     ) -> Self {
         let columns = Columns::new(&body, locked);
-        if let Some((set, activation)) = &observers {
-            reserve_rows(&mut levels, set, *activation);
+        if let Some((set, _)) = &observers {
+            reserve_rows(&mut levels, set);
         }
         let mut layout = Layout::new(&body, levels, locked, columns.all.len());
         let watch = observers.map(|(set, activation)| watch(&body, &columns, &mut layout.placed, set, activation));

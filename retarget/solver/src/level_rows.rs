@@ -73,11 +73,10 @@ impl Layout {
 }
 
 /// Give every task of observers room for the pairs that it looks at.
-pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet, activation: Activation) {
+pub fn reserve_rows(levels: &mut [Vec<Task>], set: &ObserverSet) {
     for task in levels.iter_mut().flatten() {
         if let TaskKind::Observers(task) = &mut task.kind {
             task.pairs = set.pairs.iter().filter(|pair| task.looks_at(pair)).count().min(MOST_PAIRS);
-            task.has_rest = activation == Activation::All && !task.reactive;
         }
     }
 }

@@ -51,7 +51,7 @@ impl Task {
     pub fn row_count(&self) -> usize {
         match self.kind {
             TaskKind::Support { max_edges, .. } => max_edges,
-            TaskKind::Observers(ref task) => task.rows(),
+            TaskKind::Observers(ref task) => 2 * task.pairs,
             _ => self.weight.iter().filter(|w| **w > 0.0).count(),
         }
     }

@@ -146,11 +146,7 @@ impl Factor {
 
     #[inline(always)]
     pub(super) fn first_of(&self, k: usize) -> usize {
-        if k == 0 {
-            0
-        } else {
-            self.rank_end[k - 1]
-        }
+        k.checked_sub(1).map_or(0, |above| self.rank_end[above])
     }
 
     #[inline(always)]

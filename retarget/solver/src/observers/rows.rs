@@ -42,12 +42,11 @@ impl Watch {
             let asked = if waits { 0.0 } else { self.asked(k) };
             let now = Some(Place { nearest: self.pairs[k].nearest, asked, pose: at.pose, rest: None });
             let sides = if at.first { self.pairs[k].first_sides } else { self.pairs[k].sides };
-            for ((row, side), place) in rows.into_iter().zip(sides).zip([now, self.at_rest(k)]) {
-                if let (Some(r), Some(place)) = (row, place) {
-                    let may_be_crossed = self.write_row(k, r, &place, problem, at);
-                    problem.present[r] = !waits && may_be_crossed;
-                    problem.row_side[r] = side;
-                }
+            for ((r, side), place) in rows.into_iter().zip(sides).zip([now, self.at_rest(k)]) {
+                let Some(place) = place else { continue };
+                let may_be_crossed = self.write_row(k, r, &place, problem, at);
+                problem.present[r] = !waits && may_be_crossed;
+                problem.row_side[r] = side;
             }
             waiting |= waits;
         }
@@ -55,17 +54,17 @@ impl Watch {
     }
 
     /// The row about the posture of rest, n . J (sum dq - dt v) >= share (min(margin, floor) - distance); None: the pair is far enough
-    /// apart there.
+    /// apart there, or touches now.
     fn at_rest(&self, k: usize) -> Option<Place<'_>> {
         let (state, rest) = (&self.pairs[k], &self.rest);
-        let nearest = state.at_rest?;
+        let nearest = state.at_rest.filter(|_| state.mode != Mode::Reactive)?;
         let asked = (self.set.pairs[k].margin.min(state.floor) - nearest.distance) * rest.share;
         Some(Place { nearest, asked, pose: &rest.pose, rest: Some(rest) })
     }
 
     fn clear_rows(&mut self, problem: &mut Problem) {
         for task in &mut self.tasks {
-            problem.present[task.first_row..task.first_row + task.rows()].fill(false);
+            problem.present[task.first_row..task.first_row + 2 * task.pairs].fill(false);
             task.used.clear();
         }
     }
@@ -118,10 +117,8 @@ impl Watch {
         }
         for task in &self.tasks {
             for (index, &k) in task.used.iter().enumerate() {
-                self.pairs[k].sides = task.rows_of(index).map(|row| match row {
-                    Some(r) if problem.present[r] => problem.row_side[r],
-                    _ => Side::Free,
-                });
+                let side = |r: usize| if problem.present[r] { problem.row_side[r] } else { Side::Free };
+                self.pairs[k].sides = task.rows_of(index).map(side);
             }
         }
         if first {

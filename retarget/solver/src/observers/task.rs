@@ -30,10 +30,8 @@ pub struct ObserverTask {
     /// Place among the tasks of observers.
     pub index: usize,
     pub first_row: usize,
-    /// Most pairs that may have a row at once.
+    /// Most pairs that may have rows at once.
     pub pairs: usize,
-    /// Each of them may have a second row, about where the body would come to rest.
-    pub has_rest: bool,
     /// Pairs that have a row in this iteration, in order.
     pub used: Vec<usize>,
 }
@@ -46,15 +44,9 @@ impl ObserverTask {
         }
     }
 
-    /// First the row of each pair, then the second rows.
-    pub fn rows(&self) -> usize {
-        self.pairs * (1 + usize::from(self.has_rest))
-    }
-
-    /// The rows of the pair that is `used` as the n-th: of the present, and of the posture of rest.
-    pub fn rows_of(&self, n: usize) -> [Option<usize>; 2] {
-        let row = self.first_row + n;
-        [Some(row), self.has_rest.then_some(row + self.pairs)]
+    /// The rows of the pair that is `used` as the n-th: of the present, and of the posture of rest. The first ones come first.
+    pub fn rows_of(&self, n: usize) -> [usize; 2] {
+        [self.first_row + n, self.first_row + self.pairs + n]
     }
 
     /// The first tasks that look at a pair before contact and in contact.

@@ -100,7 +100,12 @@ fn targets(solver: &FrameSolver, values: &[Vec<f64>]) -> Vec<f64> {
 fn run_humanoid(robot: &Humanoid, levels: Vec<Vec<Task>>, fixed: &[Vec<f64>]) -> (FrameSolver, Vec<u64>) {
     let body = Arc::new(robot.body.clone());
     let mut limits = vec![Limit { lower: -1.5, upper: 1.5, velocity: 4.5, acceleration: f64::INFINITY }; body.nv];
-    limits[..6].fill(Limit::NONE);
+    limits[..6].fill(Limit {
+        lower: -f64::INFINITY,
+        upper: f64::INFINITY,
+        velocity: f64::INFINITY,
+        acceleration: f64::INFINITY,
+    });
     let locked = vec![false; body.nv];
     let mut solver = FrameSolver::new(body.clone(), levels, limits, &locked, None, settings());
     solver.reset(&body.rest(), &vec![0.0; body.nv]);
