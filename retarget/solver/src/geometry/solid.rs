@@ -48,7 +48,7 @@ impl Solid {
 }
 
 /// Where two solids A and B are nearest; `a - b = distance * normal`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Nearest {
     /// m; negative: how deep they overlap, along the shortest way out.
     pub distance: f64,

@@ -11,7 +11,7 @@ use crate::math::*;
 use std::sync::Arc;
 
 /// A pair as it is now.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct PairState {
     pub mode: Mode,
     pub nearest: Nearest,
@@ -92,21 +92,7 @@ impl Watch {
             .iter()
             .map(|p| p.movers.iter().filter_map(|m| columns[m.dof].map(|c| (*m, c))).collect())
             .collect();
-        let far = Nearest { distance: f64::INFINITY, a: [0.0; 3], b: [0.0; 3], normal: [0.0, 0.0, 1.0] };
-        let pair = PairState {
-            mode: Mode::Free,
-            nearest: far,
-            floor: 0.0,
-            at_least: f64::NEG_INFINITY,
-            at_most: f64::INFINITY,
-            budget: 0.0,
-            has_floor: false,
-            is_fresh: false,
-            has_row: false,
-            at_rest: None,
-            sides: [Side::Free; 2],
-            first_sides: [Side::Free; 2],
-        };
+        let pair = PairState { at_least: f64::NEG_INFINITY, at_most: f64::INFINITY, ..PairState::default() };
         Self {
             activation,
             task_of,
