@@ -19,7 +19,7 @@ pub struct Rest {
     pub time: f64,
     /// Displacement in a frame for one until rest, 2 dt / (T + dt).
     pub share: f64,
-    /// Displacement until rest, v (T + dt) / 2 (nv). Ends of ranges are not looked at.
+    /// Displacement until rest, v (T + dt) / 2, and no farther than to the end of the range (nv).
     pub way: Vec<f64>,
     /// What remains of a frame like the last one, dt v less what this one has moved so far (nv).
     pub left: Vec<f64>,
@@ -55,8 +55,16 @@ impl Rest {
             // What stops at once comes to rest with the others all the same, and is taken to speed up by no more than its speed.
             let change = if limit.acceleration.is_finite() { dt * limit.acceleration } else { v.abs() };
             self.way[i] = 0.5 * self.time * v;
-            self.left[i] = dt * v;
             self.change[i] = 0.5 * self.time * change;
+        }
+        for joint in body.joints.iter().filter(|joint| joint.kind.size() == (1, 1)) {
+            let (limit, at) = (&limits[joint.v_address], q[joint.q_address]);
+            let way = &mut self.way[joint.v_address];
+            *way = way.max((limit.lower - at).min(0.0)).min((limit.upper - at).max(0.0));
+            // it brakes earlier there
+        }
+        for (left, way) in self.left.iter_mut().zip(&self.way) {
+            *left = self.share * way;
         }
         self.q.copy_from_slice(q);
         body.integrate(&mut self.q, &self.way);
