@@ -99,6 +99,7 @@ RENAMED = {
     "held": "fixed_base",
     "run --trouble": "--perturb",
     "stop --cut": "--torque-off",
+    "stop --socket": "`retarget stop PATH`",
     "cut": "torque_off",
 }
 """Names of version 0.1.0 and what they are called now: keys and files of configurations, options (with their command),

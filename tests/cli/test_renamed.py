@@ -36,18 +36,19 @@ def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
 
 
 @pytest.mark.parametrize(
-    ("words", "old"),
+    ("words", "old", "option"),
     [
-        ((*RUN, "--trouble", "mass"), "--trouble"),
-        ((*RUN, "--trouble=mass"), "--trouble"),
-        (("stop", "--cut"), "--cut"),
+        ((*RUN, "--trouble", "mass"), "--trouble", "--perturb"),
+        ((*RUN, "--trouble=mass"), "--trouble", "--perturb"),
+        (("stop", "--cut"), "--cut", "--torque-off"),
+        (("stop", "--socket", "here"), "--socket", "path"),
     ],
 )
-def test_an_option(words: tuple[str, ...], old: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_option(words: tuple[str, ...], old: str, option: str, capsys: pytest.CaptureFixture[str]) -> None:
     new = RENAMED[f"{words[0]} {old}"]
     shows(refused(capsys, *words), old, new)
     command = next(command for name, command in commands() if name == words[0])
-    assert new in {option for one in command.params for option in one.opts}
+    assert option in new.lower() and option in {name for one in command.params for name in one.opts}
 
 
 @pytest.mark.parametrize("old", FILES)
@@ -76,7 +77,7 @@ def test_a_key_of_a_profile(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_every_old_name_is_tried() -> None:
     assert {"steady", "held"} < set(FILES) and {"uphold", "late", "ahead"} < {old for _, old in KEYS}
-    tried = {*FILES, *(old for _, old in KEYS), OF_PROFILE, "run --trouble", "stop --cut", "cut"}
+    tried = {*FILES, *(old for _, old in KEYS), OF_PROFILE, "run --trouble", "stop --cut", "stop --socket", "cut"}
     assert tried == set(RENAMED)
 
 
