@@ -19,7 +19,7 @@ from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
 from retarget.model.human_dimensions import POINTS
-from retarget.model.observers import ObserverSet, human_observers
+from retarget.model.observers import human_observers
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import CarriedTask, CentreOfMassTask, PostureTask, Priorities
@@ -156,13 +156,11 @@ class Reconstructor:
         performer: Performer,
         *,
         iterations: int | None = None,
-        observed: ObserverSet | None = None,
         scene: SceneState | None = None,
         intake: IntakeTimes | None = None,
     ) -> None:
-        """iterations: instead of the file's. observed: which observers, instead of the file's choice. scene: in the
-        performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what a human
-        does not have."""
+        """iterations: instead of the file's. scene: in the performer's world. intake: how sensors leave and come back.
+        Raises ConfigError: the priorities name what a human does not have."""
         self._human = human
         self._layout = SensorLayout(performer)
         self._feet = None if set(_FEET) & set(self._layout.names) else VirtualFeet(human.dimensions)
@@ -170,7 +168,7 @@ class Reconstructor:
         self._names, self._sensor_count = names, len(self._layout.names)
         sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self._obstacles = SceneObstacles(scene)
-        self.observers = human_observers(human, priorities.observers, observed)
+        self.observers = human_observers(human, priorities.observers)
         build = partial(
             Hierarchy,
             priorities,
