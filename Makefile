@@ -28,7 +28,7 @@ help:
 	@echo 'make test    every test but the slow ones (make long)'
 	@echo 'make browser  the tests of web:// in headless Chromium, with the real body tracker; minutes'
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
-	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes'
+	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes; GOLDEN="--only poppy" plays a part'
 	@echo 'make golden-store  renew the stored runs that make test compares with'
 	@echo 'make bench   our frame time beside PlaCo and mink'
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'

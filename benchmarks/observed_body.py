@@ -59,7 +59,8 @@ NOTHING = StaticObstacles(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zero
 def watched_human(worn: Worn, dimensions: HumanDimensions | None = None) -> Watched:
     """The virtual human with the lines of the paper and a ball for the head, or with a capsule on every segment."""
     size = dimensions or proportional_dimensions(1.75)
-    observers = human_observers(build_human(size), load_priorities(SETTINGS[worn]).observers, worn)
+    settings = load_priorities(SETTINGS[worn]).observers.model_copy(update={"human": worn})
+    observers = human_observers(build_human(size), settings)
     assert observers is not None, "these are observers"
     label = f"{len(observers.names)} {'lines and head' if worn == 'lines_and_head' else worn}"
     return Watched(bench_human(size), observers, "ankles", label)

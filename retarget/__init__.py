@@ -3,8 +3,6 @@
 import importlib
 from typing import Any
 
-from retarget import siblings
-
 __version__ = "0.2.0"
 
 _HOMES = {
@@ -22,7 +20,31 @@ _HOMES = {
 
 __all__ = ["__version__", *sorted(_HOMES)]
 
-siblings.verify()
+
+def _verify_siblings() -> None:
+    """Raise ImportError, naming the shadow, unless Python finds the packages next to this one. Imports neither.
+
+    `hardware` and `sim` are short names that others use too.
+    """
+    import importlib.util
+    from pathlib import Path
+
+    home = Path(__file__).resolve().parent.parent
+    for name in ("hardware", "sim"):
+        spec = importlib.util.find_spec(name)
+        places = [Path(place).resolve() for place in (spec.submodule_search_locations or ())] if spec else []
+        if home / name in places[:1]:
+            continue
+        origin = spec.origin if spec and spec.origin else ", ".join(map(str, places))
+        found = f"Python finds another one at {origin}" if spec else "Python finds none"
+        raise ImportError(
+            f"retarget needs its own package {name!r} from {home / name}, but {found}. Install retarget in a virtual "
+            f"environment of its own, and run it from a folder that holds no file or folder named {name!r}.",
+            name=name,
+        )
+
+
+_verify_siblings()
 
 
 def __getattr__(name: str) -> Any:

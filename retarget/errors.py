@@ -99,6 +99,8 @@ RENAMED = {
     "held": "fixed_base",
     "run --trouble": "--perturb",
     "stop --cut": "--torque-off",
+    "stop --socket": "`retarget stop PATH`",
+    "servo --drive-mode": "--register drive_mode=BITS",
     "cut": "torque_off",
 }
 """Names of version 0.1.0 and what they are called now: keys and files of configurations, options (with their command),

@@ -1,5 +1,6 @@
 """`python -m benchmarks.golden --against COMMIT`: the same runs by a commit and by this checkout, compared to the bit.
 
+It compares exit codes, saved arrays, keys of the report and every byte on the emulator's wire.
 Exit code 0: all is the same, but for timings and wording; 1: something differs; 2: a version cannot be run.
 `--store` renews what `make test` holds this checkout against.
 """

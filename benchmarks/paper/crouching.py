@@ -122,8 +122,8 @@ def crouching(
 
 def _outcome(experiment: Experiment, priorities: str, worn: ObserverSet, replayed: Replay, free: Replay) -> Outcome:
     assert replayed.observers is not None
-    settings = load_priorities(priorities).observers
-    capsules = human_observers(replayed.human, settings, "capsules")
+    settings = load_priorities(priorities).observers.model_copy(update={"human": "capsules"})
+    capsules = human_observers(replayed.human, settings)
     assert capsules is not None
 
     def looked(motion: Replay, observers: Observers) -> ObservedDistances:

@@ -111,7 +111,7 @@ def cycles_on_hold(motion: Replay, depth: FloatArray) -> int:
 
 
 def _worn(human: Human, worn: ObserverSet) -> Observers:
-    observers = human_observers(human, ObserverSettings(), worn)
+    observers = human_observers(human, ObserverSettings(human=worn))
     assert observers is not None
     return replace(observers, pairs=observers.pairs[:0])  # no self-collision here
 

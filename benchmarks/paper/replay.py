@@ -79,13 +79,13 @@ def replay(
     """Reconstruct every frame. sensors: a performer's file; observed: which observers; iterations: N_IK instead of the
     file's; change: may replace each sample."""
     human, performer = build_human(calibrate(frames)), load_performer(sensors)
+    observers = priorities.observers.model_copy(update={"human": observed})
     worn = frames.select(tuple(performer.sensors))
     reconstructor = Reconstructor(
         human,
-        priorities,
+        priorities.model_copy(update={"observers": observers}),
         performer,
         iterations=iterations,
-        observed=observed,
         scene=None if scene is None else SceneState(scene),
     )
     steps = np.diff(worn.time).tolist()
@@ -101,12 +101,11 @@ def replay(
             progress(k)
     wall = clock.now() - begun
     q = np.array([posture.q for posture in postures])
-    observers = reconstructor.observers
     modes = np.array([posture.observer_modes for posture in postures])
     return Replay(
         human=human,
         sensors=reconstructor.sensors,
-        observers=observers,
+        observers=reconstructor.observers,
         postures=tuple(postures),
         q=q,
         joints=PostureReader(human).joints(q),

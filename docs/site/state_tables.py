@@ -1,4 +1,4 @@
-"""The states of a run as tables and a drawing, from the tables that the supervisor executes."""
+"""The states of a run as tables, from those that the supervisor executes."""
 
 from math import inf
 
@@ -6,7 +6,7 @@ from retarget.run.supervisor import STATES, TRANSITIONS, Event, Transition
 
 
 def tables_of_states() -> str:
-    """The states, the transitions and a drawing (Mermaid) in Markdown, for `docs/stops.md`."""
+    """The states and the transitions in Markdown, for `docs/stops.md`."""
     lines = ["| state | who gives the targets | torque | longest |", "|---|---|---|---|"]
     for state, row in STATES.items():
         longest = "" if row.limit_s == inf else f"{row.limit_s:g} s"
@@ -18,7 +18,4 @@ def tables_of_states() -> str:
     for (event, transition), states in alike.items():
         category = "" if transition.category is None else str(int(transition.category))
         lines.append(f"| {', '.join(states)} | {event.value} | {transition.to.value} | {category} |")
-    lines += ["", "```mermaid", "stateDiagram-v2"]
-    pairs = dict.fromkeys((state, transition.to) for (state, _), transition in TRANSITIONS.items())
-    lines += [f"    {state.name} --> {to.name}" for state, to in pairs]
-    return "\n".join([*lines, "```"])
+    return "\n".join(lines)

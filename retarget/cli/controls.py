@@ -385,7 +385,7 @@ def socket_path(text: str | None) -> Path:
             raise UsageError(
                 "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
                 where=WHERE,
-                next_step="Give a path, here and to `retarget stop --socket`",
+                next_step="Give a path, here and to `retarget stop`",
             )
         path = Path(folder) / "retarget.sock"
     else:

@@ -96,7 +96,7 @@ def _stream(text: str, name: str | None, seconds: float | None) -> list[Finding]
 def _page(address: StreamAddress, name: str, seconds: float) -> list[Finding]:
     from retarget.cli.web.control import PageControl, opened_web
     from retarget.schema.performer import load_performer
-    from retarget.setup.doctor_web import web_findings
+    from retarget.setup.doctor_stream import web_findings
 
     performer, clock = load_performer(name), MonotonicClock()
     with opened_web(address, "doctor", notify=log) as (feed, receiver):

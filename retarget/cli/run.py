@@ -471,7 +471,7 @@ def _opened(
         socket = ControlSocket(socket_path(oversight.control_socket), status=status, goes_on=goes_on)
         stack.callback(socket.close)
         opened.append(socket)
-        log(f"`retarget stop --socket {shlex.quote(str(socket.path))}` stops it")
+        log(f"`retarget stop {shlex.quote(str(socket.path))}` stops it")
     dead_man = None
     if oversight.dead_man == PAGE:
         log(f"hold {LABEL}: the robot moves only while it is held")

@@ -12,21 +12,18 @@ PATIENCE_S = 2.0
 """Most time, s, to wait for the answer of a run, which reads its socket in every tick."""
 
 
-def stop(path: str | None = None, socket: str | None = None, torque_off: bool = False) -> None:
+def stop(path: str | None = None, torque_off: bool = False) -> None:
     """Stop a live run that has a `--control-socket`: it brakes, goes to its rest posture, and torque goes off.
 
     Exit code 0: the run confirmed it; 1: it did not; 2: no run listens there.
 
     Arguments:
-        path: The socket of the run, if it is not the usual one.
+        path: Of the run's socket, as given to `--control-socket`; without it the usual one.
 
     Options:
-        socket PATH: The same.
         torque_off: Torque off at once, without braking: it may fall.
     """
-    if path is not None and socket is not None:
-        raise UsageError("two sockets", where="--socket", found=f"{path}, {socket}", allowed="one of them")
-    where = socket_path(path or socket)
+    where = socket_path(path)
     try:
         client = connect_to(where)
     except OSError as error:

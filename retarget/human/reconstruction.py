@@ -14,13 +14,12 @@ from retarget import rotations
 from retarget.frames import SensorSample
 from retarget.human.heading import Heading
 from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, VirtualFeet
-from retarget.human.second_posture import SecondPosture
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
 from retarget.model.human_dimensions import POINTS
-from retarget.model.observers import ObserverSet, human_observers
+from retarget.model.observers import human_observers
 from retarget.model.scene_state import SceneState
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import CarriedTask, CentreOfMassTask, PostureTask, Priorities
@@ -81,6 +80,56 @@ class SensorLayout:
         return found
 
 
+# A way out of a tangle: a second posture, solved a frame a tick beside a body that misses its sensors.
+#
+# A body that was led through itself, by a jump or by sensors that crossed, can end in a posture from which no small
+# motion leads to its sensors. A natural posture in the same place leads there within a few frames.
+
+_MISSED_M, _MISSED_S = 0.01, 0.05
+"""A body that misses a sensor by more than this for so long, though its limbs reach there, is tangled: sensors are
+to be met to 10 mm."""
+_TRIED_FRAMES, _REACHED_M = 16, 0.005
+"""At most so many frames the second posture has to come this near to all sensors."""
+_BETTER = 0.5
+"""After its last frame it is also taken where it misses by less than this share of what the body does."""
+
+
+@dataclass(slots=True)
+class SecondPosture:
+    """q (nq,): the second posture; None: none is tried. frames: solved of it.
+
+    missed_s: for how long the body has missed its sensors; patience_s: for how long it may, doubled by every try that
+    fails: a sensor can be where no body goes.
+    """
+
+    q: FloatArray | None = None
+    frames: int = 0
+    missed_s: float = 0.0
+    patience_s: float = _MISSED_S
+
+    def is_due(self, missed: float, dt: float) -> bool:
+        """Whether a second posture is to be tried in this tick of `dt` s, in which the body misses a sensor by up to
+        `missed` m."""
+        if missed <= _MISSED_M:
+            self.q, self.frames, self.missed_s, self.patience_s = None, 0, 0.0, _MISSED_S
+        else:
+            self.missed_s += dt
+        return self.missed_s > self.patience_s
+
+    def keep(self, q: FloatArray, missed: float, *, by_body: float) -> bool:
+        """Keep q (nq,), one frame further on, which misses a sensor by up to `missed` m while the body does `by_body`.
+        Whether the body should stand in it."""
+        self.q, self.frames = q, self.frames + 1
+        last = self.frames == _TRIED_FRAMES
+        reached = missed < (_BETTER * by_body if last else _REACHED_M)
+        if reached or last:
+            self.q, self.frames, self.missed_s = None, 0, 0.0
+            self.patience_s = _MISSED_S if reached else 2.0 * self.patience_s
+        return reached
+
+
+# The reconstruction of each sample.
+
 _SETTLING_S = 1.0
 """Length of a frame while settling on the first sample: so long that no speed limit and no drag hold anything back."""
 _SETTLING_FRAMES = 200
@@ -107,13 +156,11 @@ class Reconstructor:
         performer: Performer,
         *,
         iterations: int | None = None,
-        observed: ObserverSet | None = None,
         scene: SceneState | None = None,
         intake: IntakeTimes | None = None,
     ) -> None:
-        """iterations: instead of the file's. observed: which observers, instead of the file's choice. scene: in the
-        performer's world. intake: how sensors leave and come back. Raises ConfigError: the priorities name what a human
-        does not have."""
+        """iterations: instead of the file's. scene: in the performer's world. intake: how sensors leave and come back.
+        Raises ConfigError: the priorities name what a human does not have."""
         self._human = human
         self._layout = SensorLayout(performer)
         self._feet = None if set(_FEET) & set(self._layout.names) else VirtualFeet(human.dimensions)
@@ -121,7 +168,7 @@ class Reconstructor:
         self._names, self._sensor_count = names, len(self._layout.names)
         sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self._obstacles = SceneObstacles(scene)
-        self.observers = human_observers(human, priorities.observers, observed)
+        self.observers = human_observers(human, priorities.observers)
         build = partial(
             Hierarchy,
             priorities,

@@ -332,9 +332,9 @@ HEAD = "head"
 ObserverSet = Literal["none", "lines", "lines_and_head", "capsules"]
 
 
-def human_observers(human: Human, settings: ObserverSettings, chosen: ObserverSet | None = None) -> Observers | None:
-    """The observers of a human of this size; None where the settings want none. chosen: not the settings' set."""
-    chosen = settings.human if chosen is None else chosen
+def human_observers(human: Human, settings: ObserverSettings) -> Observers | None:
+    """The observers of a human of this size; None where the settings want none."""
+    chosen = settings.human
     if chosen == "none":
         return None
     zone = settings.influence, 0.01 if settings.margin is None else settings.margin

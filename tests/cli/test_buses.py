@@ -37,8 +37,8 @@ from retarget.run.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
 from sim.mock_bus import MockBus, NoBus
 from sim.performer import synthetic_performer
-from sim.physics.log import Fall
 from sim.physics.perturbation import Push
+from sim.physics.witness import Fall
 
 
 @pytest.fixture(scope="module")

@@ -222,8 +222,7 @@ def test_a_run_receives_the_word(
 
     thread = threading.Thread(target=serve)
     thread.start()
-    place = [str(server.path)] if known else ["--socket", str(server.path)]
-    found = run(capsys, *place, *words)
+    found = run(capsys, str(server.path), *words)
     done.set()
     thread.join()
     server.close()

@@ -121,7 +121,7 @@ TYPED = [
     "replay not.mcap --goals --bus mock --save x.npz",
     "export nothing.npz --to csv",
     "export not.mcap --to cvs",
-    "stop --socket nowhere",
+    "stop nowhere",
 ]
 
 

@@ -49,7 +49,7 @@ def check_placement(outcomes: Outcomes) -> None:
         outcome = outcomes[number, "paper"]
         assert outcome.cycles >= 2
         assert outcome.free_distances.min() <= -HINDERED
-        capsules = human_observers(outcome.free.human, ObserverSettings(), "capsules")
+        capsules = human_observers(outcome.free.human, ObserverSettings(human="capsules"))
         assert capsules is not None
         scene = outcome.experiment.scene
         start = observed_distances(outcome.free.human.body, capsules, outcome.free.q[:1], scene).least_scene

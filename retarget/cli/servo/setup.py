@@ -124,7 +124,6 @@ def setup(
     new_id: int | None = None,
     baud: int | None = None,
     return_delay: float | None = None,
-    drive_mode: int | None = None,
     register: tuple[str, ...] = (),
     yes: bool = False,
     dry_run: bool = False,
@@ -142,15 +141,13 @@ def setup(
         new_id N: Its id as it is to be.
         baud BAUD: Its speed as it is to be.
         return_delay US: Pause before it answers, us.
-        drive_mode BITS: Bits of its drive mode.
-        register NAME=VALUE: Any other of its EEPROM.
+        register NAME=VALUE: Any other of its EEPROM, as drive_mode=4.
         yes: Do not ask.
         dry_run: Read and show, write nothing.
     """
     if device is not None:
         check_device(device, protocol)
-    registers = registers_of(register) | ({} if drive_mode is None else {"drive_mode": drive_mode})
-    asked = Asked(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers)
+    asked = Asked(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers_of(register))
     target = find_target(where, joint, device)
     _check(target, asked, protocol)
     place = target.place

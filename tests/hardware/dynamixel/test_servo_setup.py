@@ -54,8 +54,8 @@ def test_id_and_speed_last_and_verified(lab: ServoLab) -> None:
         (("--id", "13", "--register", "protocol_type=1"), "no such register"),
         (("--id", "13", "--register", "drive_mode=300"), "no such drive_mode"),
         (("--id", "13", "--register", "nothing=1"), "nothing"),
-        (("--id", "33", "--drive-mode", "0"), "no servo answers to id 33"),
-        (("--id", "12", "--drive-mode", "1"), "torque is on, and locks the EEPROM"),
+        (("--id", "33", "--register", "drive_mode=0"), "no servo answers to id 33"),
+        (("--id", "12", "--register", "drive_mode=1"), "torque is on, and locks the EEPROM"),
     ],
 )
 def test_refused(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
@@ -66,7 +66,7 @@ def test_refused(words: tuple[str, ...], text: str, lab: ServoLab) -> None:
 
 @pytest.mark.parametrize(("words", "typed"), [((), "n\n"), (("--dry-run",), "")])
 def test_nothing_is_written_without_a_yes(words: tuple[str, ...], typed: str, lab: ServoLab) -> None:
-    code, out, _ = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "1", *words, typed=typed)
+    code, out, _ = lab.run("setup", *BUS, "--id", "13", "--register", "drive_mode=1", *words, typed=typed)
     assert code == 0 and "drive_mode: 0 -> 1" in out and Instruction.WRITE not in lab.instructions()
 
 
@@ -76,7 +76,7 @@ def test_ctrl_c_ends_after_the_value_that_is_written(lab: ServoLab, monkeypatch:
         return write_setting(*arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr("retarget.cli.servo.setup.write_setting", interrupted)
-    code, _, err = lab.run("setup", *BUS, "--id", "13", "--drive-mode", "1", "--new-id", "33", "--yes")
+    code, _, err = lab.run("setup", *BUS, "--id", "13", "--register", "drive_mode=1", "--new-id", "33", "--yes")
     assert code == 1
     shows(err, "drive_mode")
     assert lab.memory(13).value("drive_mode") == 1
@@ -115,11 +115,11 @@ def test_the_command_that_a_complaint_names_does_it(values: dict[str, int], lab:
 
 def test_a_servo_that_answers_pings_only_is_written_blind(lab: ServoLab) -> None:
     lab.before = {(13, "status_return_level"): 0}
-    code, _, err = lab.run("setup", "--port", "emulator", "--id", "13", "--drive-mode", "4", "--yes")
+    code, _, err = lab.run("setup", "--port", "emulator", "--id", "13", "--register", "drive_mode=4", "--yes")
     assert code == 2
     shows(err, "--register", "status_return_level=2")
     assert Instruction.WRITE not in lab.instructions()
-    words = ("--id", "13", "--register", "status_return_level=2", "--drive-mode", "4")
+    words = ("--id", "13", "--register", "status_return_level=2", "--register", "drive_mode=4")
     for typed, more in (("n\n", ()), ("", ("--dry-run",))):
         code, out, _ = lab.run("setup", *BUS, *words, *more, typed=typed)
         assert code == 0 and "status_return_level: 0 -> 2" in out and Instruction.WRITE not in lab.instructions()
@@ -174,7 +174,7 @@ def test_with_a_joint_everything_in_which_it_differs_from_the_profile_is_propose
         (("--new-id", "254"), "found 254"),
         (("--return-delay", "3"), "found 3 us"),
         (("--baud", "77"), "--baud: "),
-        (("--drive-mode", "300"), "found 300"),
+        (("--register", "drive_mode=300"), "found 300"),
         (("--register", "id=3"), "the option --new-id"),
     ],
 )

@@ -18,11 +18,18 @@ from retarget.run.run_result import PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
 from sim.buses import simulation_of
 from sim.physics.ground import sole_corners
-from sim.physics.log import BLOCK_ROWS, SLIP_RESOLUTION_M, FallWatch, PhysicsLog
 from sim.physics.mount import Mount, Support
 from sim.physics.perturbation import Perturbation, Push
 from sim.physics.state import PhysicsState
-from sim.physics.witness import Witness, physics_run, zmp_margins
+from sim.physics.witness import (
+    BLOCK_ROWS,
+    SLIP_RESOLUTION_M,
+    FallWatch,
+    PhysicsLog,
+    Witness,
+    physics_run,
+    zmp_margins,
+)
 
 
 @pytest.fixture(scope="module")
