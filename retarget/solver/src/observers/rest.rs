@@ -57,11 +57,11 @@ impl Rest {
             self.way[i] = 0.5 * self.time * v;
             self.change[i] = 0.5 * self.time * change;
         }
+        // Before the end of its range a joint brakes earlier.
         for joint in body.joints.iter().filter(|joint| joint.kind.size() == (1, 1)) {
             let (limit, at) = (&limits[joint.v_address], q[joint.q_address]);
             let way = &mut self.way[joint.v_address];
             *way = way.max((limit.lower - at).min(0.0)).min((limit.upper - at).max(0.0));
-            // it brakes earlier there
         }
         for (left, way) in self.left.iter_mut().zip(&self.way) {
             *left = self.share * way;
