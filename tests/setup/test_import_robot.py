@@ -131,7 +131,9 @@ def test_no_hand_work_before_the_demo(robot: str, tmp_path: Path) -> None:
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     assert report["stop"]["reason"] is None
     assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
-    assert report["hand_path_ratio"] > 0.9
+    assert report["pelvis_height_mm"]["p95"] < 30.0 and report["likeness_deg"]["upper_arms"]["mean"] < 25.0
+    # The stranger's thighs meet its hips before it leans as far as the performer.
+    assert report["hand_path_ratio"] > (0.85 if robot == "stranger" else 0.9)
 
 
 # `retarget import` as a user meets it.
