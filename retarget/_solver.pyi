@@ -285,7 +285,7 @@ class Solver:
     def brake(self, targets: Floats, ticks: float, dt: float, frames: int) -> Floats:
         """Postures (frames, nq), dt seconds each, on the way to rest: coordinates and the centre of mass go on by less
         and less of the velocity that they have, in proportion, and by none after so many ticks. Targets of other tasks
-        stay. Its first guess is that of the time before."""
+        stay."""
     def set_obstacles(
         self,
         position: Floats,

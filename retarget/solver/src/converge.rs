@@ -151,9 +151,8 @@ impl FrameSolver {
 
     /// Come to rest, a row of `postures` (nq) for each frame of `dt` seconds: coordinates and the centre of mass go on by less and less
     /// of the velocity with which they began, by none after so many `ticks`, as far as `targets` of other tasks and the limits
-    /// let them. It begins with the active set with which it began the time before: where a stop is sought in every tick, these are much alike.
+    /// let them.
     pub fn brake(&mut self, targets: &mut [f64], ticks: f64, dt: f64, postures: &mut [f64]) {
-        self.first_sides.clone_from(&self.stop_sides);
         if !self.posed {
             self.pose_body();
         }
@@ -162,11 +161,11 @@ impl FrameSolver {
             .fold([0.0; 3], |mass, dof| add_scaled(mass, self.body.com_column(&self.pose, dof), self.began[dof]));
         for (t, posture) in postures.chunks_exact_mut(self.body.nq).enumerate() {
             let left = (1.0 - (t + 1) as f64 / ticks).max(0.0) * dt;
+            self.step.iter_mut().zip(&self.began).for_each(|(step, began)| *step = left * began);
             for p in &self.placed {
                 let target = &mut targets[p.target.clone()][1..];
                 match p.task.kind {
                     TaskKind::Posture => {
-                        self.step.iter_mut().zip(&self.began).for_each(|(step, began)| *step = left * began);
                         target.copy_from_slice(&self.q);
                         self.body.integrate(target, &self.step);
                     }
@@ -178,9 +177,6 @@ impl FrameSolver {
             }
             self.frame(targets, dt);
             posture.copy_from_slice(&self.q);
-            if t == 0 {
-                self.stop_sides.clone_from(&self.first_sides);
-            }
         }
     }
 

@@ -56,9 +56,8 @@ pub struct FrameSolver {
     pub(crate) q_address: Vec<Option<usize>>,
     pub(crate) problem: Problem,
     pub(crate) work: Workspace,
-    /// Active set after the first iteration of the last frame, and of the first frame of the last stop.
+    /// Active set after the first iteration of the last frame.
     pub(crate) first_sides: (Vec<Side>, Vec<Side>),
-    pub(crate) stop_sides: (Vec<Side>, Vec<Side>),
     pub(crate) pose: Pose,
     /// The pose is that of `q`.
     pub(crate) posed: bool,
@@ -115,7 +114,6 @@ impl FrameSolver {
             progress,
             watch,
             soft_share: 1.0,
-            stop_sides: first_sides.clone(),
             damping_length: settings.damping * body.size(),
             columns,
             q_address,
