@@ -262,16 +262,18 @@ def _limited(name: str, measured: str, allowed: str, broken: int) -> Finding:
 
 
 def _body(report: Report) -> Iterator[Finding]:
+    """The body in the postures that were sent: of a simulated robot, which may move otherwise, they are the plan."""
+    planned = "" if report.physics is None else ", as planned"
     outside, margin = report.com_outside_support_frames, report.com_margin_mm
     if outside is not None:
         measured = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
         if outside:
             by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
             measured = f"outside in {counted(outside, 'tick')}{by}"
-        yield Finding("centre of mass", measured, "over the support polygon", outside == 0)
+        yield Finding("centre of mass" + planned, measured, "over the support polygon", outside == 0)
     if report.soles is not None and report.foot_slide_mm is not None:
         height, tilt = f"{report.soles.height_mm:.2f} mm off the ground", f"{report.soles.tilt_deg:.2f} degrees tilted"
-        yield Finding("soles", f"at most {height}, {tilt}, {report.foot_slide_mm:.2f} mm slid")
+        yield Finding("soles" + planned, f"at most {height}, {tilt}, {report.foot_slide_mm:.2f} mm slid")
     deep = (report.penetrating_frames or 0) > 0
     clearance = report.min_clearance_mm
     for name, allowed, mm, pair in (
@@ -282,10 +284,10 @@ def _body(report: Report) -> Iterator[Finding]:
         if mm is not None:
             gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside each other"
             named = f" ({' and '.join(pair)})" if pair else ""
-            yield Finding(name, gap + named, allowed, not deep or mm >= 0.0)
+            yield Finding(name + planned, gap + named, allowed, not deep or mm >= 0.0)
     if deep:
         yield Finding(
-            "penetration",
+            "penetration" + planned,
             f"in {counted(report.penetrating_frames or 0, 'tick')}, by more than 1 mm in {report.deep.frames}",
         )
 

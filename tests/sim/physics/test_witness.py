@@ -10,9 +10,11 @@ from hardware.arrays import FloatArray
 from messages import shows
 from physics_rig import PhysicsRig, op3, standing
 from retarget.ik.support_polygon import plant, support_distance
-from retarget.report.findings import physics_findings
+from retarget.report.animation import animation_of
+from retarget.report.findings import findings, physics_findings
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
+from retarget.report.page import page_html
 from retarget.report.plots import plot_pressure
 from retarget.run.run_result import PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
@@ -72,6 +74,18 @@ def test_ratios_and_travel_are_those_of_the_simulated_body(bare: RunResult, push
     assert fell.likeness_deg["thighs"].max > still.likeness_deg["thighs"].max
     assert fell.trunk_lean_deg is not None and fell.trunk_lean_deg.max > still.trunk_lean_deg.max
     assert (fell.travelled_m.robot or 0.0) > 0.0
+
+
+def test_the_page_shows_the_simulated_body_and_says_what_is_planned(bare: RunResult, pushed: PhysicsRun) -> None:
+    fell = replace(bare, physics=pushed)
+    still, moved = animation_of(bare), animation_of(fell)
+    assert still is not None and moved is not None and still.robot is not None and moved.robot is not None
+    assert still.robot.poses != moved.robot.poses and still.robot.marks == moved.robot.marks
+    assert still.ground is not None and moved.ground is not None and still.ground.com != moved.ground.com
+    page = page_html(fell, measure(fell), figures={})
+    assert "solid: as simulated" in page and "solid: as sent" in page_html(bare, measure(bare), figures={})
+    planned = {one.name for one in findings(fell, measure(fell)) if one.name.endswith(", as planned")}
+    assert {"centre of mass, as planned", "its own links, as planned"} <= planned
 
 
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
