@@ -132,10 +132,13 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
     if differs:
         shown = lost or [words for words, _, _ in differs]
         verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
-    bounds = [seen.lost if lost else seen.difference for seen in (LIMB_DEG, LEAN_DEG, SQUAT_SHARE, HAND_AWAY_S)]
-    allowed = f"limbs within {bounds[0]:g}° of the performer's, trunk within {bounds[1]:g}°, "
-    allowed += f"pelvis within {bounds[2]:.0%} of the leg, hands on their way, "
-    allowed += f"none more than {MM * AWAY_M:.0f} mm off for {bounds[3]:g} s"
+    allowed = (
+        f"limbs within {LIMB_DEG.difference:g}° of the performer's (in part: {LIMB_DEG.lost:g}°), "
+        + f"trunk within {LEAN_DEG.difference:g}° (in part: {LEAN_DEG.lost:g}°), "
+        + f"pelvis within {SQUAT_SHARE.difference:.0%} of the leg (in part: {SQUAT_SHARE.lost:.0%}), "
+        + f"hands on their way, none more than {MM * AWAY_M:.0f} mm off for {HAND_AWAY_S.difference:g} s "
+        + f"(in part: {HAND_AWAY_S.lost:g} s)"
+    )
     yield Finding("following", verdict, allowed, kept)
 
 

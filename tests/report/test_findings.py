@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from messages import shows
 from retarget.report.findings import Finding, findings, limit_use, show_summary
 from retarget.report.measure import measure
 from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
@@ -139,6 +140,12 @@ def test_a_sentence_says_whether_it_follows(
     alike |= {"reachable_hands_mm": None, "hands_away_s": None, "hand_path_ratio": 1.0, "pelvis_height_mm": None}
     found = of("following", run, replace(report, **(alike | differs)))
     assert (found.measured, found.kept) == (words, kept)
+
+
+def test_what_it_takes_to_follow_is_said_whatever_the_verdict(run: RunResult, report: Report) -> None:
+    said = {of("following", run, replace(report, fallen=fallen)).allowed for fallen in (False, True)}
+    assert len(said) == 1
+    shows(said.pop(), "20° of the performer's (in part: 45°)", "15° (in part: 45°)", "s (in part: 2 s)")
 
 
 def test_arms_that_hands_come_before_differ_in_part(run: RunResult, report: Report) -> None:
