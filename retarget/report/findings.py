@@ -217,13 +217,14 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
     height = report.pelvis_height_mm
     if height is not None:
         yield Finding("pelvis height", f"{height.mean:.0f} mm off, {height.p95:.0f} at p95, {height.max:.0f} at most")
-    if report.foot_path_ratio is not None and run.robot is not None and run.robot.stands and report.steps is None:
-        yield Finding("foot path", "none: its feet stay planted")
+    if report.foot_path_ratio == 0.0:
+        yield Finding("foot path", "none: the performer's feet move, its own stay planted")
     else:
         yield Finding("foot path", _number(report.foot_path_ratio, "% of the performer's", scale=100.0))
     yield Finding("over the ground", _travel(report))
     yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
-    yield Finding("highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3))
+    missed = _number(report.priority_violation_max, "mm, or mrad of a turn, at most", digits=3)
+    yield Finding("highest priority", f"missed by {missed}" if missed else "")
     servos = report.servo_error_deg
     if servos and run.robot is not None:
         worst, mean = _most(servos), sum(spread.mean for spread in servos.values()) / len(servos)
@@ -369,7 +370,7 @@ def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
     counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
     touches = ", ".join(f"touches {what} in {counted(ticks, 'tick')}" for what, ticks in counts.items() if ticks)
     yield Finding("contacts", touches or "none", "none but the soles", not touches)
-    yield Finding("speed", _number(seen.realtime_factor, "x real time"))
+    yield Finding("simulation", _number(seen.realtime_factor, "times as fast as real time"))
 
 
 def _machine(run: RunResult, report: Report) -> Iterator[Finding]:

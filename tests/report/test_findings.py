@@ -165,8 +165,14 @@ def test_the_height_of_the_pelvis_is_shown_where_it_was_to_move(run: RunResult, 
 
 def test_feet_that_are_to_stay_are_said_to_stay(run: RunResult, report: Report) -> None:
     still = replace(report, foot_path_ratio=0.0)
-    assert of("foot path", run, still).measured == "none: its feet stay planted"
-    assert of("foot path", run, replace(still, steps=StepsReport(3, 0, 3))).measured == "0.0 % of the performer's"
+    assert of("foot path", run, still).measured == "none: the performer's feet move, its own stay planted"
+    steps = replace(report, foot_path_ratio=0.4, steps=StepsReport(3, 2, 1))
+    assert of("foot path", run, steps).measured == "40.0 % of the performer's"
+
+
+def test_a_number_says_what_it_is_of(run: RunResult, report: Report) -> None:
+    missed = of("highest priority", run, replace(report, priority_violation_max=0.25))
+    assert missed.measured == "missed by 0.250 mm, or mrad of a turn, at most"
 
 
 def test_the_joint_that_turned_used_most_of_its_speed(run: RunResult) -> None:

@@ -100,7 +100,7 @@ def test_a_person_reads_when_and_how_it_fell(bare: RunResult, pushed: PhysicsRun
     shows(lines["physics"], 7)
     shows(lines["heat"])
     shows(lines["torque"])
-    shows(lines["speed"])
+    shows(lines["simulation"])
     shows(lines)
 
 
