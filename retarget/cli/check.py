@@ -200,7 +200,7 @@ def _priorities(path: Path) -> str:
         f"level {index}": f"{level.name}: {', '.join(task.type for task in level.tasks) or 'nothing'}"
         for index, level in enumerate(priorities.levels, 1)
     }
-    about = {"about": priorities.description, "iterations": f"{priorities.iterations} per frame at most"}
+    about = {"description": priorities.description, "iterations": f"{priorities.iterations} per frame at most"}
     return _paragraph("priorities", priorities, path, about | levels)
 
 
@@ -210,13 +210,15 @@ def _performer(path: Path) -> str:
         (name if name == sensor.joint else f"{name} on {sensor.joint}") + (" (oriented)" if sensor.orientation else "")
         for name, sensor in performer.sensors.items()
     )
-    return _paragraph("performer", performer, path, {"about": performer.description, "sensors": ", ".join(sensors)})
+    return _paragraph(
+        "performer", performer, path, {"description": performer.description, "sensors": ", ".join(sensors)}
+    )
 
 
 def _scene(path: Path) -> str:
     scene = load_scene(path)
     obstacles = {name: _obstacle(obstacle) for name, obstacle in scene.obstacles.items()}
-    return _paragraph("scene", scene, path, {"about": scene.description} | obstacles)
+    return _paragraph("scene", scene, path, {"description": scene.description} | obstacles)
 
 
 STAND_INS = {"robot": "op3", "source": "sample"}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from retarget.cli.application import Overwrite, note, progress_bar
+from retarget.cli.application import Overwrite, log, note, progress_bar
 from retarget.cli.exit import DONE, STOPPED
 from retarget.errors import UsageError
 from retarget.run.options import PhysicsOptions, RunOptions
@@ -161,7 +161,7 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
     clock, make_bus = command.clock, command.bench.make_bus
     with detached_screens(), ExitStack() as signals:
         with goal_playback(
-            found, options, speed=speed, clock=clock, make_bus=make_bus, notify=note, robot=robot
+            found, options, speed=speed, clock=clock, make_bus=make_bus, notify=log, robot=robot
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with progress_bar(options.robot, prepared.samples.recorded().ticks) as show:

@@ -58,6 +58,8 @@ ANY_ADDRESS = IPv4Network("0.0.0.0/0")
 MOST_ALLOWED = 64
 """Entries of an allow-list."""
 MAX_SPEED = 100.0
+"""Of a replay, times the recorded speed. Below 1, frames come later and later on the sender's clock, which stands in
+them, and are not fresh."""
 RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json", "web")
 """Kinds of stream that a recording may hold."""
 
@@ -124,7 +126,7 @@ def _chosen(value: Value, fits: bool) -> Value:
 def _speed(value: str) -> float:
     plain = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", value, re.ASCII) is not None
     speed = float(_chosen(value, plain))
-    return _chosen(speed, isfinite(speed) and 0.0 < speed <= MAX_SPEED)
+    return _chosen(speed, isfinite(speed) and 1.0 <= speed <= MAX_SPEED)
 
 
 def _one_of(*values: str) -> Callable[[str], str]:
@@ -140,7 +142,7 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "interface": ("the IPv4 address of an interface of this machine", _single),
     "up": ("y or z, as Up Axis in Motive's streaming settings", _one_of("y", "z")),
     "bones": ("global or local, as Skeleton Coordinates in Motive's streaming settings", _one_of("global", "local")),
-    "speed": (f"above 0, to {MAX_SPEED:g}", _speed),
+    "speed": (f"1 to {MAX_SPEED:g} (slower, frames are too old when they arrive)", _speed),
     "kind": (", ".join(RECORDED), _one_of(*RECORDED)),
 }
 """What an option may be, in words, and its reader, which raises ValueError."""

@@ -89,7 +89,7 @@ def goal_playback(
         dt = 1.0 / robot.profile.safety.rate_hz
         goals.append(recorded_goals(played, speed=speed, dt=dt))
         first = played.clip(np.zeros(1, dtype=np.intp), 1, dt=dt, speed=1.0)
-        return held_performance(Performance(first, session.size, session.notes, session.intake_times), len(goals[0]))
+        return held_performance(Performance(first, session.size, (), session.intake_times), len(goals[0]))
 
     with prepare_for(
         perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, robot=robot

@@ -314,6 +314,7 @@ def replay(
         robot=robot,
     ) as prepared:
         result = prepared.run(_watch(played, cursor, prepared, watch or Watch()))
+    result = replace(result, notes=tuple(dict.fromkeys(result.notes)))  # those of then are mostly made again
     if robot is None:
         difference = posture_difference(played, result.record.human.q)
     else:

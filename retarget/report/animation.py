@@ -203,11 +203,11 @@ def _performer(run: RunResult, rows: IntArray) -> Figure:
 
 
 def _robot(run: RunResult, rows: IntArray) -> Figure | None:
-    """The robot as it was sent, and the landmarks that were asked of it."""
-    robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None:
+    """The robot as it moved, see `RunResult.moved_q`, and the landmarks that were asked of it."""
+    robot, sent, q = run.robot, run.record.robot, run.moved_q
+    if robot is None or sent is None or q is None:
         return None
-    return _figure(robot.profile.name, robot.solid, robot.solid.poses(sent.q[rows]), sent.landmarks_asked[rows])
+    return _figure(robot.profile.name, robot.solid, robot.solid.poses(q[rows]), sent.landmarks_asked[rows])
 
 
 def _figure(label: str, solid: SolidBody, poses: FloatArray, marks: FloatArray) -> Figure:
@@ -234,11 +234,11 @@ def _smooth(track: FloatArray, width: int) -> FloatArray:
 
 
 def _ground(run: RunResult, rows: IntArray) -> Ground | None:
-    """Soles and centre of mass of a robot that stands."""
-    robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or not robot.stands:
+    """Soles and centre of mass of a robot that stands, as it moved."""
+    robot, q = run.robot, run.moved_q
+    if robot is None or q is None or not robot.stands:
         return None
-    stand = motion_metrics.standing_of(robot, sent.q)
+    stand = motion_metrics.standing_of(robot, q)
     sizes = tuple(len(sole.polygon) for sole in stand.soles)
     flat = np.concatenate([stand.corners[rows], stand.com[rows, None]], axis=1)[..., :2].reshape(-1, 2)
     low, high = flat.min(axis=0), flat.max(axis=0)

@@ -132,10 +132,13 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
     if differs:
         shown = lost or [words for words, _, _ in differs]
         verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
-    bounds = [seen.lost if lost else seen.difference for seen in (LIMB_DEG, LEAN_DEG, SQUAT_SHARE, HAND_AWAY_S)]
-    allowed = f"limbs within {bounds[0]:g}° of the performer's, trunk within {bounds[1]:g}°, "
-    allowed += f"pelvis within {bounds[2]:.0%} of the leg, hands on their way, "
-    allowed += f"none more than {MM * AWAY_M:.0f} mm off for {bounds[3]:g} s"
+    allowed = (
+        f"limbs within {LIMB_DEG.difference:g}° of the performer's (in part: {LIMB_DEG.lost:g}°), "
+        + f"trunk within {LEAN_DEG.difference:g}° (in part: {LEAN_DEG.lost:g}°), "
+        + f"pelvis within {SQUAT_SHARE.difference:.0%} of the leg (in part: {SQUAT_SHARE.lost:.0%}), "
+        + f"hands on their way, none more than {MM * AWAY_M:.0f} mm off for {HAND_AWAY_S.difference:g} s "
+        + f"(in part: {HAND_AWAY_S.lost:g} s)"
+    )
     yield Finding("following", verdict, allowed, kept)
 
 
@@ -214,13 +217,14 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
     height = report.pelvis_height_mm
     if height is not None:
         yield Finding("pelvis height", f"{height.mean:.0f} mm off, {height.p95:.0f} at p95, {height.max:.0f} at most")
-    if report.foot_path_ratio is not None and run.robot is not None and run.robot.stands and report.steps is None:
-        yield Finding("foot path", "none: its feet stay planted")
+    if report.foot_path_ratio == 0.0:
+        yield Finding("foot path", "none: the performer's feet move, its own stay planted")
     else:
         yield Finding("foot path", _number(report.foot_path_ratio, "% of the performer's", scale=100.0))
     yield Finding("over the ground", _travel(report))
     yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
-    yield Finding("highest level", _number(report.priority_violation_max, "mm or mrad off at most", digits=3))
+    missed = _number(report.priority_violation_max, "mm, or mrad of a turn, at most", digits=3)
+    yield Finding("highest priority", f"missed by {missed}" if missed else "")
     servos = report.servo_error_deg
     if servos and run.robot is not None:
         worst, mean = _most(servos), sum(spread.mean for spread in servos.values()) / len(servos)
@@ -262,16 +266,18 @@ def _limited(name: str, measured: str, allowed: str, broken: int) -> Finding:
 
 
 def _body(report: Report) -> Iterator[Finding]:
+    """The body in the postures that were sent: of a simulated robot, which may move otherwise, they are the plan."""
+    planned = "" if report.physics is None else ", as planned"
     outside, margin = report.com_outside_support_frames, report.com_margin_mm
     if outside is not None:
         measured = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
         if outside:
             by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
             measured = f"outside in {counted(outside, 'tick')}{by}"
-        yield Finding("centre of mass", measured, "over the support polygon", outside == 0)
+        yield Finding("centre of mass" + planned, measured, "over the support polygon", outside == 0)
     if report.soles is not None and report.foot_slide_mm is not None:
         height, tilt = f"{report.soles.height_mm:.2f} mm off the ground", f"{report.soles.tilt_deg:.2f} degrees tilted"
-        yield Finding("soles", f"at most {height}, {tilt}, {report.foot_slide_mm:.2f} mm slid")
+        yield Finding("soles" + planned, f"at most {height}, {tilt}, {report.foot_slide_mm:.2f} mm slid")
     deep = (report.penetrating_frames or 0) > 0
     clearance = report.min_clearance_mm
     for name, allowed, mm, pair in (
@@ -282,10 +288,10 @@ def _body(report: Report) -> Iterator[Finding]:
         if mm is not None:
             gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside each other"
             named = f" ({' and '.join(pair)})" if pair else ""
-            yield Finding(name, gap + named, allowed, not deep or mm >= 0.0)
+            yield Finding(name + planned, gap + named, allowed, not deep or mm >= 0.0)
     if deep:
         yield Finding(
-            "penetration",
+            "penetration" + planned,
             f"in {counted(report.penetrating_frames or 0, 'tick')}, by more than 1 mm in {report.deep.frames}",
         )
 
@@ -364,7 +370,7 @@ def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
     counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
     touches = ", ".join(f"touches {what} in {counted(ticks, 'tick')}" for what, ticks in counts.items() if ticks)
     yield Finding("contacts", touches or "none", "none but the soles", not touches)
-    yield Finding("speed", _number(seen.realtime_factor, "x real time"))
+    yield Finding("simulation", _number(seen.realtime_factor, "times as fast as real time"))
 
 
 def _machine(run: RunResult, report: Report) -> Iterator[Finding]:

@@ -315,7 +315,8 @@ def plot_balance(run: RunResult) -> Figure | None:
     if robot is None or sent is None or len(run.record) < 2 or not robot.stands:
         return None
     stand = motion_metrics.standing_of(robot, sent.q)
-    figure, above, time = _over_soles(f"{robot.profile.name}: centre of mass over the support polygon")
+    planned = "" if run.physics is None else ", as planned"
+    figure, above, time = _over_soles(f"{robot.profile.name}: centre of mass over the support polygon{planned}")
     _outlines(above, np.split(MM * stand.corners[0], len(robot.profile.feet)), "support polygon")
     rows, com, outside = thinned(len(stand.com)), MM * stand.com, stand.margin < -motion_metrics.OUTSIDE_M
     above.plot(-com[rows, 1], com[rows, 0], color=REACHED, linewidth=0.9, label="centre of mass")

@@ -302,8 +302,9 @@ def stage_priorities(
     usual, balances = name_with_mass(robot), bool(support_tasks(of_robot))
     if robot.stands and last != usual and (not balances or (options.has_mass and moving_share(of_robot) is None)):
         how = f"balances {profile.name} as if it stood still" if balances else f"does not balance {profile.name}"
-        with_mass = next((one.name for one in entries(Kind.PRIORITIES) if one.name == f"balanced_{last}"), usual)
-        notes = (*notes, f"{last} {how}, so it may fall. Use {with_mass}, or extend it")
+        name = of_robot.name
+        with_mass = next((one.name for one in entries(Kind.PRIORITIES) if one.name == f"balanced_{name}"), usual)
+        notes = (*notes, f"{name} {how}, so it may fall. Use {with_mass}, or extend it")
     return of_human, of_robot, notes
 
 

@@ -5,6 +5,7 @@ up among the keys of the document, so that an entry with an error of its own is 
 """
 
 from collections.abc import Iterable
+from math import pi, radians
 
 from hardware.bus import BAUDS, WATCHDOG_STEP, fastest_baud
 from hardware.errors import HardwareError
@@ -45,9 +46,17 @@ def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]
             yield from _protocol(here, servo, model, bus, document)
         if not unfit:
             (spec,) = servo_specs({joint: servo}, profile.couplings)
-            step = "Check limits, zero_tick, direction, gear and mode"
+            step = _in_radians(servo) or "Check limits, zero_tick, direction, gear and mode"
             for text in spec.problems():
                 yield document.problem(here, text.removeprefix(f"{joint}: "), next_step=step)
+
+
+def _in_radians(servo: Servo) -> str:
+    """The next step where limits are more than a turn apart, as those in degrees are; else ""."""
+    low, high = servo.limits
+    if high - low <= 2.0 * pi:
+        return ""
+    return f"Limits are in rad: {low:g} to {high:g} degrees are [{radians(low):.5g}, {radians(high):.5g}]"
 
 
 def check_stiffness(profile: RobotProfile, document: Document) -> Iterable[Problem]:

@@ -252,7 +252,7 @@ def read_amc(
         asf.tree,
         pose_of(asf, values, degrees=degrees),
         unit=CMU_METRES if unit is None and is_cmu else named_unit(unit),
-        rate=check_rate(rate, str(path)),
+        rate=check_rate(rate, "--rate"),
         source=str(path),
         detect_up=False,
         notes=notes,

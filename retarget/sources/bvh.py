@@ -195,7 +195,7 @@ def read_bvh(path: Path, *, unit: str | None = None, rate: float | None = None) 
         motion.hierarchy.tree,
         pose,
         unit=named_unit(unit),
-        rate=motion.rate_hz if rate is None else check_rate(rate, str(path)),
+        rate=motion.rate_hz if rate is None else check_rate(rate, "--rate"),
         source=str(path),
         detect_up=True,
         notes=_notes(motion),

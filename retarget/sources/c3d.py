@@ -86,9 +86,9 @@ def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) 
     position = position @ axes_with_up(markers.up).T * scale
     counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
     lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
-    rate = markers.rate_hz if rate is None else rate
+    rate = markers.rate_hz if rate is None else check_rate(rate, "--rate")
     return SensorFrames(
-        time=frame_times(len(position), check_rate(rate, str(path))),
+        time=frame_times(len(position), rate),
         names=sensors,
         position=position,
         orientation=np.full((*valid.shape, 4), np.nan),

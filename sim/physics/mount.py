@@ -64,7 +64,7 @@ def check_mount(robot: RobotBody, mount: Mount) -> None:
             where=f"{where}: frames",
             found=f"no frame {mount.hook!r}",
             allowed=f"a frame above the centre of mass; there are {', '.join(profile.frames)}",
-            next_step=f"Add a frame {mount.hook!r} on the torso, or name one of these as the hook",
+            next_step=f"Add a frame {mount.hook!r} on the torso, or name one of these with --hook",
         )
     stance = plant(robot, profile.postures.stand)
     above = float(stance.points[mount.hook][2] - robot.body.solver_body().centre_of_mass(stance.q[None])[0][2])

@@ -1,5 +1,6 @@
 """`retarget replay`: what a person reads, the exit codes, and what is refused."""
 
+import json
 import re
 import shutil
 from functools import partial
@@ -107,3 +108,14 @@ def test_goals_go_to_a_bus(plain: Recorded, capsys: pytest.CaptureFixture[str]) 
     shows(out)
     followed, there, rest, of = map(int, counts.groups())
     assert followed + there + rest == of and followed >= plain.result.ticks_followed and min(there, rest) > 0
+
+
+def test_a_note_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = RunOptions(robot="op3", priorities="fixed_base")
+    recorded = record(tmp_path / "run.mcap", options=options, seconds=0.1)
+    assert run(recorded.path, "--goals", "--bus", "mock") == DONE
+    shown = capsys.readouterr().err
+    assert shown.count("note: ") == 1 and shown.splitlines()[0] == f"note: {recorded.result.notes[0]}"
+    shows(shown, "fixed_base", "op3")
+    assert run(recorded.path, "--report", tmp_path / "again.json") == DONE
+    assert json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))["notes"] == [*recorded.result.notes]

@@ -52,8 +52,8 @@ HOST = (IPv4Network("192.168.1.5"),)
         ("replay://a?kind=vmc", StreamAddress("", "replay", path=Path("a"), recorded="vmc")),
         ("replay://a/walk.raw", StreamAddress("", "replay", path=Path("a/walk.raw"))),
         (
-            "replay:///a?b.raw?speed=0.5",
-            StreamAddress("", "replay", path=Path("/a?b.raw"), speed=0.5),
+            "replay:///a?b.raw?speed=1.5",
+            StreamAddress("", "replay", path=Path("/a?b.raw"), speed=1.5),
         ),
     ],
 )
@@ -113,10 +113,11 @@ def test_what_an_address_means(text: str, expected: StreamAddress) -> None:
         ("json://", "the port is missing"),
         ("replay://", "the file is missing"),
         ("replay://?speed=1", "the file is missing"),
-        ("replay://a?speed=0", "above 0, to 100"),
-        ("replay://a?speed=nan", "above 0, to 100"),
-        ("replay://a?speed=1e9", "above 0, to 100"),
-        ("replay://a?speed=101", "above 0, to 100"),
+        ("replay://a?speed=0", "1 to 100"),
+        ("replay://a?speed=0.5", "1 to 100 (slower, frames are too old"),
+        ("replay://a?speed=nan", "1 to 100"),
+        ("replay://a?speed=1e9", "1 to 100"),
+        ("replay://a?speed=101", "1 to 100"),
         ("replay://a?kind=replay", "allowed: vmc, vrchat, natnet, mvn, json"),
     ],
 )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from messages import shows
 from retarget.report.findings import Finding, findings, limit_use, show_summary
 from retarget.report.measure import measure
 from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
@@ -141,6 +142,12 @@ def test_a_sentence_says_whether_it_follows(
     assert (found.measured, found.kept) == (words, kept)
 
 
+def test_what_it_takes_to_follow_is_said_whatever_the_verdict(run: RunResult, report: Report) -> None:
+    said = {of("following", run, replace(report, fallen=fallen)).allowed for fallen in (False, True)}
+    assert len(said) == 1
+    shows(said.pop(), "20° of the performer's (in part: 45°)", "15° (in part: 45°)", "s (in part: 2 s)")
+
+
 def test_arms_that_hands_come_before_differ_in_part(run: RunResult, report: Report) -> None:
     report = replace(report, trunk_lean_deg=None, reachable_hands_mm=None, hands_away_s=None, pelvis_height_mm=None)
     report = replace(report, likeness_deg={"upper_arms": BAD}, hand_path_ratio=1.0)
@@ -158,8 +165,14 @@ def test_the_height_of_the_pelvis_is_shown_where_it_was_to_move(run: RunResult, 
 
 def test_feet_that_are_to_stay_are_said_to_stay(run: RunResult, report: Report) -> None:
     still = replace(report, foot_path_ratio=0.0)
-    assert of("foot path", run, still).measured == "none: its feet stay planted"
-    assert of("foot path", run, replace(still, steps=StepsReport(3, 0, 3))).measured == "0.0 % of the performer's"
+    assert of("foot path", run, still).measured == "none: the performer's feet move, its own stay planted"
+    steps = replace(report, foot_path_ratio=0.4, steps=StepsReport(3, 2, 1))
+    assert of("foot path", run, steps).measured == "40.0 % of the performer's"
+
+
+def test_a_number_says_what_it_is_of(run: RunResult, report: Report) -> None:
+    missed = of("highest priority", run, replace(report, priority_violation_max=0.25))
+    assert missed.measured == "missed by 0.250 mm, or mrad of a turn, at most"
 
 
 def test_the_joint_that_turned_used_most_of_its_speed(run: RunResult) -> None:

@@ -41,6 +41,8 @@ def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
         assert isinstance(open_source(str(path)), SensorFrames)
         assert open_source(path, rate=25.0).time[1] == 0.04
         assert open_source(path, unit="cm").source == str(path)
+        with refuses(InputError, "0.1 to 10000", where="--rate"):
+            open_source(path, rate=0.0)
 
 
 def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 
 import typer
 
@@ -16,6 +17,7 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.run.options import PHYSICS, PhysicsOptions, RunOptions
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
+from retarget.schema.catalogue import Kind, shipped_folder, user_folder
 from retarget.setup.servo_stiffness import HeldGoals, Hung, MeasuredStiffness, held_goals, measured
 
 WEIGHTS_KG = (0.05, 5.0)
@@ -152,7 +154,15 @@ def _result(body: RobotBody, held: HeldGoals, found: MeasuredStiffness, voltage:
         f"{found.friction:.2f} N m, from {found.count} held goals at {voltage:.1f} V",
         f"goals are planned for {of_gain.nominal:.1f}; this is {within} the expected {of_gain.lowest:.1f} to "
         f"{of_gain.highest:.1f}",
-        f"into {planned.path}:",
+        f"into {_written_into(planned.path)}:",
         "stiffness:",
         f"  {servo.model.name}: {entry}",
     ]
+
+
+def _written_into(profile: Path) -> str:
+    """Where the user writes what belongs into a profile: a shipped one is copied first."""
+    if not profile.is_relative_to(shipped_folder()):
+        return str(profile)
+    folder = profile.parent
+    return f"{profile.name} of a copy of {folder}, which takes its place in {user_folder() / Kind.ROBOT.value}"

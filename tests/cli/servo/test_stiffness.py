@@ -18,6 +18,7 @@ from hardware.guard_state import Stop, StopCause
 from messages import shows
 from retarget.cli.exit import DONE, REFUSED, STOPPED
 from retarget.safety.gate import Gate
+from retarget.schema.catalogue import shipped_folder, user_folder
 from sim.physics.bus import PhysicsBus
 
 run = partial(code_of, "servo", "stiffness", "--robot")
@@ -98,8 +99,11 @@ WEIGHT = ("--weight", "0.5", "--at", "l_sole")
 @pytest.mark.long
 def test_a_weight_on_an_emulated_servo(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("op3", "--joint", "l_knee", "--bus", "emulator", *WEIGHT) == DONE
-    found = FOUND.search(capsys.readouterr().out)
+    out = capsys.readouterr().out
+    found = FOUND.search(out)
     assert found is not None and float(found.group(1)) == pytest.approx(18.9, rel=0.03)
+    (into,) = [line for line in out.splitlines() if line.startswith("into ")]
+    shows(into, "copy of", str(shipped_folder() / "robots" / "op3"), str(user_folder() / "robots"))
 
 
 def test_what_is_refused_before_anything_moves(

@@ -1,5 +1,6 @@
 """From the witness of a simulation to the numbers, the words and the picture of a run."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -10,9 +11,11 @@ from hardware.arrays import FloatArray
 from messages import shows
 from physics_rig import PhysicsRig, op3, standing
 from retarget.ik.support_polygon import plant, support_distance
-from retarget.report.findings import physics_findings
+from retarget.report.animation import animation_of
+from retarget.report.findings import findings, physics_findings
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
+from retarget.report.page import page_html
 from retarget.report.plots import plot_pressure
 from retarget.run.run_result import PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
@@ -81,6 +84,20 @@ def test_ratios_and_travel_are_those_of_the_simulated_body(bare: RunResult, push
     assert (fell.travelled_m.robot or 0.0) > 0.0
 
 
+def test_the_page_shows_the_simulated_body_and_says_what_is_planned(bare: RunResult, pushed: PhysicsRun) -> None:
+    fell = replace(bare, physics=pushed)
+    still, moved = animation_of(bare), animation_of(fell)
+    assert still is not None and moved is not None and still.robot is not None and moved.robot is not None
+    assert still.robot.poses != moved.robot.poses and still.robot.marks == moved.robot.marks
+    assert still.ground is not None and moved.ground is not None and still.ground.com != moved.ground.com
+    page = page_html(fell, measure(fell), figures={})
+    for html in (page, page_html(bare, measure(bare), figures={})):
+        (caption,) = re.findall(r"<figcaption><b>op3</b><span>(.*?)</span>", html)
+        shows(caption)
+    planned = {one.name for one in findings(fell, measure(fell)) if one.name.endswith(", as planned")}
+    assert {"centre of mass, as planned", "its own links, as planned"} <= planned
+
+
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
     report = physics_report(replace(bare, physics=physics))
     assert report is not None
@@ -93,7 +110,7 @@ def test_a_person_reads_when_and_how_it_fell(bare: RunResult, pushed: PhysicsRun
     shows(lines["physics"], 7)
     shows(lines["heat"])
     shows(lines["torque"])
-    shows(lines["speed"])
+    shows(lines["simulation"])
     shows(lines)
 
 
