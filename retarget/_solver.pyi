@@ -282,10 +282,10 @@ class Solver:
         """Start from posture q (nq,), moving at velocity (nv,) per second; the active set stays, as a guess."""
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
-    def brake(self, targets: Floats, ticks: float, dt: float, frames: int) -> Floats:
+    def brake(self, ticks: float, dt: float, frames: int) -> Floats:
         """Postures (frames, nq), dt seconds each, on the way to rest: coordinates and the centre of mass go on by less
-        and less of the velocity that they have, in proportion, and by none after so many ticks. Targets of other tasks
-        stay."""
+        and less of the velocity that they have, in proportion, and by none after so many ticks; points and frames that
+        have a task stay."""
     def set_obstacles(
         self,
         position: Floats,

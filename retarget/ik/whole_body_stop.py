@@ -11,7 +11,7 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from retarget._solver import Footing, Probe, Solver, Task
+from retarget._solver import Footing, Solver, Task
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import BodyModel, JointLimits
@@ -71,20 +71,7 @@ class Stopping:
         ends = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
         self._solvers = [_solver(body, kept, stance, self._height, carrying) for kept in (ends, widest)]
         self._solver = self._solvers[0]
-        frames = [sole.frame for sole in stance.soles]
-        bodies = [frame.body for frame in frames]
-        self._probe = Probe(self._body, bodies, np.array([frame.position for frame in frames]), bodies)
-        self._targets = np.zeros(self._solver.target_size)
-        self._soles = [self._slot(0, index) for index in range(2 * len(frames))]  # places, then orientations
-        for task in range(2):
-            self._slot(1, task)  # the mass and the joints, which the solver lets brake
         self.begin(stance.q)
-
-    def _slot(self, level: int, task: int) -> slice:
-        """Where the target of a task stands, which is there from now on."""
-        start, stop = self._solver.target_slice(level, task)
-        self._targets[start] = 1.0
-        return slice(start + 1, stop)
 
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
         """Start anew in posture q (nq,), moving at velocity (nv,) per s; no stop trajectory is known from there."""
@@ -143,14 +130,11 @@ class Stopping:
             return None
         if ticks <= 1.0:
             return q[None]
-        soles, turned, _ = self._probe.read(q)
-        for goal, stays in zip(self._soles, (*soles, *turned), strict=True):
-            self._targets[goal] = stays
         lowest, highest = self._ends
         joints = q[self._columns]
         self._solver = self._solvers[bool(((joints < lowest) | (joints > highest)).any())]
         self._solver.reset(q, velocity)
-        way = np.concatenate([q[None], self._solver.brake(self._targets, ticks, dt, ceil(ticks) - 1 + SPARE_TICKS)])
+        way = np.concatenate([q[None], self._solver.brake(ticks, dt, ceil(ticks) - 1 + SPARE_TICKS)])
         return None if self._ticks(self._solver.velocity, dt) > 1.0 else way
 
     def _ticks(self, velocity: FloatArray, dt: float) -> float:

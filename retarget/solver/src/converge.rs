@@ -7,7 +7,7 @@ use crate::braking::{frame_bounds, iteration_bounds};
 use crate::frame::FrameSolver;
 use crate::hierarchy::{solve, Problem};
 use crate::level_rows::Placed;
-use crate::math::add_scaled;
+use crate::math::{add_scaled, quat_mul};
 use crate::observers::{Activation, Iteration};
 use crate::progress::Instant;
 use crate::task::TaskKind;
@@ -150,15 +150,29 @@ impl FrameSolver {
     }
 
     /// Come to rest, a row of `postures` (nq) for each frame of `dt` seconds: coordinates and the centre of mass go on by less and less
-    /// of the velocity with which they began, by none after so many `ticks`, as far as `targets` of other tasks and the limits
-    /// let them.
-    pub fn brake(&mut self, targets: &mut [f64], ticks: f64, dt: f64, postures: &mut [f64]) {
+    /// of the velocity with which they began, by none after so many `ticks`, as far as limits let them, and points and
+    /// frames that have a task, which stay.
+    pub fn brake(&mut self, ticks: f64, dt: f64, postures: &mut [f64]) {
         if !self.posed {
             self.pose_body();
         }
         self.began.copy_from_slice(&self.velocity);
         let mass = (0..self.body.nv)
             .fold([0.0; 3], |mass, dof| add_scaled(mass, self.body.com_column(&self.pose, dof), self.began[dof]));
+        let mut targets = vec![0.0; self.target_size];
+        for p in &self.placed {
+            let target = &mut targets[p.target.clone()];
+            target[0] = 1.0;
+            match p.task.kind {
+                TaskKind::Position { link, point, .. } => {
+                    target[1..].copy_from_slice(&self.body.point(&self.pose, link, point));
+                }
+                TaskKind::Orientation { link, quat } => {
+                    target[1..].copy_from_slice(&quat_mul(self.pose.quat[link], quat));
+                }
+                _ => {}
+            }
+        }
         for (t, posture) in postures.chunks_exact_mut(self.body.nq).enumerate() {
             let left = (1.0 - (t + 1) as f64 / ticks).max(0.0) * dt;
             self.step.iter_mut().zip(&self.began).for_each(|(step, began)| *step = left * began);
@@ -175,7 +189,7 @@ impl FrameSolver {
                     _ => {}
                 }
             }
-            self.frame(targets, dt);
+            self.frame(&targets, dt);
             posture.copy_from_slice(&self.q);
         }
     }

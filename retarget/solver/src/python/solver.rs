@@ -126,18 +126,10 @@ impl PySolver {
         Ok(PyArray1::from_slice(py, &self.solver.q))
     }
 
-    fn brake<'py>(
-        &mut self,
-        py: Python<'py>,
-        targets: Numbers<'py>,
-        ticks: f64,
-        dt: f64,
-        frames: usize,
-    ) -> PyResult<Matrix<'py>> {
+    fn brake<'py>(&mut self, py: Python<'py>, ticks: f64, dt: f64, frames: usize) -> PyResult<Matrix<'py>> {
         let (solver, dt) = (&mut self.solver, time_step(dt)?);
-        let mut targets = entries(&targets, solver.target_size, "targets")?.to_vec();
         let mut out = vec![0.0; frames * solver.body.nq];
-        py.detach(|| solver.brake(&mut targets, ticks, dt, &mut out));
+        py.detach(|| solver.brake(ticks, dt, &mut out));
         PyArray1::from_vec(py, out).reshape([frames, solver.body.nq])
     }
 
