@@ -63,9 +63,8 @@ impl FrameSolver {
 
     /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
     fn look(&mut self, targets: &[f64], instant: Instant, done: usize, dt: f64) {
-        if instant != Instant::Start || !self.posed {
-            self.pose_body();
-        }
+        self.posed &= instant == Instant::Start;
+        self.pose_body();
         let mut violation: &[f64] = &[];
         if let Some(watch) = &mut self.watch {
             match instant {
@@ -86,9 +85,11 @@ impl FrameSolver {
     }
 
     fn pose_body(&mut self) {
-        self.body.forward(&self.q, &mut self.pose);
-        self.body.mass_properties(&mut self.pose);
-        self.posed = true;
+        if !self.posed {
+            self.body.forward(&self.q, &mut self.pose);
+            self.body.mass_properties(&mut self.pose);
+            self.posed = true;
+        }
     }
 
     /// No obstacle comes nearer in the iterations that are left.
@@ -153,12 +154,10 @@ impl FrameSolver {
     /// of the velocity with which they began, by none after so many `ticks`, as far as limits let them, and points and
     /// frames that have a task, which stay.
     pub fn brake(&mut self, ticks: f64, dt: f64, postures: &mut [f64]) {
-        if !self.posed {
-            self.pose_body();
-        }
-        self.began.copy_from_slice(&self.velocity);
+        self.pose_body();
+        let began = self.velocity.clone();
         let mass = (0..self.body.nv)
-            .fold([0.0; 3], |mass, dof| add_scaled(mass, self.body.com_column(&self.pose, dof), self.began[dof]));
+            .fold([0.0; 3], |mass, dof| add_scaled(mass, self.body.com_column(&self.pose, dof), began[dof]));
         let mut targets = vec![0.0; self.target_size];
         for p in &self.placed {
             let target = &mut targets[p.target.clone()];
@@ -175,7 +174,7 @@ impl FrameSolver {
         }
         for (t, posture) in postures.chunks_exact_mut(self.body.nq).enumerate() {
             let left = (1.0 - (t + 1) as f64 / ticks).max(0.0) * dt;
-            self.step.iter_mut().zip(&self.began).for_each(|(step, began)| *step = left * began);
+            self.step.iter_mut().zip(&began).for_each(|(step, began)| *step = left * began);
             for p in &self.placed {
                 let target = &mut targets[p.target.clone()][1..];
                 match p.task.kind {

@@ -64,8 +64,6 @@ pub struct FrameSolver {
     pub(crate) frame_box: Vec<FrameBox>,
     pub(crate) done: Vec<f64>,
     pub(crate) step: Vec<f64>,
-    /// Velocity with which a stop began.
-    pub(crate) began: Vec<f64>,
     pub(crate) weight2: Vec<f64>,
     pub(crate) scale: Vec<f64>,
     pub(crate) reference: Vec<f64>,
@@ -125,7 +123,6 @@ impl FrameSolver {
             frame_box: vec![FrameBox::default(); body.nv],
             done: vec![0.0; body.nv],
             step: vec![0.0; body.nv],
-            began: vec![0.0; body.nv],
             weight2: vec![0.0; body.nv],
             scale: vec![1.0; body.nv],
             reference: vec![0.0; body.nv],
