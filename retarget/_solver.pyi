@@ -284,8 +284,8 @@ class Solver:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
     def brake(self, ticks: float, dt: float, frames: int) -> Floats:
         """Postures (frames, nq), dt seconds each, on the way to rest: coordinates and the centre of mass go on by less
-        and less of the velocity that they have, in proportion, and by none after so many ticks; points and frames that
-        have a task stay."""
+        and less of the velocity that they have, in proportion, and by none after so many ticks (> 0, else
+        ValueError); points and frames that have a task stay."""
     def set_obstacles(
         self,
         position: Floats,

@@ -337,3 +337,10 @@ def test_modes_are_reported() -> None:
         solver.frame(aim(solver), DT)
         seen.append(int(solver.observer_modes[0]))
     assert seen == [0, 0, 1, 1, 2, 0]
+
+
+@pytest.mark.parametrize("ticks", [0.0, -3.0, np.nan, np.inf])
+def test_no_stop_takes_such_a_number_of_ticks(ticks: float) -> None:
+    _, solver, _ = among_obstacles()
+    with pytest.raises(ValueError, match="ticks"):
+        solver.brake(ticks, DT, 5)

@@ -1,4 +1,4 @@
-//! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2); and many frames in a row.
+//! One frame: targets in, posture out, in at most `n_ik` iterations of the convergence loop (paper, Figure 2); and the way to a stop.
 //!
 //! The linear problem of one iteration is metric, rows and box, in the variables z = (dq - reference) / scale. Observers add their rows,
 //! and ask for a second solve after a trial.

@@ -1,5 +1,5 @@
 //! What a solver of frames holds from frame to frame: body, tasks, limits, the linear problem, and the posture that was reached.
-//! `converge` runs a frame of it, or many.
+//! `converge` runs a frame of it, or a stop.
 
 use crate::body::Body;
 use crate::braking::{FrameBox, Limit};

@@ -157,7 +157,7 @@ impl Watch {
     }
 
     /// Look at a pair where the body would come to rest, if it may be nearer than its margin there, give or take what this frame can
-    /// change. Whoever would rest far beyond an obstacle is not seen; nearer to it, the row of the present is.
+    /// change. A pair that would rest far beyond an obstacle is not seen; nearer to it, the row of now acts.
     fn look_at_rest(&mut self, k: usize) {
         self.pairs[k].at_rest = None;
         if self.rest.time == 0.0 {

@@ -21,7 +21,7 @@ pub struct Rest {
     pub share: f64,
     /// Displacement until rest, v (T + dt) / 2, and no farther than to the end of the range (nv).
     pub way: Vec<f64>,
-    /// What remains of a frame like the last one, dt v less what this one has moved so far (nv).
+    /// Displacement of a frame on the way to rest, share * way, less what this frame has moved so far (nv).
     pub left: Vec<f64>,
     /// Most that this frame can add to `way`, a dt (T + dt) / 2 (nv).
     pub change: Vec<f64>,

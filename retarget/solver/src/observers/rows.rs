@@ -53,7 +53,7 @@ impl Watch {
         waiting
     }
 
-    /// The row about the posture of rest, n . J (sum dq - dt v) >= share (min(margin, floor) - distance); None: the pair is far enough
+    /// The row about the posture of rest, n . J (sum dq - share way) >= share (min(margin, floor) - distance); None: the pair is far enough
     /// apart there, or touches now.
     fn at_rest(&self, k: usize) -> Option<Place<'_>> {
         let (state, rest) = (&self.pairs[k], &self.rest);
@@ -91,7 +91,7 @@ impl Watch {
         for &(Mover { dof, sign, .. }, c) in &self.movers[k] {
             let value = sign * dot(normal, at.body.point_column(place.pose, dof, if sign > 0.0 { a } else { b }));
             let (left, braked) = place.rest.map_or((0.0, 0.0), |rest| {
-                // Way goes by the square of speed: who brakes makes it shorter by `share`, and a step counts 1 / share in it.
+                // Way goes by the square of speed: braking makes it shorter by `share`, and a step counts 1 / share in it.
                 let left = rest.left[dof];
                 (left, left - rest.share * rest.share * rest.way[dof])
             });

@@ -128,6 +128,9 @@ impl PySolver {
 
     fn brake<'py>(&mut self, py: Python<'py>, ticks: f64, dt: f64, frames: usize) -> PyResult<Matrix<'py>> {
         let (solver, dt) = (&mut self.solver, time_step(dt)?);
+        if !(ticks > 0.0 && ticks.is_finite()) {
+            return Err(bad(format!("ticks is {ticks}, expected a positive number")));
+        }
         let mut out = vec![0.0; frames * solver.body.nq];
         py.detach(|| solver.brake(ticks, dt, &mut out));
         PyArray1::from_vec(py, out).reshape([frames, solver.body.nq])
