@@ -58,8 +58,8 @@ ANY_ADDRESS = IPv4Network("0.0.0.0/0")
 MOST_ALLOWED = 64
 """Entries of an allow-list."""
 MAX_SPEED = 100.0
-"""Of a replay, times the recorded speed. Below 1, frames come later and later on the sender's clock, which stands in
-them, and are not fresh."""
+"""Of a replay, times the recorded speed. Below 1, frames lag ever more behind their own time stamps, and none
+counts as fresh."""
 RECORDED = ("vmc", "vrchat", "natnet", "mvn", "json", "web")
 """Kinds of stream that a recording may hold."""
 

@@ -52,9 +52,9 @@ def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]
 
 
 def _in_radians(servo: Servo) -> str:
-    """The next step where limits are more than a turn apart, as those in degrees are; else ""."""
+    """The next step where limits of one turn are farther apart, as those in degrees are; else ""."""
     low, high = servo.limits
-    if high - low <= 2.0 * pi:
+    if servo.mode != "position" or high - low <= 2.0 * pi:
         return ""
     return f"Limits are in rad: {low:g} to {high:g} degrees are [{radians(low):.5g}, {radians(high):.5g}]"
 
