@@ -221,13 +221,13 @@ impl FrameSolver {
         for &(dof, _) in &self.columns.all {
             largest = largest.max(self.weight2[dof]);
             if !self.body.dof_is_root[dof] && self.weight2[dof] > 0.0 {
-                sum += self.weight2[dof].ln();
+                sum += libm::log(self.weight2[dof]);
                 count += 1.0;
             }
         }
         let floor = if largest > 0.0 { 1e-6 * largest } else { 1.0 };
         // A typical joint has weight one, so that rows and damping keep their units (m/rad).
-        let typical = if count > 0.0 { f64::exp(sum / count) } else { 1.0 };
+        let typical = if count > 0.0 { libm::exp(sum / count) } else { 1.0 };
         self.soft_scale = typical;
         for i in 0..self.body.nv {
             let w = self.weight2[i] + floor;

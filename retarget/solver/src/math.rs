@@ -34,6 +34,11 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
 }
 
 #[inline(always)]
+pub fn square(x: f64) -> f64 {
+    x * x
+}
+
+#[inline(always)]
 pub fn norm(a: Vec3) -> f64 {
     dot(a, a).sqrt()
 }
@@ -96,7 +101,7 @@ pub fn quat_exp(v: Vec3) -> Quat {
     if angle < 1e-12 {
         return quat_unit([1.0, 0.5 * v[0], 0.5 * v[1], 0.5 * v[2]]);
     }
-    let (s, c) = (0.5 * angle).sin_cos();
+    let (s, c) = libm::sincos(0.5 * angle);
     let k = s / angle;
     [c, v[0] * k, v[1] * k, v[2] * k]
 }
@@ -104,7 +109,7 @@ pub fn quat_exp(v: Vec3) -> Quat {
 /// Rotation by `angle` about the unit vector `axis`.
 #[inline(always)]
 pub fn quat_axis_angle(axis: Vec3, angle: f64) -> Quat {
-    let (s, c) = (0.5 * angle).sin_cos();
+    let (s, c) = libm::sincos(0.5 * angle);
     [c, axis[0] * s, axis[1] * s, axis[2] * s]
 }
 
@@ -116,7 +121,7 @@ pub fn quat_log(a: Quat) -> Vec3 {
     if s < 1e-12 {
         return [2.0 * a[1], 2.0 * a[2], 2.0 * a[3]];
     }
-    let k = 2.0 * s.atan2(a[0]) / s;
+    let k = 2.0 * libm::atan2(s, a[0]) / s;
     [a[1] * k, a[2] * k, a[3] * k]
 }
 

@@ -111,7 +111,7 @@ impl Progress {
             if let TaskKind::Observers(task) = &p.task.kind {
                 // What they ask for in a frame is bounded already: they are never damped.
                 *error = violation[task.index];
-                level.error = level.error.hypot(*error);
+                level.error = libm::hypot(level.error, *error);
                 continue;
             }
             let (norm, energy) = p.task.error_size(body, pose, target);
@@ -119,7 +119,7 @@ impl Progress {
             if !level.counts {
                 continue;
             }
-            level.error = level.error.hypot(energy.sqrt());
+            level.error = libm::hypot(level.error, energy.sqrt());
             let most = p.task.max_error;
             let left = if instant != Instant::Start {
                 let brought = ((before - norm) / before.min(most)).clamp(0.0, 1.0);
@@ -130,7 +130,8 @@ impl Progress {
             };
             if left > 0.0 && !level.waits {
                 let unmet = energy.sqrt() * left.min(most) / norm;
-                level.unmet = if instant != Instant::Start { level.unmet.hypot(unmet) } else { level.unmet.max(unmet) };
+                level.unmet =
+                    if instant != Instant::Start { libm::hypot(level.unmet, unmet) } else { level.unmet.max(unmet) };
                 level.distance = level.distance.max(left / most);
             }
         }

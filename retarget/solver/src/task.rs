@@ -69,7 +69,7 @@ pub fn turn_error(from: Vec3, to: Vec3) -> Vec3 {
     if s < 1e-9 {
         return if d > 0.0 { c } else { scale(perpendicular(from), std::f64::consts::PI) };
     }
-    scale(c, s.atan2(d) / s)
+    scale(c, libm::atan2(s, d) / s)
 }
 
 /// Two unit vectors that complete the unit vector `a`.
@@ -122,16 +122,16 @@ impl Task {
             TaskKind::Posture | TaskKind::Observers(_) => (0.0, 0.0),
             TaskKind::Axis { .. } => {
                 let angle = norm(self.error(body, pose, target));
-                (angle, (angle * self.weight[0] * target[0]).powi(2))
+                (angle, square(angle * self.weight[0] * target[0]))
             }
             _ => {
                 let e = self.error(body, pose, target);
-                let (mut square, mut weighed) = (0.0, 0.0);
+                let (mut size2, mut weighed) = (0.0, 0.0);
                 for k in (0..3).filter(|k| self.weight[*k] > 0.0) {
-                    square += e[k] * e[k];
-                    weighed += (e[k] * self.weight[k] * target[0]).powi(2);
+                    size2 += square(e[k]);
+                    weighed += square(e[k] * self.weight[k] * target[0]);
                 }
-                (square.sqrt(), weighed)
+                (size2.sqrt(), weighed)
             }
         }
     }

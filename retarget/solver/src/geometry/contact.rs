@@ -130,7 +130,7 @@ fn brick(solid: &Solid, half: Vec3, n: Vec3, parallel: f64) -> Face {
 
 /// The disc's rim as a polygon of sixteen corners.
 fn rim(disc: &Disc) -> impl Iterator<Item = Vec3> + '_ {
-    let (s, c) = (std::f64::consts::PI / 8.0).sin_cos();
+    let (s, c) = libm::sincos(std::f64::consts::PI / 8.0);
     let mut at = [disc.radius, 0.0];
     (0..16).map(move |_| {
         let point = add_scaled(add_scaled(disc.centre, disc.axes[0], at[0]), disc.axes[1], at[1]);

@@ -30,7 +30,8 @@ fn step(m: &Difference, n: Vec3, gap: f64, basis: [Vec3; 2]) -> [f64; 2] {
     for disc in m.discs() {
         let across = cross(disc.axis, n);
         let sine = norm(across);
-        let k = disc.radius / sine.max(1e-12).powi(3);
+        let thin = sine.max(1e-12);
+        let k = disc.radius / (thin * thin * thin);
         let (x, y) = (dot(across, basis[0]), dot(across, basis[1]));
         h = [h[0] + k * x * x, h[1] + k * x * y, h[2] + k * y * y];
     }
@@ -45,7 +46,7 @@ fn step(m: &Difference, n: Vec3, gap: f64, basis: [Vec3; 2]) -> [f64; 2] {
         let bend = h[0].abs() + h[2].abs() + 1e-300;
         (slope[0] / bend, slope[1] / bend)
     };
-    let shrink = 1.0 / (1.0 + 2.0 * x.hypot(y));
+    let shrink = 1.0 / (1.0 + 2.0 * libm::hypot(x, y));
     [x * shrink, y * shrink]
 }
 
@@ -63,7 +64,7 @@ pub fn climb(m: &Difference, mut n: Vec3, edge: Option<Vec3>) -> Vec3 {
             None => [perpendicular(n), cross(n, perpendicular(n))],
         };
         let [mut x, mut y] = step(m, n, gap, basis);
-        if x.hypot(y) < CLOSE {
+        if libm::hypot(x, y) < CLOSE {
             // Newton's last step gains less than rounding loses.
             return moved(n, basis, x, y);
         }
@@ -92,7 +93,7 @@ fn curved(m: &Difference, best: &mut Best) {
     for k in 0..STARTS {
         // Fibonacci's spiral over the half of the sphere.
         let z = (k as f64 + 0.5) / STARTS as f64;
-        let (s, c) = (2.399_963_229_728_653 * k as f64).sin_cos();
+        let (s, c) = libm::sincos(2.399_963_229_728_653 * k as f64);
         let r = (1.0 - z * z).sqrt();
         let n = [r * c, r * s, z];
         let n = if dot(n, m.centre) < 0.0 { scale(n, -1.0) } else { n };
@@ -133,13 +134,13 @@ struct Circle<'a> {
 
 impl Circle<'_> {
     fn direction(&self, angle: f64) -> Vec3 {
-        let (s, c) = angle.sin_cos();
+        let (s, c) = libm::sincos(angle);
         add_scaled(scale(self.ahead, c), self.aside, s)
     }
 
     /// Derivative of the gap.
     fn slope(&self, angle: f64) -> f64 {
-        let (s, c) = angle.sin_cos();
+        let (s, c) = libm::sincos(angle);
         let n = add_scaled(scale(self.ahead, c), self.aside, s);
         let along = add_scaled(scale(self.aside, c), self.ahead, -s);
         dot(self.m.lowest(n).w, along)
@@ -151,7 +152,7 @@ impl Circle<'_> {
         if y == 0.0 {
             FRAC_PI_2
         } else {
-            (-x / y).atan()
+            libm::atan(-x / y)
         }
     }
 

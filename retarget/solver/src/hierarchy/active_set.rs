@@ -19,10 +19,10 @@ pub fn guess(problem: &mut Problem, work: &mut Work, outcome: &mut Outcome) -> b
     work.warm_variables.clone_from(&problem.variable_side);
     work.warm_rows.clone_from(&problem.row_side);
     for _ in 0..MOST_GUESSES {
-        factor_all(work.fma, problem, &mut work.factor, &mut work.candidate);
+        factor_all(work.avx2, problem, &mut work.factor, &mut work.candidate);
         outcome.factorizations += 1;
-        examine(work.fma, &mut work.multipliers, problem, &work.factor, &work.candidate);
-        let crossed = hold_crossed(work.fma, problem, &work.candidate);
+        examine(work.avx2, &mut work.multipliers, problem, &work.factor, &work.candidate);
+        let crossed = hold_crossed(work.avx2, problem, &work.candidate);
         if !crossed && work.multipliers.wrong.is_empty() {
             problem.z.copy_from_slice(&work.candidate);
             return true;
@@ -45,9 +45,9 @@ compile_twice! {
         }
         candidate[problem.n..].fill(0.0);
         for k in 0..problem.level_count() {
-            factor.ask::<FMA>(problem, k, candidate);
-            factor.add_level::<FMA>(problem, k);
+            factor.ask(problem, k, candidate);
+            factor.add_level(problem, k);
         }
-        factor.add_candidate::<FMA>(candidate);
+        factor.add_candidate(candidate);
     }
 }

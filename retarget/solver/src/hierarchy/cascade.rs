@@ -53,7 +53,7 @@ fn open_stage(problem: &mut Problem, work: &mut Work, k: usize) {
             problem.row_side[r] = Side::Free;
         }
     }
-    let held_rank = rank_before(work.fma, problem, work, k);
+    let held_rank = rank_before(work.avx2, problem, work, k);
     work.warm_variables.clone_from(&problem.variable_side);
     work.warm_rows.clone_from(&problem.row_side);
     for i in 0..problem.n {
@@ -68,11 +68,11 @@ fn open_stage(problem: &mut Problem, work: &mut Work, k: usize) {
             problem.row_side[r] = Side::Free;
         }
     }
-    if held_rank == rank_before(work.fma, problem, work, k) + held_rows {
+    if held_rank == rank_before(work.avx2, problem, work, k) + held_rows {
         problem.variable_side.clone_from(&work.warm_variables);
         problem.row_side.clone_from(&work.warm_rows);
     }
-    hold_violated_rows(work.fma, problem, end);
+    hold_violated_rows(work.avx2, problem, end);
 }
 
 compile_twice! {
@@ -81,7 +81,7 @@ compile_twice! {
         let factor = &mut work.factor;
         factor.restart(problem);
         for level in 0..k {
-            factor.add_level::<FMA>(problem, level);
+            factor.add_level(problem, level);
         }
         factor.rank()
     }
@@ -90,14 +90,14 @@ compile_twice! {
 fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Outcome) -> bool {
     let end = if k == problem.level_count() { problem.row_count() } else { problem.level_end[k] };
     for moves in 0..MOST_MOVES {
-        let length = direction(work.fma, problem, work, k);
+        let length = direction(work.avx2, problem, work, k);
         outcome.factorizations += 1;
         // Go to the optimum of this stage, or as far as the first limit on the way, which then is held.
         if length > STILL {
             for i in 0..problem.stride {
                 work.candidate[i] = problem.z[i] + work.direction[i];
             }
-            match first_limit(work.fma, problem, &work.candidate, end) {
+            match first_limit(work.avx2, problem, &work.candidate, end) {
                 Some(step) => {
                     advance(problem, &work.candidate, step.share);
                     step.hold(problem);
@@ -110,7 +110,7 @@ fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Out
         work.locked.clone_from(&work.multipliers.locked);
         work.locked_row.clone_from(&work.multipliers.locked_row);
         let point = std::mem::take(&mut problem.z);
-        let mut release = examine_level(work.fma, &mut work.multipliers, problem, &work.factor, &point, k);
+        let mut release = examine_level(work.avx2, &mut work.multipliers, problem, &work.factor, &point, k);
         problem.z = point;
         if release.is_none() {
             return true;
@@ -122,7 +122,7 @@ fn run_stage(problem: &mut Problem, work: &mut Work, k: usize, outcome: &mut Out
         std::mem::swap(&mut work.multipliers.locked, &mut work.locked);
         std::mem::swap(&mut work.multipliers.locked_row, &mut work.locked_row);
         if let Some(release) = release {
-            let_go_or_turn(work.fma, problem, release);
+            let_go_or_turn(work.avx2, problem, release);
         }
     }
     false
@@ -134,7 +134,7 @@ compile_twice! {
     fn let_go_or_turn(problem: &mut Problem, release: Release) {
         let Release::Row(r) = release else { return let_go(problem, release) };
         let held = problem.row_side[r];
-        let beyond = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z));
+        let beyond = problem.crossed(r, dot(problem.row(r), &problem.z));
         problem.row_side[r] = beyond.filter(|side| *side != held).unwrap_or_default();
     }
 }
@@ -148,10 +148,10 @@ compile_twice! {
             for r in problem.level(level) {
                 if problem.row_side[r] != Side::Free {
                     factor.rhs[r] =
-                        if level < k { 0.0 } else { problem.target(r) - dot::<FMA>(problem.row(r), &problem.z) };
+                        if level < k { 0.0 } else { problem.target(r) - dot(problem.row(r), &problem.z) };
                 }
             }
-            factor.add_level::<FMA>(problem, level);
+            factor.add_level(problem, level);
         }
         let d = &mut work.direction;
         // The last stage makes z itself short: -z, without what the rows of all levels span.
@@ -160,14 +160,14 @@ compile_twice! {
                 d[i] = if i < problem.n && factor.is_free(i) { -problem.z[i] } else { 0.0 };
             }
             for j in 0..factor.rank() {
-                let c = dot::<FMA>(factor.basis_row(j), d);
-                add_scaled::<FMA>(d, -c, factor.basis_row(j));
+                let c = dot(factor.basis_row(j), d);
+                add_scaled(d, -c, factor.basis_row(j));
             }
         } else {
             d.fill(0.0);
             let first = if k == 0 { 0 } else { factor.rank_end[k - 1] };
             for j in first..factor.rank() {
-                add_scaled::<FMA>(d, factor.y[j], factor.basis_row(j));
+                add_scaled(d, factor.y[j], factor.basis_row(j));
             }
         }
         d.iter().fold(0.0, |m: f64, v| m.max(v.abs()))

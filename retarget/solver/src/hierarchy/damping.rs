@@ -35,9 +35,9 @@ impl Factor {
 
     /// One more level of the path, as it is.
     #[inline(always)]
-    pub fn add_path_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
-        self.solve_path_level::<FMA>(problem, k);
-        self.own_step::<FMA>(self.first_of(k));
+    pub fn add_path_level(&mut self, problem: &Problem, k: usize) {
+        self.solve_path_level(problem, k);
+        self.own_step(self.first_of(k));
         self.walk(1.0);
     }
 
@@ -45,8 +45,8 @@ impl Factor {
     /// and a damped step is shortened until it fits the box, so that no other joint moves far to make up for one that is too slow.
     /// The level's targets become what that step reaches, and stay so for the rest of the solve.
     #[inline(always)]
-    pub fn add_damped_level<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
-        self.solve_path_level::<FMA>(problem, k);
+    pub fn add_damped_level(&mut self, problem: &mut Problem, k: usize) {
+        self.solve_path_level(problem, k);
         let first = self.first_of(k);
         self.exact.clear();
         self.exact.extend_from_slice(&self.y[first..]);
@@ -55,7 +55,7 @@ impl Factor {
             self.residual[r] = self.reached(r, first) - self.residual[r];
         }
         self.least_squares(first, REACH * problem.damping[k]);
-        self.own_step::<FMA>(first);
+        self.own_step(first);
         let share = 1.0 - problem.patience[k] * (1.0 - self.share_inside(problem));
         for (y, still) in self.y[first..].iter_mut().zip(&self.still[first..]) {
             *y = still + share * (*y - still);
@@ -68,37 +68,37 @@ impl Factor {
     /// the length of what the levels above leave of the row; s: the level's short lever. Else a limit whose lever is next to
     /// nothing would use up the speed of the whole body, which the levels above need in the next iteration.
     #[inline(always)]
-    pub fn lower_short_limits<const FMA: bool>(&mut self, problem: &mut Problem, k: usize) {
+    pub fn lower_short_limits(&mut self, problem: &mut Problem, k: usize) {
         let short = problem.short_lever[k] * problem.short_lever[k];
         for r in problem.level(k) {
-            let reached = dot::<FMA>(problem.row(r), &self.path);
+            let reached = dot(problem.row(r), &self.path);
             let missing = problem.lower[r] - reached;
             if problem.present[r] && missing > 0.0 {
-                let lever = self.left_of::<FMA>(problem.row(r));
+                let lever = self.left_of(problem.row(r));
                 problem.lower[r] = reached + missing * lever / (lever + short);
             }
         }
     }
 
     #[inline(always)]
-    fn solve_path_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
+    fn solve_path_level(&mut self, problem: &Problem, k: usize) {
         let held = std::mem::take(&mut self.held);
-        self.ask::<FMA>(problem, k, &held);
+        self.ask(problem, k, &held);
         self.held = held;
-        self.add_level::<FMA>(problem, k);
+        self.add_level(problem, k);
         let (first, rank) = (self.first_of(k), self.rank());
         self.still.resize(rank, 0.0);
-        dot_rows::<FMA>(&problem.still, &self.basis[first * self.stride..], &mut self.still[first..]);
+        dot_rows(&problem.still, &self.basis[first * self.stride..], &mut self.still[first..]);
     }
 
     /// What the level's own directions add to standing still.
     #[inline(always)]
-    fn own_step<const FMA: bool>(&mut self, first: usize) {
+    fn own_step(&mut self, first: usize) {
         self.moved.clear();
         self.moved.extend(self.y[first..].iter().zip(&self.still[first..]).map(|(y, s)| y - s));
         self.step.clear();
         self.step.resize(self.stride, 0.0);
-        add_rows::<FMA>(&mut self.step, 1.0, &self.moved, &self.basis[first * self.stride..]);
+        add_rows(&mut self.step, 1.0, &self.moved, &self.basis[first * self.stride..]);
     }
 
     fn walk(&mut self, share: f64) {
@@ -160,17 +160,17 @@ compile_twice! {
         for k in 0..damped_end {
             let rows = problem.level(k);
             if problem.short_lever[k] > 0.0 {
-                work.factor.lower_short_limits::<FMA>(problem, k);
+                work.factor.lower_short_limits(problem, k);
             }
             work.asked.clear();
             work.asked.extend_from_slice(&problem.lower[rows.clone()]);
             for round in 1..=MOST_STOPS {
                 if problem.damping[k] > 0.0 {
-                    work.factor.add_damped_level::<FMA>(problem, k);
+                    work.factor.add_damped_level(problem, k);
                 } else {
-                    work.factor.add_path_level::<FMA>(problem, k);
+                    work.factor.add_path_level(problem, k);
                 }
-                if round == MOST_STOPS || !hold_what_stops::<FMA>(problem, &work.factor.path, rows.end) {
+                if round == MOST_STOPS || !hold_what_stops(problem, &work.factor.path, rows.end) {
                     break;
                 }
                 // Again with what was met held. What the levels above ask for stays.
@@ -183,7 +183,7 @@ compile_twice! {
                 work.factor.start_path(problem);
                 outcome.factorizations += 1;
                 for above in 0..k {
-                    work.factor.add_path_level::<FMA>(problem, above);
+                    work.factor.add_path_level(problem, above);
                 }
             }
         }
@@ -205,7 +205,7 @@ fn start_from_path(problem: &mut Problem, work: &Work) {
 /// Hold variables that `path` takes beyond the end of their range, and the first row before `rows_end` that it crosses. False if
 /// there are none.
 #[inline(always)]
-fn hold_what_stops<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_end: usize) -> bool {
+fn hold_what_stops(problem: &mut Problem, path: &[f64], rows_end: usize) -> bool {
     let mut met = false;
     for i in 0..problem.n {
         if problem.variable_side[i] != Side::Free {
@@ -219,18 +219,18 @@ fn hold_what_stops<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_en
             met = true;
         }
     }
-    met | hold_first_row::<FMA>(problem, path, rows_end)
+    met | hold_first_row(problem, path, rows_end)
 }
 
 /// Hold the first row that is met on the way from standing still to the end of `path`: those behind it may never be met.
 #[inline(always)]
-fn hold_first_row<const FMA: bool>(problem: &mut Problem, path: &[f64], rows_end: usize) -> bool {
+fn hold_first_row(problem: &mut Problem, path: &[f64], rows_end: usize) -> bool {
     let mut first: Option<(f64, usize, Side)> = None;
     for r in 0..rows_end {
         if !problem.present[r] || problem.row_side[r] != Side::Free {
             continue;
         }
-        let (from, to) = (dot::<FMA>(problem.row(r), &problem.still), dot::<FMA>(problem.row(r), path));
+        let (from, to) = (dot(problem.row(r), &problem.still), dot(problem.row(r), path));
         if let Some(side) = problem.crossed(r, to) {
             let limit = if side == Side::Upper { problem.upper[r] } else { problem.lower[r] };
             let share = if to == from { 0.0 } else { ((limit - from) / (to - from)).max(0.0) };

@@ -73,7 +73,7 @@ impl Factor {
             for r in problem.level(k) {
                 self.row_norm[r] = if problem.present[r] {
                     let row = problem.row(r);
-                    dot::<false>(row, row).sqrt()
+                    dot(row, row).sqrt()
                 } else {
                     0.0
                 };
@@ -124,14 +124,14 @@ impl Factor {
 
     /// sum_j y_j q_j is added to `z`.
     #[inline(always)]
-    pub fn add_candidate<const FMA: bool>(&self, z: &mut [f64]) {
-        add_rows::<FMA>(z, 1.0, &self.y, &self.basis);
+    pub fn add_candidate(&self, z: &mut [f64]) {
+        add_rows(z, 1.0, &self.y, &self.basis);
     }
 
     /// Coordinates of `z` in the first vectors of the basis.
     #[inline(always)]
-    pub fn coordinates<const FMA: bool>(&self, z: &[f64], out: &mut [f64]) {
-        dot_rows::<FMA>(z, &self.basis, out);
+    pub fn coordinates(&self, z: &[f64], out: &mut [f64]) {
+        dot_rows(z, &self.basis, out);
     }
 
     #[inline(always)]
@@ -150,7 +150,7 @@ impl Factor {
     }
 
     #[inline(always)]
-    pub(super) fn add_rows<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
+    pub(super) fn add_rows(&mut self, problem: &Problem, k: usize) {
         let first = self.rank();
         self.members.clear();
         for r in problem.level(k) {
@@ -158,27 +158,27 @@ impl Factor {
                 self.members.push(r);
             }
         }
-        self.load_rows::<FMA>(problem, first);
-        self.pivot::<FMA>(RANK_TOLERANCE * self.level_scale[k], first);
+        self.load_rows(problem, first);
+        self.pivot(RANK_TOLERANCE * self.level_scale[k], first);
     }
 
     /// Squared length of what the levels so far leave of a row in the free columns.
     #[inline(always)]
-    pub(super) fn left_of<const FMA: bool>(&mut self, row: &[f64]) -> f64 {
+    pub(super) fn left_of(&mut self, row: &[f64]) -> f64 {
         let (stride, rank) = (self.stride, self.rank());
         let work = &mut self.level_rows[..stride];
         for i in 0..stride {
             work[i] = row[i] * self.mask[i];
         }
         self.again.resize(rank, 0.0);
-        dot_rows::<FMA>(work, &self.basis, &mut self.again);
-        add_rows::<FMA>(work, -1.0, &self.again, &self.basis);
-        dot::<FMA>(work, work)
+        dot_rows(work, &self.basis, &mut self.again);
+        add_rows(work, -1.0, &self.again, &self.basis);
+        dot(work, work)
     }
 
     /// Copy the held rows' free columns and take out what earlier levels span.
     #[inline(always)]
-    fn load_rows<const FMA: bool>(&mut self, problem: &Problem, first: usize) {
+    fn load_rows(&mut self, problem: &Problem, first: usize) {
         let stride = self.stride;
         for (slot, &r) in self.members.iter().enumerate() {
             let row = problem.row(r);
@@ -187,17 +187,17 @@ impl Factor {
                 work[i] = row[i] * self.mask[i];
             }
             let coefficients = &mut self.coefficients[r * self.width..(r + 1) * self.width];
-            dot_rows::<FMA>(work, &self.basis, &mut coefficients[..first]);
-            add_rows::<FMA>(work, -1.0, &coefficients[..first], &self.basis);
+            dot_rows(work, &self.basis, &mut coefficients[..first]);
+            add_rows(work, -1.0, &coefficients[..first], &self.basis);
             let end = (first + self.members.len()).min(self.width);
             coefficients[first..end].fill(0.0);
-            self.remaining[slot] = dot::<FMA>(work, work);
+            self.remaining[slot] = dot(work, work);
         }
     }
 
     /// Gram-Schmidt inside the level, largest remaining row first.
     #[inline(always)]
-    fn pivot<const FMA: bool>(&mut self, tolerance: f64, first: usize) {
+    fn pivot(&mut self, tolerance: f64, first: usize) {
         let stride = self.stride;
         let count = self.members.len();
         for done in 0..count {
@@ -213,7 +213,7 @@ impl Factor {
             }
             self.swap_slots(done, best);
             let exact = &self.level_rows[done * stride..(done + 1) * stride];
-            self.remaining[done] = dot::<FMA>(exact, exact);
+            self.remaining[done] = dot(exact, exact);
             if self.remaining[done].sqrt() <= tolerance {
                 break;
             }
@@ -224,12 +224,12 @@ impl Factor {
             if self.remaining[done] < 0.01 * whole * whole {
                 // Digits were lost: orthogonalise once more against everything so far.
                 self.again.resize(j, 0.0);
-                dot_rows::<FMA>(work, &self.basis, &mut self.again);
-                add_rows::<FMA>(work, -1.0, &self.again, &self.basis);
+                dot_rows(work, &self.basis, &mut self.again);
+                add_rows(work, -1.0, &self.again, &self.basis);
                 for (i, c) in self.again.iter().enumerate() {
                     self.coefficients[r * self.width + i] += c;
                 }
-                self.remaining[done] = dot::<FMA>(work, work);
+                self.remaining[done] = dot(work, work);
                 if self.remaining[done].sqrt() <= tolerance {
                     self.remaining[done] = 0.0;
                     break;
@@ -244,10 +244,10 @@ impl Factor {
             }
             self.pivot_row.push(r);
             self.again.resize(count - done - 1, 0.0);
-            dot_rows::<FMA>(q, after, &mut self.again);
+            dot_rows(q, after, &mut self.again);
             for (slot, &c) in (done + 1..count).zip(&self.again) {
                 let other = &mut after[(slot - done - 1) * stride..(slot - done) * stride];
-                add_scaled::<FMA>(other, -c, q);
+                add_scaled(other, -c, q);
                 self.coefficients[self.members[slot] * self.width + j] = c;
                 // Good enough to choose by; the chosen row is measured anew.
                 self.remaining[slot] = (self.remaining[slot] - c * c).max(0.0);
@@ -269,18 +269,18 @@ impl Factor {
 
     /// What the held rows of level `k` ask of the free columns, with the others where `held` has them.
     #[inline(always)]
-    pub fn ask<const FMA: bool>(&mut self, problem: &Problem, k: usize, held: &[f64]) {
+    pub fn ask(&mut self, problem: &Problem, k: usize, held: &[f64]) {
         for r in problem.level(k) {
             if problem.row_side[r] != Side::Free {
-                self.rhs[r] = problem.target(r) - dot::<FMA>(problem.row(r), held);
+                self.rhs[r] = problem.target(r) - dot(problem.row(r), held);
             }
         }
     }
 
     /// Add level `k`: its held rows, with `rhs` set beforehand.
     #[inline(always)]
-    pub fn add_level<const FMA: bool>(&mut self, problem: &Problem, k: usize) {
-        self.add_rows::<FMA>(problem, k);
+    pub fn add_level(&mut self, problem: &Problem, k: usize) {
+        self.add_rows(problem, k);
         self.solve_level(self.first_of(k));
         self.rank_end.push(self.rank());
     }

@@ -47,8 +47,8 @@ compile_twice! {
         }
         for r in 0..rows_end {
             if problem.present[r] && problem.row_side[r] == Side::Free {
-                let from = dot::<FMA>(problem.row(r), &problem.z);
-                let to = dot::<FMA>(problem.row(r), candidate);
+                let from = dot(problem.row(r), &problem.z);
+                let to = dot(problem.row(r), candidate);
                 meet(from, to, problem.lower[r], problem.upper[r], Release::Row(r));
             }
         }
@@ -81,7 +81,7 @@ compile_twice! {
     pub fn hold_violated_rows(problem: &mut Problem, rows_end: usize) {
         for r in 0..rows_end {
             if problem.present[r] && problem.row_side[r] == Side::Free {
-                if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), &problem.z)) {
+                if let Some(side) = problem.crossed(r, dot(problem.row(r), &problem.z)) {
                     problem.row_side[r] = side;
                 }
             }
@@ -106,7 +106,7 @@ compile_twice! {
         }
         for r in 0..problem.row_count() {
             if problem.present[r] && problem.row_side[r] == Side::Free {
-                if let Some(side) = problem.crossed(r, dot::<FMA>(problem.row(r), candidate)) {
+                if let Some(side) = problem.crossed(r, dot(problem.row(r), candidate)) {
                     problem.row_side[r] = side;
                     crossed = true;
                 }

@@ -22,7 +22,7 @@ mod active_set;
 mod cascade;
 mod damping;
 mod factor;
-mod kernels;
+pub(crate) mod kernels;
 mod least_squares;
 mod limits;
 mod multipliers;
@@ -50,7 +50,7 @@ pub fn solve(problem: &mut Problem, workspace: &mut Workspace) -> Outcome {
     work.prepare(problem);
     let mut outcome = Outcome::default();
     if problem.damping.iter().chain(&problem.short_lever).any(|d| *d != 0.0) {
-        damping::lower(work.fma, problem, work, &mut outcome);
+        damping::lower(work.avx2, problem, work, &mut outcome);
     }
     if !active_set::guess(problem, work, &mut outcome) && !reduced::solve(problem, work, reduction, &mut outcome) {
         (outcome.fallback, outcome.capped) = (true, false);

@@ -34,7 +34,7 @@ compile_twice! {
         multipliers.clear(problem);
         // A closure would not be compiled for these instructions.
         for k in 0..=problem.level_count() {
-            if multipliers.examine_level::<FMA>(problem, factor, z, k).is_some() {
+            if multipliers.examine_level(problem, factor, z, k).is_some() {
                 return;
             }
         }
@@ -50,7 +50,7 @@ compile_twice! {
         z: &[f64],
         k: usize,
     ) -> Option<Release> {
-        multipliers.examine_level::<FMA>(problem, factor, z, k)
+        multipliers.examine_level(problem, factor, z, k)
     }
 }
 
@@ -69,19 +69,13 @@ impl Multipliers {
 
     /// One level (or, at `level_count`, the final norm), given that those above are right. Locks what it needs.
     #[inline(always)]
-    fn examine_level<const FMA: bool>(
-        &mut self,
-        problem: &Problem,
-        factor: &Factor,
-        z: &[f64],
-        k: usize,
-    ) -> Option<Release> {
+    fn examine_level(&mut self, problem: &Problem, factor: &Factor, z: &[f64], k: usize) -> Option<Release> {
         let last = k == problem.level_count();
         self.wrong.clear();
         if !last && is_met(problem, factor, k) {
             return None;
         }
-        let scale = self.solve::<FMA>(problem, factor, z, k);
+        let scale = self.solve(problem, factor, z, k);
         let (wrong, lock) = (SIGN_TOLERANCE * scale + ROUNDING, LOCK_TOLERANCE * scale + 100.0 * ROUNDING);
         let mut worst: Option<(f64, Release)> = None;
         let found = &mut self.wrong;
@@ -130,7 +124,7 @@ impl Multipliers {
 
     /// lambda of all held rows up to level k, and the gradient left on the held variables. Returns the size of the terms.
     #[inline(always)]
-    fn solve<const FMA: bool>(&mut self, problem: &Problem, factor: &Factor, z: &[f64], k: usize) -> f64 {
+    fn solve(&mut self, problem: &Problem, factor: &Factor, z: &[f64], k: usize) -> f64 {
         let last = k == problem.level_count();
         let rank = if k == 0 { 0 } else { factor.rank_end[k - 1] };
         let mut scale: f64 = 0.0;
@@ -139,7 +133,7 @@ impl Multipliers {
         self.back.resize(rank, 0.0);
         if last {
             self.gradient.copy_from_slice(z);
-            factor.coordinates::<FMA>(z, &mut self.back);
+            factor.coordinates(z, &mut self.back);
             scale += z.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
         } else {
             self.gradient.fill(0.0);
@@ -149,7 +143,7 @@ impl Multipliers {
                 }
                 let residual = factor.residual[r];
                 self.lambda[r] = residual;
-                add_scaled::<FMA>(&mut self.gradient, residual, problem.row(r));
+                add_scaled(&mut self.gradient, residual, problem.row(r));
                 for (j, b) in self.back.iter_mut().enumerate() {
                     *b += factor.coefficient(r, j) * residual;
                 }
@@ -163,7 +157,7 @@ impl Multipliers {
             for i in 0..j {
                 self.back[i] += factor.coefficient(r, i) * lambda;
             }
-            add_scaled::<FMA>(&mut self.gradient, lambda, problem.row(r));
+            add_scaled(&mut self.gradient, lambda, problem.row(r));
             scale = scale.max(lambda.abs() * factor.row_norm[r]);
         }
         scale

@@ -67,12 +67,12 @@ fn restart_unlimited(factor: &mut Factor, problem: &Problem) {
 /// Solve in the space that the first equalities leave. False, with the problem as it was, where there is none or it does not hold the answer.
 pub fn solve(problem: &mut Problem, work: &mut Work, reduction: &mut Reduction, outcome: &mut Outcome) -> bool {
     let Some(level) = first_equalities(problem) else { return false };
-    let solved = leave_space(work.fma, problem, work, reduction, level)
-        && write(work.fma, problem, work, reduction, level)
+    let solved = leave_space(work.avx2, problem, work, reduction, level)
+        && write(work.avx2, problem, work, reduction, level)
         && settle(reduction, outcome);
     if solved {
         outcome.reduced = true;
-        read(work.fma, problem, reduction);
+        read(work.avx2, problem, reduction);
     }
     solved
 }
@@ -93,10 +93,10 @@ compile_twice! {
         to.origin.clear();
         to.origin.extend((0..n).map(|i| if factor.is_free(i) { 0.0 } else { problem.bound(i) }));
         to.origin.resize(stride, 0.0);
-        factor.ask::<FMA>(problem, level, &to.origin);
-        factor.add_rows::<FMA>(problem, level);
+        factor.ask(problem, level, &to.origin);
+        factor.add_rows(problem, level);
         factor.solve_level(0);
-        factor.add_candidate::<FMA>(&mut to.origin);
+        factor.add_candidate(&mut to.origin);
 
         let rank = factor.rank();
         let basis = &factor.basis[..rank * stride];
@@ -119,11 +119,11 @@ compile_twice! {
                 for rows in [basis, &*before] {
                     let count = rows.len() / stride;
                     work.candidate.resize(n.max(stride), 0.0);
-                    dot_rows::<FMA>(new, rows, &mut work.candidate[..count]);
-                    add_rows::<FMA>(new, -1.0, &work.candidate[..count], rows);
+                    dot_rows(new, rows, &mut work.candidate[..count]);
+                    add_rows(new, -1.0, &work.candidate[..count], rows);
                 }
             }
-            let inverse = 1.0 / dot::<FMA>(new, new).sqrt();
+            let inverse = 1.0 / dot(new, new).sqrt();
             new.iter_mut().for_each(|v| *v *= inverse);
             to.room.iter_mut().zip(&*new).for_each(|(room, v)| *room -= v * v);
         }
@@ -159,13 +159,13 @@ compile_twice! {
                 }
                 Origin::Row(row) => {
                     let coefficients = problem.row(row);
-                    dot_rows::<FMA>(coefficients, &to.space, &mut inner.rows[r * inner.stride..][..left]);
-                    let at = dot::<FMA>(coefficients, &to.origin);
+                    dot_rows(coefficients, &to.space, &mut inner.rows[r * inner.stride..][..left]);
+                    let at = dot(coefficients, &to.origin);
                     (problem.lower[row], problem.upper[row], problem.row_side[row], at)
                 }
             };
             let row = inner.row(r);
-            if r < inner.level_end[0] && dot::<FMA>(row, row) < FOLLOWS * FOLLOWS {
+            if r < inner.level_end[0] && dot(row, row) < FOLLOWS * FOLLOWS {
                 if at < lower - BROKEN || at > upper + BROKEN {
                     return false;
                 }
@@ -176,7 +176,7 @@ compile_twice! {
             (inner.lower[r], inner.upper[r]) = (lower - at, upper - at);
             (inner.present[r], inner.row_side[r]) = (true, side);
         }
-        dot_rows::<FMA>(&problem.z, &to.space, &mut inner.z[..left]);
+        dot_rows(&problem.z, &to.space, &mut inner.z[..left]);
         let inner_work = &mut to.work;
         inner_work.prepare(inner);
         // Ranks are judged by the size of the rows as they were.
@@ -191,14 +191,14 @@ compile_twice! {
 fn settle(reduction: &mut Reduction, outcome: &mut Outcome) -> bool {
     let work = &mut reduction.work;
     cascade::solve(&mut reduction.problem, work, outcome);
-    is_kept(work.fma, &reduction.problem)
+    is_kept(work.avx2, &reduction.problem)
 }
 
 compile_twice! {
     /// The hard level is.
     fn is_kept(inner: &Problem) -> bool {
         (0..inner.level_end[0]).filter(|r| inner.present[*r]).all(|r| {
-            let value = dot::<FMA>(inner.row(r), &inner.z);
+            let value = dot(inner.row(r), &inner.z);
             value >= inner.lower[r] - BROKEN && value <= inner.upper[r] + BROKEN
         })
     }
@@ -209,7 +209,7 @@ compile_twice! {
     fn read(problem: &mut Problem, from: &Reduction) {
         problem.z.copy_from_slice(&from.origin);
         let left = from.space.len() / problem.stride;
-        add_rows::<FMA>(&mut problem.z, 1.0, &from.problem.z[..left], &from.space);
+        add_rows(&mut problem.z, 1.0, &from.problem.z[..left], &from.space);
         for (r, origin) in from.from.iter().enumerate() {
             let side = from.problem.row_side[r];
             match *origin {

@@ -7,8 +7,8 @@ use super::problem::{Problem, Side};
 
 #[derive(Default)]
 pub struct Work {
-    /// The processor has fused multiply-add.
-    pub fma: bool,
+    /// The copies of kernels with AVX2 run.
+    pub avx2: bool,
     pub factor: Factor,
     pub multipliers: Multipliers,
     pub candidate: Vec<f64>,
@@ -26,7 +26,7 @@ pub struct Work {
 impl Work {
     /// Buffers, and the sizes of rows; once per problem.
     pub fn prepare(&mut self, problem: &Problem) {
-        self.fma = kernels::has_fma();
+        self.avx2 = kernels::has_avx2();
         self.factor.prepare(problem);
         self.candidate.resize(problem.stride, 0.0);
         self.direction.resize(problem.stride, 0.0);

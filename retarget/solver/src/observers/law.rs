@@ -22,9 +22,9 @@ pub fn damped_floor(distance: f64, influence: f64, margin: f64, speed: f64, dt: 
     let room = influence - margin;
     if distance > influence {
         // Free until influence begins, and for the rest of the frame as from there.
-        return margin + room * (-speed * dt / room).exp();
+        return margin + room * libm::exp(-speed * dt / room);
     }
-    margin + (distance - margin) * (-speed * dt / room).exp()
+    margin + (distance - margin) * libm::exp(-speed * dt / room)
 }
 
 /// Least distance at the end of a frame for a part that touches: out at `speed` (m/s), up to the margin and no farther.

@@ -12,8 +12,8 @@ use crate::body::Body;
 use crate::math::Vec3;
 use std::sync::Arc;
 
-/// Stretches shorter than 2^-HALVINGS of a row are not halved: what is not proven by then is not clear.
-const HALVINGS: i32 = 8;
+/// Stretches shorter than this share of a row are not halved: what is not proven by then is not clear.
+const LEAST_PART: f64 = 1.0 / 256.0;
 /// Postures of one path that are looked at, for the same reason.
 const LOOKS: u64 = 100;
 
@@ -228,7 +228,7 @@ impl PathChecker {
         if start == stop {
             return true;
         }
-        if self.stage.looks - self.looks_before > LOOKS || to - from < 0.5f64.powi(HALVINGS) {
+        if self.stage.looks - self.looks_before > LOOKS || to - from < LEAST_PART {
             return (start..stop).all(|k| self.excuse(self.doubts[k].pair, may_flee));
         }
         let middle = if to - from > 1.0 { (0.5 * (from + to)).floor() } else { 0.5 * (from + to) };

@@ -188,7 +188,7 @@ impl Watch {
         let (prevents, reacts) = self.task_of[k];
         let task = if self.pairs[k].mode == Mode::Reactive { reacts } else { prevents };
         if let Some(task) = task.filter(|t| self.tasks[*t].on) {
-            self.violation[task] = self.violation[task].hypot(depth);
+            self.violation[task] = libm::hypot(self.violation[task], depth);
         }
     }
 

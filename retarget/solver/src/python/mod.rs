@@ -1,6 +1,7 @@
 //! What Python sees of the solver, one file for each thing there: arrays are checked here, and nowhere below. See
 //! `retarget/_solver.pyi`.
 
+mod arithmetic;
 pub mod arrays;
 mod body;
 mod braking;
@@ -26,5 +27,6 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(solver::solve_hierarchy, m)?)?;
     m.add_function(wrap_pyfunction!(braking::braking_displacement, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_distances, m)?)?;
-    m.add_function(wrap_pyfunction!(shapes::shape_gaps_at_least, m)?)
+    m.add_function(wrap_pyfunction!(shapes::shape_gaps_at_least, m)?)?;
+    arithmetic::register(m)
 }

@@ -12,10 +12,10 @@ pub fn along_arc(a: Quat, b: Quat, share: f64) -> Quat {
     let sign = 1.0_f64.copysign(cosine);
     // `min` would turn NaN into 1.
     let clipped = if cosine * sign > 1.0 { 1.0 } else { cosine * sign };
-    let angle = clipped.acos();
+    let angle = libm::acos(clipped);
     let angle = if angle < SAME_ANGLE { SAME_ANGLE } else { angle };
-    let scale = 1.0 / angle.sin();
-    let (of_a, of_b) = (scale * (angle - share * angle).sin(), scale * sign * (share * angle).sin());
+    let scale = 1.0 / libm::sin(angle);
+    let (of_a, of_b) = (scale * libm::sin(angle - share * angle), scale * sign * libm::sin(share * angle));
     std::array::from_fn(|i| of_a * a[i] + of_b * b[i])
 }
 

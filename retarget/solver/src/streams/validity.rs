@@ -4,7 +4,7 @@
 //! pose of its sensor. A sensor is judged by the age of that pose, by whether it stays at an impossible place, and by whether it
 //! repeats one value while the others move. Every limit comes from `retarget.live.sensor_validity.ValidityLimits`.
 
-use crate::math::{norm, sub, Quat, Vec3};
+use crate::math::{norm, square, sub, Quat, Vec3};
 
 /// Numbers that differ less (m, parts of a unit quaternion) are the same: an orientation that was composed of others in float32
 /// varies by 3e-7. The noise of an inertial sensor exceeds this within one sample, that of optical ones by far.
@@ -219,7 +219,7 @@ impl Validity {
             None => time - other.at <= limits.back_within,
         };
         if left_its_own && nearer(sent.position, other.position, own.position) {
-            limits.swap + 0.5 * limits.hardest * elapsed.min(limits.back_within).powi(2)
+            limits.swap + 0.5 * limits.hardest * square(elapsed.min(limits.back_within))
         } else {
             self.by_speed(elapsed)
         }
