@@ -37,16 +37,18 @@ class CoupledPair:
         self._back = np.array(coupling.inverse, dtype=np.float64).T  # (2, 2) shafts = joints @ it
         self._zero, self._scale = _values(pair, "zero_tick"), _values(pair, "ticks_per_rad")  # (2,) [tick], [tick/rad]
         self._lower, self._upper = _values(pair, "lower"), _values(pair, "upper")  # (2,) [rad]
-        self.tick_rad: FloatArray = (1.0 / np.abs(self._scale)) @ np.abs(self._turn)  # (2,) [rad] a tick of both servos
+        self.tick_rad: FloatArray = _combined(
+            1.0 / np.abs(self._scale), np.abs(self._turn)
+        )  # (2,) [rad] a tick of both servos
         self.reach: FloatArray = self.tick_rad / 2.0
 
     def turned(self, shafts: FloatArray) -> FloatArray:
         """Return joint angles (or their rates) for those of the shafts, both in rad."""
-        return shafts @ self._turn
+        return _combined(shafts, self._turn)
 
     def exact_ticks(self, joints: FloatArray) -> FloatArray:
         """Return shaft ticks, not rounded, for joint angles in rad."""
-        return self._zero + self._scale * (joints @ self._back)
+        return self._zero + self._scale * _combined(joints, self._back)
 
     def nearest_ticks(self, joints: FloatArray) -> FloatArray:
         """Return whole shaft ticks for joint angles in rad; a joint inside its limits never gets beyond them.
@@ -72,8 +74,12 @@ class CoupledPair:
 
     def fastest_shafts(self, max_velocity: FloatArray) -> FloatArray:
         """Return the highest shaft speeds (2,) when both joints move at `max_velocity` (2,), all rad/s."""
-        speed: FloatArray = max_velocity @ np.abs(self._back)
-        return speed
+        return _combined(max_velocity, np.abs(self._back))
+
+
+def _combined(pairs: FloatArray, matrix: FloatArray) -> FloatArray:
+    """The product of row vectors (..., 2) with a matrix (2, 2), in an order that no processor decides."""
+    return np.asarray(pairs[..., :1] * matrix[0] + pairs[..., 1:] * matrix[1])
 
 
 def coupling_problems(servos: Sequence[ServoSpec]) -> list[str]:

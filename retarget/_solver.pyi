@@ -6,7 +6,7 @@ numbered from 0, the world. Arrays are float64 and C-contiguous; bad shapes, NaN
 ValueError. The GIL is released while solving.
 """
 
-from typing import Literal, TypeAlias, final
+from typing import Literal, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -526,3 +526,82 @@ def shape_gaps_at_least(
     quat_b: Floats,
 ) -> Floats:
     """A bound (N,) in m that the signed distance is never below, at a fraction of its cost. Arguments are the same."""
+
+# Arithmetic with the same bits on every machine; see `retarget.arithmetic`.
+
+@overload
+def sin(x: float) -> float: ...
+@overload
+def sin(x: Floats) -> Floats:
+    """Sine of rad, of a number or of every number of an array."""
+
+@overload
+def cos(x: float) -> float: ...
+@overload
+def cos(x: Floats) -> Floats:
+    """Cosine of rad."""
+
+@overload
+def arcsin(x: float) -> float: ...
+@overload
+def arcsin(x: Floats) -> Floats:
+    """rad; NaN beyond -1 and 1."""
+
+@overload
+def arccos(x: float) -> float: ...
+@overload
+def arccos(x: Floats) -> Floats:
+    """rad; NaN beyond -1 and 1."""
+
+@overload
+def exp(x: float) -> float: ...
+@overload
+def exp(x: Floats) -> Floats: ...
+@overload
+def expm1(x: float) -> float: ...
+@overload
+def expm1(x: Floats) -> Floats:
+    """exp(x) - 1, exact near 0."""
+
+@overload
+def log(x: float) -> float: ...
+@overload
+def log(x: Floats) -> Floats:
+    """Natural logarithm."""
+
+@overload
+def arctan2(y: float, x: float) -> float: ...
+@overload
+def arctan2(y: Floats, x: Floats | float) -> Floats: ...
+@overload
+def arctan2(y: Floats | float, x: Floats) -> Floats:
+    """rad, of the direction (x, y); arrays are broadcast."""
+
+@overload
+def hypot(x: float, y: float) -> float: ...
+@overload
+def hypot(x: Floats, y: Floats | float) -> Floats: ...
+@overload
+def hypot(x: Floats | float, y: Floats) -> Floats:
+    """Length of (x, y); arrays are broadcast."""
+
+def dot(a: Floats, b: Floats) -> float:
+    """Inner product of two vectors (n,)."""
+
+def norm(v: Floats) -> float:
+    """Length of a vector (n,)."""
+
+def norms(v: Floats) -> Floats:
+    """Lengths (...) of vectors (..., n)."""
+
+def squares(v: Floats) -> Floats:
+    """Squared lengths (...) of vectors (..., n)."""
+
+def matmul(a: Floats, b: Floats) -> Floats:
+    """Matrix product of a (..., n) with b (n, m) or (n,): (..., m) or (...)."""
+
+def quat_multiply(a: Floats, b: Floats) -> Floats:
+    """Hamilton products (..., 4) wxyz; leading axes are broadcast."""
+
+def quat_rotate(q: Floats, v: Floats) -> Floats:
+    """Vectors v (..., 3) turned by unit quaternions q (..., 4) wxyz; leading axes are broadcast."""

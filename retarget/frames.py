@@ -7,11 +7,13 @@ read-only, so that one recording can be shared by every stage.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from math import fsum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from retarget import rotations
+from retarget.arithmetic import norm
 from retarget.errors import UsageError, suggest
 from retarget.types import BoolArray, FloatArray
 
@@ -129,7 +131,7 @@ class Skeleton:
 
     def distance(self, first: str, second: str) -> float:
         """Straight distance (m) between two joints of the rest pose."""
-        return float(np.linalg.norm(self.of(first) - self.of(second)))
+        return norm(self.of(first) - self.of(second))
 
 
 @dataclass(frozen=True)
@@ -369,7 +371,7 @@ def stature(skeleton: Skeleton) -> float | None:
     trunk = [0.5 * (skeleton.of("l_hip") + skeleton.of("r_hip"))]
     trunk += [skeleton.of(name) for name in ("chest", "neck", "head") if name in skeleton.names]
     leg = skeleton.distance("l_hip", "l_knee") + skeleton.distance("l_knee", "l_ankle")
-    return (leg + sum(float(np.linalg.norm(b - a)) for a, b in pairwise(trunk))) / (HEAD_CENTRE - ANKLE)
+    return (leg + fsum(norm(b - a) for a, b in pairwise(trunk))) / (HEAD_CENTRE - ANKLE)
 
 
 # The grid to which sensors are rounded: finer than any sensor's resolution, so that a recording of them stays small.

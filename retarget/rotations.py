@@ -9,11 +9,13 @@ Small on purpose: `scipy.spatial.transform` takes 0.4 s to import, longer than t
 """
 
 from collections.abc import Sequence
-from math import atan2, cos, hypot, sin, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from retarget._solver import quat_multiply, quat_rotate
+from retarget.arithmetic import arcsin, arctan2, cos, hypot, norms, sin
 from retarget.types import FloatArray
 
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # wxyz: no rotation
@@ -23,48 +25,9 @@ _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to double precision, and its quotient is not taken."""
 
 
-FEW = 256
-"""Numbers up to which a product is quickest as one of matrices: whole arrays of few quaternions cost their calls."""
-
-
-def _product() -> FloatArray:
-    """(16, 4): takes the products a_i b_j of two quaternions to the components of a b."""
-    table = np.zeros((4, 4, 4))
-    table[0, 0, 0] = 1.0
-    for i in (1, 2, 3):
-        j, k = i % 3 + 1, (i + 1) % 3 + 1
-        table[i, i, 0], table[0, i, i], table[i, 0, i] = -1.0, 1.0, 1.0
-        table[j, k, i], table[k, j, i] = 1.0, -1.0
-    return table.reshape(16, 4)
-
-
-_THREE: FloatArray = np.ones(3)  # a product with it sums a row, faster than np.sum of so few
-_THREE.flags.writeable = False
-
-
-def squares(v: FloatArray) -> FloatArray:
-    """Squared lengths (k,) of a few vectors (k, 3), with the least overhead."""
-    return np.asarray((v * v).dot(_THREE))
-
-
-_PRODUCT = _product()
-_PRODUCT.flags.writeable = False
-
-
 def multiply(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """Hamilton product a b (..., 4): the rotation b followed by the rotation a, seen in a's parent frame."""
-    a, b = np.asarray(a, float), np.asarray(b, float)
-    if max(a.size, b.size) <= FEW:
-        pairs = a[..., :, None] * b[..., None, :]
-        return np.asarray(pairs.reshape(*pairs.shape[:-2], 16) @ _PRODUCT)
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    out = np.empty((*np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), 4))
-    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
-    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
-    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
-    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
-    return out
+    return quat_multiply(np.asarray(a, float), np.asarray(b, float))
 
 
 def conjugate(q: ArrayLike) -> FloatArray:
@@ -75,25 +38,13 @@ def conjugate(q: ArrayLike) -> FloatArray:
 def normalise(q: ArrayLike) -> FloatArray:
     """Unit quaternion (..., 4) of the same direction; NaN where the norm is zero."""
     q = np.asarray(q, float)
-    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    norm = norms(q)[..., None]
     return q / np.where(norm > 0.0, norm, np.nan)
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
     """Vectors v (..., 3) turned by unit quaternions q (..., 4): v + 2 w (u x v) + 2 u x (u x v)."""
-    q, v = np.asarray(q, float), np.asarray(v, float)
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    vx, vy, vz = v[..., 0], v[..., 1], v[..., 2]
-    tx, ty, tz = (
-        2.0 * (y * vz - z * vy),
-        2.0 * (z * vx - x * vz),
-        2.0 * (x * vy - y * vx),
-    )
-    out = np.empty((*np.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3))
-    out[..., 0] = vx + w * tx + y * tz - z * ty
-    out[..., 1] = vy + w * ty + z * tx - x * tz
-    out[..., 2] = vz + w * tz + x * ty - y * tx
-    return out
+    return quat_rotate(np.asarray(q, float), np.asarray(v, float))
 
 
 def to_matrix(q: ArrayLike) -> FloatArray:
@@ -143,16 +94,16 @@ def from_matrix(matrix: ArrayLike) -> FloatArray:
 def from_rotation_vector(vector: ArrayLike) -> FloatArray:
     """Exponential map: unit quaternions (..., 4) of rotation vectors (..., 3) (axis times angle in rad)."""
     vector = np.asarray(vector, float)
-    half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
-    # np.sinc(x) is sin(pi x) / (pi x), and 1 at zero.
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vector], axis=-1)
+    half = 0.5 * norms(vector)[..., None]
+    near = half < _SMALL_ANGLE
+    return _join(cos(half), 0.5 * np.where(near, 1.0, sin(half) / np.where(near, 1.0, half)) * vector)
 
 
 def from_axis_angle(axis: ArrayLike, angle: ArrayLike) -> FloatArray:
     """Unit quaternions (..., 4) of turns by `angle` (...) rad about unit axes (..., 3)."""
     half = 0.5 * np.asarray(angle, float)[..., None]
     axis = np.asarray(axis, float)
-    return _join(np.cos(half), np.sin(half) * axis)
+    return _join(cos(half), sin(half) * axis)
 
 
 def _join(w: FloatArray, xyz: FloatArray) -> FloatArray:
@@ -167,8 +118,8 @@ def log(q: ArrayLike) -> FloatArray:
     """Rotation vectors (..., 3) of unit quaternions (..., 4), the short way round: norm at most pi."""
     q = np.asarray(q, float)
     q = np.where(q[..., :1] < 0.0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    sine = norms(q[..., 1:])[..., None]
+    angle = 2.0 * arctan2(sine, q[..., :1])
     scale = np.where(sine > _SMALL_ANGLE, angle / np.where(sine > _SMALL_ANGLE, sine, 1.0), 2.0)
     return scale * q[..., 1:]
 
@@ -176,8 +127,7 @@ def log(q: ArrayLike) -> FloatArray:
 def angle_between(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """Angle (...) in rad, 0 to pi, of the turn from a to b (..., 4)."""
     relative = multiply(conjugate(a), b)
-    sine = np.linalg.norm(relative[..., 1:], axis=-1)
-    return np.asarray(2.0 * np.arctan2(sine, np.abs(relative[..., 0])))
+    return np.asarray(2.0 * arctan2(norms(relative[..., 1:]), np.abs(relative[..., 0])))
 
 
 def slerp(a: ArrayLike, b: ArrayLike, share: ArrayLike) -> FloatArray:
@@ -192,12 +142,12 @@ def slerp(a: ArrayLike, b: ArrayLike, share: ArrayLike) -> FloatArray:
     )
     cosine = np.sum(a * b, axis=-1, keepdims=True)
     b = np.where(cosine < 0.0, -b, b)
-    angle = np.arctan2(np.linalg.norm(b - a * np.abs(cosine), axis=-1, keepdims=True), np.abs(cosine))
-    sine = np.sin(angle)
+    angle = arctan2(norms(b - a * np.abs(cosine))[..., None], np.abs(cosine))
+    sine = sin(angle)
     near = sine < _SMALL_ANGLE
     safe = np.where(near, 1.0, sine)
-    weight_a = np.where(near, 1.0 - share, np.sin((1.0 - share) * angle) / safe)
-    weight_b = np.where(near, share, np.sin(share * angle) / safe)
+    weight_a = np.where(near, 1.0 - share, sin((1.0 - share) * angle) / safe)
+    weight_b = np.where(near, share, sin(share * angle) / safe)
     return normalise(weight_a * a + weight_b * b)
 
 
@@ -211,7 +161,7 @@ def from_euler(angles: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
     if angles.shape[-1] != len(axes):
         raise ValueError(f"{angles.shape[-1]} angles for {len(axes)} axes")
     half = 0.5 * angles
-    cosine, sine = np.cos(half), np.sin(half)
+    cosine, sine = cos(half), sin(half)
     total = np.broadcast_to(IDENTITY, (*angles.shape[:-1], 4))
     for i, axis in enumerate(_axis_indices(axes)):
         turn = np.zeros((*angles.shape[:-1], 4))
@@ -233,11 +183,11 @@ def to_euler(q: ArrayLike, axes: str | Sequence[int]) -> FloatArray:
     sign = 1.0 if (j - i) % 3 == 1 else -1.0
     m = to_matrix(q)
     middle_sine = np.clip(sign * m[..., i, k], -1.0, 1.0)
-    first = np.arctan2(-sign * m[..., j, k], m[..., k, k])
-    last = np.arctan2(-sign * m[..., i, j], m[..., i, i])
+    first = arctan2(-sign * m[..., j, k], m[..., k, k])
+    last = arctan2(-sign * m[..., i, j], m[..., i, i])
     locked = np.abs(middle_sine) > 1.0 - 1e-14
-    first = np.where(locked, np.arctan2(sign * m[..., k, j], m[..., j, j]), first)
-    return np.stack([first, np.arcsin(middle_sine), np.where(locked, 0.0, last)], axis=-1)
+    first = np.where(locked, arctan2(sign * m[..., k, j], m[..., j, j]), first)
+    return np.stack([first, arcsin(middle_sine), np.where(locked, 0.0, last)], axis=-1)
 
 
 def shortest_arc(a: ArrayLike, b: ArrayLike) -> FloatArray:
@@ -256,7 +206,7 @@ def shortest_arc(a: ArrayLike, b: ArrayLike) -> FloatArray:
 
 def _unit(v: ArrayLike) -> FloatArray:
     v = np.asarray(v, float)
-    norm = np.linalg.norm(v, axis=-1, keepdims=True)
+    norm = norms(v)[..., None]
     return np.asarray(v / np.where(norm > 0.0, norm, np.nan))
 
 
@@ -298,6 +248,12 @@ def plus(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
+def length(v: Vector) -> float:
+    """Length of a vector."""
+    x, y, z = v
+    return sqrt(x * x + y * y + z * z)
+
+
 def product(a: Quat, b: Quat) -> Quat:
     """The rotation b followed by the rotation a."""
     aw, ax, ay, az = a
@@ -334,7 +290,7 @@ def axis_turn(axis: Vector, angle: float) -> Quat:
 def turn(vector: Vector) -> Quat:
     """The rotation of a rotation vector (axis times rad)."""
     x, y, z = vector
-    angle = sqrt(x * x + y * y + z * z)
+    angle = length(vector)
     if angle < 1e-12:
         return (1.0, 0.5 * x, 0.5 * y, 0.5 * z)
     return axis_turn((x / angle, y / angle, z / angle), angle)
@@ -343,8 +299,8 @@ def turn(vector: Vector) -> Quat:
 def rotation_vector(q: Quat) -> Vector:
     """The rotation vector of a rotation, the short way round."""
     w, x, y, z = q if q[0] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
-    sine = sqrt(x * x + y * y + z * z)
-    scale = 2.0 * atan2(sine, w) / sine if sine > 1e-12 else 2.0
+    sine = length((x, y, z))
+    scale = 2.0 * arctan2(sine, w) / sine if sine > 1e-12 else 2.0
     return (scale * x, scale * y, scale * z)
 
 
@@ -354,7 +310,7 @@ def arc(a: Vector, b: Vector) -> Quat:
     bx, by, bz = b
     cross = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
     w = sqrt((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)) + ax * bx + ay * by + az * bz
-    norm = sqrt(w * w + cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2)
+    norm = sqrt(w * w + cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
     if norm < 1e-12 * (1.0 + w):
         across = hypot(ax, ay)
         return (0.0, -ay / across, ax / across, 0.0) if across > 0.0 else (0.0, 1.0, 0.0, 0.0)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from retarget import rotations
+from retarget.arithmetic import norms
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
 from retarget.sources.canonical import limb_turns
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
@@ -122,7 +123,7 @@ def minimum_jerk(time: FloatArray, key_times: FloatArray, key_values: FloatArray
     """
     left = np.clip(np.searchsorted(key_times, time, side="right") - 1, 0, len(key_times) - 2)
     u = np.clip((time - key_times[left]) / (key_times[left + 1] - key_times[left]), 0.0, 1.0)
-    share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    share = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
     return np.asarray(key_values[left] + share * (key_values[left + 1] - key_values[left]))
 
 
@@ -202,12 +203,12 @@ def leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, Fl
     foot = rotations.from_axis_angle([0.0, 0.0, 1.0], sign * FOOT_YAW)
     ankle = np.broadcast_to(ANKLE * mirror, hip.shape)
     line = hip - ankle
-    reach = np.linalg.norm(line, axis=1, keepdims=True)
+    reach = norms(line)[:, None]
     up = line / reach
-    along = (reach**2 + SHANK**2 - THIGH**2) / (2.0 * reach)
+    along = (reach * reach + SHANK * SHANK - THIGH * THIGH) / (2.0 * reach)
     left = np.cross(up, rotations.rotate(foot, [1.0, 0.0, 0.0]))
-    left /= np.linalg.norm(left, axis=1, keepdims=True)
-    knee = ankle + along * up + np.sqrt(SHANK**2 - along**2) * np.cross(left, up)
+    left /= norms(left)[:, None]
+    knee = ankle + along * up + np.sqrt(SHANK * SHANK - along * along) * np.cross(left, up)
     foot_turn = np.broadcast_to(foot, (len(hip), 4))
     toe = ankle + rotations.rotate(foot, TOE * mirror)
     points = {"hip": hip, "knee": knee, "ankle": np.array(ankle), "toe": toe}
@@ -217,7 +218,7 @@ def leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, Fl
 
 def _segment(bottom: FloatArray, top: FloatArray, left: FloatArray) -> FloatArray:
     """Orientation (T, 4) of a segment whose z goes from bottom to top and whose y is the unit vector `left`."""
-    up = (top - bottom) / np.linalg.norm(top - bottom, axis=1, keepdims=True)
+    up = (top - bottom) / norms(top - bottom)[:, None]
     return rotations.from_matrix(np.stack([np.cross(left, up), left, up], axis=-1))
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from hardware.arrays import FloatArray
+from retarget.arithmetic import exp
 
 AMBIENT = 25.0  # [degrees Celsius]
 IDLE_CURRENT = 0.03  # [A] electronics of one servo
@@ -33,5 +34,5 @@ def saturated_lag(
     cruise = np.minimum(np.maximum((distance - knee) / top, 0.0), elapsed)  # [s] at top speed
     left = distance - cruise * top  # error when the cruise ends
     lag = np.maximum(lag, 1e-12)
-    final = left * np.exp((cruise - elapsed) / lag)
+    final = left * exp((cruise - elapsed) / lag)
     return np.copysign(distance - final, error), np.copysign(np.minimum(final / lag, top), error)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from retarget import rotations
+from retarget.arithmetic import norm
 from retarget.errors import InputError, Problem
 from retarget.frames import SensorFrames, Skeleton
 from retarget.human.rest_pose import find_rest_frames, fit_rest_pose, standing_stature
@@ -93,9 +94,9 @@ def _check_rest(known: dict[str, FloatArray], *, source: str) -> None:
     across = known["l_hip"] - known["r_hip"]
     up = known["head"] - 0.5 * (known["l_hip"] + known["r_hip"])
     problems = []
-    if across[1] < 0.7 * np.linalg.norm(across):
+    if across[1] < 0.7 * norm(across):
         problems.append(Problem("the skeleton does not face x in its rest pose", source))
-    if up[2] < 0.7 * np.linalg.norm(up):
+    if up[2] < 0.7 * norm(up):
         problems.append(Problem("the skeleton is not upright in its rest pose", source))
     if problems:
         raise InputError.from_problems(problems)
@@ -103,11 +104,7 @@ def _check_rest(known: dict[str, FloatArray], *, source: str) -> None:
 
 def _stature(known: dict[str, FloatArray]) -> float:
     """Standing height (m): legs along the bones and trunk upward, between ankles and the middle of the head."""
-    legs = [
-        np.linalg.norm(known[f"{s}_knee"] - known[f"{s}_hip"])
-        + np.linalg.norm(known[f"{s}_ankle"] - known[f"{s}_knee"])
-        for s in "lr"
-    ]
+    legs = [norm(known[f"{s}_knee"] - known[f"{s}_hip"]) + norm(known[f"{s}_ankle"] - known[f"{s}_knee"]) for s in "lr"]
     # Bones do not reach the ground or the crown: average shares of stature (`FRACTIONS`) fill in what is beyond them.
     trunk = known["head"][2] - 0.5 * (known["l_hip"][2] + known["r_hip"][2])
     return float((np.mean(legs) + trunk) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
@@ -131,7 +128,7 @@ def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str
         points.setdefault(side + "collar", neck)
         # A hand goes on as the forearm, since rest poses have straight wrists.
         forearm = points[side + "wrist"] - points[side + "elbow"]
-        straight = forearm / max(float(np.linalg.norm(forearm)), 1e-9)
+        straight = forearm / max(norm(forearm), 1e-9)
         points.setdefault(side + "hand", points[side + "wrist"] + usual.length(side + "hand") * straight)
         if side + "toe" not in points:
             turn = _foot_turn(side, points)
@@ -150,7 +147,7 @@ def _offset(name: str, points: dict[str, FloatArray]) -> FloatArray:
         return np.zeros(3)
     offset = points[name] - points[POINTS[parent]]
     if kind_of(name) in _LIMB:
-        return np.asarray(np.linalg.norm(offset) * _DOWN)
+        return np.asarray(norm(offset) * _DOWN)
     if kind_of(name) == "toe":
         return rotations.rotate(rotations.conjugate(_foot_turn(name[:2], points)), offset)
     return np.asarray(offset)

@@ -8,12 +8,13 @@ sensors with a left and a right, or with an orientation, hint by themselves.
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from math import exp, hypot
+from math import fsum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from retarget.arithmetic import exp, hypot
 from retarget.human.posture_prior import Ground, Point, Velocity
 from retarget.schema import strict_yaml
 from retarget.schema.priorities import HeadingSettings
@@ -112,7 +113,7 @@ class Heading:
         """Sum of the hints of parts that move about the body: of head, hands and ankles. x + i y, forward."""
         settings = self._settings
         slow, fast = settings.walking
-        share = min(max((hypot(*self._head.now) - slow) / (fast - slow), 0.0), 1.0)
+        share = min(max((self._head.speed - slow) / (fast - slow), 0.0), 1.0)
         total = settings.velocity * share * complex(*self._head.now)
         if settings.hands > 0.0:
             total += settings.hands * _hands_ahead(positions)
@@ -136,7 +137,7 @@ class Heading:
         floor = head[2] - height
         total = 0j
         if feet:
-            under = sum(complex(foot[0], foot[1]) for foot in feet) / len(feet)
+            under = complex(*(fsum(foot[k] for foot in feet) / len(feet) for k in (0, 1)))
             floor = min(foot[2] for foot in feet)
             total += _hint(_HEAD, middle - under, head[2] - floor, height)
             middle = 0.5 * (middle + under)
@@ -148,9 +149,9 @@ class Heading:
         return total
 
     def _turn(self, total: complex) -> None:
-        length = abs(total)
-        if length > _NO_HINT_M:
-            self.forward = (total.real / length, total.imag / length)
+        size = hypot(total.real, total.imag)
+        if size > _NO_HINT_M:
+            self.forward = (total.real / size, total.imag / size)
 
 
 _LIMBS = ("ankle", "wrist", "knee", "elbow")
@@ -159,9 +160,14 @@ _LIMBS = ("ankle", "wrist", "knee", "elbow")
 
 def _hint(table: _Table, away: complex, up: float, height: float, *, mirror: bool = False) -> complex:
     """What a table says of a part that is `away` (m, on the ground) from where it is seen, `up` m above the floor."""
-    distance = abs(away) / height
+    distance = hypot(away.real, away.imag) / height
     weight = table.at(distance, up / height)
-    return (weight.conjugate() if mirror else weight) * (away / height) / max(distance, _NEAR)
+    return _times(weight.conjugate() if mirror else weight, away / height) / max(distance, _NEAR)
+
+
+def _times(a: complex, b: complex) -> complex:
+    """a b. A compiler may fuse a product of complex numbers with its sum."""
+    return complex(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real)
 
 
 def _lines(positions: Mapping[str, Point], pairs: Sequence[tuple[str, str, float]]) -> complex:
@@ -211,13 +217,13 @@ class _Stance:
         """The mean `dt` s later, with these hints. positions: as of `Heading.step`."""
         for foot, name in zip(self._feet, ("l_ankle", "r_ankle"), strict=True):
             foot.step(positions.get(name), dt)
-        speed = max(hypot(*foot.now) for foot in self._feet)
+        speed = max(foot.speed for foot in self._feet)
         before, self._line = self._line, _lines(positions, _BETWEEN_FEET)
         if speed < _PLANTED_M_S and "l_ankle" in positions and "r_ankle" in positions:
             self._age = min(self._age + dt, STANCE_S)
-            if min(abs(before), abs(self._line)) > _APART_M:
-                turn = self._line * before.conjugate()
-                self._mean *= turn / abs(turn)
+            if min(hypot(line.real, line.imag) for line in (before, self._line)) > _APART_M:
+                turn = _times(self._line, before.conjugate())
+                self._mean = _times(self._mean, turn / hypot(turn.real, turn.imag))
         else:  # The mean of the stance before is forgotten as fast as any other.
             self._age += (1.0 - exp(-dt / self._settle)) * (self._settle - self._age)
         self._mean += (1.0 - exp(-dt / self._age)) * (hints - self._mean)

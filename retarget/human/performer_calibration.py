@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from retarget.arithmetic import norm
 from retarget.errors import ConfigError, InputError, Problem, UsageError
 from retarget.frames import SENSORS
 from retarget.human.rest_pose import MAX_LOOSE_M
@@ -153,7 +154,7 @@ def _problems(read: Person, document: Document) -> list[Problem]:
             here: KeyPath = ("sensor_offsets", convention, sensor)
             if sensor not in SENSORS:
                 problems.append(unknown_name(document, here, "sensor", sensor, SENSORS))
-            elif float(np.linalg.norm(by)) > MAX_LOOSE_M + 1e-3:
+            elif norm(np.array(by)) > MAX_LOOSE_M + 1e-3:
                 what, allowed = "a sensor too far from its joint", f"at most {MAX_LOOSE_M:g} m"
                 problems.append(document.problem(here, what, found=str(list(by)), allowed=allowed, next_step=STEP))
     if read.stature is not None and read.mass is not None and not (problems or document.problems or missing):
@@ -179,9 +180,9 @@ def _inhuman(read: Person, document: Document) -> list[Problem]:
         offset = dimensions.of(name)
         most = FARTHEST[0] * usual.length(name) + FARTHEST[1]
         what = ""
-        if float(np.linalg.norm(offset)) > most:
+        if norm(offset) > most:
             what = f"too far from its parent for a human of this stature: {most:.2f} m at most"
-        elif name in _HANGING and not (offset[2] < 0.0 and float(np.hypot(*offset[:2])) < 1e-3):
+        elif name in _HANGING and not (offset[2] < 0.0 and norm(offset[:2]) < 1e-3):
             what = "a limb that does not hang straight down"
         elif name[2:] in ("hip", "shoulder") and offset[1] * usual.of(name)[1] <= 0.0:
             what = "on the wrong side of the body"

@@ -7,10 +7,11 @@ changes nothing here.
 """
 
 from collections.abc import Mapping, Sequence
-from math import cos, exp, hypot, pi, sin, sqrt
+from math import fsum, pi, sqrt
 
 import numpy as np
 
+from retarget.arithmetic import cos, exp, hypot, norm, norms, sin
 from retarget.model.human import Human, PostureReader
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.schema.priorities import CentreOfMassTask
@@ -38,6 +39,11 @@ class Velocity:
         """Begin at rest, without a past."""
         self.now: list[float] = [0.0] * self._axes
         self._before: Point | None = None
+
+    @property
+    def speed(self) -> float:
+        """m/s"""
+        return sqrt(fsum(part * part for part in self.now))
 
     def step(self, point: Point | None, dt: float) -> None:
         """Go on by `dt` s to a point; None: it is not known, and the velocity stays."""
@@ -74,14 +80,18 @@ class Balance:
             self.weight = 0.0
             return
         lowest = min(foot[2] for foot in feet)
-        lift = LIFT_M + lowered**4 * (HEEL_M - LIFT_M)  # only near the ground is a high ankle a heel
-        loads = [1.0 / (1.0 + ((foot[2] - lowest) / lift) ** 2) for foot in feet]
-        total = sum(loads)
+        lift = LIFT_M + lowered * lowered * lowered * lowered * (
+            HEEL_M - LIFT_M
+        )  # only near the ground is a high ankle a heel
+        raised = [(foot[2] - lowest) / lift for foot in feet]
+        loads = [1.0 / (1.0 + by * by) for by in raised]
+        total = fsum(loads)
         for axis in (0, 1):
-            over = sum(load * foot[axis] for load, foot in zip(loads, feet, strict=True)) / total
+            over = fsum(load * foot[axis] for load, foot in zip(loads, feet, strict=True)) / total
             self.goal[axis] = over + self._task.forward * forward[axis]
         fade = self._task.fade_speed
-        self.weight = 1.0 if fade is None else 1.0 / (1.0 + (hypot(*self._travel.now) / fade) ** 4)
+        speed = 0.0 if fade is None else self._travel.speed / fade
+        self.weight = 1.0 / (1.0 + speed * speed * speed * speed)
 
 
 # What carries the pelvis: it goes about as head and feet do on average, which their motions show without delay. Feet
@@ -118,7 +128,8 @@ class Carried:
             (u, v, w), (a, b, c) = points["head"], before["head"]
             u, v, w = u - a, v - b, w - c
             # Of the way beside the head, less the faster it is.
-            beside = ((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) / (FLYING_M_S * dt) ** 2
+            a, b, c, usual = x - u, y - v, z - w, FLYING_M_S * dt
+            beside = (a * a + b * b + c * c) / (usual * usual)
             total /= 1.0 + beside
             share = total / (self._share + total)
             x, y, z = u + share * (x - u), v + share * (y - v), w + share * (z - w)
@@ -184,7 +195,7 @@ class VirtualFeet:
         self._half_width = 0.5 * float(dimensions.of("l_hip")[1] - dimensions.of("r_hip")[1])
         self.ankle_height = FRACTIONS.ankle_height * dimensions.stature
         standing = dict(zip(POINTS, dimensions.standing(), strict=True))
-        self._longest = float(np.linalg.norm(standing["head"] - standing["l_ankle"]))  # [m] from head to ankle
+        self._longest = norm(standing["head"] - standing["l_ankle"])  # [m] from head to ankle
         self._travel = Velocity(TRAVEL_SETTLE_S)
         self._middle: Ground | None = None
         self._planted: FloatArray = np.zeros((2, 2))  # [m] where each foot stands, or stood last
@@ -217,9 +228,9 @@ class VirtualFeet:
 
     def _stride(self, head: list[float], wanted: FloatArray, velocity: FloatArray, dt: float) -> None:
         """Step after the places wanted (2, 2) m beside the middle, which moves at velocity (2,) m/s."""
-        seconds = min(STEP_S, STRIDE_M / max(float(np.hypot(*velocity)), 1e-9))
+        seconds = min(STEP_S, STRIDE_M / max(norm(velocity), 1e-9))
         if self._swung >= 1.0:
-            behind = np.linalg.norm(wanted - self._planted, axis=1)
+            behind = norms(wanted - self._planted)
             foot = int(behind.argmax())
             if behind[foot] > STEP_M:
                 self._swinging, self._swung = foot, 0.0
@@ -231,7 +242,8 @@ class VirtualFeet:
             ahead = wanted[foot] + (1.5 - self._swung) * seconds * velocity
             share = 0.5 - 0.5 * cos(pi * self._swung)
             ground[foot] += share * (ahead - ground[foot])
-            lift = STEP_LIFT_M * sin(pi * self._swung) ** 2
+            height = sin(pi * self._swung)
+            lift = STEP_LIFT_M * height * height
             if self._swung >= 1.0:
                 self._planted[foot] = ground[foot]
         self._place(head, ground, lift)
@@ -250,7 +262,7 @@ class VirtualFeet:
         self.ankles[:, :2], self.ankles[:, 2] = ground, self.ankle_height
         self.ankles[self._swinging, 2] += lift
         away = self.ankles - head
-        distance = np.linalg.norm(away, axis=1)
+        distance = norms(away)
         for foot in np.flatnonzero(distance > self._longest):
             bent = SLACK_M * (1.0 - exp((self._longest - distance[foot]) / SLACK_M))
             self.ankles[foot] = head + (self._longest - bent) / distance[foot] * away[foot]
@@ -333,7 +345,7 @@ class CarryingFeet:
         """Speed of each ankle, m/s, low-passed."""
         for velocity, ankle in zip(self._velocity, ankles, strict=True):
             velocity.step(ankle, dt)
-        return [sqrt(sum(part * part for part in velocity.now)) for velocity in self._velocity]
+        return [velocity.speed for velocity in self._velocity]
 
     def _end_long_flight(self, ankles: Sequence[Point], speeds: list[float], dt: float) -> None:
         """End a flight that is too long, as soon as the lower foot is slow: it stands on another floor."""

@@ -10,7 +10,7 @@ from math import ceil, nan
 
 import numpy as np
 
-from retarget import rotations
+from retarget.arithmetic import arctan2, cos, sin, squares
 from retarget.frames import SensorSample
 from retarget.human.heading import Heading
 from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, VirtualFeet
@@ -291,7 +291,7 @@ class Reconstructor:
     def _missed(self, reached: FloatArray) -> float:
         """How far sensors at `reached` (k, 3) m are from the goal of one that the body has to follow, at most, m."""
         away = np.where(self._intake.present[:, None], self._intake.position - reached, 0.0)
-        return float(np.sqrt(rotations.squares(away[self._followed]).max(initial=0.0)))
+        return float(np.sqrt(squares(away[self._followed]).max(initial=0.0)))
 
     def _try_second_posture(self, missed: float) -> None:
         """Solve one frame of it for the targets of this tick, and stand in it if it comes nearer to the sensors than
@@ -343,7 +343,7 @@ class Reconstructor:
         self._reached = joints.take(self._joints_of, axis=0)
         # Virtual feet come after the sensors and have no measured place.
         error = (self._intake.measured - self._reached)[: self._sensor_count]
-        distance = np.sqrt(rotations.squares(error))
+        distance = np.sqrt(squares(error))
         if not self._intake.all_present:
             distance[~self._intake.present[: self._sensor_count]] = np.nan
         solver, balance, ankles = self._hierarchy.solver, self._balance_error, joints[self._ankles].tolist()
@@ -365,8 +365,8 @@ class Reconstructor:
         q = self._human.posture("natural")
         forward = self._heading.forward
         # A turn about the vertical by the heading, as a quaternion wxyz of half the angle.
-        half = 0.5 * np.arctan2(forward[1], forward[0])
-        q[3:7] = np.cos(half), 0.0, 0.0, np.sin(half)
+        half = 0.5 * arctan2(forward[1], forward[0])
+        q[3:7] = cos(half), 0.0, 0.0, sin(half)
         present = self._intake.present
         if present.any():
             joints = self._reader.joints(q[None])[0]

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from retarget.arithmetic import arccos, arcsin, arctan2, cos, exp, hypot, log, matmul, norms, sin, squares
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
+from retarget.ik.least_squares import least_squares
 from retarget.model.human_dimensions import (
     FRACTIONS,
     POINTS,
@@ -82,8 +84,8 @@ _HANDS = np.array([POINTS.index("l_hand"), POINTS.index("r_hand")])
 
 def offsets(parameters: FloatArray) -> FloatArray:
     """Offsets (23, 3) m from the parents, in the rest frame of the human, for these parameters."""
-    scale = np.exp(parameters[PROPORTIONS])
-    result = _AVERAGE.offset * np.exp(parameters[STATURE]) * scale[_GROUP_OF, None]
+    scale = exp(parameters[PROPORTIONS])
+    result = _AVERAGE.offset * exp(parameters[STATURE]) * scale[_GROUP_OF, None]
     result[_BROAD, 1] *= scale[-1] / scale[0]
     return np.asarray(result)
 
@@ -96,9 +98,9 @@ def body_points(parameters: FloatArray) -> FloatArray:
     offset[_SEGMENT_ROWS] = direction * -offset[_SEGMENT_ROWS][..., 2:]
     offset[_HANDS] = direction[:2, 1] * -offset[_HANDS][:, 2:]
     result = points_of(offset)
-    cosine, sine = np.cos(parameters[HEADING]), np.sin(parameters[HEADING])
+    cosine, sine = cos(parameters[HEADING]), sin(parameters[HEADING])
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(result @ turn.T + parameters[ROOT])
+    return np.asarray(matmul(result, turn.T) + parameters[ROOT])
 
 
 def prior(parameters: FloatArray, bend_spread: FloatArray) -> FloatArray:
@@ -119,8 +121,8 @@ def _directions(parameters: FloatArray) -> FloatArray:
     """Unit vectors (4, 2, 3) of the limbs' segments, downward at zero, in the person's frame."""
     sideward, forward = np.moveaxis(parameters[ANGLES].reshape(4, 2, 2), -1, 0)
     side = np.array([[1.0], [-1.0], [1.0], [-1.0]])
-    level = np.cos(forward)
-    return np.stack([np.sin(forward), side * np.sin(sideward) * level, -np.cos(sideward) * level], axis=-1)
+    level = cos(forward)
+    return np.stack([sin(forward), side * sin(sideward) * level, -cos(sideward) * level], axis=-1)
 
 
 REQUIRED = ("head", "l_wrist", "r_wrist")
@@ -177,8 +179,6 @@ def fit_rest_pose(
 
     Head and wrists are needed, ankles should be there. Raises InputError: sensors missing, or no upright human.
     """
-    from scipy.optimize import least_squares  # 0.2 s to import, and rarely needed
-
     missing = [name for name in REQUIRED if name not in names]
     if missing:
         raise InputError(
@@ -205,18 +205,18 @@ def fit_rest_pose(
         off[loose_rows] += offset.reshape(-1, 3)
         parts = [off.ravel() / SENSOR_SPREAD_M, prior(parameters, bend), offset / LOOSE_SPREAD_M]
         if on_ground:
-            height = FRACTIONS.ankle_height * np.exp(parameters[STATURE])
+            height = FRACTIONS.ankle_height * exp(parameters[STATURE])
             parts.append((points[ankles, 2] - height) / SENSOR_SPREAD_M)
         if stature is not None:
             parts.append(np.array([stature_of(offsets(parameters)) - stature]) / KNOWN_SPREAD_M)
         return np.concatenate(parts)
 
     start = _first_guess(dict(zip(names, position, strict=True)), source=source)
-    found = least_squares(residual, np.concatenate([start, np.zeros(3 * len(loose_rows))]), max_nfev=100).x
+    found = least_squares(residual, np.concatenate([start, np.zeros(3 * len(loose_rows))]))
     fit, offset = found[:COUNT], np.zeros((len(names), 3))
     offset[loose_rows] = found[COUNT:].reshape(-1, 3)
     # Offsets beyond what a cap or a controller can have are cut, and then show as a misfit below.
-    offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(np.linalg.norm(offset, axis=1), 1e-9))[:, None]
+    offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(norms(offset), 1e-9))[:, None]
     unusual = float(np.abs(prior(fit, bend)[:7]).max())
     points = body_points(fit)
     _check_fit(points[columns] + offset - position, unusual, source=source)
@@ -227,7 +227,7 @@ def _arms(points: FloatArray) -> FloatArray:
     """Angles (2,) rad of both arms from hanging, by all points (23, 3) m."""
     ends = [[POINTS.index(f"{side}_{end}") for side in "lr"] for end in ("shoulder", "wrist")]
     along = points[ends[1]] - points[ends[0]]
-    return np.asarray(np.arccos(np.clip(-along[:, 2] / np.linalg.norm(along, axis=1), -1.0, 1.0)))
+    return np.asarray(arccos(np.clip(-along[:, 2] / norms(along), -1.0, 1.0)))
 
 
 def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
@@ -245,7 +245,7 @@ def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
     before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(frames) - 1)
     moved = frames.position[np.ix_(after, columns)] - frames.position[np.ix_(before, columns)]
     duration = np.maximum(frames.time[after] - frames.time[before], 1e-9)[:, None]
-    speed = np.nan_to_num(np.linalg.norm(moved, axis=2) / duration, nan=10.0).max(axis=1)
+    speed = np.nan_to_num(norms(moved) / duration, nan=10.0).max(axis=1)
     stature = np.array([standing_stature(frames, row) for row in rows])
     chosen: list[int] = []
     # One tenth of a metre of stature is worth a metre per second of motion.
@@ -291,25 +291,25 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
     stature = above / share
     # From right to left: its normal on the ground is where the person faces. Ankles say it too, where they are known.
     left = sensors["l_wrist"] - sensors["r_wrist"]
-    half_span = 0.5 * float(np.hypot(left[0], left[1]))
+    half_span = 0.5 * hypot(left[0], left[1])
     if set(_ANKLES) <= set(sensors):
         left = left + sensors["l_ankle"] - sensors["r_ankle"]
     parameters = np.zeros(COUNT)
     parameters[:2] = sensors["head"][:2]
     hips = FRACTIONS.ankle_height + _AVERAGE.length("l_ankle") + _AVERAGE.length("l_knee")
     parameters[2] = ground + hips * stature
-    parameters[HEADING] = np.arctan2(-left[0], left[1])
-    parameters[STATURE] = np.log(stature)
+    parameters[HEADING] = arctan2(-left[0], left[1])
+    parameters[STATURE] = log(stature)
     arm = (_AVERAGE.length("l_elbow") + _AVERAGE.length("l_wrist")) * stature
     # The sine of the arms' angle from hanging: how far each wrist is beyond its shoulder, by the length of the arm.
     outward = np.clip((half_span - _AVERAGE.of("l_shoulder")[1] * stature) / arm, -0.5, 1.0)
     angles = parameters[ANGLES].reshape(4, 2, 2)
-    angles[:2, :, 0] = np.arcsin(outward)
+    angles[:2, :, 0] = arcsin(outward)
     return parameters
 
 
 def _check_fit(misfit: FloatArray, unusual: float, *, source: str) -> None:
-    rms = float(np.sqrt(np.mean(np.sum(misfit**2, axis=1))))
+    rms = float(np.sqrt(squares(misfit).mean()))
     if not rms <= MAX_RESIDUAL_M or unusual > MAX_SPREADS:
         raise InputError(
             "the sensors do not show a human at rest",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardware.errors import counted
+from retarget.arithmetic import norms
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, SensorSample, on_grid
 from retarget.human.rest_pose import ALIKE_RAD, fit_rest_pose, rest_pose_name
@@ -282,7 +283,7 @@ def calibration_pose(frames: SensorFrames) -> CalibrationPose | None:
     seen = np.asarray(frames.valid[: looked_at + 1].all(axis=0))
     if len(frames) <= looked_at or not seen.any():
         return None
-    steps = np.linalg.norm(np.diff(frames.position[: looked_at + 1, seen], axis=0), axis=2).max(axis=1)
+    steps = norms(np.diff(frames.position[: looked_at + 1, seen], axis=0)).max(axis=1)
     jumps = steps > CALIBRATION_JUMP * np.median(steps) + CALIBRATION_JUMP_M
     count = int(np.argmin(jumps))  # of leading jumps
     if not 0 < count <= CALIBRATION_FRAMES:

@@ -7,11 +7,11 @@ where the sensor is. A sensor that comes back by a weight starts where the body 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp
+from math import fsum
 
 import numpy as np
 
-from retarget import rotations
+from retarget.arithmetic import exp, norm, norms, squares
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.types import BoolArray, FloatArray
 
@@ -80,7 +80,7 @@ class SensorIntake:
         a lost sensor has come back; None: all have."""
         moved = position - self.measured
         # NaN compares false: an invalid sensor never counts as a calm one.
-        calm = rotations.squares(moved) <= (FASTEST_M_S * dt) ** 2
+        calm = squares(moved) <= (FASTEST_M_S * dt) * (FASTEST_M_S * dt)
         if self._has_lost or np.count_nonzero(calm & valid) != len(calm):
             believed = self._believed(position, valid, dt)
             self._take_irregular(position, believed, calm, reached=reached, dt=dt)
@@ -108,7 +108,7 @@ class SensorIntake:
 
     def _return(self, weight: FloatArray, dt: float) -> None:
         """Reduce what is left of the way back: it never grows, and falls no faster than the speed limit."""
-        far = np.linalg.norm(self._away, axis=1)
+        far = norms(self._away)
         fastest = self._times.speed * dt / np.maximum(far, self._times.speed * dt)
         self._left = np.maximum(np.minimum(1.0 - weight, self._left), self._left - fastest)
         self._is_returning = bool(self._left.any())
@@ -116,10 +116,10 @@ class SensorIntake:
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
         """Which valid sensors (k,) have not just jumped from their last valid place: not at all, back, or long ago."""
-        step = rotations.squares(position - self._sent)
-        jumps = valid & (step > (FASTEST_M_S * (dt + self._lost_for)) ** 2)
+        step = squares(position - self._sent)
+        jumps = valid & (step > np.square(FASTEST_M_S * (dt + self._lost_for)))
         # A jump that ends much nearer to where the one before began leads back.
-        back = jumps & (rotations.squares(position - self._begun) < 0.25 * step)
+        back = jumps & (squares(position - self._begun) < 0.25 * step)
         leaves = jumps & ~back & (self._doubt == 0.0)
         self._begun[leaves] = self.measured[leaves]
         self._begun[back] = np.inf
@@ -175,7 +175,7 @@ class Reach:
         if self._anchor is None or not present[self._anchor]:
             return
         away = position - position[self._anchor]
-        distance = np.sqrt(rotations.squares(away))
+        distance = np.sqrt(squares(away))
         too_far = present & (distance > self._furthest)
         if np.count_nonzero(too_far):
             share = self._furthest[too_far] / distance[too_far]
@@ -187,7 +187,7 @@ def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:
     start, first = _from_trunk(anchor, dimensions)
     end, second = _from_trunk(joint, dimensions)
     rest = dict(zip(POINTS, dimensions.standing(), strict=True))
-    return TRUNK_STRETCH * float(np.linalg.norm(rest[start] - rest[end])) + first + second
+    return TRUNK_STRETCH * norm(rest[start] - rest[end]) + first + second
 
 
 def _from_trunk(joint: str, dimensions: HumanDimensions) -> tuple[str, float]:
@@ -195,5 +195,5 @@ def _from_trunk(joint: str, dimensions: HumanDimensions) -> tuple[str, float]:
     side, kind = (joint[:2], joint[2:]) if joint[1] == "_" else ("", joint)
     for root, chain in _LIMBS.items():
         if kind in chain:
-            return side + root, sum(dimensions.length(side + part) for part in chain[: chain.index(kind) + 1])
+            return side + root, fsum(dimensions.length(side + part) for part in chain[: chain.index(kind) + 1])
     return joint, 0.0

@@ -15,6 +15,7 @@ import numpy as np
 from hardware.servo import loop_stiffness
 from retarget import rotations
 from retarget._solver import Probe
+from retarget.arithmetic import dot, matmul
 from retarget.ik.support_polygon import Sole, Stance
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
@@ -57,10 +58,11 @@ class GravityTorque:
         shares = self._shares(pressed)
         if heights is not None:
             shares = _on_the_floor(shares, heights)
-        across = pressed - shares @ self._middles
-        torque = force @ self._body.centre_of_mass_jacobian(q)
+        across = pressed - matmul(shares, self._middles)
+        torque = matmul(force, self._body.centre_of_mass_jacobian(q))
         for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):
-            torque -= share * force @ self._jacobian(q, frame, turn @ np.array([*(middle + across), 0.0]) + offset)
+            point = matmul(turn, np.array([*(middle + across), 0.0])) + offset
+            torque -= matmul(share * force, self._jacobian(q, frame, point))
         return np.asarray(torque)
 
     def _shares(self, pressed: FloatArray) -> FloatArray:
@@ -70,7 +72,7 @@ class GravityTorque:
             return np.ones(1)
         first, second = self._middles
         across = second - first
-        share = min(max(float((pressed - first) @ across / (across @ across)), 0.0), 1.0)
+        share = min(max(dot(pressed - first, across) / dot(across, across), 0.0), 1.0)
         return np.array([1.0 - share, share])
 
     def _jacobian(self, q: FloatArray, frame: Frame, point: FloatArray) -> FloatArray:
@@ -89,7 +91,7 @@ def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:
     """Turn (3, 3) and offset (3,) m from the world to the link of a planted sole: local = turn @ world + offset."""
     link = rotations.multiply(sole.orientation, rotations.conjugate(sole.frame.quat))
     turn = rotations.rotate(rotations.conjugate(link), np.eye(3)).T
-    return turn, sole.frame.position - turn @ sole.position
+    return turn, sole.frame.position - matmul(turn, sole.position)
 
 
 class LinkMasses:
@@ -109,8 +111,9 @@ class LinkMasses:
         """Acceleration (3,) m/s^2 of the centre of mass, and the rate (2,) N m, about x and y, of the angular momentum
         about it, of masses at places (k, 3) with accelerations (k, 3)."""
         total = self._masses.sum()
-        turning = self._masses @ np.cross(places - self._masses @ places / total, accelerations)
-        return self._masses @ accelerations / total, turning[:2]
+        middle = matmul(self._masses, places) / total
+        turning = matmul(self._masses, np.cross(places - middle, accelerations))
+        return matmul(self._masses, accelerations) / total, turning[:2]
 
 
 # Joint compliance: a position loop with a pure P gain is a spring.
@@ -124,10 +127,10 @@ def joint_compliance(robot: RobotBody) -> FloatArray:
     servos = robot.joint_map.servos
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     of_shaft = np.array([1.0 / loop_stiffness(servo, protocol=protocols[servo.bus]) for servo in servos])
-    compliance = np.diag(of_shaft / np.array([servo.gear for servo in servos]) ** 2)
+    compliance = np.diag(of_shaft / np.square([servo.gear for servo in servos]))
     columns = {servo.joint: index for index, servo in enumerate(servos)}
     for coupling in {servo.coupling for servo in servos if servo.coupling is not None}:
         pair = [columns[joint] for joint in coupling.joints]
         turns = np.array(coupling.matrix)  # joint angles = turns @ shaft angles
-        compliance[np.ix_(pair, pair)] = turns @ np.diag(of_shaft[pair]) @ turns.T
+        compliance[np.ix_(pair, pair)] = matmul(turns, of_shaft[pair, None] * turns.T)
     return np.asarray(compliance)

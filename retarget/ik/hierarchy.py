@@ -7,11 +7,12 @@ more than the priorities use.
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import expm1, inf, sqrt
+from math import inf, sqrt
 
 import numpy as np
 
 from retarget import _solver
+from retarget.arithmetic import expm1
 from retarget.errors import ConfigError, suggest
 from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task
 from retarget.model.body import BodyModel, Frame, JointLimits

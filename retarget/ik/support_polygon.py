@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget import rotations
+from retarget.arithmetic import arctan2, hypot, matmul
 from retarget.errors import ConfigError
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
@@ -42,13 +43,13 @@ def support_edges(outlines: Sequence[FloatArray], *, margin: float = 0.0) -> Flo
     corners = convex_hull(np.concatenate(outlines))
     # Each edge runs from a corner to the next, counter-clockwise, so its outward normal is to the right of it.
     along = np.roll(corners, -1, axis=0) - corners
-    length = np.hypot(along[:, 0], along[:, 1])
+    length = hypot(along[:, 0], along[:, 1])
     long = length > SHORTEST_EDGE
     along, corners = along[long] / length[long, None], corners[long]
     normal = np.column_stack([along[:, 1], -along[:, 0]])
-    offset = np.einsum("ij,ij->i", normal, corners)
+    offset = (normal * corners).sum(axis=1)
     # A margin beyond the middle would turn the polygon inside out: no point would be inside.
-    room = float((offset - normal @ corners.mean(axis=0)).min())
+    room = float((offset - matmul(normal, corners.mean(axis=0))).min())
     return np.column_stack([normal, offset - min(margin, 0.9 * room)])
 
 
@@ -59,7 +60,7 @@ def half_spaces(edges: FloatArray) -> FloatArray:
 
 def support_distance(points: FloatArray, edges: FloatArray) -> FloatArray:
     """How far (...) m points (..., 2 or 3) are inside the edges (e, 3); negative: outside, by the edge missed most."""
-    return np.asarray((edges[:, 2] - points[..., :2] @ edges[:, :2].T).min(axis=-1))
+    return np.asarray((edges[:, 2] - matmul(points[..., :2], edges[:, :2].T)).min(axis=-1))
 
 
 def _chain(ordered: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -137,7 +138,7 @@ def _to_origin(q: FloatArray, positions: FloatArray, orientations: FloatArray) -
     up = rotations.rotate(orientations, np.array([0.0, 0.0, 1.0])).mean(axis=0)
     level = rotations.shortest_arc(up, np.array([0.0, 0.0, 1.0]))
     forward = rotations.rotate(rotations.multiply(level, orientations), np.array([1.0, 0.0, 0.0])).mean(axis=0)
-    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(forward[1], forward[0]))
+    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -arctan2(forward[1], forward[0]))
     upright = rotations.multiply(turn, level)
     q[:3] = rotations.rotate(upright, q[:3] - positions.mean(axis=0))
     q[3:7] = rotations.normalise(rotations.multiply(upright, q[3:7]))
@@ -146,7 +147,7 @@ def _to_origin(q: FloatArray, positions: FloatArray, orientations: FloatArray) -
 def _level(orientation: FloatArray) -> FloatArray:
     """The orientation (4,) made flat: only its turn about the vertical is kept."""
     forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
-    return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), np.arctan2(forward[1], forward[0]))
+    return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), arctan2(forward[1], forward[0]))
 
 
 # Whether a robot can stand in its posture `stand`: its centre of mass over the polygon of its soles.

@@ -9,6 +9,7 @@ import numpy as np
 
 from retarget import rotations
 from retarget._solver import Task as SolverTask
+from retarget.arithmetic import norm
 from retarget.errors import ConfigError, suggest
 from retarget.model.body import BodyModel, Frame, JointType, joint_weights, low_inertia_joints
 from retarget.rotations import as_quat, as_vector
@@ -277,4 +278,5 @@ def _row_weights(weight: tuple[float, float, float], *, is_soft: bool) -> tuple[
 
 
 def _unit(vector: tuple[float, float, float]) -> FloatArray:
-    return np.asarray(np.array(vector) / np.linalg.norm(vector))
+    array = np.array(vector, dtype=np.float64)
+    return array / norm(array)

@@ -12,6 +12,7 @@ from math import ceil, sqrt
 import numpy as np
 
 from retarget._solver import Footing, Solver, Task
+from retarget.arithmetic import matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import BodyModel, JointLimits
@@ -122,9 +123,9 @@ class Stopping:
     def _in_proportion(self, q: FloatArray, velocity: FloatArray, dt: float) -> FloatArray | None:
         """Postures (k, nq) from q on, tick by tick, to rest: soles stay where they are, and mass and all joints
         brake in proportion as nearly as they can; None: they cannot come to rest in time."""
-        mass_velocity = self._body.centre_of_mass_jacobian(q) @ velocity
+        mass_velocity = matmul(self._body.centre_of_mass_jacobian(q), velocity)
         # The mass is braked by BRAKING; a fast one in such a time that its zero-moment point is at its capture point.
-        time = min(sqrt(self._height / GRAVITY), float(np.linalg.norm(mass_velocity)) / BRAKING)
+        time = min(sqrt(self._height / GRAVITY), norm(mass_velocity) / BRAKING)
         ticks = max(self._ticks(velocity, dt), time / dt)
         if ticks > LONGEST:
             return None
@@ -187,4 +188,4 @@ def _solver(body: BodyModel, limits: JointLimits, stance: Stance, height: float,
 
 def _spread(outline: FloatArray) -> list[int]:
     """The corners of an outline (c, 2) that are farthest along its diagonals: enough to see a sole move or tilt."""
-    return sorted({int(np.argmax(outline @ np.array(way))) for way in ((1, 1), (1, -1), (-1, 1), (-1, -1))})
+    return sorted({int(np.argmax(outline[:, 0] * x + outline[:, 1] * y)) for x in (-1, 1) for y in (-1, 1)})

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.clock import Clock, today
+from retarget.arithmetic import hypot, norms
 from retarget.errors import InputError, UsageError
 from retarget.human.calibration import dimensions_from_skeleton
 from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
@@ -155,7 +156,7 @@ def _what_moved(moved: FloatArray) -> str:
     """How one wrist moved while the other stayed; "" for anything else. moved (2, 3) m, from where they hang."""
     for row, side in enumerate(("left", "right")):
         (forward, _, up), other = moved[row], moved[1 - row]
-        if not (abs(other[2]) < STILL_M and np.hypot(other[0], other[1]) < STAYS_M):  # nor NaN
+        if not (abs(other[2]) < STILL_M and hypot(other[0], other[1]) < STAYS_M):  # nor NaN
             continue
         if up < -RISE_M:
             return f"{side} sank"
@@ -262,7 +263,7 @@ class Beginning:
             notify(f"measured: {height}")
         if found.offset.any():
             stream.roles = roles.shifted(found.offset)
-            off = np.linalg.norm(found.offset, axis=1)
+            off = norms(found.offset)
             offsets = [f"{name} {100 * by:.0f} cm" for name, by in zip(found.sensors, off, strict=True) if by > 0.0]
             notify(f"beside their joints: {', '.join(offsets)}")
             self._poll_for(SETTLE_S, measured=True)

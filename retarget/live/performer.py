@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hardware.clock import Clock, TickTiming
+from retarget.arithmetic import arctan2
 from retarget.errors import UsageError
 from retarget.frames import (
     REFLECT_POSITION,
@@ -268,9 +269,7 @@ class LivePerformer:
         if forward is None:
             return False
         self.engagement.hold()
-        self.alignment = self.alignment.turned(
-            -float(np.arctan2(forward[1], forward[0])), np.mean([*at.values()], axis=0)
-        )
+        self.alignment = self.alignment.turned(-arctan2(forward[1], forward[0]), np.mean([*at.values()], axis=0))
         return True
 
     def report(

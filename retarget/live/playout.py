@@ -3,12 +3,13 @@ smoothing, a One-Euro filter chosen by name.
 """
 
 from dataclasses import dataclass
-from math import exp, inf, isfinite
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from retarget._solver import PoseFilter, PoseRing
+from retarget.arithmetic import exp
 from retarget.errors import UsageError, suggest
 from retarget.live.clock_map import SlidingMinimum
 from retarget.sources.stream_frame import Dropped

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from retarget import rotations
+from retarget.arithmetic import arctan2, cos, matmul, norm, norms, sin
 from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
 from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
@@ -37,29 +38,29 @@ class Alignment:
     @cached_property
     def _matrix(self) -> FloatArray:
         """(3, 3), by which row vectors are multiplied."""
-        cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
+        cosine, sine = cos(self.yaw), sin(self.yaw)
         return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
     @cached_property
     def _product(self) -> FloatArray:
         """(4, 4), by which rows of quaternions are multiplied."""
         half = 0.5 * self.yaw
-        return rotations.multiply(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]), np.eye(4))
+        return rotations.multiply(np.array([cos(half), 0.0, 0.0, sin(half)]), np.eye(4))
 
     def positions(self, sent: FloatArray) -> FloatArray:
         """Positions (..., 3) m of the stream's world -> ours."""
-        return np.asarray((sent - self.origin) @ self._matrix)
+        return matmul(sent - self.origin, self._matrix)
 
     def orientations(self, sent: FloatArray) -> FloatArray:
         """Orientations (..., 4) wxyz of the stream's world -> ours."""
-        return np.asarray(sent @ self._product)
+        return matmul(sent, self._product)
 
     def turned(self, yaw: float, about: FloatArray) -> "Alignment":
         """This alignment, followed by a turn by `yaw` rad about the vertical through a point (3,) m of our world."""
         about = np.array([about[0], about[1], 0.0])
         # The point that comes to lie at the origin: p with turn(yaw) @ (R (p - o) - about) + about = 0.
-        back = Alignment(yaw)._matrix @ about
-        return Alignment(self.yaw + yaw, self.origin + self._matrix @ (about - back))
+        back = matmul(Alignment(yaw)._matrix, about)
+        return Alignment(self.yaw + yaw, self.origin + matmul(self._matrix, about - back))
 
 
 def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> Alignment:
@@ -85,7 +86,7 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
     if len(ankles) == 2 and "head" in at:
         above = at["head"][2] - middle[2]
         floor = middle[2] - FRACTIONS.ankle_height / (FRACTIONS.head_height - FRACTIONS.ankle_height) * above
-    return Alignment(yaw=-float(np.arctan2(forward[1], forward[0])), origin=np.array([middle[0], middle[1], floor]))
+    return Alignment(yaw=-arctan2(forward[1], forward[0]), origin=np.array([middle[0], middle[1], floor]))
 
 
 def facing_of(at: dict[str, FloatArray]) -> FloatArray | None:
@@ -95,7 +96,7 @@ def facing_of(at: dict[str, FloatArray]) -> FloatArray | None:
     for part in PAIRS:
         if f"l_{part}" in at and f"r_{part}" in at:
             left += (at[f"l_{part}"] - at[f"r_{part}"])[:2]
-    length = float(np.hypot(*left))
+    length = norm(left)
     return None if length < NARROWEST_M else np.array([left[1], -left[0]]) / length
 
 
@@ -234,8 +235,8 @@ class RestCapture:
         mean = np.full(track.shape[1:], np.nan)
         for row in np.flatnonzero(known):
             sent = track[np.isfinite(track[:, row]).all(axis=1), row]
-            total = (sent * np.where(sent @ sent[0] < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
-            mean[row] = total / np.linalg.norm(total)
+            total = (sent * np.where(matmul(sent, sent[0]) < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
+            mean[row] = total / norm(total)
         return mean
 
     def _refuse_other(self, at: dict[str, FloatArray], size: HumanDimensions) -> float:
@@ -314,7 +315,7 @@ class RestCapture:
             )
 
     def _refuse_motion(self, names: tuple[str, ...], track: FloatArray, mean: FloatArray) -> None:
-        away = np.linalg.norm(track - mean, axis=2)
+        away = norms(track - mean)
         farthest = np.where(np.isnan(away), 0.0, away).max(axis=0).tolist()
         far = [f"{name} moved by {100 * by:.0f} cm" for name, by in zip(names, farthest, strict=True) if by > STILL_M]
         if far:

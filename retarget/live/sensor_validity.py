@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from retarget import rotations
 from retarget._solver import Validity
+from retarget.arithmetic import norms
 from retarget.frames import SensorSample, mirrored_name
 from retarget.sources.stream_frame import NORM_TOLERANCE, Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
@@ -286,7 +287,7 @@ class Engagement:
     def _blend_time(self, sample: SensorSample) -> float:
         """Duration of the blend from the held sample to the present one, s."""
         both = self._held.valid & sample.valid
-        distance = np.linalg.norm(sample.position[both] - self._held.position[both], axis=1)
+        distance = norms(sample.position[both] - self._held.position[both])
         turned = _turned(self._held, sample)
         angle = rotations.angle_between(self._held.orientation[turned], sample.orientation[turned])
         slowest = max(

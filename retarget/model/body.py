@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.arithmetic import norms
 from retarget.errors import ConfigError, suggest
 from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
 from retarget.types import FloatArray, IntArray
@@ -215,16 +216,16 @@ def body_from_file(file: BodyFile) -> BodyModel:
         geoms=tuple(_geom(model, i) for i in range(model.ngeom)),
         parent=_ints(model.body_parentid),
         body_pos=_floats(model.body_pos),
-        body_quat=_floats(model.body_quat),
+        body_quat=_directions(model.body_quat),
         mass=_floats(model.body_mass),
         com=_floats(model.body_ipos),
         joint_body=_ints(model.jnt_bodyid),
         joint_type=joint_type,
-        joint_axis=_floats(model.jnt_axis),
+        joint_axis=_directions(model.jnt_axis),
         joint_pos=_floats(model.jnt_pos),
         joint_qpos=_ints(model.jnt_qposadr),
         joint_dof=_ints(model.jnt_dofadr),
-        qpos0=_floats(model.qpos0),
+        qpos0=np.array(model.qpos0, dtype=np.float64),
         lower=lower,
         upper=upper,
         notes=file.notes + _unboxed(model, joint_type, joint_names),
@@ -236,7 +237,7 @@ def _frame(model: Any, index: int) -> Frame:
         name=model.site(index).name or f"site_{index}",
         body=int(model.site_bodyid[index]),
         position=_floats(model.site_pos[index]),
-        quat=_floats(model.site_quat[index]),
+        quat=_directions(model.site_quat[index]),
     )
 
 
@@ -250,7 +251,7 @@ def _geom(model: Any, index: int) -> Geom:
         kind=kind,
         size=_floats(model.geom_size[index]),
         position=_floats(model.geom_pos[index]),
-        quat=_floats(model.geom_quat[index]),
+        quat=_directions(model.geom_quat[index]),
         collides=bool(model.geom_contype[index] or model.geom_conaffinity[index]),
         triangles=_triangles(model, int(model.geom_dataid[index])) if kind == "mesh" else None,
     )
@@ -276,8 +277,19 @@ def _unboxed(model: Any, joint_type: IntArray, names: tuple[str, ...]) -> tuple[
     return tuple(f"limit of ball joint '{names[i]}' not used: it is a cone, not a box" for i in np.flatnonzero(cones))
 
 
+DECIMALS = 9
+"""Decimals (m, kg) of frames and masses, which MuJoCo computes from a file: its last bits differ between machines.
+Ranges and rest positions of joints are the file's own numbers."""
+
+
 def _floats(values: Any) -> FloatArray:
-    return np.array(values, dtype=np.float64, order="C")
+    return np.asarray(np.round(np.array(values, dtype=np.float64, order="C"), DECIMALS))
+
+
+def _directions(values: Any) -> FloatArray:
+    """Unit vectors or quaternions (..., n)."""
+    rounded = _floats(values)
+    return np.ascontiguousarray(rounded / norms(rounded)[..., None])
 
 
 def _ints(values: Any) -> IntArray:
@@ -358,7 +370,7 @@ def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int
     for _ in range(POSTURES):
         q = body.qpos0.copy()
         q[columns] = random.uniform(np.minimum(low, high), np.maximum(low, high))
-        most = np.maximum(most, np.linalg.norm(solver.centre_of_mass_jacobian(q), axis=0))
+        most = np.maximum(most, norms(solver.centre_of_mass_jacobian(q).T))
     limbs = {link for name in LIMBS if name in frames for link in body.chain_to_root(frames[name].body)}
     links = body.joint_body[hinges].tolist()
     light = most[dofs] < LIGHT * _size(body)

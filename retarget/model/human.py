@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from retarget._solver import Probe
+from retarget.arithmetic import norm
 from retarget.errors import ConfigError, suggest
 from retarget.model.body import BodyModel, JointLimits, joint_weights, load_body_text
 from retarget.model.human_dimensions import (
@@ -83,14 +84,14 @@ def _inertial(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
     if segment is None:
         return []
     start, end = (_segment_point(name, joint, dimensions) for name in (segment.start, segment.end))
-    length = float(np.linalg.norm(end - start))
+    length = norm(end - start)
     along = (end - start) / length if length > _POINT_M else np.array([0.0, 0.0, 1.0])
     mass = segment.mass * dimensions.mass
     radius = _RADII[segment.body] * dimensions.stature
     gyration = segment.gyration if segment.gyration is not None else np.sqrt(1.0 / 12.0)  # a uniform rod's
-    across = mass * ((gyration * length) ** 2 + radius**2 / 4.0)
-    about = mass * radius**2 / 2.0
-    inertia = across * (np.eye(3) - np.outer(along, along)) + about * np.outer(along, along)
+    across = mass * (gyration * length * gyration * length + radius * radius / 4.0)
+    about = mass * radius * radius / 2.0
+    inertia = across * np.eye(3) + (about - across) * along[:, None] * along
     full = np.array([inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]])
     com = start + segment.com * (end - start)
     return [f'<inertial pos="{_text(com)}" mass="{mass:.10g}" fullinertia="{_text(full)}"/>']
@@ -139,15 +140,16 @@ def _foot_ends(name: str, dimensions: HumanDimensions) -> tuple[FloatArray, Floa
     stature, radius = dimensions.stature, _RADII["ankle"] * dimensions.stature
     toe = dimensions.of(name[:2] + "toe")
     height = -FRACTIONS.ankle_height * stature + radius
-    forward = np.array([toe[0], toe[1], 0.0]) / np.hypot(toe[0], toe[1])
-    reach = np.hypot(toe[0], toe[1]) + FRACTIONS.toe_tip * stature - radius
+    length = norm(toe[:2])
+    forward = np.array([toe[0], toe[1], 0.0]) / length
+    reach = length + FRACTIONS.toe_tip * stature - radius
     back = -FRACTIONS.heel_back * stature + radius
     level = np.array([0.0, 0.0, height])
     return forward * back + level, forward * reach + level
 
 
 def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> str:
-    if np.linalg.norm(end - start) < _POINT_M:  # some files leave a link of the trunk out
+    if norm(end - start) < _POINT_M:  # some files leave a link of the trunk out
         return f'<geom name="{name}" type="sphere" pos="{_text(start)}" size="{radius:.6g}"/>'
     return f'<geom name="{name}" fromto="{_text(start)} {_text(end)}" size="{radius:.6g}"/>'
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from retarget.arithmetic import norm
 from retarget.errors import InputError, Problem
 from retarget.frames import mirrored_name
 from retarget.schema import strict_yaml
@@ -151,7 +152,7 @@ class HumanDimensions:
 
     def length(self, name: str) -> float:
         """Distance (m) of a point from its parent."""
-        return float(np.linalg.norm(self.of(name)))
+        return norm(self.of(name))
 
     def standing(self) -> FloatArray:
         """Every point (23, 3) m in the rest posture, the pelvis at the origin."""
@@ -183,7 +184,7 @@ def stature_of(offset: FloatArray) -> float:
 
 def default_mass(stature: float) -> float:
     """Mass (kg) of a person of this stature (m) whose mass is not known."""
-    return BODY_MASS_INDEX * stature**2
+    return BODY_MASS_INDEX * stature * stature
 
 
 def mirrored_dimensions(dimensions: HumanDimensions) -> HumanDimensions:

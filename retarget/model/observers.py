@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget import _solver, rotations
+from retarget.arithmetic import norm
 from retarget.errors import ConfigError, Problem
 from retarget.model.body import BodyModel, Geom
 from retarget.model.human import Human
@@ -357,6 +358,6 @@ def human_observers(human: Human, settings: ObserverSettings) -> Observers | Non
 def _line(human: Human, far: str) -> ShapeRow:
     """Line from a link's joint to the next."""
     end = human.dimensions.of(far)
-    half = 0.5 * float(np.linalg.norm(end))
+    half = 0.5 * norm(end)
     x, y, z = end.tolist()
     return ShapeKind.CAPSULE, (0.0, half, 0.0), 0.5 * end, np.array(arc((0.0, 0.0, 1.0), (x, y, z)))

@@ -1,6 +1,5 @@
 """The shapes of a scene as arrays for the solver, each in its canonical frame: centred there, long along z."""
 
-import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.model.body_file import engine
-from retarget.rotations import Quat, Vector, arc, minus, plus, product
+from retarget.rotations import Quat, Vector, arc, length, minus, plus, product
 from retarget.schema.scene import ObstacleShape, Pose, Scene, unit
 from retarget.schema.shapes import Line, SolidShape
 from retarget.types import FloatArray
@@ -99,7 +98,7 @@ def canonical(shape: SolidShape) -> tuple[ShapeKind, Vector, Pose]:
 
 
 def _half(line: Line) -> float:
-    return 0.5 * math.dist(line.start, line.end)
+    return 0.5 * length(minus(line.end, line.start))
 
 
 def _along(line: Line) -> Pose:

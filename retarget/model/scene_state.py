@@ -4,13 +4,13 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from math import fmod, hypot, inf, isfinite
+from math import fmod, inf, isfinite, sqrt
 
 import numpy as np
 
 from retarget.errors import UsageError, suggest
 from retarget.model.scene_shapes import SceneShapes, canonical, scene_shapes
-from retarget.rotations import Vector, inverse, minus, plus, product, rotation_vector, turn
+from retarget.rotations import Vector, inverse, length, minus, plus, product, rotation_vector, turn
 from retarget.schema.scene import HERE, STILL, MovingPose, Obstacle, Pose, Scene, carried_by, on_body, unit
 from retarget.schema.shapes import MAX_COORDINATE
 from retarget.schema.strict_models import listed
@@ -187,7 +187,7 @@ def _read(
     except (TypeError, ValueError, OverflowError):
         return None
     numbers = (seconds, x, y, z, w, i, j, k, *(linear or ()), *(angular or ()))
-    norm = hypot(w, i, j, k)
+    norm = sqrt(w * w + i * i + j * j + k * k)
     if not all(map(isfinite, numbers)) or max(abs(x), abs(y), abs(z)) > MAX_COORDINATE or not 1e-6 < norm < 1e6:
         return None
     return _Seen(seconds, Pose((x, y, z), unit((w, i, j, k))), linear, angular)
@@ -212,9 +212,9 @@ def _moving(seen: _Seen, before: _Seen | None) -> MovingPose:
 
 def _rate(way: Vector, step: float, bound: float) -> Vector:
     """A way per time, its length at most the bound; no quotient overflows, however short the step."""
-    length = hypot(*way)
-    if length > bound * step:
-        return (bound / length * way[0], bound / length * way[1], bound / length * way[2])
+    far = length(way)
+    if far > bound * step:
+        return (bound / far * way[0], bound / far * way[1], bound / far * way[2])
     return (way[0] / step, way[1] / step, way[2] / step)
 
 

@@ -22,6 +22,7 @@ from math import inf
 import numpy as np
 
 from retarget._solver import TrajectoryGenerator
+from retarget.arithmetic import norm
 from retarget.ik.hierarchy import Build, Hierarchy
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import SlotKind
@@ -209,13 +210,13 @@ class _Descent:
         """Places of its servos in q, and the speeds, rad/s, at which they are led."""
         # With this scale the distance of all lines together is the root of the mean square of their angles, weighed.
         share = np.array(list(weights.values()))
-        self._scale = (share / np.linalg.norm(share) / [mark.robot_length for mark in marks])[:, None]
+        self._scale = (share / norm(share) / [mark.robot_length for mark in marks])[:, None]
         self._spread = arm_postures(robot, stance, self.names[0], SPREAD)
         self._seen = self._scale * self._lines(self._spread)
 
     def unlike(self, lines: FloatArray, wanted: FloatArray) -> float:
         """How unlike lines (k, 3) m are to those wanted, rad."""
-        return float(np.linalg.norm(self._scale * (lines - wanted)))
+        return norm((self._scale * (lines - wanted)).ravel())
 
     def end(self, q: FloatArray, wanted: FloatArray) -> tuple[float, FloatArray]:
         """Where a descent from posture q (nq,) ends: how unlike, rad, and the posture (nq,)."""
@@ -228,7 +229,8 @@ class _Descent:
         """A posture (nq,) in another branch than q (nq,) that is less unlike than `than`, by CAUGHT, rad, if any is."""
         seen = self._scale * as_carried(trunk, wanted)
         ways = []
-        for start in self._spread[np.argpartition(np.sum((self._seen - seen) ** 2, axis=(1, 2)), STARTS)[:STARTS]]:
+        unlike = np.square(self._seen - seen).sum(axis=(1, 2))
+        for start in self._spread[np.argsort(unlike, kind="stable")[:STARTS]]:
             tried = q.copy()
             tried[self._columns] = start[self._columns]
             there, end = self.end(tried, wanted)

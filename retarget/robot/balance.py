@@ -23,8 +23,10 @@ import numpy as np
 
 from retarget import rotations
 from retarget._solver import Probe
+from retarget.arithmetic import dot, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY, GravityTorque
 from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.least_squares import least_squares
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.tasks import CARRIES
 from retarget.ik.whole_body_stop import BRAKING
@@ -113,7 +115,7 @@ def sizes(share: float) -> tuple[float, float]:
 def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
     """Edges (e, 3) of the polygon at a share of its size about the middle of the soles."""
     middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
-    at = edges[:, :2] @ middle
+    at = matmul(edges[:, :2], middle)
     return np.column_stack([edges[:, :2], at + share * (edges[:, 2] - at)])
 
 
@@ -270,7 +272,7 @@ class StandingStrength:
             sign = 1.0 if torque[k] > 0.0 else -1.0
             n, m = sign * lever * by_com[k], sign * lever * by_joint[k]
             step = braking_displacement(lever * float(self.most[k] - abs(torque[k])), STRENGTH_BRAKING * dt * dt)
-            d = float(n @ com[:2] + m @ places[k, :2]) + max(step, -BACK * dt * dt)
+            d = dot(n, com[:2]) + dot(m, places[k, :2]) + max(step, -BACK * dt * dt)
             spaces[k] = np.array([[*n.tolist(), 0.0, *m.tolist(), 0.0, d]])
         return spaces
 
@@ -282,13 +284,13 @@ class StandingStrength:
         u = np.column_stack([-axes[:, 1], axes[:, 0]])
         first, second = self._middles
         across = second - first
-        length = float(np.linalg.norm(across))
-        along, share = across / length, float((com[:2] - first) @ across) / length**2
+        length = norm(across)
+        along, share = across / length, dot(com[:2] - first, across) / (length * length)
         between = 0.0 < share < 1.0
         shares = np.array([1.0 - share, share]).clip(0.0, 1.0)[self._foot]
         pressed = self._middles[self._foot] + com[:2] - (self._middles[0] + min(max(share, 0.0), 1.0) * across)
-        arm = np.einsum("ki,ki->k", u, pressed - places[:, :2])
-        moved = u - np.outer(u @ along, along) if between else u
+        arm = (u * (pressed - places[:, :2])).sum(axis=1)
+        moved = u - matmul(u, along)[:, None] * along if between else u
         shifted = np.where(self._foot == 0, -1.0, 1.0)[:, None] * (along / length if between else 0.0 * along)
         by_com = -self._weight * (arm[:, None] * shifted + shares[:, None] * moved)
         return by_com, self._weight * shares[:, None] * u, places
@@ -411,8 +413,6 @@ def _over(
 ) -> tuple[FloatArray, float]:
     """The posture (nq,) nearest to `stand` with both soles planted and the centre of mass over the one that is to carry
     alone, its trunk as it is, `squat` m lower if that is given; and how far (m) corners or mass are off then."""
-    from scipy.optimize import least_squares  # 0.6 s to import, and only `--steps` and `check` need it
-
     body, solver = robot.body, robot.body.solver_body()
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]
     dofs = [body.dof_index(joint) for joint in joints]
@@ -439,5 +439,5 @@ def _over(
     start = np.zeros(FREE_ROOT + len(joints))
     if squat is not None:
         start[2], low[2], high[2] = -squat, -squat - 1e-6, -squat + 1e-6
-    found = least_squares(off, start, bounds=(low, high), xtol=1e-10)
-    return posture(found.x), float(np.abs(found.fun[: -len(joints)]).max())
+    found = least_squares(off, start, lower=low, upper=high)
+    return posture(found), float(np.abs(off(found)[: -len(joints)]).max())

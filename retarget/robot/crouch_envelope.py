@@ -11,11 +11,11 @@ lean that is asked too far costs no more than that lean.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import atan2, hypot
 
 import numpy as np
 
 from retarget._solver import Observers, Solver, Task
+from retarget.arithmetic import arctan2, hypot
 from retarget.ik.support_polygon import Stance, half_spaces
 from retarget.model.body import Frame, JointLimits
 from retarget.model.robot import TRUNK, RobotBody
@@ -63,15 +63,8 @@ class Envelope:
 
     def most_lean(self, height: float, x: float, y: float) -> float:
         """Most lean (rad) towards the ground direction (x, y) with the pelvis at `height` m; quarters of ellipses."""
-        span = float(self.heights[-1] - self.heights[0])
-        # Interpolate the four leans (forward, left, back, right) between the two heights around this one.
-        share = (height - float(self.heights[0])) / span if span > 0.0 else 0.0  # some robots cannot crouch at all
-        place = min(max(share, 0.0), 1.0) * (len(self.heights) - 1)
-        below = min(int(place), len(self.heights) - 2)
-        share = place - below
-        rows = self.lean[below], self.lean[below + 1]
-        along, across = (0 if x >= 0.0 else 2), (1 if y >= 0.0 else 3)
-        a, b = ((1.0 - share) * float(rows[0][side]) + share * float(rows[1][side]) for side in (along, across))
+        leans = self._leans(height)
+        a, b = leans[0 if x >= 0.0 else 2], leans[1 if y >= 0.0 else 3]
         # Radius of the ellipse with half axes a (along) and b (across) in direction (x, y): a b / |(b x, a y)|, with
         # |(x, y)| = 1.
         length = hypot(x, y)
@@ -80,8 +73,17 @@ class Envelope:
     def below(self, top: float) -> "Envelope":
         """The part of it with the pelvis no higher than `top` m, where any is left."""
         heights = np.linspace(self.lowest, min(max(top, float(self.heights[1])), self.highest), HEIGHTS)
-        columns = [np.interp(heights, self.heights, lean) for lean in self.lean.T]
-        return Envelope(heights, np.column_stack(columns), self.note)
+        return Envelope(heights, np.array([self._leans(height) for height in heights.tolist()]), self.note)
+
+    def _leans(self, height: float) -> list[float]:
+        """Most lean (rad) forward, left, back and right at a height (m), between those of the two heights around it."""
+        span = float(self.heights[-1] - self.heights[0])
+        share = (height - float(self.heights[0])) / span if span > 0.0 else 0.0  # some robots cannot crouch at all
+        place = min(max(share, 0.0), 1.0) * (len(self.heights) - 1)
+        below = min(int(place), len(self.heights) - 2)
+        share = place - below
+        rows = self.lean[below].tolist(), self.lean[below + 1].tolist()
+        return [(1.0 - share) * low + share * high for low, high in zip(*rows, strict=True)]
 
 
 def measure_envelope(
@@ -215,7 +217,7 @@ class _Probe:
     def _leaned(self, direction: tuple[float, float]) -> float:
         """Lean (rad) of the trunk towards a direction: of its upward axis, in the plane of that and the vertical."""
         up = rotated(self._orientation(self._solver.q, self._trunk), (0.0, 0.0, 1.0))
-        return atan2(direction[0] * up[0] + direction[1] * up[1], up[2])
+        return arctan2(direction[0] * up[0] + direction[1] * up[1], up[2])
 
     def _set(self, level: int, task: int, target: FloatArray | tuple[float, ...]) -> None:
         start, stop = self._solver.target_slice(level, task)

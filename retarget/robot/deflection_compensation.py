@@ -18,6 +18,7 @@ import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.servo import integral_rate, loop_lag
+from retarget.arithmetic import matmul
 from retarget.ik.base_pose import SupportFootBase, plant_root
 from retarget.ik.gravity_torque import GravityTorque, LinkMasses, joint_compliance
 from retarget.ik.support_polygon import Stance
@@ -137,7 +138,7 @@ class DeflectionCompensation:
         torque = self._load.torques(q, acceleration, moment=moment, heights=heights)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
-        wanted = np.clip(self._loops.compliance @ torque - sent.integrated, -MOST_RAD, MOST_RAD)
+        wanted = np.clip(matmul(self._loops.compliance, torque) - sent.integrated, -MOST_RAD, MOST_RAD)
         lag = self._loops.lag / self._dt * (posture - sent.posture)
         integrated = sent.integrated + self._loops.integral * self._dt * (wanted + lag)
         speed = self._settled(sent.compensated, self._moved / self._dt, wanted)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget._solver import TrajectoryGenerator, braking_displacement
+from retarget.arithmetic import matmul
 from retarget.human.samples import Parts
 from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GRAVITY
@@ -365,7 +366,7 @@ class Follower:
             if soles.stop is not None:
                 self._plant(soles.stop.slip, dt)
             com = self._reached.centre_of_mass
-            velocity = self._robot.kinematics.centre_of_mass_jacobian(self._q) @ hierarchy.solver.velocity
+            velocity = matmul(self._robot.kinematics.centre_of_mass_jacobian(self._q), hierarchy.solver.velocity)
             hierarchy.set_support(targets, soles.balance.spaces(com, velocity, dt))
         if soles.strength is not None:
             keeps = soles.steps is None or soles.steps.plan.support is None

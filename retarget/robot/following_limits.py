@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from hardware.servo import loop_lag
+from retarget.arithmetic import norms
 from retarget.ik.gravity_torque import GravityTorque
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.body import JointLimits
@@ -159,7 +160,7 @@ def _keep_bent(robot: RobotBody, stance: Stance, limb: list[str], lower: FloatAr
     postures = np.tile(stance.q, (SAMPLES, 1))
     postures[:, column] = angles
     near, far = np.moveaxis(robot.points(postures, (start, end)), 1, 0)
-    straight = float(angles[np.argmax(np.linalg.norm(near - far, axis=1))])
+    straight = float(angles[np.argmax(norms(near - far))])
     standing = float(stance.q[column])
     if standing > straight:
         lower[dof] = max(lower[dof], min(straight + BENT, standing))

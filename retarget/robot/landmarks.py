@@ -16,13 +16,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
-from math import atan2, copysign, exp, hypot, sqrt
+from math import copysign, fsum, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from retarget._solver import Body as SolverBody
 from retarget._solver import Probe
+from retarget.arithmetic import arctan2, exp, hypot, matmul, norm
 from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import Limb
@@ -288,7 +289,7 @@ class LandmarkMap:
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
-        line = _weights([TRUNK_LINE], POINTS) @ dimensions.standing()
+        line = matmul(_weights([TRUNK_LINE], POINTS), dimensions.standing())
         self._upright = arc(as_vector(line[0]), UP)
         self._marks: list[_Mark] = []
         self._plan(profile, entries, stance)
@@ -343,7 +344,7 @@ class LandmarkMap:
             self._joint_names = human.joint_names
         # All limbs at once: each is a weighted sum of joints, already scaled to the robot.
         # k limbs, the trunk, two feet, the line between the ankles; performer's world
-        rows = (self._weights @ human.joints).tolist()
+        rows = matmul(self._weights, human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
         x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt)
@@ -401,7 +402,7 @@ class LandmarkMap:
         across = hypot(x, y)
         if across < 1e-9:
             return seen
-        lean = atan2(across, z)
+        lean = arctan2(across, z)
         # The axis of the lean is level, and square to the direction in which the trunk leans.
         less = drawn_in(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
@@ -431,7 +432,7 @@ def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:
 def limb_scale(entry: Landmark, rest: Mapping[str, FloatArray]) -> float:
     """The length of a robot's limb over that of the performer's. rest: place (3,) m of each joint, standing upright."""
     chain = [np.mean([rest[name] for name in point], axis=0) for point in entry.human_length]
-    return entry.robot_length / sum(float(np.linalg.norm(b - a)) for a, b in pairwise(chain))
+    return entry.robot_length / fsum(norm(b - a) for a, b in pairwise(chain))
 
 
 def _weights(sums: Sequence[Mapping[str, float]], joint_names: Sequence[str]) -> FloatArray:
@@ -513,7 +514,7 @@ def robot_limbs(robot: RobotBody) -> dict[str, Limb]:
     for name in limb_names(robot.profile):
         end, begin = (marks[name].frame, marks[name].anchor[0]) if name in marks else (TRUNK, PELVIS)
         ends = robot.points(robot.body.qpos0[None], (begin, end))[0]
-        length = marks[name].robot_length if name in marks else float(np.linalg.norm(ends[1] - ends[0]))
+        length = marks[name].robot_length if name in marks else norm(ends[1] - ends[0])
         limbs[name] = Limb(robot.frame(begin), robot.frame(end), length)
     return limbs
 

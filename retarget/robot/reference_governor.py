@@ -6,11 +6,12 @@ from its length, so a new robot needs no tuning.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import copysign, exp, sqrt
+from math import copysign, sqrt
 
 import numpy as np
 
 from retarget._solver import braking_displacement as braking_displacement
+from retarget.arithmetic import exp
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import HEAD, TRUNK, RobotBody, joints_between

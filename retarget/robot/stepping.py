@@ -1,10 +1,11 @@
 """Steps in place: goals for a follower's swing foot, weight and support, tick by tick, as `StepPlan` decides."""
 
 from collections.abc import Callable, Sequence
-from math import exp, sqrt
+from math import sqrt
 
 import numpy as np
 
+from retarget.arithmetic import exp, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
@@ -84,7 +85,7 @@ class StepBalance:
     def depth(self, room: Room, com: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
         """How far (m) inside a room both points are, of a mass at (3,) m, with (3,) m/s and (3,) m/s^2."""
         height = float(com[2])
-        capture = com + velocity * (height / GRAVITY) ** 0.5
+        capture = com + velocity * sqrt(height / GRAVITY)
         pressed = com - acceleration * (height / max(GRAVITY + float(acceleration[2]), 0.1 * GRAVITY))
         return min(inside(room.capture_point, capture), inside(room.zero_moment_point, pressed))
 
@@ -263,7 +264,7 @@ def reaching_aside(envelope: Envelope | None, robot: RobotBody, stance: Stance) 
         return None
     leg = robot.profile.landmarks["pelvis"].robot_length
     left, right = (sole.position for sole in stance.soles)
-    aside = min(AWAY * 0.5 * float(np.linalg.norm(left - right)), 0.9 * leg)
+    aside = min(AWAY * 0.5 * norm(left - right), 0.9 * leg)
     return envelope.below(envelope.highest - leg + sqrt(leg * leg - aside * aside) - BENT * leg)
 
 
@@ -332,7 +333,7 @@ class Stepping:
         weight where it is to be."""
         x, y, _ = minus(asked.landmarks[self._pelvis], at.landmarks[self._pelvis])
         com = self._body.centre_of_mass(q[None])[0]
-        moving = self._body.centre_of_mass_jacobian(q) @ velocity
+        moving = matmul(self._body.centre_of_mass_jacobian(q), velocity)
         standing = com[:2] + np.array((x, y))  # where its mass would be, stood it as it is asked to
         place = self._balance.place(standing)
         acceleration = np.zeros(3) if self._velocity is None else (moving - self._velocity) / dt

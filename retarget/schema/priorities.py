@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
-from math import hypot
+from math import sqrt
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -472,9 +472,9 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
 
 def _opposite(one: Direction, other: Direction) -> bool:
     """Whether two directions, of any length, point apart so that there is no shortest way from one to the other."""
-    dot = sum(a * b for a, b in zip(one, other, strict=True))
-    lengths = hypot(*one) * hypot(*other)
-    return dot < -(1.0 - 1e-6) * lengths
+    (a, b, c), (x, y, z) = one, other
+    lengths = sqrt(a * a + b * b + c * c) * sqrt(x * x + y * y + z * z)
+    return a * x + b * y + c * z < -(1.0 - 1e-6) * lengths
 
 
 def _carriers(task: CarriedTask, here: KeyPath, document: Document) -> list[Problem]:

@@ -6,7 +6,6 @@ hangs on: the mount of its base for a fixed or suspended root; for a free one th
 at the start, x forward. Time 0 is when the clip begins; before it, every obstacle is where it begins.
 """
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,7 +17,7 @@ from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from retarget.errors import Problem
-from retarget.rotations import Quat, Vector, inverse, minus, plus, product, rotated, rotation_vector
+from retarget.rotations import Quat, Vector, inverse, length, minus, plus, product, rotated, rotation_vector
 from retarget.schema.catalogue import Kind, read_as
 from retarget.schema.shapes import Distance, Point, Size, SolidShape
 from retarget.schema.strict_models import Name, Quaternion, Schema, Switch, Text, validated
@@ -42,7 +41,7 @@ Instant = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)
 
 
 def _direction(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    if sum(part * part for part in value) < MIN_NORMAL**2:
+    if length(value) < MIN_NORMAL:
         raise PydanticCustomError("zero", "a direction without length", {"allowed": "such as [0, 0, 1]"})
     return value
 
@@ -213,7 +212,7 @@ def _length(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[P
     shape = obstacle.shape
     for label in ("segment", "capsule", "cylinder"):
         line = getattr(shape, label)
-        if line is not None and math.dist(line.start, line.end) < MIN_LENGTH:
+        if line is not None and length(minus(line.end, line.start)) < MIN_LENGTH:
             yield document.problem(
                 (*here, "shape", label, "to"),
                 f"a {label} without length",
@@ -284,7 +283,7 @@ def _speeds(before: PathPoint, after: PathPoint, document: Document, place: KeyP
 def _apart(a: PathPoint, b: PathPoint) -> tuple[float, float]:
     """Distance, m, and angle, rad, between two poses."""
     turn = rotation_vector(product(unit(b.quat), inverse(unit(a.quat))))
-    return math.hypot(*minus(b.pos, a.pos)), math.hypot(*turn)
+    return length(minus(b.pos, a.pos)), length(turn)
 
 
 FLOOR = "floor"

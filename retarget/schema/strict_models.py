@@ -7,6 +7,7 @@ user sees all errors of a file at once.
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from math import fsum
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
@@ -221,7 +222,7 @@ def ascending(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 def _unit(quat: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    if abs(sum(part * part for part in quat) - 1.0) > 1e-3:
+    if abs(fsum(part * part for part in quat) - 1.0) > 1e-3:
         raise PydanticCustomError(
             "quaternion",
             "not a unit quaternion",

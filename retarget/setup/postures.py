@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from retarget.ik.least_squares import least_squares
 from retarget.model.body import BodyModel
 from retarget.model.observers import NEAR_LINKS, steps_between
 from retarget.setup.fit_observers import MAX_PAIRS, Fit
@@ -68,13 +68,9 @@ def _solved(
     not matter."""
     low, high = _bounds(posed, joints)
     middle = np.clip(0.0, low, high)
-    found = least_squares(
-        lambda angles: np.concatenate([off(angles), rest * (angles - middle)]),
-        start,
-        bounds=(low - 1e-9, high + 1e-9),
-        max_nfev=80,
+    return least_squares(
+        lambda angles: np.concatenate([off(angles), rest * (angles - middle)]), start, lower=low, upper=high
     )
-    return np.asarray(found.x)
 
 
 def _down(forward: FloatArray, outward: FloatArray, ahead: float, spread: float) -> FloatArray:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from retarget.arithmetic import matmul
 from retarget.errors import InputError
 from retarget.frames import SENSORS, SensorFrames
 from retarget.sources.canonical import UNITS, axes_with_up, named_unit
@@ -83,7 +84,7 @@ def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) 
     sensors = tuple(sensor for sensor in SENSORS if sensor in groups)
     position, valid = _sensor_tracks(markers, [[columns[label] for label in groups[sensor]] for sensor in sensors])
     scale, unit_note = _metres(markers, unit, path)
-    position = position @ axes_with_up(markers.up).T * scale
+    position = matmul(position, axes_with_up(markers.up).T) * scale
     counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
     lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
     rate = markers.rate_hz if rate is None else check_rate(rate, "--rate")

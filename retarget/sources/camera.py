@@ -26,6 +26,7 @@ import numpy as np
 
 from retarget import rotations
 from retarget._solver import PoseFilter
+from retarget.arithmetic import arctan2, dot, matmul, norm, norms
 from retarget.model.human_dimensions import FRACTIONS, proportional_dimensions
 from retarget.sources.json_pose import MAX_FRAME, MAX_TIME, NUMBER, JsonPoseDecoder, Refused, read_object
 from retarget.sources.stream_frame import Dropped, StreamFrame
@@ -127,8 +128,8 @@ class Sight:
         now = frame.point[_PAIRS]
         counts = self._seen.copy()
         if self._before is not None and frame.time - self._time < EXCHANGED_S:
-            stays = np.linalg.norm(now - self._before, axis=2).sum(axis=1)
-            swaps = np.linalg.norm(now[:, ::-1] - self._before, axis=2).sum(axis=1)
+            stays = norms(now - self._before).sum(axis=1)
+            swaps = norms(now[:, ::-1] - self._before).sum(axis=1)
             exchanged = (stays > 2.0 * EXCHANGED_M) & (swaps < 0.5 * stays)
             if exchanged.any():
                 dropped.note("left and right limbs exchanged from one picture to the next")
@@ -194,13 +195,13 @@ _FORWARD, _UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    return np.asarray(vector / max(math.sqrt(vector @ vector), 1e-9))
+    return np.asarray(vector / max(norm(vector), 1e-9))
 
 
 def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
     """Axes (3, 3) of a part in columns (forward, left, up), of its upward line and what is left of it."""
     up = _unit(up)
-    left = _unit(left - (left @ up) * up)
+    left = _unit(left - dot(left, up) * up)
     (a, b, c), (x, y, z) = left, up
     return np.array([[b * z - c * y, a, x], [c * x - a * z, b, y], [a * y - b * x, c, z]])
 
@@ -246,8 +247,8 @@ class Stance:
         """The height of the hips as a share of that while standing: in the picture, at the distance of now."""
         hips, shoulders = frame.picture[HIPS].mean(axis=0), frame.picture[SHOULDERS]
         lowest = frame.picture[ANKLES, 1].max() if (self._planted < 0.5).any() else frame.picture[ANKLES, 1].mean()
-        across = float(np.linalg.norm(shoulders[0] - shoulders[1]))
-        now = [float(lowest - hips[1]), float(np.linalg.norm(shoulders.mean(axis=0) - hips)), across]
+        across = norm(shoulders[0] - shoulders[1])
+        now = [float(lowest - hips[1]), norm(shoulders.mean(axis=0) - hips), across]
         leg, trunk, width = (max(measure.value, 1.0) for measure in self._measures)  # 1 pixel where none is known yet
         if math.isfinite(self._measures[0].value):
             # Turning narrows the shoulders and leaning shortens the trunk: neither does both.
@@ -289,14 +290,14 @@ class Stance:
         if self.feet is None:
             return np.array([0.0, 0.0, ANKLE_M + THIGH + SHANK])
         planted = self._planted / self._planted.sum()
-        over = planted @ self.feet
+        over = matmul(planted, self.feet)
         if point is not None:
-            over = over - self.scale * (planted @ point[ANKLES, :2])
+            over = over - self.scale * matmul(planted, point[ANKLES, :2])
             over[0] = min(max(over[0], -BACK_M), BACK_M)
         reach = THIGH + SHANK
-        away = [float(np.hypot(*(foot - over))) - abs(HIP[1]) for foot in self.feet]
+        away = [norm(foot - over) - abs(HIP[1]) for foot in self.feet]
         farthest = max(max(off, 0.0) for off, stands in zip(away, planted, strict=True) if stands > 0.25)
-        highest = math.sqrt(max(reach**2 - farthest**2, (0.2 * reach) ** 2)) - 0.002
+        highest = math.sqrt(max(reach * reach - farthest * farthest, 0.04 * reach * reach)) - 0.002
         return np.array([over[0], over[1], ANKLE_M + min(self._share * reach, highest)])
 
     def ankles(self) -> FloatArray:
@@ -309,11 +310,11 @@ class Stance:
 def _knee(hip: FloatArray, ankle: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The knee (3,) m between hip and ankle that bends this way, and the ankle, drawn to where the leg reaches."""
     leg = ankle - hip
-    length = min(max(float(np.linalg.norm(leg)), 0.1), (THIGH + SHANK) * 0.9999)
+    length = min(max(norm(leg), 0.1), (THIGH + SHANK) * 0.9999)
     along = _unit(leg)
-    share = (THIGH**2 - SHANK**2 + length**2) / (2.0 * length)
-    side = _unit(bend - (bend @ along) * along)
-    knee = hip + share * along + math.sqrt(max(THIGH**2 - share**2, 0.0)) * side
+    share = (THIGH * THIGH - SHANK * SHANK + length * length) / (2.0 * length)
+    side = _unit(bend - dot(bend, along) * along)
+    knee = hip + share * along + math.sqrt(max(THIGH * THIGH - share * share, 0.0)) * side
     return knee, hip + length * along
 
 
@@ -370,7 +371,7 @@ class Body:
             line = point[SHOULDERS].mean(axis=0) - (point[ANKLES].mean(axis=0) if has_feet else 0.0)
             self._lean.take(float(np.clip(line[0] / max(line[2], 0.2), -0.6, 0.6)), dt)
         lean = self._lean.value if math.isfinite(self._lean.value) else 0.0
-        return np.asarray(point - np.outer(point[:, 2], [lean, 0.0, 0.0]))
+        return np.asarray(point - point[:, 2:] * [lean, 0.0, 0.0])
 
     def _places(self, point: FloatArray, *, has_hips: bool, has_feet: bool) -> dict[str, FloatArray]:
         """Points (3,) m by name; legs only where feet are seen."""
@@ -380,18 +381,18 @@ class Body:
         chest = _frame(trunk, left)
         pelvis = _frame(trunk, point[HIPS[0]] - point[HIPS[1]]) if has_hips else chest
         hips = self._stance.hips(point if has_feet else None)
-        at = {"pelvis": hips - pelvis @ (HIP * [1.0, 0.0, 1.0])}
-        at["chest"] = at["pelvis"] + pelvis @ BODY.of("spine") + chest @ BODY.of("chest")
-        neck = at["chest"] + chest @ BODY.of("neck")
+        at = {"pelvis": hips - matmul(pelvis, HIP * [1.0, 0.0, 1.0])}
+        at["chest"] = at["pelvis"] + matmul(pelvis, BODY.of("spine")) + matmul(chest, BODY.of("chest"))
+        neck = at["chest"] + matmul(chest, BODY.of("neck"))
         raised = (point[EARS].mean(axis=0) - point[SHOULDERS].mean(axis=0)) * [PITCH_SHARE, 1.0, 1.0]
         at["head"] = neck + BODY.length("head") * _unit(raised)
         for row, side in enumerate("lr"):
-            shoulder = at["chest"] + chest @ (BODY.of(f"{side}_collar") + BODY.of(f"{side}_shoulder"))
+            shoulder = at["chest"] + matmul(chest, BODY.of(f"{side}_collar") + BODY.of(f"{side}_shoulder"))
             near, middle, far = point[SHOULDERS[row]], point[ELBOWS[row]], point[WRISTS[row]]
             at[f"{side}_elbow"] = shoulder + BODY.length("l_elbow") * _unit(middle - near)
             at[f"{side}_wrist"] = at[f"{side}_elbow"] + BODY.length("l_wrist") * _unit(far - middle)
             if has_feet:
-                hip, ankle = at["pelvis"] + pelvis @ BODY.of(f"{side}_hip"), self._stance.ankles()[row]
+                hip, ankle = at["pelvis"] + matmul(pelvis, BODY.of(f"{side}_hip")), self._stance.ankles()[row]
                 bend = point[KNEES[row]] - 0.5 * (point[HIPS[row]] + point[ANKLES[row]])
                 at[f"{side}_knee"], at[f"{side}_ankle"] = _knee(hip, ankle, bend + KNEE_M * _FORWARD)
         return at
@@ -400,10 +401,10 @@ class Body:
         """Orientation (4,) wxyz of the head: who looks ahead most of the time holds it level."""
         left, forward = point[EARS[0]] - point[EARS[1]], point[NOSE] - point[EARS].mean(axis=0)
         flat = _frame(_UP, left)
-        nod = math.atan2(float(-forward @ flat[:, 2]), max(float(forward @ flat[:, 0]), 1e-3))
+        nod = arctan2(-dot(forward, flat[:, 2]), max(dot(forward, flat[:, 0]), 1e-3))
         nod = PITCH_SHARE * (nod - self._nod.take(nod, dt))
-        roll = math.atan2(float(left[2]), max(float(np.hypot(left[0], left[1])), 1e-3))
-        yaw = math.atan2(float(-left[0]), float(left[1]))
+        roll = arctan2(float(left[2]), max(norm(left[:2]), 1e-3))
+        yaw = arctan2(float(-left[0]), float(left[1]))
         return rotations.from_euler((yaw, nod, roll), "zyx")  # to the left, down, and the left ear up
 
 

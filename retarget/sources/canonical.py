@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from retarget import rotations
+from retarget.arithmetic import dot, log, matmul, norm, norms
 from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton, stature
 from retarget.sources.files import frame_times
@@ -43,7 +44,7 @@ def rest_axes(rest: dict[str, FloatArray], *, where: str = "") -> FloatArray | N
     if up is None:
         return None
     hips, shoulders = (rest[f"l_{part}"] - rest[f"r_{part}"] for part in ("hip", "shoulder"))
-    if hips @ shoulders < 0.0:
+    if dot(hips, shoulders) < 0.0:
         raise InputError(
             "left and right are swapped between arms and legs: in the rest pose they run in opposite directions",
             where=where,
@@ -63,7 +64,7 @@ def world_axes(body: FloatArray, tracks: dict[str, FloatArray]) -> tuple[FloatAr
     """
     ankles = 0.5 * (tracks["l_ankle"] + tracks["r_ankle"])
     standing = tracks["head"] - ankles
-    height = np.linalg.norm(standing, axis=1, keepdims=True)
+    height = norms(standing)[:, None]
     direction = np.mean(standing / np.where(height > 0.0, height, 1.0), axis=0)
     axis = int(np.argmax(np.abs(direction)))
     near_ground = abs(float(np.min(ankles[:, axis]))) < 0.3 * float(np.median(height))
@@ -115,7 +116,7 @@ def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
     """
     if body_height is None or not 0.0 < body_height < math.inf:
         raise InputError("the skeleton has no height", where=where, next_step="Say the unit with --unit")
-    name = min(UNITS, key=lambda unit: abs(math.log(body_height * UNITS[unit] / TYPICAL_HEIGHT_M)))
+    name = min(UNITS, key=lambda unit: abs(log(body_height * UNITS[unit] / TYPICAL_HEIGHT_M)))
     height = body_height * UNITS[name]
     if not POSSIBLE_HEIGHT_M[0] <= height <= POSSIBLE_HEIGHT_M[1]:
         raise InputError(
@@ -171,11 +172,11 @@ def canonical_frames(
     world, axis_notes = world_axes(body, tracks) if detect_up else (axes_with_up(body[2]), ())
 
     names = tuple(name for name in JOINTS if name in joints)
-    position = np.stack([tracks[name] for name in names], axis=1) @ world.T * metres
+    position = matmul(np.stack([tracks[name] for name in names], axis=1), world.T) * metres
     sensors = tuple(name for name in SENSORS if name in joints)
     columns = [names.index(name) for name in sensors]
     orientation = np.stack([pose.orientation[:, segment_joint(tree, joints, name)] for name in sensors], axis=1)
-    skeleton = Skeleton(names, np.stack([rest[name] for name in names]) @ body.T * metres)
+    skeleton = Skeleton(names, matmul(np.stack([rest[name] for name in names]), body.T) * metres)
     # World <- file axes <- segment <- its rest pose, facing x <- hanging.
     left, right = rotations.from_matrix(world), rotations.from_matrix(body.T)
     right = rotations.multiply(right, limb_turns(skeleton, sensors))
@@ -286,9 +287,7 @@ def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
         between = shared[shared.index(joints["pelvis"].joint) + 1 : -1] if joints["pelvis"].joint in shared else []
         half = 0.5 * (rest[joints["pelvis"].joint] + rest[shared[-1]])
         if between:
-            joints["spine"] = CanonicalJoint(
-                min(between, key=lambda joint: float(np.linalg.norm(rest[joint] - half))), zero
-            )
+            joints["spine"] = CanonicalJoint(min(between, key=lambda joint: norm(rest[joint] - half)), zero)
     if "neck" not in joints and above:
         joints["neck"] = CanonicalJoint(above[0], zero)
 
@@ -302,7 +301,7 @@ def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | 
         ends = [end for end in tree.ends[head] if end.any()]
         if not ends:
             return False
-        end = max(ends, key=lambda end: float(np.linalg.norm(end)))
+        end = max(ends, key=norm)
     joints["head"] = replace(joints["head"], local=0.5 * end)
     return True
 

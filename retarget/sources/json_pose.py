@@ -38,7 +38,7 @@ _POSE_KEYS = {"p", "q", "tracked"}
 NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 """Position and orientation that were not sent."""
-_LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
+_LOW, _HIGH = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE), (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
 """Bounds of the squared norm of a quaternion that is accepted."""
 
 

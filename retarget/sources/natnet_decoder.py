@@ -9,6 +9,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.arithmetic import matmul, norm
 from retarget.frames import Skeleton
 from retarget.rotations import plus, product, rotated
 from retarget.sources.natnet_wire import (
@@ -196,9 +197,9 @@ def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
     names = tuple(known)
     position -= position[names.index("pelvis")]
     left = position[names.index("l_hip")] - position[names.index("r_hip")]
-    x, y = left[:2] / max(float(np.hypot(*left[:2])), 1e-9)
+    x, y = left[:2] / max(norm(left[:2]), 1e-9)
     # About the vertical, until the hips lie in y and z.
-    return Skeleton(names, position @ np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]]))
+    return Skeleton(names, matmul(position, np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]])))
 
 
 TOO_LONG = "datagram longer than 64 KiB"

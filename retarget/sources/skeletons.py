@@ -7,12 +7,14 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import fsum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from retarget import rotations
+from retarget.arithmetic import norm, norms
 from retarget.schema import strict_yaml
 from retarget.types import FloatArray
 
@@ -224,11 +226,11 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     rest = tree.rest_positions()
     # The outermost point (3,) of each leaf, relative to the root.
     leaves = {
-        joint: rest[joint] + max(tree.ends[joint], key=_length, default=np.zeros(3))
+        joint: rest[joint] + max(tree.ends[joint], key=norm, default=np.zeros(3))
         for joint in range(len(tree.names))
         if joint not in tree.parents
     }
-    size = max(map(_length, leaves.values()), default=0.0)
+    size = max(map(norm, leaves.values()), default=0.0)
     if len(leaves) < 5 or not 0.0 < size < np.inf:
         return None
     side = _mirror_axis(np.stack(list(leaves.values())) / size)
@@ -238,7 +240,7 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     middle = [joint for joint, off in across.items() if abs(off) < MIDDLE]
     if not middle:
         return None
-    head = max(middle, key=lambda joint: _length(leaves[joint]))
+    head = max(middle, key=lambda joint: norm(leaves[joint]))
     up = max({0, 1, 2} - {side}, key=lambda axis: abs(float(leaves[head][axis])))
     heights = {joint: float(point[up] * np.sign(leaves[head][up])) for joint, point in leaves.items()}
     limbs = []
@@ -250,7 +252,7 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
         return None
     # Left is up x forward, forward being where the feet point.
     forward = 3 - side - up
-    toes = sum(_toes(tree, limb["ankle"], forward) for limb in (first, second))
+    toes = fsum(_toes(tree, limb["ankle"], forward) for limb in (first, second))
     axes = np.eye(3)
     if np.cross(axes[up] * np.sign(leaves[head][up]), axes[forward] * np.sign(toes))[side] < 0.0:
         first, second = second, first
@@ -265,10 +267,6 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     return joints if has_end else joints | {"head_top": head}
 
 
-def _length(vector: FloatArray) -> float:
-    return float(np.linalg.norm(vector))
-
-
 def _mirror_axis(points: FloatArray) -> int | None:
     """The axis across the plane in which leaves (k, 3), in sizes of the body, mirror each other best; None if they
     spread along none."""
@@ -278,7 +276,7 @@ def _mirror_axis(points: FloatArray) -> int | None:
         if spread[-4:].min() < MIN_SPREAD * 0.5 or spread[-1] < MIN_SPREAD:
             continue
         mirrored = points * np.where(np.arange(3) == axis, -1.0, 1.0)
-        error = float(np.linalg.norm(points[:, None] - mirrored[None], axis=-1).min(axis=1).mean())
+        error = float(norms(points[:, None] - mirrored[None]).min(axis=1).mean())
         if error < best_error:
             best, best_error = axis, error
     return best
@@ -294,7 +292,7 @@ def _limbs_of_side(tree: JointTree, leaves: dict[int, float], head: int, across:
     arms = [leaf for leaf in leaves if len(shared_path(tree, [leaf, foot])) <= hip_branch]
     if not arms:
         return None
-    hand = max(arms, key=lambda leaf: sum(_length(tree.offsets[step]) for step in tree.path(leaf)[1:]))
+    hand = max(arms, key=lambda leaf: fsum(norm(tree.offsets[step]) for step in tree.path(leaf)[1:]))
     leg = _two_longest_bones(tree, tree.path(foot)[hip_branch:])
     above_trunk = tree.path(hand)[len(shared_path(tree, [hand, head])) :]
     shoulder = next((at for at, joint in enumerate(above_trunk) if across[joint] > SHOULDER), len(above_trunk))
@@ -308,7 +306,7 @@ def _two_longest_bones(tree: JointTree, chain: list[int]) -> tuple[int, int, int
     """Start and end of the first, and end of the second, of the two longest bones of a chain."""
     if len(chain) < 3:
         return None
-    lengths = [_length(tree.offsets[joint]) for joint in chain[1:]]
+    lengths = [norm(tree.offsets[joint]) for joint in chain[1:]]
     first, second = sorted(sorted(range(len(lengths)), key=lengths.__getitem__)[-2:])
     return (chain[first], chain[first + 1], chain[second + 1]) if lengths[first] > 0.0 else None
 
@@ -319,7 +317,7 @@ def _toes(tree: JointTree, joint: int, axis: int) -> float:
     while children := tree.children(joint):
         joint = children[0]
         way += float(tree.offsets[joint][axis])
-    return way + sum(float(end[axis]) for end in tree.ends[joint])
+    return way + fsum(float(end[axis]) for end in tree.ends[joint])
 
 
 def shared_path(tree: JointTree, joints: list[int]) -> list[int]:

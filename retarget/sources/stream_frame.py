@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from retarget.arithmetic import dot, matmul, norms, squares
 from retarget.sources.skeletons import TABLES
 from retarget.types import BoolArray, FloatArray
 
@@ -102,13 +103,13 @@ class Convention:
     def _matrix(self) -> FloatArray:
         """(3, 3), the sender's axes as rows in REP-103."""
         rows = np.stack([_DIRECTIONS[word] for word in (self.x, self.y, self.z)])
-        assert np.array_equal(rows @ rows.T, np.eye(3)), f"{self.name}: the axes are not at right angles"
+        assert np.array_equal(matmul(rows, rows.T), np.eye(3)), f"{self.name}: the axes are not at right angles"
         return rows
 
     @cached_property
     def _turned(self) -> FloatArray:
         """(3, 3), the same for axes of turns, which a reflection (determinant -1) turns round."""
-        return np.asarray(self._matrix * np.round(np.linalg.det(self._matrix)))
+        return self._matrix * dot(np.cross(self._matrix[0], self._matrix[1]), self._matrix[2])
 
     @cached_property
     def _same(self) -> bool:
@@ -117,7 +118,7 @@ class Convention:
     def positions(self, positions: ArrayLike) -> FloatArray:
         """Positions (..., 3) of the sender, in its unit -> (..., 3) m, REP-103; the same array if they agree."""
         positions = np.asarray(positions, float)
-        turned = positions if self._same else np.asarray(positions @ self._matrix)
+        turned = positions if self._same else matmul(positions, self._matrix)
         return turned if self.metres == 1.0 else turned * self.metres
 
     def orientations(self, orientations: ArrayLike) -> FloatArray:
@@ -127,7 +128,7 @@ class Convention:
             return orientations
         out = np.empty(orientations.shape)
         out[..., 0] = orientations[..., 0]
-        out[..., 1:] = orientations[..., 1:] @ self._turned
+        out[..., 1:] = matmul(orientations[..., 1:], self._turned)
         return out
 
 
@@ -149,7 +150,7 @@ MAX_COORDINATE = 1e6
 NORM_TOLERANCE = 0.02
 """A quaternion whose norm is farther from 1 is no rounded rotation but something else."""
 
-_LOW, _HIGH = (1.0 - NORM_TOLERANCE) ** 2, (1.0 + NORM_TOLERANCE) ** 2
+_LOW, _HIGH = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE), (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
 """Bounds of the squared norm of a quaternion that is accepted."""
 
 
@@ -159,7 +160,7 @@ def unusable(position: FloatArray, orientation: FloatArray) -> BoolArray:
 
     Values must not exceed float32's, so that squares stay finite.
     """
-    square = np.einsum("ij,ij->i", orientation, orientation)
+    square = squares(orientation)
     # Comparisons with NaN are False, so the question is what is good.
     good = np.all(np.abs(position) <= MAX_COORDINATE, axis=1) & (square >= _LOW) & (square <= _HIGH)
     return np.asarray(~good)
@@ -170,5 +171,5 @@ def make_unit(position: FloatArray, orientation: FloatArray) -> BoolArray:
     bad = unusable(position, orientation)
     if bad.any():
         position[bad], orientation[bad] = np.nan, np.nan
-    orientation /= np.sqrt(np.einsum("ij,ij->i", orientation, orientation))[:, None]
+    orientation /= norms(orientation)[:, None]
     return bad

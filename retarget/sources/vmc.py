@@ -15,6 +15,7 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
+from retarget.arithmetic import matmul, norms
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.rotations import Quat, Vector, axis_turn, plus, product, rotated
 from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
@@ -218,11 +219,10 @@ class VmcDecoder:
             self.dropped.reasons[BAD_POSE] += int(np.count_nonzero(bad))
             poses[bad] = np.nan
             tracked = tracked & ~bad
-        turned = poses @ _POSE
+        turned = matmul(poses, _POSE)
         position, orientation = turned[:, :3], turned[:, 3:]
         position[plan.bones & ~position.any(axis=1)] = np.nan
-        norm = np.sqrt(np.einsum("ij,ij->i", orientation, orientation))
-        return position, orientation / norm[:, None], tracked
+        return position, orientation / norms(orientation)[:, None], tracked
 
     def _stamp(self, datagram: bytes, at: int) -> float | None:
         """Seconds of the sender's clock; None if they are not finite, which is counted."""

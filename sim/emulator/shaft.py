@@ -8,9 +8,10 @@ a goal that moves evenly.
 
 import math
 from enum import Enum, auto
-from math import ceil, exp, inf
+from math import ceil, inf
 from typing import NamedTuple, Protocol
 
+from retarget.arithmetic import exp
 from sim.servo_model import FRICTION_CURRENT, LARGEST_CURRENT, SPEED_CURRENT
 
 # The profile generator of a servo: how its goal travels from where it is to a new goal position.
@@ -47,7 +48,7 @@ class ProfilePath:
         self.kind = kind
         self._start = start
         self._phases = phases
-        self.end = start + sum(phase.duration for phase in phases)
+        self.end = start + math.fsum(phase.duration for phase in phases)
         """When it reaches its goal, s."""
 
     def at(self, now: float) -> Point:

@@ -4,7 +4,7 @@
 use super::arrays::bad;
 use crate::math::{add, add_scaled, cross, quat_mul, scale, Quat, Vec3};
 use numpy::ndarray::{ArrayD, ArrayViewD, IxDyn, Zip};
-use numpy::{IntoPyArray, PyReadonlyArrayDyn};
+use numpy::{IntoPyArray, PyArrayDyn, PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -17,9 +17,11 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(log, m)?)?;
     m.add_function(wrap_pyfunction!(arctan2, m)?)?;
     m.add_function(wrap_pyfunction!(hypot, m)?)?;
-    m.add_function(wrap_pyfunction!(squares, m)?)?;
+    m.add_function(wrap_pyfunction!(dot, m)?)?;
     m.add_function(wrap_pyfunction!(norm, m)?)?;
-    m.add_function(wrap_pyfunction!(product, m)?)?;
+    m.add_function(wrap_pyfunction!(norms, m)?)?;
+    m.add_function(wrap_pyfunction!(squares, m)?)?;
+    m.add_function(wrap_pyfunction!(matmul, m)?)?;
     m.add_function(wrap_pyfunction!(quat_multiply, m)?)?;
     m.add_function(wrap_pyfunction!(quat_rotate, m)?)
 }
@@ -32,7 +34,9 @@ pub enum Value<'py> {
 }
 
 type Array<'py> = PyReadonlyArrayDyn<'py, f64>;
+/// A number or an array.
 type Answer<'py> = PyResult<Bound<'py, PyAny>>;
+type Arrays<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
 /// A number where nothing but a number is left, else the array.
 fn answer(py: Python<'_>, found: ArrayD<f64>) -> Answer<'_> {
@@ -89,7 +93,7 @@ fn each_row<'py, const A: usize, const B: usize, const OUT: usize>(
     a: &Array<'py>,
     b: &Array<'py>,
     function: impl Fn([f64; A], [f64; B]) -> [f64; OUT],
-) -> Answer<'py> {
+) -> Arrays<'py> {
     let (a, b) = (a.as_array(), b.as_array());
     let (Some((&last_a, leading_a)), Some((&last_b, leading_b))) = (a.shape().split_last(), b.shape().split_last())
     else {
@@ -107,15 +111,20 @@ fn each_row<'py, const A: usize, const B: usize, const OUT: usize>(
     for (a, b) in a.rows().into_iter().zip(b.rows()) {
         found.extend(function(std::array::from_fn(|k| a[k]), std::array::from_fn(|k| b[k])));
     }
-    answer(py, ArrayD::from_shape_vec(with(OUT), found).expect("as many as the shape says"))
+    Ok(ArrayD::from_shape_vec(with(OUT), found).expect("as many as the shape says").into_pyarray(py))
 }
 
-fn squares_of(v: &Array<'_>) -> PyResult<ArrayD<f64>> {
+/// Squared length of a row, in the order of its entries.
+fn square_sum<'a>(row: impl IntoIterator<Item = &'a f64>) -> f64 {
+    row.into_iter().fold(0.0, |sum, x| sum + x * x)
+}
+
+fn each_square_sum(v: &Array<'_>, function: impl Fn(f64) -> f64) -> PyResult<ArrayD<f64>> {
     let v = v.as_array();
     let Some((_, leading)) = v.shape().split_last() else {
-        return Err(bad("a vector is expected, not a number".into()));
+        return Err(bad("a number has no length; expected an array of vectors".into()));
     };
-    let found = v.rows().into_iter().map(|row| row.iter().fold(0.0, |sum, x| sum + x * x)).collect();
+    let found = v.rows().into_iter().map(|row| function(square_sum(row))).collect();
     Ok(ArrayD::from_shape_vec(IxDyn(leading), found).expect("one of each row"))
 }
 
@@ -149,17 +158,31 @@ pub fn hypot<'py>(py: Python<'py>, x: Value<'py>, y: Value<'py>) -> Answer<'py> 
 }
 
 #[pyfunction]
-pub fn squares<'py>(py: Python<'py>, v: Array<'py>) -> Answer<'py> {
-    answer(py, squares_of(&v)?)
+pub fn dot(a: PyReadonlyArray1<'_, f64>, b: PyReadonlyArray1<'_, f64>) -> PyResult<f64> {
+    let (a, b) = (a.as_array(), b.as_array());
+    match a.len() == b.len() {
+        true => Ok(a.iter().zip(b).fold(0.0, |sum, (x, y)| sum + x * y)),
+        false => Err(unlike(a.shape(), b.shape())),
+    }
 }
 
 #[pyfunction]
-pub fn norm<'py>(py: Python<'py>, v: Array<'py>) -> Answer<'py> {
-    answer(py, squares_of(&v)?.mapv_into(f64::sqrt))
+pub fn norm(v: PyReadonlyArray1<'_, f64>) -> f64 {
+    square_sum(v.as_array()).sqrt()
 }
 
 #[pyfunction]
-pub fn product<'py>(py: Python<'py>, a: Array<'py>, b: Array<'py>) -> Answer<'py> {
+pub fn norms<'py>(py: Python<'py>, v: Array<'py>) -> Arrays<'py> {
+    Ok(each_square_sum(&v, f64::sqrt)?.into_pyarray(py))
+}
+
+#[pyfunction]
+pub fn squares<'py>(py: Python<'py>, v: Array<'py>) -> Arrays<'py> {
+    Ok(each_square_sum(&v, |square| square)?.into_pyarray(py))
+}
+
+#[pyfunction]
+pub fn matmul<'py>(py: Python<'py>, a: Array<'py>, b: Array<'py>) -> Arrays<'py> {
     let (a, b) = (a.as_array(), b.as_array());
     let (Some((&inner, leading)), [first, columns @ ..]) = (a.shape().split_last(), b.shape()) else {
         return Err(unlike(a.shape(), b.shape()));
@@ -179,16 +202,16 @@ pub fn product<'py>(py: Python<'py>, a: Array<'py>, b: Array<'py>) -> Answer<'py
             }
         }
     }
-    answer(py, ArrayD::from_shape_vec(IxDyn(&shape), found).expect("as many as the shape says"))
+    Ok(ArrayD::from_shape_vec(IxDyn(&shape), found).expect("as many as the shape says").into_pyarray(py))
 }
 
 #[pyfunction]
-pub fn quat_multiply<'py>(py: Python<'py>, a: Array<'py>, b: Array<'py>) -> Answer<'py> {
+pub fn quat_multiply<'py>(py: Python<'py>, a: Array<'py>, b: Array<'py>) -> Arrays<'py> {
     each_row(py, &a, &b, |a: Quat, b: Quat| quat_mul(a, b))
 }
 
 #[pyfunction]
-pub fn quat_rotate<'py>(py: Python<'py>, q: Array<'py>, v: Array<'py>) -> Answer<'py> {
+pub fn quat_rotate<'py>(py: Python<'py>, q: Array<'py>, v: Array<'py>) -> Arrays<'py> {
     each_row(py, &q, &v, |[w, x, y, z]: Quat, v: Vec3| {
         let axis = [x, y, z];
         let turn = scale(cross(axis, v), 2.0);

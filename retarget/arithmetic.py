@@ -1,0 +1,45 @@
+"""Arithmetic with the same bits on every machine, for all that stands between a sensor and a servo goal.
+
+The last bit of a sine depends on the C library and the processor, that of a matrix product on the BLAS that NumPy
+picks for the processor, and a motion path may make millimetres of a bit. So goals would differ between two machines,
+and a recording of one would not replay on the other. These functions are compiled into the crate: elementary
+functions of the Rust library `libm`, sums in the order of their indices, no product fused with a sum.
+
+NumPy's own +, -, *, /, `sqrt`, comparisons, `sum` and `mean` are exact or of one order, and may be used beside them.
+So may `math.fsum` for floats; the built-in `sum` adds them otherwise from Python 3.12 on. `tests/test_arithmetic.py`
+lists the modules that hold to this, and fails on anything else there.
+"""
+
+from retarget._solver import (
+    arccos,
+    arcsin,
+    arctan2,
+    cos,
+    dot,
+    exp,
+    expm1,
+    hypot,
+    log,
+    matmul,
+    norm,
+    norms,
+    sin,
+    squares,
+)
+
+__all__ = [
+    "arccos",
+    "arcsin",
+    "arctan2",
+    "cos",
+    "dot",
+    "exp",
+    "expm1",
+    "hypot",
+    "log",
+    "matmul",
+    "norm",
+    "norms",
+    "sin",
+    "squares",
+]

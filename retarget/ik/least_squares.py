@@ -1,0 +1,87 @@
+"""Nonlinear least squares in a box, with the same bits on every machine: Levenberg-Marquardt (Nocedal and Wright,
+Numerical Optimization, 2006, section 10.3), whose damped linear steps the crate solves with the box inside.
+
+A library's solver takes its linear algebra from the BLAS of the processor, and what it finds here decides goals: the
+performer's size, the strength that a robot keeps in a squat.
+"""
+
+from collections.abc import Callable
+from math import fsum
+
+import numpy as np
+
+from retarget._solver import solve_hierarchy
+from retarget.arithmetic import matmul, norm
+from retarget.types import FloatArray
+
+DIFFERENCE = 1.5e-8
+"""Step of a forward difference, as a share of 1 or of a larger unknown: the root of the rounding error of a number."""
+FIRST_DAMPING = 1e-3
+"""Damping of the first step, as a share of the largest squared column of the Jacobian (Nielsen, 1999)."""
+
+
+def least_squares(
+    residual: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    *,
+    lower: FloatArray | None = None,
+    upper: FloatArray | None = None,
+    close: float = 1e-8,
+    most_steps: int = 100,
+) -> FloatArray:
+    """The unknowns (n,) near `start` (n,) for which the squares of residual(unknowns) (m,) have their least sum.
+
+    lower, upper (n,): the box in which they stay. close: the search ends with a step shorter than this, as a share of 1
+    or of the unknowns.
+    """
+    low = np.full(len(start), -np.inf) if lower is None else lower
+    high = np.full(len(start), np.inf) if upper is None else upper
+    x = np.clip(start, low, high)
+    off = residual(x)
+    damping, harder = 0.0, 2.0
+    jacobian: FloatArray | None = None
+    for _ in range(most_steps):
+        if jacobian is None:
+            jacobian = _jacobian(residual, x, off, high)
+        damping = damping or FIRST_DAMPING * float(np.square(jacobian).sum(axis=0).max())
+        step = _damped_step(jacobian, off, damping, low - x, high - x)
+        if norm(step) <= close * (1.0 + norm(x)):
+            break
+        tried = residual(x + step)
+        expected = _half_square(off) - _half_square(off + matmul(jacobian, step))
+        gain = (_half_square(off) - _half_square(tried)) / max(expected, 1e-300)
+        if gain > 0.0:
+            x, off, jacobian = np.clip(x + step, low, high), tried, None
+            bend = 2.0 * gain - 1.0
+            damping, harder = damping * max(1.0 / 3.0, 1.0 - bend * bend * bend), 2.0
+        else:
+            damping, harder = damping * harder, 2.0 * harder
+    return x
+
+
+def _half_square(off: FloatArray) -> float:
+    return 0.5 * fsum((off * off).tolist())
+
+
+def _jacobian(
+    residual: Callable[[FloatArray], FloatArray], x: FloatArray, off: FloatArray, high: FloatArray
+) -> FloatArray:
+    """(m, n) by differences: forward, or back where that would leave the box."""
+    columns = []
+    for k, value in enumerate(x.tolist()):
+        moved, step = x.copy(), DIFFERENCE * max(1.0, abs(value))
+        moved[k] = value + step if value + step <= high[k] else value - step
+        columns.append((residual(moved) - off) / (moved[k] - value))
+    return np.ascontiguousarray(np.stack(columns, axis=1))
+
+
+def _damped_step(
+    jacobian: FloatArray, off: FloatArray, damping: float, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """The step (n,) within low and high that minimises |jacobian step + off|^2 + damping |step|^2."""
+    count = len(low)
+    rows = np.concatenate([jacobian, np.sqrt(damping) * np.eye(count)])
+    goal = np.concatenate([-off, np.zeros(count)])
+    nothing = np.zeros(count)
+    step, _, _ = solve_hierarchy(rows, goal, goal, [len(goal)], lo=low, hi=high, still=nothing, damping=0.0)
+    return step
