@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help web browser demo test lint golden golden-store bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
+.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -30,6 +30,7 @@ help:
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes; GOLDEN="--only poppy" plays a part'
 	@echo 'make golden-store  renew the stored runs that make test compares with'
+	@echo 'make same-bits  the same runs as if by other processors, compared to the bit; minutes; BITS=--aarch64 adds one under qemu'
 	@echo 'make bench   our frame time beside PlaCo and mink'
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'
 	@echo 'make bench-tick  what a live tick computes, datagram in to goal bytes out'
@@ -87,6 +88,9 @@ golden: $(VENV)/.with-test
 
 golden-store: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.golden --store
+
+same-bits: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.same_bits --jobs $(JOBS) $(BITS)
 
 docs: $(VENV)/.with-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

@@ -103,14 +103,13 @@ def full_matrix(sources: Sources) -> list[Run]:
 
 
 def small_matrix(folder: Path) -> list[Run]:
-    """What `make test` holds against stored values: no recorded data, and seconds, not minutes."""
+    """What `make test` holds against stored values: no recorded data, no physics, and seconds, not minutes."""
     folder.mkdir(parents=True, exist_ok=True)
     clip = ("--source", str(write_clip(folder / "clip.bvh")), "--end", "1.5")
     stream = ("--source", f"replay://{write_stream(folder / 'stream.rec')}", "--end", "1")
     return [
         _followed("op3 stream emulator", "op3", "emulator", stream),
-        _followed("toddlerbot clip physics", "toddlerbot", "physics", clip),
-        _followed("wolfgang clip mock", "wolfgang", "mock", clip),
+        *(_followed(f"{robot} clip mock", robot, "mock", clip) for robot in ("poppy", "toddlerbot", "wolfgang")),
         _human("paper", clip),
     ]
 

@@ -35,14 +35,14 @@ class Outcome:
     problem: str = ""
 
 
-def play(run: Run, tree: Tree, folder: Path) -> Outcome:
-    """Run it in an empty `folder`."""
+def play(run: Run, tree: Tree, folder: Path, *, before: tuple[str, ...] = ()) -> Outcome:
+    """Run it in an empty `folder`. before: words before `python`."""
     shutil.rmtree(folder, ignore_errors=True)
     config = folder / "config"
     config.mkdir(parents=True)
     saved = ["--save", "run.npz", "--report", "report.json"] if run.saves else []
     head = [str(TAP), "wire.npz"] if run.wire else ["-m", "retarget"]
-    command = [str(tree.python), "-P", *head, *run.words, *saved]
+    command = [*before, str(tree.python), "-P", *head, *run.words, *saved]
     try:
         done = subprocess.run(
             command,

@@ -1,6 +1,5 @@
 """Replay: the recorded sensors, servos and clock through the pipeline of now, and how its goals differ."""
 
-import platform
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_recorded
 from retarget.recording.cycles import Asked, Cursor, Done
 from retarget.recording.reading import Played
-from retarget.recording.session import Session
+from retarget.recording.session import Session, machine_name
 from retarget.recording.topics import SERVO_FIELDS
 from retarget.run.loop import Watch
 from retarget.run.prepare import Prepared, prepare_for
@@ -181,7 +180,8 @@ class ReplayedSamples:
 class Difference:
     """compared: goals (of a human alone: postures) that were recorded. differ: of those, other ones now. first: cycle
     of the first, and time_s since the recording began; None: none. most: by how much at most, in `unit`, and where.
-    absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording holds all of its run."""
+    absent: recorded and not sent now; extra: sent now and not recorded. whole: the recording holds all of its run.
+    machine: on which it was recorded, if that is another one than this."""
 
     compared: int
     differ: int = 0
@@ -194,6 +194,7 @@ class Difference:
     absent: int = 0
     extra: int = 0
     whole: bool = True
+    machine: str = ""
 
     @property
     def none(self) -> bool:
@@ -205,21 +206,32 @@ class Difference:
         what = "goals" if self.unit == "degrees" else "postures"
         if self.none:
             held = "" if self.whole else " that it holds"
+            same = f"are as recorded{self._where}, to the bit"
             if what == "goals":
                 each = f"one at arming, and one in each of {counted(self.compared - 1, 'tick')}"
-                return [f"all {self.compared} goals{held} are as recorded, to the tick: {each}"]
-            return [f"all {self.compared} postures{held} are as recorded, to the bit"]
+                return [f"all {self.compared} goals{held} {same}: {each}"]
+            return [f"all {self.compared} postures{held} {same}"]
         found = []
         if self.differ:
             at = f"from cycle {self.first}, {self.time_s:.3f} s after the recording began"
             ticks = f" ({self.ticks} ticks)" if what == "goals" else ""
-            found.append(f"{self.differ} of {self.compared} {what} differ, {at}")
+            found.append(f"{self.differ} of {self.compared} {what} differ from those recorded{self._where}, {at}")
             found.append(f"by {self.most:.3g} {self.unit}{ticks} at most, {self.where}")
         if self.absent:
             found.append(f"{self.absent} {what} were recorded and are not sent now")
         if self.extra:
             found.append(f"{self.extra} {what} are sent now and were not recorded")
         return found
+
+    @property
+    def _where(self) -> str:
+        return f" on {self.machine}" if self.machine else ""
+
+
+def _other_machine(played: Played) -> str:
+    """The machine of a recording, if it is another one than this."""
+    machine = played.recording.session.machine
+    return "" if machine == machine_name() else machine
 
 
 def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Difference:
@@ -244,6 +256,7 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
         absent=len(wrote) - len(sent),
         extra=extra if played.whole else 0,
         whole=played.whole,
+        machine=_other_machine(played),
     )
 
 
@@ -254,7 +267,8 @@ def posture_difference(played: Played, q: FloatArray) -> Difference:
     both = min(len(recorded), len(q))
     off = np.abs(q[:both].astype(np.float32).astype(np.float64) - recorded[:both])
     found = _located(off, np.arange(both), names, np.asarray(np.arange(both) * played.recording.session.dt, np.float64))
-    return replace(found, compared=len(recorded), absent=len(recorded) - both, whole=played.whole)
+    absent, machine = len(recorded) - both, _other_machine(played)
+    return replace(found, compared=len(recorded), absent=absent, whole=played.whole, machine=machine)
 
 
 def _located(off: FloatArray, cycles: IntArray, names: tuple[str, ...], seconds: FloatArray) -> Difference:
@@ -323,11 +337,10 @@ def replay(
 
 
 def what_computes(session: Session) -> tuple[str, ...]:
-    """What differs from when it was recorded: version, numpy, kind of machine; a sentence each."""
+    """What differs from when it was recorded: version and numpy; a sentence each."""
     found = (
         ("by retarget", session.version, retarget.__version__),
         ("with numpy", session.numpy, np.__version__),
-        ("on", session.machine, platform.machine()),
     )
     return tuple(f"recorded {how} {was}, this is {now}" for how, was, now in found if was != now)
 

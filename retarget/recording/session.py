@@ -48,8 +48,8 @@ class Size(_Strict):
 
 
 class Session(_Strict):
-    """A run. version, numpy, machine: what it was computed by. Options as in `RunOptions`; ticks, dt, motion_dt: of its
-    samples; intake: hold, fade, speed."""
+    """A run. version, numpy, machine: what it was computed by (see `machine_name`). Options as in `RunOptions`; ticks,
+    dt, motion_dt: of its samples; intake: hold, fade, speed."""
 
     format: Literal[3]
     version: str
@@ -101,6 +101,17 @@ class Session(_Strict):
         return IntakeTimes(*self.intake)
 
 
+CPU = Path("/proc/cpuinfo")
+
+
+def machine_name() -> str:
+    """Kind of machine, with its processor where Linux names it: `x86_64 (AMD EPYC)`."""
+    lines = CPU.read_text(encoding="utf-8", errors="replace").splitlines() if CPU.is_file() else []
+    values = {key.strip().lower(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    processor = values.get("model name") or values.get("model")
+    return platform.machine() + (f" ({processor})" if processor else "")
+
+
 def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_rest: bool, begun_ns: int) -> Session:
     """The session of a run that can start. begun_ns: unix time."""
     size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
@@ -110,7 +121,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
         format=FORMAT,
         version=retarget.__version__,
         numpy=np.__version__,
-        machine=platform.machine(),
+        machine=machine_name(),
         source=source.encode(errors="replace").decode(),  # of a file whose name is not UTF-8
         **{name: getattr(options, name) for name in OPTIONS} | {"performer": options.performer_name},
         **{name: getattr(options.physics, name) for name in OF_PHYSICS},

@@ -171,7 +171,7 @@ def contacts(
     depths = -_solver.shape_distances(
         kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
     )[0]
-    order = np.argsort(-depths)
+    order = np.argsort(-depths, kind="stable")
     touching = [row for row in order.tolist() if depths[row] > deeper_than]
     return tuple(Contact(others[pairs[row, 0]], others[pairs[row, 1]], float(depths[row])) for row in touching)
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
+from retarget.arithmetic import exp, log
 from retarget.schema.strict_models import Integer, Name, NotNegative, Number, Positive, Schema, Share
 
 
@@ -131,6 +132,10 @@ class Fault(Schema):
         return within and self.start <= time < self.end
 
 
+RATES = (1e-3, 1e-1)
+"""Shares of bytes that a random fault damages, drawn evenly by their logarithms."""
+
+
 def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault, ...]:
     """Three to eight faults within `duration` s, each for at most a fifth of it; the same for the same seed."""
     chance = random.Random(seed)
@@ -141,7 +146,7 @@ def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault
         some = tuple(sorted(chance.sample(list(ids), min(len(ids), chance.randint(1, 2)))))
         own: dict[str, Any] = {"end": start + chance.uniform(0.0, 0.2 * duration)}
         if kind in BYTE_KINDS:
-            own["rate"] = 10.0 ** chance.uniform(-3.0, -1.0)
+            own["rate"] = exp(chance.uniform(log(RATES[0]), log(RATES[1])))
         elif "ids" in KEYS[kind]:
             own["ids"] = some
         faults.append(Fault(kind, start=start, **own))

@@ -12,7 +12,15 @@ from messages import Facts, refuses, shows
 from observed import ALL_JOINTS_MJCF, TWO_LINK_URDF
 from retarget import _solver
 from retarget.errors import ConfigError, InputError
-from retarget.model.body import BodyModel, JointType, joint_weights, load_body, load_body_text, low_inertia_joints
+from retarget.model.body import (
+    BodyModel,
+    JointType,
+    body_from_file,
+    joint_weights,
+    load_body,
+    load_body_text,
+    low_inertia_joints,
+)
 from retarget.model.body_file import MAX_BYTES, MAX_LINKS, compile_body_text
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
@@ -37,6 +45,26 @@ def test_names_types_and_addresses(body: BodyModel) -> None:
     assert np.all(body.parent[1:] < np.arange(1, 6)), "a parent comes before its children"
     single, address = body.scalar_joints()
     assert list(np.flatnonzero(single)) == [6, 7, 11] and list(address[single]) == [7, 8, 13]
+
+
+def test_last_bits_of_the_compiler_are_not_in_a_body() -> None:
+    """MuJoCo computes masses and frames with the C library of the machine."""
+    text = (Path(__file__).resolve().parents[2] / "configs/robots/poppy/body.xml").read_text(encoding="utf-8")
+    file = compile_body_text(text, source="body.xml", root="free")
+    body, model = body_from_file(file), file.model
+    for values in (model.body_pos, model.body_quat, model.body_mass, model.body_ipos, model.jnt_axis, model.jnt_pos):
+        values *= 1.0 + 3e-13
+    for values in (model.site_pos, model.site_quat, model.geom_pos, model.geom_quat, model.geom_size):
+        values *= 1.0 - 3e-13
+    other = body_from_file(file)
+    for name in ("body_pos", "body_quat", "mass", "com", "joint_axis", "joint_pos"):
+        assert getattr(other, name).tobytes() == getattr(body, name).tobytes(), name
+    for name in ("frames", "geoms"):
+        for ours, theirs in zip(getattr(other, name), getattr(body, name), strict=True):
+            assert (ours.position.tobytes(), ours.quat.tobytes()) == (theirs.position.tobytes(), theirs.quat.tobytes())
+    for directions in (body.body_quat, body.joint_axis):
+        assert_allclose(np.square(directions).sum(axis=-1), 1.0, rtol=1e-15)
+    assert body.upper[np.isfinite(body.upper)].tolist() == model.jnt_range[model.jnt_limited == 1, 1].tolist()
 
 
 def test_a_chain_has_its_link_and_the_root_and_not_the_world(body: BodyModel) -> None:
