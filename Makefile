@@ -30,7 +30,7 @@ help:
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes; GOLDEN="--only poppy" plays a part'
 	@echo 'make golden-store  renew the stored runs that make test compares with'
-	@echo 'make same-bits  the same runs as if by other processors, compared to the bit; minutes; BITS=--aarch64 adds one under qemu'
+	@echo 'make same-bits  the same runs as if by other processors, compared to the bit; minutes; BITS="--short --aarch64" adds one under qemu'
 	@echo 'make bench   our frame time beside PlaCo and mink'
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'
 	@echo 'make bench-tick  what a live tick computes, datagram in to goal bytes out'
