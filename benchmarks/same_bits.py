@@ -68,7 +68,7 @@ def main() -> int:
     """The command. Returns its exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.same_bits", description=__doc__)
     parser.add_argument("--short", action="store_true", help="the stored golden runs; a minute")
-    parser.add_argument("--aarch64", action="store_true", help="one more side, under qemu, some 30 times slower: with --short")
+    parser.add_argument("--aarch64", action="store_true", help="one more side, under qemu; with --short")
     parser.add_argument("--only", default="", metavar="TEXT", help="only runs with this in their name")
     parser.add_argument("--jobs", type=int, default=2, help="processes side by side")
     asked = parser.parse_args()
