@@ -212,6 +212,12 @@ def test_lengths_are_roots_of_squares_added_in_order(numbers: list[float]) -> No
     assert arithmetic.squares(stack).tolist() == [[total] * 2]
 
 
+def test_an_array_of_one_number_stays_an_array() -> None:
+    one = np.array([0.5])
+    assert [arithmetic.sin(one).shape, arithmetic.arctan2(one, one).shape, arithmetic.hypot(one, 1.0).shape] == [(1,)] * 3
+    assert isinstance(arithmetic.sin(np.float64(0.5)), float) and isinstance(arithmetic.sin(one[0]), float)
+
+
 def test_arrays_of_any_layout_give_the_same() -> None:
     a = np.random.default_rng(4).uniform(size=(4, 3))
     turned = np.asfortranarray(a)

@@ -29,8 +29,9 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
 /// A number, or an array of any shape.
 #[derive(FromPyObject)]
 pub enum Value<'py> {
-    Number(f64),
     Array(PyReadonlyArrayDyn<'py, f64>),
+    /// Tried last: older NumPy lets an array of one number pass for a number.
+    Number(f64),
 }
 
 type Array<'py> = PyReadonlyArrayDyn<'py, f64>;
