@@ -6,7 +6,7 @@ and a recording of one would not replay on the other. These functions are compil
 functions of the Rust library `libm`, sums in the order of their indices, no product fused with a sum.
 
 NumPy's own +, -, *, /, `sqrt`, comparisons, `sum` and `mean` are exact or of one order, and may be used beside them.
-So may `math.fsum` for floats; the built-in `sum` adds them otherwise from Python 3.12 on. `tests/test_arithmetic.py`
+`math.fsum` adds floats; the built-in `sum` does it otherwise from Python 3.12 on. `tests/test_arithmetic.py`
 lists the modules that hold to this, and fails on anything else there.
 """
 

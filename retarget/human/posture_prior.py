@@ -80,9 +80,8 @@ class Balance:
             self.weight = 0.0
             return
         lowest = min(foot[2] for foot in feet)
-        lift = LIFT_M + lowered * lowered * lowered * lowered * (
-            HEEL_M - LIFT_M
-        )  # only near the ground is a high ankle a heel
+        # Only near the ground is a high ankle a heel.
+        lift = LIFT_M + lowered * lowered * lowered * lowered * (HEEL_M - LIFT_M)
         raised = [(foot[2] - lowest) / lift for foot in feet]
         loads = [1.0 / (1.0 + by * by) for by in raised]
         total = fsum(loads)

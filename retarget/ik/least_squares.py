@@ -19,6 +19,9 @@ DIFFERENCE = 1.5e-8
 FIRST_DAMPING = 1e-3
 """Damping of the first step, as a share of the largest squared column of the Jacobian (Nielsen, 1999)."""
 
+LEAST_DAMPING = 1e-12
+"""Damping where no unknown changes anything."""
+
 
 def least_squares(
     residual: Callable[[FloatArray], FloatArray],
@@ -38,20 +41,19 @@ def least_squares(
     high = np.full(len(start), np.inf) if upper is None else upper
     x = np.clip(start, low, high)
     off = residual(x)
-    damping, harder = 0.0, 2.0
-    jacobian: FloatArray | None = None
+    jacobian = _jacobian(residual, x, off, high)
+    damping, harder = max(FIRST_DAMPING * float(np.square(jacobian).sum(axis=0).max()), LEAST_DAMPING), 2.0
     for _ in range(most_steps):
-        if jacobian is None:
-            jacobian = _jacobian(residual, x, off, high)
-        damping = damping or FIRST_DAMPING * float(np.square(jacobian).sum(axis=0).max())
-        step = _damped_step(jacobian, off, damping, low - x, high - x)
+        there = np.clip(x + _damped_step(jacobian, off, damping, low - x, high - x), low, high)
+        step = there - x
         if norm(step) <= close * (1.0 + norm(x)):
             break
-        tried = residual(x + step)
+        tried = residual(there)
         expected = _half_square(off) - _half_square(off + matmul(jacobian, step))
         gain = (_half_square(off) - _half_square(tried)) / max(expected, 1e-300)
         if gain > 0.0:
-            x, off, jacobian = np.clip(x + step, low, high), tried, None
+            x, off = there, tried
+            jacobian = _jacobian(residual, x, off, high)
             bend = 2.0 * gain - 1.0
             damping, harder = damping * max(1.0 / 3.0, 1.0 - bend * bend * bend), 2.0
         else:

@@ -279,11 +279,12 @@ def _unboxed(model: Any, joint_type: IntArray, names: tuple[str, ...]) -> tuple[
 
 DECIMALS = 9
 """Decimals (m, kg) of frames and masses, which MuJoCo computes from a file: its last bits differ between machines.
-Ranges and rest positions of joints are the file's own numbers."""
+Ranges and rest positions of joints are the file's own, in rad."""
 
 
 def _floats(values: Any) -> FloatArray:
-    return np.asarray(np.round(np.array(values, dtype=np.float64, order="C"), DECIMALS))
+    rounded = np.round(np.array(values, dtype=np.float64, order="C"), DECIMALS)
+    return np.asarray(rounded + 0.0)  # -0 is 0: its sign is the last bit of what it was
 
 
 def _directions(values: Any) -> FloatArray:

@@ -38,7 +38,10 @@ def recorded_goals(played: Played, *, speed: float, dt: float) -> FloatArray:
     index = (cycles.index[rows] - cycles.index[rows[0]]).astype(np.float64)
     step = speed * dt / played.recording.session.dt  # recorded ticks in one tick
     at = np.append(np.arange(0.0, index[-1], step), index[-1])
-    return np.stack([np.interp(at, index, column) for column in cycles.q[rows].T], axis=1)
+    before = np.clip(np.searchsorted(index, at, side="right") - 1, 0, max(len(index) - 2, 0))
+    after, q = np.minimum(before + 1, len(index) - 1), cycles.q[rows].astype(np.float64)
+    share = ((at - index[before]) / np.maximum(index[after] - index[before], 1.0))[:, None]
+    return np.asarray(q[before] + share * (q[after] - q[before]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -439,5 +439,5 @@ def _over(
     start = np.zeros(FREE_ROOT + len(joints))
     if squat is not None:
         start[2], low[2], high[2] = -squat, -squat - 1e-6, -squat + 1e-6
-    found = least_squares(off, start, lower=low, upper=high)
+    found = least_squares(off, start, lower=low, upper=high, close=1e-10)
     return posture(found), float(np.abs(off(found)[: -len(joints)]).max())

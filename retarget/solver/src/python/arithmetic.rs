@@ -4,8 +4,9 @@
 use super::arrays::bad;
 use crate::math::{add, add_scaled, cross, quat_mul, scale, Quat, Vec3};
 use numpy::ndarray::{ArrayD, ArrayViewD, IxDyn, Zip};
-use numpy::{IntoPyArray, PyArrayDyn, PyReadonlyArray1, PyReadonlyArrayDyn};
+use numpy::{IntoPyArray, PyArrayDyn, PyReadonlyArray1, PyReadonlyArrayDyn, PyUntypedArray};
 use pyo3::prelude::*;
+use pyo3::types::PyFloat;
 
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(sin, m)?)?;
@@ -27,11 +28,21 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
 }
 
 /// A number, or an array of any shape.
-#[derive(FromPyObject)]
 pub enum Value<'py> {
-    Array(PyReadonlyArrayDyn<'py, f64>),
-    /// Tried last: older NumPy lets an array of one number pass for a number.
     Number(f64),
+    Array(PyReadonlyArrayDyn<'py, f64>),
+}
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Value<'py> {
+    type Error = PyErr;
+
+    /// Python's and NumPy's floats first, which is quickest; then arrays, of which those of one number pass for a number, too.
+    fn extract(given: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        if given.cast::<PyFloat>().is_err() && given.cast::<PyUntypedArray>().is_ok() {
+            return Ok(Self::Array(given.extract()?));
+        }
+        given.extract().map(Self::Number)
+    }
 }
 
 type Array<'py> = PyReadonlyArrayDyn<'py, f64>;
