@@ -15,7 +15,7 @@ from benchmarks.measure import Outcome, run, show_sides
 from benchmarks.motion import Motion, crouch_and_reach, out_of_reach
 from benchmarks.ours import Ours
 from benchmarks.recording import RECORDING, SHARED, followed, recording
-from benchmarks.side import peers
+from benchmarks.side import N_IK, peers
 from benchmarks.table import options_of, write_json
 from retarget.human.calibration import calibrate
 from retarget.sources.open import open_source
@@ -30,9 +30,8 @@ def main() -> None:
     human, op3 = bench_human(), bench_op3()
     for body, motion in cases(human, op3, options.frames):
         outcomes += run(body, motion, sides, repeats=options.repeats)
-    print(
-        f"One process, one core, five iterations, no early stop; synthetic motions: {options.frames} frames at 120 Hz."
-    )
+    print(f"One process, one core, {N_IK} iterations, no early stop.")
+    print(f"Synthetic motions: {options.frames} frames at 120 Hz.")
     print(f"Sides take turns frame by frame; times are medians over {options.repeats} runs.")
     show_sides("frames", outcomes, docs=options.docs)
     write_json(options.json, {"frames": outcomes})

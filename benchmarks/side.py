@@ -12,7 +12,7 @@ from benchmarks.bodies import BenchBody, Floats
 from benchmarks.motion import RATE, Motion
 from benchmarks.observed_body import Watched, exact_self_distances
 
-N_IK = 5
+N_IK = 2
 DT = 1.0 / RATE
 POSTURE_GAIN = 0.05  # share of the way to the attractor per iteration
 POSTURE_WEIGHT = 1e-3  # of squared joint errors beside squared metres, for sides whose levels are weights

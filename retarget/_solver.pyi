@@ -151,21 +151,19 @@ class Task:
         of: list[int] | None = None,
         against: Literal["all", "self", "scene"] = "all",
         speed: float = 0.1,
-        short_lever: float = 0.0,
     ) -> Task:
         """Observers (all, or those of these numbers) that touch push their part out at `speed` m/s.
 
-        `short_lever`: see `retarget.schema.priorities`. No target beside the leading weight: on or off."""
+        No target beside the leading weight: on or off."""
     @staticmethod
     def preventive(
         *,
         of: list[int] | None = None,
         against: Literal["all", "self", "scene"] = "all",
         speed: float = 0.5,
-        short_lever: float = 0.0,
     ) -> Task:
         """Observers within influence damp the approach of their part. `speed` (m/s): where all act, the approach
-        permitted where influence begins. `short_lever`: as for `reactive`. No target beside the leading weight."""
+        permitted where influence begins. No target beside the leading weight."""
     @staticmethod
     def posture(weight: Floats, *, gain: float = 1.0, max_error: float = 0.3) -> Task:
         """Every coordinate with a positive weight (nv,) goes to that of a posture. Target nq. `max_error` holds per
@@ -252,9 +250,8 @@ class Solver:
     """A body, its levels and limits, and the state of the convergence loop.
 
     The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see
-    `Braking.bounds`). Locked coordinates (nv,) never move. A level
-    is damped (m/rad) by the root of `damping` times the size of the body (m) times what the level could not meet in
-    the iteration before (m), so that one that is met is not damped at all; 0 never damps.
+    `Braking.bounds`). Locked coordinates (nv,) never move. A level is damped (m/rad) by the root of its error (m) times
+    the size of the body (m) times `damping`.
     """
 
     def __init__(
@@ -267,9 +264,9 @@ class Solver:
         max_velocity: Floats,
         max_acceleration: Floats,
         locked: NDArray[np.bool_],
-        n_ik: int = 5,
+        n_ik: int = 2,
         max_step: float = 0.3,
-        damping: float = 1.0,
+        damping: float = 0.5,
         early_stop: bool = True,
         observers: Observers | None = None,
         activation: Literal["closest", "all"] = "closest",
@@ -279,7 +276,7 @@ class Solver:
     def target_slice(self, level: int, task: int) -> tuple[int, int]:
         """(start, stop) of a task in the target vector, its leading weight included."""
     def reset(self, q: Floats, velocity: Floats | None = None) -> None:
-        """Start from posture q (nq,), moving at velocity (nv,) per second; the active set stays, as a guess."""
+        """Start from posture q (nq,), moving at velocity (nv,) per second."""
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
     def brake(self, ticks: float, dt: float, frames: int) -> Floats:
@@ -314,7 +311,8 @@ class Solver:
         """Error norm of each task at the posture reached, in order of levels; NaN where absent."""
     @property
     def capped(self) -> int:
-        """Linear solves that took too many steps and were ended: their answers keep the bounds."""
+        """Linear solves that took too many steps and were ended: their answers keep the bounds, and the limits that
+        standing still keeps."""
 
 def solve_hierarchy(
     rows: Floats,
@@ -326,13 +324,18 @@ def solve_hierarchy(
     hi: Floats,
     still: Floats,
     damping: float,
-) -> tuple[Floats, bool, bool]:
-    """One linear solve, for tests: lexicographic least squares of levels, whose rows (m, n) stand one level after the
-    other, with lower (m,) <= rows z <= upper (m,) up to a slack, under the hard box lo (n,) <= z <= hi (n,); last,
-    ||z||^2. still (n,): the z of no motion, where damped steps begin.
+    soft_last: bool = False,
+    rounds: int = 1,
+    budget: int = 2000,
+) -> tuple[Floats, int, bool]:
+    """One linear solve: damped least squares of levels, whose rows (m, n) stand one level after the other, with
+    lower (m,) <= rows z <= upper (m,) up to a slack, under the hard box lo (n,) <= z <= hi (n,); last, ||z||^2.
 
-    Returns z (n,), whether it was found in the space that the first equalities leave, and whether it is not proved
-    optimal."""
+    still (n,): the z of no motion, from which damped steps are measured. damping: squared, for each unit of a level's
+    error. soft_last: each row of the last level has a variable of its own, and is met beside ||z||^2. rounds: how often
+    a level begins anew from what it found, which drives its damping to nothing. budget: most steps.
+
+    Returns z (n,), steps, and whether it was ended early."""
 
 def braking_displacement(gap: float, change: float) -> float:
     """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`.

@@ -92,6 +92,7 @@ def make_solver(
         n_ik=n_ik,
         early_stop=False,
         max_step=10.0,
+        damping=0.0,
         observers=observers,
         activation="closest",
     )

@@ -29,6 +29,10 @@ from retarget.schema.priorities import (
 )
 from retarget.types import BoolArray, FloatArray, IntArray
 
+DAMPING = 0.25
+"""Damping of the solver for each iteration of a frame: measured to follow as calmly with two iterations as with five
+(docs/solver.md)."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Place:
@@ -62,14 +66,16 @@ class Hierarchy:
         lengths: Mapping[str, float] | None = None,
         locked: BoolArray | None = None,
         iterations: int | None = None,
+        damping: float | None = None,
         observers: Observers | None = None,
         scene: SceneShapes = NO_SCENE,
     ) -> None:
         """frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
         limb tasks stand for. lengths: m, of landmarks, for weights per length. locked (nv,): DoFs that never move.
-        iterations: instead of the file's. observers: what looks at itself and at the obstacles of `scene`. Raises
-        ConfigError: a name that the body does not have.
+        iterations: instead of the file's. damping: of the solver; absent: `DAMPING` for each iteration, as every
+        iteration lowers the error and damping with it. observers: what looks at itself and at the obstacles of `scene`.
+        Raises ConfigError: a name that the body does not have.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
@@ -85,6 +91,7 @@ class Hierarchy:
         shapes = scene.with_margin(priorities.observers.obstacle_margin)
         self.observers = None if watching is None else watching.for_solver(body, shapes)
         """What looks at itself and at the obstacles, as the solver has it."""
+        n_ik = priorities.iterations if iterations is None else iterations
         self.solver = _solver.Solver(
             body.solver_body(),
             [[slot.task for slot in level] for level in levels],
@@ -93,7 +100,8 @@ class Hierarchy:
             max_velocity=limits.max_velocity,
             max_acceleration=limits.max_acceleration,
             locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
-            n_ik=priorities.iterations if iterations is None else iterations,
+            n_ik=n_ik,
+            damping=DAMPING * n_ik if damping is None else damping,
             observers=self.observers,
             activation=priorities.activation,
         )

@@ -243,7 +243,7 @@ def _observing(task: ReactiveTask | PreventiveTask, observers: Sequence[str], *,
     if isinstance(task, PreventiveTask):
         kind, make = SlotKind.PREVENTIVE, SolverTask.preventive
     of = _observers_of(task, observers)
-    return [Slot(kind, task.against, make(of=of, against=task.against, speed=task.speed, short_lever=task.short_lever))]
+    return [Slot(kind, task.against, make(of=of, against=task.against, speed=task.speed))]
 
 
 def _observers_of(task: ReactiveTask | PreventiveTask, observers: Sequence[str]) -> list[int] | None:

@@ -40,6 +40,8 @@ STARTS = 6
 """Postures of these, the most like, from which a descent begins."""
 ITERATIONS = 40
 """Iterations of a descent, of at most 0.05 m of a limb's line each: a limb can turn round."""
+DAMPING = 0.5
+"""Of the solver, as in a frame of two iterations: each of a descent goes as far."""
 CAUGHT = 0.26
 """[rad] A branch is wrong that ends farther from what is asked, and by so much farther than another: 15 degrees are
 seen at once, and less is not worth a way that is seen as well."""

@@ -23,7 +23,7 @@ from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
-from retarget.robot.arm_branches import ITERATIONS, ArmBranches
+from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
 from retarget.robot.crouch_envelope import Envelope, measure_envelope
 from retarget.robot.following_limits import following_limits, servo_limits
@@ -254,7 +254,7 @@ class Follower:
         carrying = standing_dofs(robot)
         build = partial(self._hierarchy_of, limits=limits, iterations=iterations)
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
-        unhurried = partial(self._hierarchy_of, limits=limits.unhurried, iterations=ITERATIONS)
+        unhurried = partial(self._hierarchy_of, limits=limits.unhurried, iterations=ITERATIONS, damping=DAMPING)
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
         self._soles, still = OnSoles(balance), frozenset(soles)
         if legs_move:
@@ -296,7 +296,13 @@ class Follower:
         return measure_envelope(self._robot, limits, self.stance, edges=edges, observers=apart)
 
     def _hierarchy_of(
-        self, priorities: Priorities, locked: BoolArray, *, limits: JointLimits, iterations: int | None
+        self,
+        priorities: Priorities,
+        locked: BoolArray,
+        *,
+        limits: JointLimits,
+        iterations: int | None,
+        damping: float | None = None,
     ) -> Hierarchy:
         """The robot's hierarchy, with these DoFs (nv,) locked."""
         return Hierarchy(
@@ -310,6 +316,7 @@ class Follower:
             limits=limits,
             locked=locked,
             iterations=iterations,
+            damping=damping,
             observers=self.observers,
             scene=self.scene_obstacles.shapes,
         )

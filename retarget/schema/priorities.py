@@ -226,9 +226,6 @@ class ReactiveTask(Schema):
     """Each other, what the scene holds, or both."""
     speed: Positive = 0.1
     """[m/s] Of the way out, at most."""
-    short_lever: NotNegative = 0.0
-    """[m per rad of stiffness 1] A row that the levels above leave no longer lever than this asks for half of what is
-    missing, and for less, the shorter: for observers below what must be kept over a whole frame."""
 
 
 class PreventiveTask(Schema):
@@ -242,9 +239,6 @@ class PreventiveTask(Schema):
     """Each other, what the scene holds, or both."""
     speed: Positive = 0.5
     """[m/s] With `activation: all`: approach permitted where influence begins; it falls to nothing at the margin."""
-    short_lever: NotNegative = 0.0
-    """[m per rad of stiffness 1] A row that the levels above leave no longer lever than this asks for half of what is
-    missing, and for less, the shorter: for observers below what must be kept over a whole frame."""
 
 
 Task = Annotated[
@@ -328,20 +322,12 @@ class DeflectionCompensationSettings(Schema):
     much more."""
 
 
-def _levers_alike(tasks: tuple[Task, ...]) -> tuple[Task, ...]:
-    """A short lever is that of a whole level: all its tasks are observers, with the same one."""
-    levers = {getattr(task, "short_lever", 0.0) for task in tasks}
-    if len(levers) > 1:
-        raise PydanticCustomError("levers", "tasks of one level with and without a short_lever, or with different ones")
-    return tasks
-
-
 class Level(Schema):
     """Tasks of equal rank. A level without tasks keeps its place and has no effect."""
 
     name: Text
     """For messages and reports."""
-    tasks: Annotated[tuple[Task, ...], Field(max_length=32), AfterValidator(_levers_alike)]
+    tasks: Annotated[tuple[Task, ...], Field(max_length=32)]
     """Tasks of equal rank; none: the level keeps its place and has no effect."""
 
 
@@ -355,7 +341,7 @@ class Priorities(Schema):
     extends: Text | None = None
     """The base of an overlay: its name (a file beside this one comes first), or its path relative to this file. Keys of
     the overlay replace those of its base whole. Of priorities that are loaded: None."""
-    iterations: Annotated[Integer, Field(ge=1, le=100)] = 5
+    iterations: Annotated[Integer, Field(ge=1, le=100)] = 2
     """Per frame, at most (the paper's N_IK)."""
     activation: Literal["closest", "all"] = "closest"
     """Which preventive observers add their row: the closest per obstacle (paper), or all."""

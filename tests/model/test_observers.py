@@ -13,7 +13,7 @@ import followers
 from followers import op3
 from gated_robot import GatedRobot
 from messages import refuses, shows
-from observed import Rig, act, aim, ball, binding, chain, rig, robot, rod, scene_of, without_observers
+from observed import Rig, act, aim, ball, binding, chain, rig, robot, scene_of, without_observers
 from observed import human as observers_idle_human
 from people import thinned
 from physics_rig import PhysicsRig, ticks
@@ -240,8 +240,9 @@ def reaching(made: Rig) -> _solver.Solver:
 
 def test_pairs_that_sleep_change_nothing() -> None:
     """Against a solver that gets posture and velocity anew in every frame, so that it knows no distance."""
-    obstacles = [ball(at=(0.5, 0.45, 0.0)), ball(at=(-0.6, 0.3, 0.0)), ball(at=(0.9, -0.4, 0.0))]
-    made = rig(chain(7), [rod(k + 1) for k in range(7)], obstacles, [(a, b) for a in range(7) for b in range(a + 2, 7)])
+    obstacles = [ball(0, 0.003, at=at) for at in ((0.5, 0.45, 0.0), (-0.6, 0.3, 0.0), (0.9, -0.4, 0.0))]
+    beads = [ball(k + 1, 0.003, at=(0.15, 0.0, 0.0)) for k in range(7)]  # their nearest points do not leap
+    made = rig(chain(7), beads, obstacles, [(a, b) for a in range(7) for b in range(a + 2, 7)])
     remembers, forgets = reaching(made), reaching(made)
     made.show(forgets)
     near = 0

@@ -1,23 +1,26 @@
-"""The solver's hierarchy against a cascade of quadratic programs, on random hierarchies of every difficulty we know.
+"""The solver's hierarchy against cascades of quadratic programs, on random hierarchies of every difficulty we know.
 
 A failure prints the names of the hierarchies; `random_hierarchy(seed)` in `oracles/hierarchies.py` makes each again.
 """
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hierarchy_oracle_helpers import EQUAL, compare, solve
+from hierarchy_oracle_helpers import solve
 from oracles.cascade import solve_cascade
+from oracles.damped import solve_damped
 from oracles.hierarchies import CHANGES, ROUGH_CHANGES, Change, random_hierarchy
 from oracles.optimality import optimality, outside_box
 from oracles.problem import Array, Hierarchy, Level
 from oracles.textbook import prioritized_pseudo_inverse
 
 STRICT = 1e-9  # change of a residual by the levels below
+SAME = 1e-8  # of an answer beside the same programs solved by daqp
+DAMPINGS = (1.0, 0.05)
+ROUNDS = 8
+"""Of a level, which drive its damping to nothing."""
 
 BLOCK = 25
 SHORT_BLOCKS = range(0, 200, BLOCK)
@@ -26,43 +29,67 @@ ROUGH_BLOCKS = range(50_000, 50_100, BLOCK)
 
 
 def assert_right(seeds: range, changes: tuple[Change, ...] = CHANGES) -> None:
-    """Every seed's answer is right, and the oracle itself is nearly always the best answer known."""
-    problems = [random_hierarchy(seed, changes) for seed in seeds]
-    found = [compare(problem, solve(problem).x) for problem in problems]
-    faults = [comparison.fault for comparison in found if comparison.fault]
+    """Every seed's answer is the one of the same programs by daqp, which gives up some."""
+    faults, unsolved = [], 0
+    for seed in seeds:
+        problem = random_hierarchy(seed, changes)
+        for damping in DAMPINGS:
+            answer = solve(problem, damping)
+            try:
+                best = solve_damped(problem, damping)
+            except ValueError:
+                unsolved += 1
+                continue
+            off = float(np.abs(answer.x - best).max(initial=0.0))
+            if off > SAME or answer.capped:
+                faults.append(f"{problem.name}, damping {damping}: off by {off:.1e}, capped: {answer.capped}")
     assert not faults, "\n".join(faults)
-    assert sum(comparison.oracle_worse for comparison in found) <= 1 + len(seeds) // 100
+    assert unsolved <= 1 + len(seeds) * len(DAMPINGS) // 20
 
 
 @pytest.mark.parametrize("start", SHORT_BLOCKS)
-def test_residuals_equal_the_oracle(start: int) -> None:
+def test_answers_are_those_of_the_same_programs(start: int) -> None:
     assert_right(range(start, start + BLOCK))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("start", LONG_BLOCKS)
-def test_residuals_equal_the_oracle_long(start: int) -> None:
+def test_answers_are_those_of_the_same_programs_long(start: int) -> None:
     assert_right(range(start, start + 20 * BLOCK))
 
 
 @pytest.mark.parametrize("start", ROUGH_BLOCKS)
-def test_near_singular_levels_without_damping(start: int) -> None:
+def test_near_singular_levels(start: int) -> None:
     assert_right(range(start, start + BLOCK), ROUGH_CHANGES)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.05, 1.0])
+def test_without_damping_residuals_are_those_of_least_squares() -> None:
+    """But for a few that only rounding decides."""
+    faults = []
+    for seed in range(200):
+        problem = random_hierarchy(seed)
+        best, x = solve_cascade(problem), solve(problem, 0.0, ROUNDS).x
+        size = 1.0 + np.maximum(problem.sizes(x), problem.sizes(best))
+        excess = ((problem.residuals(x) - problem.residuals(best)) / size)[: len(problem.levels)]
+        differs = np.flatnonzero(np.abs(excess) > 1e-6)
+        if len(differs) and excess[differs[0]] > 0.0:
+            faults.append(f"{problem.name}: level {differs[0]} worse by {excess[differs[0]]:.1e}")
+    assert len(faults) <= 4, "\n".join(faults)
+
+
+@pytest.mark.parametrize("damping", [0.05, 1.0])
 @pytest.mark.parametrize("start", SHORT_BLOCKS)
-def test_lower_levels_change_nothing_above(start: int, damping: float) -> None:
+def test_lower_levels_change_no_target_above(start: int, damping: float) -> None:
     faults = []
     for seed in range(start, start + BLOCK):
         problem = random_hierarchy(seed)
         whole = solve(problem, damping).x
         for count in range(1, len(problem.levels)):
             alone = solve(problem.first(count), damping).x
-            change = np.abs(problem.residuals(whole)[:count] - problem.residuals(alone)[:count])
-            share = change / np.maximum(1.0, problem.sizes(alone)[:count])
-            if share.max() > STRICT:
-                faults.append(f"{problem.name}: level {share.argmax()} moved by {share.max():.1e} below {count}")
+            for number, level in enumerate(problem.levels[:count]):
+                moved = float(np.abs(level.C @ (whole - alone)).max(initial=0.0)) / max(1.0, level.size(alone))
+                if moved > STRICT:
+                    faults.append(f"{problem.name}: level {number} moved by {moved:.1e} below {count}")
     assert not faults, "\n".join(faults)
 
 
@@ -72,42 +99,30 @@ def test_same_input_same_bits() -> None:
         assert solve(problem).x.tobytes() == solve(problem).x.tobytes(), problem.name
 
 
+def test_nearby_input_nearby_answer() -> None:
+    """Every stage is strictly convex: an answer changes by no more than what is asked does, over the damping."""
+    random = np.random.default_rng(0)
+    for seed in range(200):
+        problem = random_hierarchy(seed, CHANGES[:1])
+        moved = tuple(
+            Level.of(level.C, level.e + 1e-9 * random.normal(size=len(level.e)), level.D, level.lower, level.upper)
+            for level in problem.levels
+        )
+        other = Hierarchy(moved, problem.lo, problem.hi, problem.weight, problem.ref, problem.soft)
+        assert solve(other, 0.5).x == pytest.approx(solve(problem, 0.5).x, abs=1e-6), problem.name
+
+
 def test_no_answer_is_given_up() -> None:
-    assert not [seed for seed in range(400) if solve(random_hierarchy(seed)).capped]
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_the_unit_of_a_level_does_not_matter(scale: float) -> None:
-    for seed in range(100):
-        problem = random_hierarchy(seed, CHANGES[:-1])
-        levels = tuple(
-            Level(scale * level.C, scale * level.e, scale * level.D, scale * level.lower, scale * level.upper)
-            for level in problem.levels
-        )
-        assert solve(replace(problem, levels=levels)).x == pytest.approx(solve(problem).x, abs=EQUAL), problem.name
-
-
-@pytest.mark.parametrize("scale", [1e-4, 1e4])
-def test_the_unit_of_the_answer_does_not_matter(scale: float) -> None:
-    for seed in range(100):
-        problem = random_hierarchy(seed, CHANGES[:-1])
-        levels = tuple(
-            Level(level.C, scale * level.e, level.D, scale * level.lower, scale * level.upper)
-            for level in problem.levels
-        )
-        soft = None if problem.soft is None else (problem.soft[0], scale * problem.soft[1])
-        stretched = replace(
-            problem, levels=levels, lo=scale * problem.lo, hi=scale * problem.hi, ref=scale * problem.ref, soft=soft
-        )
-        assert solve(stretched).x / scale == pytest.approx(solve(problem).x, abs=EQUAL), problem.name
+    assert not [seed for seed in range(400) if solve(random_hierarchy(seed), 0.5).capped]
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_the_textbook_where_no_bound_matters(seed: int) -> None:
     problem = random_hierarchy(seed, CHANGES[:4], share=0.5)
-    wide = replace(problem, lo=problem.lo - 1e4, hi=problem.hi + 1e4)
+    wide = Hierarchy(problem.levels, problem.lo - 1e4, problem.hi + 1e4, problem.weight, problem.ref, problem.soft)
     levels = [(level.C, level.e) for level in problem.levels]
-    assert solve(wide).x == pytest.approx(prioritized_pseudo_inverse(levels, problem.weight, problem.ref), abs=1e-7)
+    found = solve(wide, 0.0, ROUNDS).x
+    assert found == pytest.approx(prioritized_pseudo_inverse(levels, problem.weight, problem.ref), abs=1e-6)
 
 
 numbers = st.sampled_from([0.0, 1.0, -1.0, 0.5, -2.0, 1e-9, -1e-9, 1e-5, 3e3, -1e6, 1e9])
@@ -147,8 +162,7 @@ def test_any_hierarchy_has_a_finite_answer_inside_the_box(problem: Hierarchy) ->
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_any_seed_is_right(seed: int) -> None:
-    comparison = compare(problem := random_hierarchy(seed), solve(problem).x)
-    assert not comparison.fault
+    assert_right(range(seed, seed + 1))
 
 
 # The references themselves: they agree with each other, with answers known by hand, and notice wrong answers.

@@ -322,6 +322,11 @@ def own() -> Observers:
 
 def nearest(body: BodyModel, observers: Observers, q: FloatArray, state: SceneState, time: float) -> FloatArray:
     """Smallest distance (k,) m of the observers of a body to each obstacle at a time."""
+    return np.asarray(distances(body, observers, q, state, time).min(axis=1))
+
+
+def distances(body: BodyModel, observers: Observers, q: FloatArray, state: SceneState, time: float) -> FloatArray:
+    """Distances (k, n) m of the n observers of a body to each of k obstacles at a time."""
     position, quat = placed(body, observers, q)
     poses, shapes = state.at(time), state.shapes
     n, k = len(observers.names), len(shapes.names)
@@ -330,12 +335,17 @@ def nearest(body: BodyModel, observers: Observers, q: FloatArray, state: SceneSt
         *(observers.kinds[mine], observers.sizes[mine], position[mine], quat[mine]),
         *(shapes.kinds[theirs], shapes.sizes[theirs], poses.position[theirs], poses.quat[theirs]),
     )[0]
-    return np.asarray(found.reshape(k, n).min(axis=1))
+    return np.asarray(found.reshape(k, n))
 
 
 def observed(q: FloatArray, state: SceneState, time: float) -> FloatArray:
     """Smallest distance (k,) m of the robot's observers to each obstacle at a time."""
     return nearest(op3().body, own(), q, state, time)
+
+
+def depth(q: FloatArray, state: SceneState, time: float) -> float:
+    """Root of the sum of squares (m) of how deep the robot's observers are in obstacles at a time."""
+    return float(np.linalg.norm(distances(op3().body, own(), q, state, time).clip(max=0.0)))
 
 
 def act(follower: Follower, state: SceneState | None, motion: Sequence[HumanPosture]) -> Done:

@@ -5,23 +5,16 @@
 
 use crate::braking::{frame_bounds, iteration_bounds};
 use crate::frame::FrameSolver;
-use crate::hierarchy::{solve, Problem};
+use crate::hierarchy::{Problem, BUDGET};
 use crate::level_rows::Placed;
 use crate::math::{add_scaled, quat_mul};
 use crate::observers::{Activation, Iteration};
-use crate::progress::Instant;
 use crate::task::TaskKind;
 use crate::task_rows::{Columns, RowWriter};
 use std::ops::Range;
 
-/// Iterations at the end of a frame that may be used to repair what lower levels did to higher ones.
-const REPAIRS: usize = 2;
-/// Soft tasks ask for so much less where a level is damped by this share of its length, or more.
-const SOFT_SLOWING: f64 = 0.8;
-/// That share, of the damping length.
-const SOFT_SLOW: f64 = 0.15;
-/// How often a step is halved.
-const HALVINGS: usize = 3;
+/// A step (m, rad) as short as this has converged.
+const STILL: f64 = 1e-7;
 /// Solves of one iteration in which pairs may still ask for a row.
 const MOST_SURPRISES: usize = 4;
 
@@ -32,25 +25,13 @@ impl FrameSolver {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
             self.done[i] = 0.0;
         }
-        self.look(targets, Instant::Start, 0, dt);
+        self.look(targets, 0, dt);
         for iteration in 0..self.settings.n_ik {
-            if iteration > 0 {
-                if self.settings.early_stop && self.may_stay() && self.progress.is_done() && self.none_comes() {
-                    break;
-                }
-                self.progress.decide_who_waits(iteration + REPAIRS >= self.settings.n_ik);
-            } else {
-                // The first iteration of a frame resembles that of the frame before more than the last iteration does.
-                self.problem.variable_side.clone_from(&self.first_sides.0);
-                self.problem.row_side.clone_from(&self.first_sides.1);
+            if iteration > 0 && self.settings.early_stop && self.stands() {
+                break;
             }
-            self.iterate(targets, iteration == 0);
-            if iteration == 0 {
-                self.first_sides.0.clone_from(&self.problem.variable_side);
-                self.first_sides.1.clone_from(&self.problem.row_side);
-            }
-            self.look(targets, Instant::Step, iteration + 1, dt);
-            self.take_back(targets, iteration + 1, dt);
+            self.iterate(targets);
+            self.look(targets, iteration + 1, dt);
             self.stats.iterations += 1;
         }
         for i in 0..self.body.nv {
@@ -62,26 +43,30 @@ impl FrameSolver {
     }
 
     /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
-    fn look(&mut self, targets: &[f64], instant: Instant, done: usize, dt: f64) {
-        self.posed &= instant == Instant::Start;
+    fn look(&mut self, targets: &[f64], done: usize, dt: f64) {
+        self.posed &= done == 0;
         self.pose_body();
-        let mut violation: &[f64] = &[];
         if let Some(watch) = &mut self.watch {
-            match instant {
-                Instant::Start => {
-                    for p in &self.placed {
-                        if let TaskKind::Observers(task) = &p.task.kind {
-                            watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
-                        }
+            if done == 0 {
+                for p in &self.placed {
+                    if let TaskKind::Observers(task) = &p.task.kind {
+                        watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
                     }
-                    let motion = (self.velocity.as_slice(), self.limits.as_slice());
-                    watch.begin(&self.body, (&self.q, &self.pose), motion, dt, self.settings.n_ik);
                 }
-                _ => watch.look(&self.pose, done, &self.step),
+                let motion = (self.velocity.as_slice(), self.limits.as_slice());
+                watch.begin(&self.body, (&self.q, &self.pose), motion, dt, self.settings.n_ik);
+            } else {
+                watch.look(&self.pose, done, &self.step);
             }
-            violation = &watch.violation;
         }
-        self.progress.look(&self.body, &self.pose, &self.placed, targets, instant, violation, &mut self.task_errors);
+        for (error, p) in self.task_errors.iter_mut().zip(&self.placed) {
+            let target = &targets[p.target.clone()];
+            *error = match (&p.task.kind, &self.watch) {
+                _ if !p.task.is_present(target) => f64::NAN,
+                (TaskKind::Observers(task), Some(watch)) => watch.violation[task.index],
+                _ => p.task.error_size(&self.body, &self.pose, target),
+            };
+        }
     }
 
     fn pose_body(&mut self) {
@@ -97,52 +82,18 @@ impl FrameSolver {
         self.watch.as_ref().is_none_or(|w| !w.needs_every_iteration())
     }
 
-    /// Halve the last step again and again, while it was too large and the box of the frame allows it.
-    fn take_back(&mut self, targets: &[f64], done: usize, dt: f64) {
-        let mut share = -0.5;
-        for _ in 0..HALVINGS {
-            if !self.progress.went_too_far() {
-                return;
-            }
-            self.step.iter_mut().for_each(|s| *s *= share);
-            share = 0.5;
-            let allowed = self.frame_box.iter().zip(&self.done).zip(&self.step).all(|((b, d), s)| b.holds(d + s));
-            if !allowed {
-                return;
-            }
-            for (done, step) in self.done.iter_mut().zip(&self.step) {
-                *done += step;
-            }
-            self.body.integrate(&mut self.q, &self.step);
-            self.look(targets, Instant::StepTakenBack, done, dt);
-        }
+    /// The last step was none, the box of the frame allows to stay, and no obstacle comes nearer.
+    fn stands(&self) -> bool {
+        self.step.iter().all(|step| step.abs() <= STILL)
+            && self.frame_box.iter().zip(&self.done).all(|(b, d)| b.holds(*d))
+            && self.none_comes()
     }
 
-    /// The box of the frame allows to stay where it is.
-    fn may_stay(&self) -> bool {
-        self.frame_box.iter().zip(&self.done).all(|(b, d)| b.holds(*d))
-    }
-
-    /// Damping of every level. Soft tasks go slower beside a damped level: near a stretched limb they see as little of what
-    /// their steps do as that level, and would swing about their goal.
-    fn damp(&mut self) {
-        let mut most: f64 = 0.0;
-        for k in 0..self.problem.level_count() {
-            let damping = self.progress.damping(k, self.damping_length);
-            self.problem.damping[k] = damping;
-            self.problem.patience[k] = self.progress.patience(k);
-            most = most.max(damping);
-        }
-        self.soft_share =
-            1.0 - SOFT_SLOWING * if most > 0.0 { (most / (SOFT_SLOW * self.damping_length)).min(1.0) } else { 0.0 };
-    }
-
-    fn iterate(&mut self, targets: &[f64], first: bool) {
-        self.damp();
+    fn iterate(&mut self, targets: &[f64]) {
         self.metric(targets);
         self.write_rows(targets);
         self.write_box();
-        self.solve_observed(first);
+        self.solve_observed();
         self.read_step();
         for (done, step) in self.done.iter_mut().zip(&self.step) {
             *done += step;
@@ -238,6 +189,7 @@ impl FrameSolver {
 
     fn write_rows(&mut self, targets: &[f64]) {
         let has_rows = |p: &&Placed| !p.metric && !matches!(p.task.kind, TaskKind::Observers(_));
+        self.problem.error2.fill(0.0);
         for p in self.placed.iter().filter(has_rows) {
             let target = &targets[p.target.clone()];
             let rows = p.first_row..p.first_row + p.task.row_count();
@@ -249,7 +201,12 @@ impl FrameSolver {
             let strength = if soft { (target[0] / self.soft_scale).sqrt() } else { target[0] };
             let mut writer =
                 RowWriter { body: &self.body, pose: &self.pose, columns: &self.columns, problem: &mut self.problem };
-            writer.write(&p.task, target, p.first_row, strength);
+            let share = writer.write(&p.task, target, p.first_row, strength);
+            let asked2: f64 = rows
+                .clone()
+                .filter(|r| self.problem.is_equality(*r))
+                .fold(0.0, |sum, r| sum + self.problem.lower[r] * self.problem.lower[r]);
+            self.problem.error2[p.level] += asked2 / (share * share);
             if matches!(p.task.kind, TaskKind::Posture) {
                 self.body.difference(&self.q, &target[1..], &mut self.posture_error);
                 let mut r = p.first_row;
@@ -260,15 +217,6 @@ impl FrameSolver {
                         self.problem.lower[r] = asked * p.task.weight[dof] * strength;
                         self.problem.upper[r] = self.problem.lower[r];
                         r += 1;
-                    }
-                }
-            }
-            let share = if soft { self.soft_share } else { f64::from(!self.progress.waits(p.level)) };
-            if share < 1.0 {
-                for r in rows.clone() {
-                    if self.problem.is_equality(r) {
-                        self.problem.lower[r] *= share;
-                        self.problem.upper[r] = self.problem.lower[r];
                     }
                 }
             }
@@ -288,8 +236,6 @@ impl FrameSolver {
             self.problem.lo[c] = (lo - x) * s;
             self.problem.hi[c] = (hi - x) * s;
             self.problem.still[c] = -x * s;
-            self.problem.lo_is_stop[c] = self.frame_box[dof].lo_is_stop && lo > -self.settings.max_step;
-            self.problem.hi_is_stop[c] = self.frame_box[dof].hi_is_stop && hi < self.settings.max_step;
         }
     }
 
@@ -304,17 +250,17 @@ impl FrameSolver {
     }
 
     /// Solve the iteration's problem with the rows of the observers.
-    fn solve_observed(&mut self, first: bool) {
+    fn solve_observed(&mut self) {
         let Some(watch) = &mut self.watch else {
             self.solve_once();
             return;
         };
         let (body, pose, reference, scale) = (&self.body, &self.pose, &self.reference, &self.scale);
-        let is_trial = watch.write_rows(&mut self.problem, &Iteration { body, pose, first, reference, scale });
+        let is_trial = watch.write_rows(&mut self.problem, &Iteration { body, pose, reference, scale });
         let acts = watch.activation;
         self.solve_once();
         if acts == Activation::All {
-            self.solve_surprises(first);
+            self.solve_surprises();
         } else if is_trial {
             self.ask_again();
             if self.watch.as_mut().is_some_and(|watch| watch.choose(&mut self.problem)) {
@@ -322,12 +268,12 @@ impl FrameSolver {
             }
         }
         if let Some(watch) = &mut self.watch {
-            watch.keep_sides(&self.problem, first);
+            watch.keep_held(&self.problem);
         }
     }
 
     /// Solve again with the rows of pairs that the answer would bring too near although they had no row.
-    fn solve_surprises(&mut self, first: bool) {
+    fn solve_surprises(&mut self) {
         for _ in 0..MOST_SURPRISES {
             self.read_step();
             let Some(watch) = &mut self.watch else { return };
@@ -338,7 +284,7 @@ impl FrameSolver {
             self.ask_again();
             let Some(watch) = &mut self.watch else { return };
             let (body, pose, reference, scale) = (&self.body, &self.pose, &self.reference, &self.scale);
-            watch.write_rows_from(before, &mut self.problem, &Iteration { body, pose, first, reference, scale });
+            watch.write_rows_from(before, &mut self.problem, &Iteration { body, pose, reference, scale });
             self.solve_once();
         }
     }
@@ -350,12 +296,11 @@ impl FrameSolver {
     }
 
     fn solve_once(&mut self) {
-        // Damping lowers targets where it solves.
+        // Stages leave what they reach as targets.
         self.asked.0.clone_from(&self.problem.lower);
         self.asked.1.clone_from(&self.problem.upper);
-        let outcome = solve(&mut self.problem, &mut self.work);
-        self.stats.factorizations += u64::from(outcome.factorizations);
-        self.stats.fallbacks += u64::from(outcome.fallback);
+        let outcome = self.stages.solve(&mut self.problem, BUDGET);
+        self.stats.steps += u64::from(outcome.steps);
         self.stats.capped += u64::from(outcome.capped);
     }
 }

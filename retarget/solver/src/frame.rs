@@ -3,12 +3,11 @@
 
 use crate::body::Body;
 use crate::braking::{FrameBox, Limit};
-use crate::hierarchy::{Problem, Side, Workspace};
+use crate::hierarchy::{Problem, Stages};
 use crate::kinematics::Pose;
 use crate::level_rows::{reserve_rows, watch, Layout, Placed};
 use crate::observers::{Activation, ObserverSet, Watch};
-use crate::progress::Progress;
-use crate::task::{Task, TaskKind};
+use crate::task::Task;
 use crate::task_rows::Columns;
 use std::ops::Range;
 use std::sync::Arc;
@@ -19,7 +18,7 @@ pub struct Settings {
     pub n_ik: usize,
     /// Largest change of one coordinate per iteration (rad or m).
     pub max_step: f64,
-    /// How much a level is damped that could not be met, for the size of the body (see `Progress::damping`); 0 never damps.
+    /// Squared damping of a level for each metre of the body's size and of its error (see `hierarchy`).
     pub damping: f64,
     pub early_stop: bool,
 }
@@ -28,8 +27,8 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Stats {
     pub iterations: u64,
-    pub factorizations: u64,
-    pub fallbacks: u64,
+    /// Limits that were taken up or dropped.
+    pub steps: u64,
     pub capped: u64,
 }
 
@@ -45,19 +44,13 @@ pub struct FrameSolver {
     /// Per task (in order of levels): error norm at the posture that was reached.
     pub task_errors: Vec<f64>,
     pub(crate) placed: Vec<Placed>,
-    pub(crate) progress: Progress,
     /// Observers, where there are any.
     pub watch: Option<Watch>,
-    pub(crate) damping_length: f64,
-    /// Share of their error that soft tasks ask for.
-    pub(crate) soft_share: f64,
     pub(crate) columns: Columns,
     /// Place in q of a hinge or slide coordinate.
     pub(crate) q_address: Vec<Option<usize>>,
     pub(crate) problem: Problem,
-    pub(crate) work: Workspace,
-    /// Active set after the first iteration of the last frame.
-    pub(crate) first_sides: (Vec<Side>, Vec<Side>),
+    pub(crate) stages: Stages,
     pub(crate) pose: Pose,
     /// The pose is that of `q`.
     pub(crate) posed: bool,
@@ -89,14 +82,9 @@ impl FrameSolver {
         }
         let mut layout = Layout::new(&body, levels, locked, columns.all.len());
         let watch = observers.map(|(set, activation)| watch(&body, &columns, &mut layout.placed, set, activation));
-        let progress = Progress::new(&layout.levels_with_errors());
         let mut problem = Problem::new(layout.variables.max(1), &layout.level_rows);
-        for placed in &layout.placed {
-            if let TaskKind::Observers(task) = &placed.task.kind {
-                problem.short_lever[placed.level] = problem.short_lever[placed.level].max(task.short_lever);
-            }
-        }
-        let first_sides = (problem.variable_side.clone(), problem.row_side.clone());
+        problem.damping = settings.damping * body.size();
+        problem.soft_last = layout.soft_last;
         let q = body.rest();
         let mut q_address = vec![None; body.nv];
         for joint in body.joints.iter().filter(|j| j.kind.size() == (1, 1)) {
@@ -109,15 +97,11 @@ impl FrameSolver {
             velocity: vec![0.0; body.nv],
             task_errors: vec![0.0; layout.placed.len()],
             placed: layout.placed,
-            progress,
             watch,
-            soft_share: 1.0,
-            damping_length: settings.damping * body.size(),
             columns,
             q_address,
             problem,
-            work: Workspace::default(),
-            first_sides,
+            stages: Stages::default(),
             pose: body.new_pose(),
             posed: false,
             frame_box: vec![FrameBox::default(); body.nv],
@@ -140,7 +124,7 @@ impl FrameSolver {
         self.placed.iter().map(|p| (p.level, p.target.clone()))
     }
 
-    /// Start from posture `q`, moving at `velocity`. The active set stays, as a guess.
+    /// Start from posture `q`, moving at `velocity`.
     pub fn reset(&mut self, q: &[f64], velocity: &[f64]) {
         self.q.copy_from_slice(q);
         self.posed = false;
@@ -148,7 +132,6 @@ impl FrameSolver {
             self.velocity[dof] = velocity[dof]; // what is locked stays at rest
         }
         self.problem.z.fill(0.0);
-        self.progress.reset();
         if let Some(watch) = &mut self.watch {
             watch.reset();
         }

@@ -28,6 +28,8 @@ pub struct Layout {
     pub level_rows: Vec<usize>,
     /// Free coordinates and slack variables.
     pub variables: usize,
+    /// The last level has a posture, which is the metric.
+    pub soft_last: bool,
 }
 
 impl Layout {
@@ -61,14 +63,8 @@ impl Layout {
                 level_rows[level] += rows;
             }
         }
-        Self { placed, target_size: target, level_rows, variables: soft }
-    }
-
-    /// Levels without a posture: all their tasks have errors.
-    pub fn levels_with_errors(&self) -> Vec<bool> {
-        let has_posture =
-            |level| self.placed.iter().any(|p| p.level == level && matches!(p.task.kind, TaskKind::Posture));
-        (0..self.level_rows.len()).map(|level| !has_posture(level)).collect()
+        let soft_last = placed.iter().any(|p: &Placed| p.metric);
+        Self { placed, target_size: target, level_rows, variables: soft, soft_last }
     }
 }
 

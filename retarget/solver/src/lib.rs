@@ -6,12 +6,11 @@ pub mod braking; // how far a coordinate may go in one frame, and how joints com
 mod converge; // one frame: the convergence loop, its linear problems; many frames in a row
 pub mod frame; // what a solver of frames holds
 pub mod geometry; // solids and the distance between them
-pub mod hierarchy; // strict levels of linear tasks, solved exactly
+pub mod hierarchy; // strict levels of linear tasks
 pub mod kinematics; // where links are, and Jacobians
 mod level_rows; // which rows of the problem each level and each of its tasks has
 pub mod math; // vectors, quaternions, matrices
 pub mod observers; // observers, obstacles, their rows; paths
-mod progress; // how levels fare from iteration to iteration
 #[cfg(feature = "python")]
 pub mod python; // the bindings of all but the streams
 pub mod streams; // poses of sensors as they come in

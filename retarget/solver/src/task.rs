@@ -3,7 +3,7 @@
 use crate::body::Body;
 use crate::kinematics::Pose;
 use crate::math::*;
-use crate::observers::ObserverTask;
+use crate::observers::{ObserverTask, ROWS};
 
 #[derive(Clone, Debug)]
 pub enum TaskKind {
@@ -51,7 +51,7 @@ impl Task {
     pub fn row_count(&self) -> usize {
         match self.kind {
             TaskKind::Support { max_edges, .. } => max_edges,
-            TaskKind::Observers(ref task) => 2 * task.pairs,
+            TaskKind::Observers(ref task) => ROWS * task.pairs,
             _ => self.weight.iter().filter(|w| **w > 0.0).count(),
         }
     }
@@ -108,30 +108,20 @@ impl Task {
         }
     }
 
-    /// For reports, the error norm: distance for points, angle for directions, depth outside for support. And the squared error as the
-    /// hierarchy weighs it, which a posture has not.
-    pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> (f64, f64) {
+    /// For reports, the error norm: distance for points, angle for directions, depth outside for support.
+    pub fn error_size(&self, body: &Body, pose: &Pose, target: &[f64]) -> f64 {
         match &self.kind {
             TaskKind::Support { point, max_edges, .. } => {
                 let p = point.map_or([0.0; 3], |(link, local)| body.point(pose, link, local));
                 let depth =
                     half_spaces(target, point.is_some(), *max_edges).map(|(n, m, d)| dot(n, pose.com) + dot(m, p) - d);
-                let deepest = depth.fold(0.0, f64::max);
-                (deepest, deepest * deepest)
+                depth.fold(0.0, f64::max)
             }
-            TaskKind::Posture | TaskKind::Observers(_) => (0.0, 0.0),
-            TaskKind::Axis { .. } => {
-                let angle = norm(self.error(body, pose, target));
-                (angle, square(angle * self.weight[0] * target[0]))
-            }
+            TaskKind::Posture | TaskKind::Observers(_) => 0.0,
+            TaskKind::Axis { .. } => norm(self.error(body, pose, target)),
             _ => {
                 let e = self.error(body, pose, target);
-                let (mut size2, mut weighed) = (0.0, 0.0);
-                for k in (0..3).filter(|k| self.weight[*k] > 0.0) {
-                    size2 += square(e[k]);
-                    weighed += square(e[k] * self.weight[k] * target[0]);
-                }
-                (size2.sqrt(), weighed)
+                norm(std::array::from_fn(|k| if self.weight[k] > 0.0 { e[k] } else { 0.0 }))
             }
         }
     }

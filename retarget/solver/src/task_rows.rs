@@ -39,9 +39,9 @@ pub struct RowWriter<'a> {
 }
 
 impl RowWriter<'_> {
-    /// Rows and targets of `task`; `strength` multiplies rows and targets alike.
-    pub fn write(&mut self, task: &Task, target: &[f64], first: usize, strength: f64) {
-        let error = self.asked(task, target);
+    /// Rows and targets of `task`; `strength` multiplies rows and targets alike. Returns the share of its error that is asked for.
+    pub fn write(&mut self, task: &Task, target: &[f64], first: usize, strength: f64) -> f64 {
+        let (error, share) = self.asked(task, target);
         let (body, pose, columns) = (self.body, self.pose, self.columns);
         match &task.kind {
             TaskKind::Position { link, point, from } => {
@@ -96,17 +96,18 @@ impl RowWriter<'_> {
             TaskKind::Posture => self.posture_rows(task, first, strength),
             TaskKind::Observers(_) => {} // they write their own
         }
+        share
     }
 
-    /// Error times gain, capped.
-    fn asked(&self, task: &Task, target: &[f64]) -> Vec3 {
+    /// Error times gain, capped; and what share of it that is.
+    fn asked(&self, task: &Task, target: &[f64]) -> (Vec3, f64) {
         let e = task.error(self.body, self.pose, target);
         // Rows that are not there do not count.
         let counts = |k: usize| task.weight.get(k).is_none_or(|w| *w > 0.0);
         let used: Vec3 = std::array::from_fn(|k| if counts(k) { e[k] } else { 0.0 });
         let size = norm(used) * task.gain;
         let share = if size > task.max_error { task.gain * task.max_error / size } else { task.gain };
-        scale(e, share)
+        (scale(e, share), share)
     }
 
     /// Opens the rows with a positive weight: (row, axis, scale).

@@ -1,7 +1,7 @@
 //! The shapes of observers and obstacles, each in a frame of its own, and where two of them are nearest.
 
 use super::clip::Polygon;
-use crate::math::{column, norm, scale, Mat3, Vec3};
+use crate::math::{add, column, mat_t_vec, mat_vec, norm, scale, sub, Mat3, Vec3};
 
 /// A solid in its own frame: centred there, long along z.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -44,6 +44,16 @@ impl Solid {
     #[inline]
     pub fn axis(&self) -> Vec3 {
         column(&self.rotation, 2)
+    }
+
+    /// A world point in the shape's frame.
+    pub fn local(&self, point: Vec3) -> Vec3 {
+        mat_t_vec(&self.rotation, sub(point, self.position))
+    }
+
+    /// A point of the shape's frame in the world.
+    pub fn world(&self, point: Vec3) -> Vec3 {
+        add(self.position, mat_vec(&self.rotation, point))
     }
 }
 

@@ -7,7 +7,6 @@ use super::law::Mode;
 use super::set::{place_obstacles, Mover, ObstaclePose, Other};
 use super::watch::Watch;
 use crate::geometry::{extreme, gap_at_least, nearest, Nearest, Solid};
-use crate::hierarchy::Side;
 use crate::kinematics::Pose;
 use crate::math::*;
 
@@ -15,6 +14,8 @@ use crate::math::*;
 const LOOKED_AT: f64 = 1.1;
 /// An obstacle that is said to be so near (m, rad) to where it was expected has not leapt.
 const SAME: f64 = 1e-9;
+/// Nearest points that are so far (m) from those before are elsewhere on their faces.
+const ELSEWHERE: f64 = 3e-3;
 
 impl Watch {
     /// A frame begins: modes, floors and budgets, as far as they follow from what is known already.
@@ -86,12 +87,11 @@ impl Watch {
 
     /// Pairs that get rows before the first solve of an iteration: what held before, what a step like the last would spend, and what
     /// may meet before the body rests.
-    pub(super) fn wake_expected(&mut self, first: bool) {
+    pub(super) fn wake_expected(&mut self) {
         self.near.clear();
         for k in 0..self.pairs.len() {
             let state = &self.pairs[k];
-            let sides = if first { state.first_sides } else { state.sides };
-            if sides != [Side::Free; 2] || state.at_rest.is_some() || self.way(k, &self.expected) >= state.budget {
+            if state.held || state.at_rest.is_some() || self.way(k, &self.expected) >= state.budget {
                 self.wake(k);
                 self.near.push(k);
             }
@@ -132,7 +132,14 @@ impl Watch {
         }
         if !self.pairs[k].is_fresh {
             let found = self.between(k, false);
+            let (a, b) = self.set.sides(k, &self.solids, &self.fixtures);
+            let now = (a.local(found.a), b.local(found.b));
             let state = &mut self.pairs[k];
+            let moved = |before: (Vec3, Vec3)| norm(sub(before.0, now.0)).max(norm(sub(before.1, now.1)));
+            if let Some(witness) = state.witness.filter(|witness| moved(*witness) > ELSEWHERE) {
+                state.before = Some(witness);
+            }
+            state.witness = Some(now);
             state.nearest = found;
             (state.at_least, state.at_most) = (found.distance, found.distance);
             state.is_fresh = true;

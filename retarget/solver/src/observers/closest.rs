@@ -87,7 +87,6 @@ impl Watch {
             problem.lower[row] = problem.lower[row] + share * moved + (1.0 - share) * drift;
             problem.upper[row] = f64::INFINITY;
             problem.present[row] = true;
-            problem.row_side[row] = self.pairs[pair].sides[0];
             self.note(pair, Mode::Preventive);
             any = true;
         }

@@ -27,5 +27,5 @@ pub use law::Mode;
 pub use path::PathChecker;
 pub use rows::Iteration;
 pub use set::{Mover, Observer, ObserverSet, Obstacle, ObstaclePose, Other, Pair};
-pub use task::{Activation, ObserverTask};
+pub use task::{Activation, ObserverTask, ROWS};
 pub use watch::Watch;

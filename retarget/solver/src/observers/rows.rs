@@ -3,11 +3,11 @@
 use super::law::Mode;
 use super::rest::Rest;
 use super::set::Mover;
-use super::task::Activation;
+use super::task::{Activation, ROWS};
 use super::watch::Watch;
 use crate::body::Body;
 use crate::geometry::Nearest;
-use crate::hierarchy::{Problem, Side};
+use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 use crate::math::*;
 
@@ -19,7 +19,7 @@ impl Watch {
     pub fn write_rows(&mut self, problem: &mut Problem, at: &Iteration<'_>) -> bool {
         self.clear_rows(problem);
         if self.activation == Activation::All {
-            self.wake_expected(at.first);
+            self.wake_expected();
         }
         self.write_rows_from(0, problem, at)
     }
@@ -41,12 +41,10 @@ impl Watch {
             task.used.push(k);
             let asked = if waits { 0.0 } else { self.asked(k) };
             let now = Some(Place { nearest: self.pairs[k].nearest, asked, pose: at.pose, rest: None });
-            let sides = if at.first { self.pairs[k].first_sides } else { self.pairs[k].sides };
-            for ((r, side), place) in rows.into_iter().zip(sides).zip([now, self.at_rest(k)]) {
+            for (r, place) in rows.into_iter().zip([now, self.at_rest(k), self.at_before(k, at.pose)]) {
                 let Some(place) = place else { continue };
                 let may_be_crossed = self.write_row(k, r, &place, problem, at);
                 problem.present[r] = !waits && may_be_crossed;
-                problem.row_side[r] = side;
             }
             waiting |= waits;
         }
@@ -62,9 +60,21 @@ impl Watch {
         Some(Place { nearest, asked, pose: &rest.pose, rest: Some(rest) })
     }
 
+    /// The row where the pair was nearest before, if that was elsewhere: along parallel faces the nearest points leap from end to end.
+    fn at_before<'a>(&self, k: usize, pose: &'a Pose) -> Option<Place<'a>> {
+        let state = &self.pairs[k];
+        let (a, b) = state.before.filter(|_| state.mode != Mode::Reactive)?;
+        let (first, second) = self.set.sides(k, &self.solids, &self.fixtures);
+        let normal = state.nearest.normal;
+        let (a, b) = (first.world(a), second.world(b));
+        let distance = dot(normal, sub(a, b));
+        let asked = state.floor - distance.max(state.nearest.distance);
+        Some(Place { nearest: Nearest { distance, a, b, normal }, asked, pose, rest: None })
+    }
+
     fn clear_rows(&mut self, problem: &mut Problem) {
         for task in &mut self.tasks {
-            problem.present[task.first_row..task.first_row + 2 * task.pairs].fill(false);
+            problem.present[task.first_row..task.first_row + ROWS * task.pairs].fill(false);
             task.used.clear();
         }
     }
@@ -110,20 +120,14 @@ impl Watch {
         !(least >= problem.lower[r])
     }
 
-    /// Remember which rows held.
-    pub fn keep_sides(&mut self, problem: &Problem, first: bool) {
+    /// Remember which rows limited the solve.
+    pub fn keep_held(&mut self, problem: &Problem) {
         for &k in &self.near {
-            self.pairs[k].sides = [Side::Free; 2];
+            self.pairs[k].held = false;
         }
         for task in &self.tasks {
             for (index, &k) in task.used.iter().enumerate() {
-                let side = |r: usize| if problem.present[r] { problem.row_side[r] } else { Side::Free };
-                self.pairs[k].sides = task.rows_of(index).map(side);
-            }
-        }
-        if first {
-            for pair in &mut self.pairs {
-                pair.first_sides = pair.sides;
+                self.pairs[k].held = task.rows_of(index).iter().any(|r| problem.present[*r] && problem.held[*r]);
             }
         }
     }
@@ -137,12 +141,11 @@ struct Place<'a> {
     rest: Option<&'a Rest>,
 }
 
-/// What rows of one iteration are written for, the `first` of a frame or not: a body in a pose, and its step
+/// What rows of one iteration are written for: a body in a pose, and its step
 /// dq = reference + scale z by the hierarchy's variables z.
 pub struct Iteration<'a> {
     pub body: &'a Body,
     pub pose: &'a Pose,
-    pub first: bool,
     pub reference: &'a [f64],
     pub scale: &'a [f64],
 }

@@ -2,6 +2,9 @@
 
 use super::set::{Other, Pair};
 
+/// Rows of a pair.
+pub const ROWS: usize = 3;
+
 /// Which of the observers within influence put up their row.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Activation {
@@ -23,8 +26,6 @@ pub struct ObserverTask {
     pub with_scene: bool,
     /// Approach permitted where influence begins, or speed of the way out of contact, m/s.
     pub speed: f64,
-    /// See `Problem::short_lever`, m per weighted rad.
-    pub short_lever: f64,
     /// It takes part in this frame.
     pub on: bool,
     /// Place among the tasks of observers.
@@ -44,9 +45,10 @@ impl ObserverTask {
         }
     }
 
-    /// The rows of the pair that is `used` as the n-th: of the present, and of the posture of rest. The first ones come first.
-    pub fn rows_of(&self, n: usize) -> [usize; 2] {
-        [self.first_row + n, self.first_row + self.pairs + n]
+    /// The rows of the pair that is `used` as the n-th: at its nearest points of now, of the posture of rest, and of before. All first
+    /// ones come first.
+    pub fn rows_of(&self, n: usize) -> [usize; ROWS] {
+        std::array::from_fn(|k| self.first_row + k * self.pairs + n)
     }
 
     /// The first tasks that look at a pair before contact and in contact.

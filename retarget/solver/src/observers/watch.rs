@@ -6,7 +6,6 @@ use super::set::{Mover, ObserverSet, ObstaclePose, Other};
 use super::task::{Activation, ObserverTask};
 use crate::body::Body;
 use crate::geometry::{gap_at_least, nearest, Nearest, Scratch, Solid};
-use crate::hierarchy::Side;
 use crate::math::*;
 use std::sync::Arc;
 
@@ -29,9 +28,11 @@ pub struct PairState {
     pub has_row: bool,
     /// Where its sides are nearest in the posture of rest; None: far enough apart there, or none is foreseen.
     pub at_rest: Option<Nearest>,
-    /// Sides of its rows (of the present, of rest) in the last solve, and in that of the first iteration of the last frame.
-    pub sides: [Side; 2],
-    pub first_sides: [Side; 2],
+    /// Its nearest points in the frames of both sides, and those before, if they were elsewhere.
+    pub witness: Option<(Vec3, Vec3)>,
+    pub before: Option<(Vec3, Vec3)>,
+    /// One of its rows limited the last solve.
+    pub held: bool,
 }
 
 /// A pair that came nearer in the trial.
@@ -134,7 +135,7 @@ impl Watch {
         let state = &mut self.pairs[k];
         (state.at_least, state.at_most) = (f64::NEG_INFINITY, f64::INFINITY);
         (state.mode, state.at_rest) = (Mode::Free, None);
-        (state.sides, state.first_sides) = ([Side::Free; 2], [Side::Free; 2]);
+        (state.held, state.witness, state.before) = (false, None, None);
     }
 
     /// Obstacles go on to where they are when the frame ends, in which coordinates went by `done`.

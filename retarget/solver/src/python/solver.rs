@@ -6,7 +6,7 @@ use super::braking::limits;
 use super::observers::{obstacle_poses, PyObservers};
 use super::task::PyTask;
 use crate::frame::{FrameSolver, Settings};
-use crate::hierarchy::{solve, Outcome, Problem, Workspace};
+use crate::hierarchy::{Outcome, Problem, Stages};
 use crate::observers::Activation;
 use crate::task::{Task, TaskKind};
 use numpy::{PyArray1, PyArrayMethods};
@@ -63,8 +63,8 @@ fn check_observed(levels: &mut [Vec<Task>], count: usize) -> PyResult<()> {
 #[pymethods]
 impl PySolver {
     #[new]
-    #[pyo3(signature = (body, levels, *, lower, upper, max_velocity, max_acceleration, locked, n_ik=5, max_step=0.3,
-                        damping=1.0, early_stop=true, observers=None, activation="closest"))]
+    #[pyo3(signature = (body, levels, *, lower, upper, max_velocity, max_acceleration, locked, n_ik=2, max_step=0.3,
+                        damping=0.5, early_stop=true, observers=None, activation="closest"))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,
@@ -190,7 +190,7 @@ impl PySolver {
 
 /// See `retarget/_solver.pyi`.
 #[pyfunction]
-#[pyo3(signature = (rows, lower, upper, level_sizes, *, lo, hi, still, damping))]
+#[pyo3(signature = (rows, lower, upper, level_sizes, *, lo, hi, still, damping, soft_last=false, rounds=1, budget=2000))]
 #[allow(clippy::too_many_arguments)]
 pub fn solve_hierarchy<'py>(
     py: Python<'py>,
@@ -202,7 +202,10 @@ pub fn solve_hierarchy<'py>(
     hi: Numbers<'py>,
     still: Numbers<'py>,
     damping: f64,
-) -> PyResult<(Vector<'py>, bool, bool)> {
+    soft_last: bool,
+    rounds: usize,
+    budget: u32,
+) -> PyResult<(Vector<'py>, u32, bool)> {
     let (n, m) = (lo.as_slice()?.len(), level_sizes.iter().sum());
     let mut problem = Problem::new(n, &level_sizes);
     for (r, row) in table(&rows, m, n, "rows")?.chunks_exact(n).enumerate() {
@@ -214,10 +217,7 @@ pub fn solve_hierarchy<'py>(
     problem.lo.copy_from_slice(lo.as_slice()?);
     problem.hi.copy_from_slice(entries(&hi, n, "hi")?);
     problem.still[..n].copy_from_slice(entries(&still, n, "still")?);
-    problem.lo_is_stop = problem.lo.iter().map(|lo| lo.is_finite()).collect();
-    problem.hi_is_stop = problem.hi.iter().map(|hi| hi.is_finite()).collect();
-    problem.damping.fill(damping);
-    problem.patience.fill(1.0);
-    let Outcome { reduced, capped, .. } = solve(&mut problem, &mut Workspace::default());
-    Ok((PyArray1::from_slice(py, &problem.z[..n]), reduced, capped))
+    (problem.damping, problem.soft_last, problem.rounds) = (damping, soft_last, rounds);
+    let Outcome { steps, capped } = Stages::default().solve(&mut problem, budget);
+    Ok((PyArray1::from_slice(py, &problem.z[..n]), steps, capped))
 }

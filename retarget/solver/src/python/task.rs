@@ -35,7 +35,7 @@ fn few(max_edges: usize) -> PyResult<usize> {
 }
 
 /// A task of observers; `of` by number, all of them where it is not given.
-fn observers(reactive: bool, of: Option<Vec<usize>>, against: &str, speed: f64, short_lever: f64) -> PyResult<PyTask> {
+fn observers(reactive: bool, of: Option<Vec<usize>>, against: &str, speed: f64) -> PyResult<PyTask> {
     let (with_self, with_scene) = match against {
         "all" => (true, true),
         "self" => (true, false),
@@ -45,17 +45,13 @@ fn observers(reactive: bool, of: Option<Vec<usize>>, against: &str, speed: f64, 
     if !(speed > 0.0 && speed.is_finite()) {
         return Err(bad(format!("speed is {speed}, expected positive m/s")));
     }
-    if !(short_lever >= 0.0 && short_lever.is_finite()) {
-        return Err(bad(format!("short_lever is {short_lever}, expected 0 or more")));
-    }
     let named = of.is_some();
     let of = of.unwrap_or_default();
     let mut members = vec![false; of.iter().max().map_or(0, |most| most.saturating_add(1).min(MOST_OBSERVERS))];
     for k in of {
         *members.get_mut(k).ok_or_else(|| bad(format!("observer {k} of at most {MOST_OBSERVERS}")))? = true;
     }
-    let task =
-        ObserverTask { reactive, named, of: members, with_self, with_scene, speed, short_lever, ..Default::default() };
+    let task = ObserverTask { reactive, named, of: members, with_self, with_scene, speed, ..Default::default() };
     make(TaskKind::Observers(task), vec![], 1.0, f64::INFINITY, None)
 }
 
@@ -117,15 +113,15 @@ impl PyTask {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (*, of=None, against="all", speed=0.1, short_lever=0.0))]
-    fn reactive(of: Option<Vec<usize>>, against: &str, speed: f64, short_lever: f64) -> PyResult<Self> {
-        observers(true, of, against, speed, short_lever)
+    #[pyo3(signature = (*, of=None, against="all", speed=0.1))]
+    fn reactive(of: Option<Vec<usize>>, against: &str, speed: f64) -> PyResult<Self> {
+        observers(true, of, against, speed)
     }
 
     #[staticmethod]
-    #[pyo3(signature = (*, of=None, against="all", speed=0.5, short_lever=0.0))]
-    fn preventive(of: Option<Vec<usize>>, against: &str, speed: f64, short_lever: f64) -> PyResult<Self> {
-        observers(false, of, against, speed, short_lever)
+    #[pyo3(signature = (*, of=None, against="all", speed=0.5))]
+    fn preventive(of: Option<Vec<usize>>, against: &str, speed: f64) -> PyResult<Self> {
+        observers(false, of, against, speed)
     }
 
     #[staticmethod]

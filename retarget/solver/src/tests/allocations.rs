@@ -6,7 +6,7 @@ use crate::body::Body;
 use crate::braking::Limit;
 use crate::frame::{FrameSolver, Settings};
 use crate::geometry::Shape;
-use crate::hierarchy::{solve, Problem, Workspace};
+use crate::hierarchy::{Problem, Stages, BUDGET};
 use crate::observers::{Activation, Mode, Observer, ObserverSet, ObserverTask, Obstacle, ObstaclePose, PathChecker};
 use crate::task::{Task, TaskKind};
 use crate::trajectory::{MotionLimit, TrajectoryGenerator};
@@ -148,13 +148,13 @@ fn no_frame_after_the_first_allocates_on_planted_soles() {
     let levels = vec![soles, vec![support], hands.to_vec(), vec![posture(&robot.body)]];
     let (solver, counts) = run_humanoid(&robot, levels, &fixed);
     assert_none_but_in_the_first(&counts, "soles, support, hands");
-    assert!(solver.stats.iterations > 800 && solver.stats.factorizations > 2 * solver.stats.iterations);
+    assert!(solver.stats.iterations > 800 && solver.stats.steps > solver.stats.iterations);
     let lowest = solver.task_errors.iter().take(4).fold(0.0, |most: f64, e| most.max(*e));
     assert!(lowest < 1e-3, "the soles are left where they were: {lowest} m or rad off");
 }
 
 #[test]
-fn no_frame_after_the_first_allocates_where_the_guess_does_not_settle() {
+fn no_frame_after_the_first_allocates_where_hands_are_out_of_reach() {
     let robot = humanoid();
     let mut pose = robot.body.new_pose();
     robot.body.forward(&robot.body.rest(), &mut pose);
@@ -173,15 +173,15 @@ fn no_frame_after_the_first_allocates_where_the_guess_does_not_settle() {
     fixed.push(vec![0.1, 0.0, 1.0]);
     let (solver, counts) = run_humanoid(&robot, levels, &fixed);
     assert_none_but_in_the_first(&counts, "centre of mass, feet, hands");
-    assert!(solver.stats.fallbacks > 0, "no solve went level by level: {:?}", solver.stats);
+    assert!(solver.stats.steps > 0 && solver.stats.capped == 0, "{:?}", solver.stats);
 }
 
 #[test]
 fn no_solve_after_the_first_of_its_size_allocates() {
     let random = &mut Random::new(1);
     let (n, sizes) = (20, [4, 8, 8, 6]);
-    let (mut problem, mut work) = (Problem::new(n, &sizes), Workspace::default());
-    let (mut reduced, mut fallback, mut damped) = (0, 0, 0);
+    let (mut problem, mut stages) = (Problem::new(n, &sizes), Stages::default());
+    let mut steps = 0;
     for turn in 0..2000 {
         for r in 0..problem.row_count() {
             // The second level asks for equalities alone, as planted soles do.
@@ -197,19 +197,13 @@ fn no_solve_after_the_first_of_its_size_allocates() {
             let room = random.between(0.05, 1.0);
             (problem.lo[i], problem.hi[i]) = (-room, room);
         }
-        let damping = if turn % 3 == 0 { 0.2 } else { 0.0 };
-        problem.damping.fill(damping);
+        problem.damping = if turn % 3 == 0 { 0.2 } else { 0.0 };
         let mut outcome = Default::default();
-        let count = counted(|| outcome = solve(&mut problem, &mut work));
+        let count = counted(|| outcome = stages.solve(&mut problem, BUDGET));
         assert_eq!(count > 0, turn == 0, "solve {turn}: {count} allocations, {outcome:?}");
-        reduced += usize::from(outcome.reduced);
-        fallback += usize::from(outcome.fallback);
-        damped += usize::from(damping > 0.0);
+        steps += outcome.steps;
     }
-    assert!(
-        reduced > 10 && fallback > 10 && damped > 10,
-        "{reduced} reduced, {fallback} level by level, {damped} damped"
-    );
+    assert!(steps > 20_000, "{steps} steps");
 }
 
 fn rod(link: usize, length: f64) -> Observer {

@@ -1,10 +1,12 @@
-//! The linear problem of one iteration: strict, optimal level by level, never infeasible, the same bits every time.
+//! The linear problem of one iteration: strict, optimal stage by stage, never infeasible, the same bits every time.
 
 use super::cone::{basis, distance, dot};
 use super::random::Random;
-use crate::hierarchy::{solve, Outcome, Problem, Side, Workspace};
+use crate::hierarchy::{Outcome, Problem, Stages, BUDGET, LEAST_DAMPING};
 
 const SEEDS: u64 = 1500;
+/// As of a body of a metre in a frame of two iterations.
+const DAMPING: f64 = 0.5;
 /// What is held counts as held within this.
 const HELD: f64 = 1e-8;
 
@@ -79,8 +81,20 @@ impl Hierarchy {
 
     fn solved(&self, count: usize) -> (Vec<f64>, Outcome) {
         let mut problem = self.problem(count);
-        let outcome = solve(&mut problem, &mut Workspace::default());
+        problem.damping = DAMPING;
+        let outcome = Stages::default().solve(&mut problem, BUDGET);
         (problem.z[..self.lo.len()].to_vec(), outcome)
+    }
+
+    /// With a target in every level: steps of limits alone may be cut short, which no condition of first order describes.
+    fn with_targets(mut self) -> Self {
+        for level in self.levels.iter_mut().filter(|level| level.iter().all(|row| row.1 < row.2)) {
+            for row in level.iter_mut().take(1) {
+                let value = if row.1.is_finite() { row.1 } else { row.2 };
+                (row.1, row.2) = (value, value);
+            }
+        }
+        self
     }
 
     fn residual(&self, level: usize, z: &[f64]) -> f64 {
@@ -98,54 +112,76 @@ fn beyond((row, lower, upper): &(Vec<f64>, f64, f64), z: &[f64]) -> f64 {
     (value - upper).max(0.0) + (value - lower).min(0.0)
 }
 
-/// How far z is from meeting the first-order conditions of any level, and of the least norm below all of them.
+/// How far answers, of the first k levels for each k, are from meeting the first-order conditions of their last stage.
 ///
-/// Level k minimises half the square of its violations among points that keep what levels above violate as it is, what they do not
-/// violate within its limits, and the box. So minus its gradient is in the cone of the normals of what is held.
-fn unmet_conditions(hierarchy: &Hierarchy, z: &[f64]) -> f64 {
-    let n = z.len();
+/// Stage k minimises half the squares of mu z and of its violations among points that keep what those above reached: targets, limits
+/// that hold, and those that are missed by no more. So minus its gradient is in the cone of the normals of what is held. Standing
+/// still is z = 0 here, so that the last stage of k levels changes nothing.
+fn unmet_conditions(hierarchy: &Hierarchy, answers: &[Vec<f64>]) -> f64 {
+    let n = answers[0].len();
     let unit = |i: usize, sign: f64| (0..n).map(|k| if k == i { sign } else { 0.0 }).collect::<Vec<f64>>();
-    let (mut fixed, mut held): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (vec![], vec![]);
-    for i in 0..n {
-        let (at_lo, at_hi) = (z[i] - hierarchy.lo[i] <= HELD, hierarchy.hi[i] - z[i] <= HELD);
-        if hierarchy.lo[i] == hierarchy.hi[i] {
-            fixed.push(unit(i, 1.0));
-        } else if at_lo {
-            held.push(unit(i, -1.0));
-        } else if at_hi {
-            held.push(unit(i, 1.0));
-        }
-    }
     let mut worst: f64 = 0.0;
-    for k in 0..=hierarchy.levels.len() {
-        let downhill: Vec<f64> = match hierarchy.levels.get(k) {
-            Some(level) => (0..n).map(|i| -level.iter().map(|row| beyond(row, z) * row.0[i]).sum::<f64>()).collect(),
-            None => z.iter().map(|v| -v).collect(),
-        };
-        worst = worst.max(distance(&downhill, &held, &basis(&fixed)));
-        for row in hierarchy.levels.get(k).into_iter().flatten() {
+    for (k, level) in hierarchy.levels.iter().enumerate() {
+        let (before, z) = (&answers[k], &answers[k + 1]);
+        let (mut fixed, mut held): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (vec![], vec![]);
+        for i in 0..n {
+            let (at_lo, at_hi) = (z[i] - hierarchy.lo[i] <= HELD, hierarchy.hi[i] - z[i] <= HELD);
+            if hierarchy.lo[i] == hierarchy.hi[i] {
+                fixed.push(unit(i, 1.0));
+            } else if at_lo {
+                held.push(unit(i, -1.0));
+            } else if at_hi {
+                held.push(unit(i, 1.0));
+            }
+        }
+        for (above, row) in
+            hierarchy.levels[..k].iter().enumerate().flat_map(|(k, level)| level.iter().map(move |r| (k, r)))
+        {
+            // A limit that was missed when its level was done may be missed as much, and no more.
+            let reached = dot(&row.0, &answers[above + 1]);
+            let (lower, upper) = (row.1.min(reached), row.2.max(reached));
             let value = dot(&row.0, z);
-            if row.1 == row.2 || beyond(row, z).abs() > HELD {
+            worst = worst.max(lower - value).max(value - upper);
+            if row.1 == row.2 {
                 fixed.push(row.0.clone());
-            } else if (value - row.2).abs() <= HELD {
+            } else if (value - upper).abs() <= HELD {
                 held.push(row.0.clone());
-            } else if (value - row.1).abs() <= HELD {
+            } else if (value - lower).abs() <= HELD {
                 held.push(row.0.iter().map(|c| -c).collect());
             }
         }
+        let still = vec![0.0; n];
+        let size = |z: &[f64], only_targets: bool| {
+            let rows = level.iter().filter(|row| !only_targets || row.1 == row.2);
+            rows.map(|row| beyond(row, z).powi(2)).sum::<f64>().sqrt()
+        };
+        if size(before, false) < 1e-9 {
+            continue; // there was nothing to do
+        }
+        let damping = DAMPING * size(&still, true).max(size(before, false)) + LEAST_DAMPING * LEAST_DAMPING;
+        let downhill: Vec<f64> =
+            (0..n).map(|i| -damping * z[i] - level.iter().map(|row| beyond(row, z) * row.0[i]).sum::<f64>()).collect();
+        worst = worst.max(distance(&downhill, &held, &basis(&fixed)));
     }
     worst
 }
 
+impl Hierarchy {
+    /// Answers of the first k levels, for each k.
+    fn answers(&self) -> Vec<Vec<f64>> {
+        (0..=self.levels.len()).map(|count| self.solved(count).0).collect()
+    }
+}
+
 #[test]
-fn every_answer_meets_the_conditions_of_every_level() {
+fn every_stage_meets_its_conditions() {
     let (mut held, mut unmet) = (0, 0);
     for seed in 0..SEEDS {
-        let hierarchy = random_hierarchy(seed);
+        let hierarchy = random_hierarchy(seed).with_targets();
         let (z, outcome) = hierarchy.solved(hierarchy.levels.len());
         assert!(hierarchy.inside(&z) && !outcome.capped, "seed {seed}");
-        let worst = unmet_conditions(&hierarchy, &z);
-        assert!(worst < 1e-7, "seed {seed}: a level could be better by a step along {worst:e}");
+        let worst = unmet_conditions(&hierarchy, &hierarchy.answers());
+        assert!(worst < 1e-7, "seed {seed}: a stage could be better by a step along {worst:e}");
         held += usize::from((0..z.len()).any(|i| z[i] == hierarchy.lo[i] || z[i] == hierarchy.hi[i]));
         unmet += usize::from((0..hierarchy.levels.len()).any(|k| hierarchy.residual(k, &z) > 1e-3));
     }
@@ -154,54 +190,73 @@ fn every_answer_meets_the_conditions_of_every_level() {
 
 #[test]
 fn the_conditions_detect_a_worse_answer() {
-    let mut detected = 0;
+    let (mut tried, mut detected) = (0, 0);
     for seed in 0..200 {
-        let hierarchy = random_hierarchy(seed);
-        let (mut z, _) = hierarchy.solved(hierarchy.levels.len());
+        let hierarchy = random_hierarchy(seed).with_targets();
+        let mut answers = hierarchy.answers();
+        let last = answers.len() - 1;
+        if hierarchy.residual(last - 1, &answers[last - 1]) < 1e-6 {
+            continue;
+        }
+        let z = &mut answers[last];
         let Some(i) = (0..z.len()).find(|i| hierarchy.hi[*i] - hierarchy.lo[*i] > 0.05) else { continue };
         z[i] += if hierarchy.hi[i] - z[i] > 0.02 { 0.01 } else { -0.01 };
-        assert!(unmet_conditions(&hierarchy, &z) > 1e-6, "seed {seed}");
-        detected += 1;
+        tried += 1;
+        detected += usize::from(unmet_conditions(&hierarchy, &answers) > 1e-6);
     }
-    assert!(detected > 150);
+    assert!(tried > 100 && detected * 20 > tried * 19, "{detected} of {tried}");
 }
 
 #[test]
-fn a_lower_level_changes_no_higher_residual() {
-    for seed in 0..SEEDS {
-        let hierarchy = random_hierarchy(seed);
-        let answers: Vec<_> = (0..=hierarchy.levels.len()).map(|count| hierarchy.solved(count).0).collect();
-        for (count, z) in answers.iter().enumerate().skip(1) {
-            for level in 0..count - 1 {
-                let change = hierarchy.residual(level, z) - hierarchy.residual(level, &answers[count - 1]);
-                assert!(change.abs() <= 1e-9, "seed {seed}: level {} changes level {level} by {change:e}", count - 1);
+fn any_budget_has_an_answer_inside_the_box_that_breaks_no_limit_that_standing_still_keeps() {
+    let mut cut = 0;
+    for seed in 0..300 {
+        let mut hierarchy = random_hierarchy(seed);
+        // The first level has limits alone, which standing still keeps, as observers have before contact.
+        let kept = hierarchy.levels.first().map_or(0, Vec::len);
+        for row in hierarchy.levels.iter_mut().take(1).flatten() {
+            (row.1, row.2) = (-row.1.abs().min(row.2.abs()) - 0.01, f64::INFINITY);
+        }
+        for i in 0..hierarchy.lo.len() {
+            (hierarchy.lo[i], hierarchy.hi[i]) = (hierarchy.lo[i].min(0.0), hierarchy.hi[i].max(0.0));
+        }
+        for budget in 0.. {
+            let mut problem = hierarchy.problem(hierarchy.levels.len());
+            problem.damping = DAMPING;
+            let outcome = Stages::default().solve(&mut problem, budget);
+            let z = &problem.z[..hierarchy.lo.len()];
+            assert!(outcome.steps <= budget && hierarchy.inside(z), "seed {seed}, budget {budget}");
+            for row in hierarchy.levels.iter().take(1).flatten() {
+                let off = beyond(row, z);
+                assert!(off.abs() < 1e-9, "seed {seed}, budget {budget}: a limit of {kept} is missed by {off:e}");
             }
+            if !outcome.capped {
+                break;
+            }
+            cut += 1;
         }
     }
+    assert!(cut > 1000, "{cut} solves were cut");
 }
 
 #[test]
-fn the_answer_does_not_depend_on_the_guess() {
+fn a_lower_level_takes_nothing_from_a_higher_one() {
     for seed in 0..SEEDS {
         let hierarchy = random_hierarchy(seed);
-        let cold = hierarchy.solved(hierarchy.levels.len()).0;
-        let mut problem = hierarchy.problem(hierarchy.levels.len());
-        guess(&mut problem, &mut Random::new(seed));
-        solve(&mut problem, &mut Workspace::default());
-        for (warm, cold) in problem.z.iter().zip(&cold) {
-            assert!((warm - cold).abs() < 1e-7, "seed {seed}: {warm} and {cold}");
+        let mut alone = hierarchy.problem(0);
+        for count in 1..=hierarchy.levels.len() {
+            let mut problem = hierarchy.problem(count);
+            problem.damping = DAMPING;
+            Stages::default().solve(&mut problem, BUDGET);
+            // What a level reaches become its limits: they are those of before, and the answer keeps them.
+            let above = alone.row_count();
+            assert!(problem.lower[..above] == alone.lower && problem.upper[..above] == alone.upper, "seed {seed}");
+            for (r, (row, _, _)) in hierarchy.levels[..count].iter().flatten().enumerate() {
+                let off = beyond(&(row.clone(), problem.lower[r], problem.upper[r]), &problem.z).abs();
+                assert!(off <= 1e-9, "seed {seed}: with {count} levels, row {r} is {off:e} beyond what it reached");
+            }
+            alone = problem;
         }
-    }
-}
-
-/// Any sides and any start.
-fn guess(problem: &mut Problem, random: &mut Random) {
-    let sides = [Side::Free, Side::Lower, Side::Upper, Side::Both];
-    for side in problem.variable_side.iter_mut().chain(&mut problem.row_side) {
-        *side = sides[random.below(4)];
-    }
-    for i in 0..problem.n {
-        problem.z[i] = random.normal();
     }
 }
 
@@ -238,13 +293,10 @@ fn ugly_problem(seed: u64) -> Problem {
             _ => (a.min(b), a.max(b)),
         };
         problem.still[i] = number(random);
-        (problem.lo_is_stop[i], problem.hi_is_stop[i]) = (random.chance(0.5), random.chance(0.5));
     }
     if random.chance(0.5) {
-        problem.damping.iter_mut().for_each(|d| *d = random.between(0.0, 1.0));
-        problem.patience.iter_mut().for_each(|p| *p = random.between(0.0, 1.0));
+        problem.damping = random.between(0.0, 1.0);
     }
-    guess(&mut problem, random);
     problem
 }
 
@@ -252,7 +304,7 @@ fn ugly_problem(seed: u64) -> Problem {
 fn any_problem_has_a_finite_answer_inside_the_box() {
     for seed in 0..2 * SEEDS {
         let mut problem = ugly_problem(seed);
-        solve(&mut problem, &mut Workspace::default());
+        Stages::default().solve(&mut problem, BUDGET);
         for i in 0..problem.n {
             let (z, lo, hi) = (problem.z[i], problem.lo[i], problem.hi[i]);
             assert!(z.is_finite() && lo <= z && z <= hi, "seed {seed}: {lo} <= {z} <= {hi}");
@@ -262,15 +314,16 @@ fn any_problem_has_a_finite_answer_inside_the_box() {
 
 #[test]
 fn the_same_bits_every_time_in_any_work_space() {
-    let used = &mut Workspace::default();
+    let used = &mut Stages::default();
     for seed in 0..SEEDS {
         let mut problems = [ugly_problem(seed), ugly_problem(seed), ugly_problem(seed)];
-        let spaces = [&mut Workspace::default(), &mut Workspace::default(), &mut *used];
-        let outcomes: Vec<Outcome> = problems.iter_mut().zip(spaces).map(|(p, work)| solve(p, work)).collect();
+        let spaces = [&mut Stages::default(), &mut Stages::default(), &mut *used];
+        let outcomes: Vec<Outcome> =
+            problems.iter_mut().zip(spaces).map(|(p, stages)| stages.solve(p, BUDGET)).collect();
         let bits = |p: &Problem| p.z.iter().map(|z| z.to_bits()).collect::<Vec<_>>();
         for k in 1..3 {
             assert!(bits(&problems[0]) == bits(&problems[k]) && outcomes[0] == outcomes[k], "seed {seed}, run {k}");
-            assert!(problems[0].row_side == problems[k].row_side, "seed {seed}, run {k}");
+            assert!(problems[0].held == problems[k].held, "seed {seed}, run {k}");
         }
     }
 }
