@@ -26,6 +26,7 @@ from retarget.human.rest_pose import fit_rest_pose
 from retarget.human.samples import RATES_HZ, Parts
 from retarget.live.begin import live_rate_hz
 from retarget.live.performer import base_sensors
+from retarget.live.playout import OFF, SMOOTHINGS, pose_filter
 from retarget.live.sensor_validity import Debounce, Engagement
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
@@ -171,15 +172,18 @@ class Pipeline:
         rate_hz: float | None = None,
         priorities: str | None = None,
         parts: Parts = "whole",
+        smoothing: str = OFF,
     ) -> None:
         """robot: a name, a path, or a robot; None or "human": only the performer is reconstructed. rate_hz: of your
         loop; None: that of the robot's profile. priorities: of the last stage, None: as for real servos. parts: `upper`
-        keeps pelvis and legs still. Raises UsageError, ConfigError, InputError, HardwareError."""
+        keeps pelvis and legs still. smoothing: of the sensors, a name of `retarget.live.playout.SMOOTHINGS`. Raises
+        UsageError, ConfigError, InputError, HardwareError."""
         robots, performers = str | Path | RobotBody | None, str | Path | Performer
         _check_type("robot", robot, robots, "a name, a path, what `retarget.load_robot` returns, or None")
         _check_type("performer", performer, performers, "a name, a path, or what `retarget.load_performer` returns")
         _check_type("priorities", priorities, str | None, "a name, a path, or None")
         _check_type("parts", parts, str, ", ".join(get_args(Parts)))
+        _check_type("smoothing", smoothing, str, ", ".join(SMOOTHINGS))
         with _naming_arguments("performer"):
             self._performer = performer if isinstance(performer, Performer) else load_performer(performer)
         with _naming_arguments("robot"):
@@ -191,6 +195,7 @@ class Pipeline:
             bus = "none" if self._robot is None else "profile"  # real servos: the robot has mass
             self._options = RunOptions(robot=name, bus=bus, priorities=priorities, parts=parts)
             self._priorities = stage_priorities(self._robot, self._options)[:2]
+            self._filter = pose_filter(smoothing, len(self._performer.sensors))
         self.dt = 1.0 / _checked_rate(live_rate_hz(self._robot) if rate_hz is None else rate_hz)
         """s, the period of the loop that calls `step`."""
         self._sensors = SensorReader(self._performer)
@@ -266,6 +271,7 @@ class Pipeline:
         self._human = reconstructor.start(first) if motion is None else motion.follow.human
         self._reconstructor, self._samples, self._motion = reconstructor, performer, motion
         self._supervisor, self._now = Supervisor(), 0.0
+        self._smoothed(None)
         for event in (Event.READY, Event.ARMED, *(() if motion else (Event.ARRIVED,))):
             self._take(event)
 
@@ -287,6 +293,7 @@ class Pipeline:
             )
         seen = None if sample is None else self._sensors.read(sample)
         self._now += self.dt
+        seen = self._smoothed(seen)
         if self._motion is None:
             return self._without_robot(self._reconstructor, seen)
         return self._moved(self._motion, seen)
@@ -294,6 +301,19 @@ class Pipeline:
     def stop(self) -> None:
         """Let the robot brake from the next `step` on; call that until `stands`. It holds until another `start`."""
         self._take(Event.STOP)
+
+    def _smoothed(self, seen: SensorSample | None) -> SensorSample | None:
+        """The sample of now as the filter has it; a sensor that comes back is taken as it is."""
+        if self._filter is None:
+            return seen
+        valid = np.zeros(len(self._sensors.names), dtype=bool) if seen is None else seen.valid
+        if not valid.all():
+            self._filter.reset(~valid)
+        if seen is None:
+            return None
+        now = np.full(len(valid), self._now)
+        position, orientation = self._filter.step(now, seen.position, seen.orientation)
+        return replace(seen, position=position, orientation=orientation)
 
     def _moved(self, motion: RobotMotion, seen: SensorSample | None) -> Goal:
         sample = self._change_state(motion, seen)
@@ -356,7 +376,7 @@ def _check_type(argument: str, value: object, kinds: type | UnionType, allowed: 
         raise UsageError("a wrong type", where=f"{call}, {argument}", found=found, allowed=allowed)
 
 
-_OPTION = re.compile(r"--(?=(robot|performer|priorities|parts)\b)")
+_OPTION = re.compile(r"--(?=(robot|performer|priorities|parts|smoothing)\b)")
 
 
 @contextmanager

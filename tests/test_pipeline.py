@@ -133,6 +133,44 @@ def test_the_performer_is_followed() -> None:
     assert keep_limits([one.joint_positions for one in goals])
 
 
+def test_smoothing_calms_goals_and_follows_all_the_same() -> None:
+    """Noise of 5 mm in all sensors, the same for all; at rest and at the end of a motion."""
+
+    def goals(smoothing: str) -> FloatArray:
+        noise = np.random.default_rng(1)
+        pipeline = Pipeline("op3", performer="five", priorities="servo", smoothing=smoothing)
+        pipeline.start(still())
+        run_to(pipeline, RunState.FOLLOW, ticks=220)
+        times = [*np.zeros(100), *(DT * np.arange(250))]
+        seen = [frames().sample(time) for time in times]
+        return np.array(
+            [
+                pipeline.step(
+                    replace(one, position=one.position + noise.normal(0.0, 0.005, (5, 3))), DT
+                ).joint_positions
+                for one in seen
+            ]
+        )
+
+    off, light, strong = goals("off"), goals("light"), goals("strong")
+    jerk = [float(np.diff(one[:100], 3, axis=0).std()) for one in (off, light, strong)]
+    assert jerk[1] < 0.8 * jerk[0] and jerk[2] < 0.8 * jerk[1]
+    assert np.abs(strong - off).max() < 0.35 and np.ptp(strong[100:], axis=0).max() > 0.5
+    assert all(keep_limits(list(one)) for one in (off, light, strong))
+
+
+def test_a_sensor_that_comes_back_is_not_smoothed_from_where_it_was_lost() -> None:
+    pipelines = [Pipeline(None, performer="five", rate_hz=125, smoothing=name) for name in ("off", "strong")]
+    for pipeline in pipelines:
+        pipeline.start(still())
+        pipeline.step(still(), DT)
+        for _ in range(30):
+            pipeline.step(lost(still(), "r_wrist"), DT)
+    there = moved(still(), 0.1, "r_wrist")
+    off, strong = (pipeline.step(there, DT).human for pipeline in pipelines)
+    assert np.array_equal(off.q, strong.q)
+
+
 class Stepped:
     """Samples that come one by one, as a run takes them; then the performance is over."""
 
@@ -375,7 +413,13 @@ def test_what_cannot_be_started_is_refused() -> None:
             Pipeline(wrong)
         with refuses(UsageError, "Pipeline, performer", found=type(wrong).__name__):
             Pipeline("op3", performer=wrong)
-    named = (("priorities", "serv"), ("parts", "lower"), ("performer", "fife"), ("robot", "op4"))
+    named = (
+        ("priorities", "serv"),
+        ("parts", "lower"),
+        ("performer", "fife"),
+        ("robot", "op4"),
+        ("smoothing", "ligth"),
+    )
     for name, wrong in (*named, ("priorities", 3), ("parts", None), ("rate_hz", "100")):
         with refuses(UsageError, f"Pipeline, {name}: ") as caught:
             Pipeline(**{"robot": "op3", name: wrong})

@@ -143,12 +143,12 @@ class Playout:
 # orientation is filtered by the rotation vector from the filtered orientation to the new one, in world axes, and not by
 # its own rotation vector, which jumps at 180 degrees. So the signs of quaternions do not matter.
 
-LIGHT = "light"
+OFF, LIGHT = "off", "light"
 
 Cutoffs = tuple[float, float, float]
 """One-Euro filter: cutoff at rest, Hz; Hz by which it rises per m/s or rad/s; cutoff of the speed's own filter, Hz."""
 SMOOTHINGS: dict[str, tuple[Cutoffs, Cutoffs] | None] = {
-    "off": None,
+    OFF: None,
     LIGHT: ((4.0, 12.0, 1.0), (4.0, 3.0, 1.0)),
     "strong": ((1.0, 3.0, 1.0), (1.0, 1.0, 1.0)),
 }
