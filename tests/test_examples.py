@@ -11,7 +11,16 @@ from messages import shows
 REAL_TIME = {"send_poses"}
 """Examples that go on in real time: each has a test of its own."""
 
-QUICK = {"live_obstacle", "move_one_joint", "own_hierarchy", "own_loop", "stand_in_physics"}
+QUICK = {
+    "ik_arm",
+    "ik_own_inequality",
+    "ik_two_arms",
+    "live_obstacle",
+    "move_one_joint",
+    "own_hierarchy",
+    "own_loop",
+    "stand_in_physics",
+}
 """Examples that take a second or three; the others are long."""
 
 NEEDS = {"read_into_pandas": ("pandas",)}

@@ -68,6 +68,7 @@ PAGES = {
             "retarget.model.body",
             "retarget.setup.import_robot",
             "retarget.schema.priorities",
+            "retarget.ik.solver",
             "retarget.ik.hierarchy",
             "retarget.robot.landmarks",
             "retarget.robot.follower",

@@ -14,6 +14,7 @@ import numpy as np
 from retarget import _solver
 from retarget.arithmetic import expm1
 from retarget.errors import ConfigError, suggest
+from retarget.ik.solver import DAMPING
 from retarget.ik.tasks import Limb, Slot, SlotKind, compile_task
 from retarget.model.body import BodyModel, Frame, JointLimits
 from retarget.model.observers import NO_SCENE, Observers
@@ -28,10 +29,6 @@ from retarget.schema.priorities import (
     ReactiveTask,
 )
 from retarget.types import BoolArray, FloatArray, IntArray
-
-DAMPING = 0.25
-"""Damping of the solver for each iteration of a frame: measured to follow as calmly with two iterations as with five
-(docs/solver.md)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,9 +184,15 @@ class Observers:
         most = np.where(scene.ground[obstacle], self.ground_margin[which], np.inf)
         return np.ascontiguousarray(np.column_stack([which, obstacle])[looks]), np.ascontiguousarray(most[looks])
 
-    def for_solver(self, body: BodyModel, scene: SceneShapes = NO_SCENE) -> _solver.Observers:
-        """The same for the compiled solver, which looks at the obstacles of a scene too."""
+    def for_solver(
+        self, body: BodyModel, scene: SceneShapes = NO_SCENE, *, looks: NDArray[np.bool_] | None = None
+    ) -> _solver.Observers:
+        """The same for the compiled solver, which looks at the k obstacles of a scene too. looks (n, k): which observer
+        looks at which; absent: as `obstacle_pairs` has it."""
         obstacle_pairs, most = self.obstacle_pairs(scene)
+        if looks is not None:
+            obstacle_pairs = np.ascontiguousarray(np.argwhere(looks))
+            most = np.full(len(obstacle_pairs), np.inf)
         return _solver.Observers(
             body.solver_body(),
             links=self.links,
