@@ -32,7 +32,9 @@ DAMPING = 0.25
 
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
+"""[m] A frame's own origin."""
 ALIKE: Vector = (1.0, 1.0, 1.0)
+"""Weights of three rows of which none counts more than another."""
 
 
 # Tasks. Each is its own name: `solve` takes targets by task.
@@ -278,7 +280,7 @@ def _tasks_of(levels: Sequence[Sequence[object]]) -> tuple[Task, ...]:
             if any(task is other for other in tasks):
                 raise UsageError("a task stands in two places", where=f"{where}, level {number}", found=_said(task))
             tasks.append(task)
-    if sum(isinstance(task, KeepClear) for task in tasks) > 1:
+    if len([task for task in tasks if isinstance(task, KeepClear)]) > 1:
         raise UsageError("KeepClear stands in two places", where=where, allowed="one: it is of the whole body")
     return tuple(tasks)
 
