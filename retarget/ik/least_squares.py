@@ -6,7 +6,7 @@ performer's size, the strength that a robot keeps in a squat.
 """
 
 from collections.abc import Callable
-from math import fsum
+from math import fsum, sqrt
 
 import numpy as np
 
@@ -81,9 +81,8 @@ def _damped_step(
     jacobian: FloatArray, off: FloatArray, damping: float, low: FloatArray, high: FloatArray
 ) -> FloatArray:
     """The step (n,) within low and high that minimises |jacobian step + off|^2 + damping |step|^2."""
-    count = len(low)
-    rows = np.concatenate([jacobian, np.sqrt(damping) * np.eye(count)])
-    goal = np.concatenate([-off, np.zeros(count)])
-    nothing = np.zeros(count)
-    step, _, _ = solve_hierarchy(rows, goal, goal, [len(goal)], lo=low, hi=high, still=nothing, damping=0.0)
+    still = np.zeros(len(low))
+    step, _, _ = solve_hierarchy(
+        jacobian, -off, -off, [len(off)], lo=low, hi=high, still=still, damping=0.0, least_damping=sqrt(damping)
+    )
     return step

@@ -25,6 +25,7 @@ impl FrameSolver {
             self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
             self.done[i] = 0.0;
         }
+        self.budget = BUDGET;
         self.look(targets, 0, dt);
         for iteration in 0..self.settings.n_ik {
             if iteration > 0 && self.settings.early_stop && self.stands() {
@@ -77,16 +78,11 @@ impl FrameSolver {
         }
     }
 
-    /// No obstacle comes nearer in the iterations that are left.
-    fn none_comes(&self) -> bool {
-        self.watch.as_ref().is_none_or(|w| !w.needs_every_iteration())
-    }
-
     /// The last step was none, the box of the frame allows to stay, and no obstacle comes nearer.
     fn stands(&self) -> bool {
         self.step.iter().all(|step| step.abs() <= STILL)
             && self.frame_box.iter().zip(&self.done).all(|(b, d)| b.holds(*d))
-            && self.none_comes()
+            && self.watch.as_ref().is_none_or(|w| !w.needs_every_iteration())
     }
 
     fn iterate(&mut self, targets: &[f64]) {
@@ -262,7 +258,6 @@ impl FrameSolver {
         if acts == Activation::All {
             self.solve_surprises();
         } else if is_trial {
-            self.ask_again();
             if self.watch.as_mut().is_some_and(|watch| watch.choose(&mut self.problem)) {
                 self.solve_once();
             }
@@ -281,7 +276,6 @@ impl FrameSolver {
             if watch.near.len() == before {
                 return;
             }
-            self.ask_again();
             let Some(watch) = &mut self.watch else { return };
             let (body, pose, reference, scale) = (&self.body, &self.pose, &self.reference, &self.scale);
             watch.write_rows_from(before, &mut self.problem, &Iteration { body, pose, reference, scale });
@@ -289,17 +283,9 @@ impl FrameSolver {
         }
     }
 
-    /// Targets and limits of rows as they were before the last solve.
-    fn ask_again(&mut self) {
-        self.problem.lower.copy_from_slice(&self.asked.0);
-        self.problem.upper.copy_from_slice(&self.asked.1);
-    }
-
     fn solve_once(&mut self) {
-        // Stages leave what they reach as targets.
-        self.asked.0.clone_from(&self.problem.lower);
-        self.asked.1.clone_from(&self.problem.upper);
-        let outcome = self.stages.solve(&mut self.problem, BUDGET);
+        let outcome = self.stages.solve(&mut self.problem, self.budget);
+        self.budget -= outcome.steps;
         self.stats.steps += u64::from(outcome.steps);
         self.stats.capped += u64::from(outcome.capped);
     }

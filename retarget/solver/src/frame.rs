@@ -63,8 +63,8 @@ pub struct FrameSolver {
     /// Weight of a typical joint in the last level.
     pub(crate) soft_scale: f64,
     pub(crate) posture_error: Vec<f64>,
-    /// Limits of rows before a trial.
-    pub(crate) asked: (Vec<f64>, Vec<f64>),
+    /// Steps that the frame has left.
+    pub(crate) budget: u32,
 }
 
 impl FrameSolver {
@@ -95,7 +95,7 @@ impl FrameSolver {
             target_size: layout.target_size,
             q,
             velocity: vec![0.0; body.nv],
-            task_errors: vec![0.0; layout.placed.len()],
+            task_errors: vec![f64::NAN; layout.placed.len()],
             placed: layout.placed,
             watch,
             columns,
@@ -112,7 +112,7 @@ impl FrameSolver {
             reference: vec![0.0; body.nv],
             soft_scale: 1.0,
             posture_error: vec![0.0; body.nv],
-            asked: Default::default(),
+            budget: 0,
             limits,
             settings,
             body,
@@ -131,7 +131,6 @@ impl FrameSolver {
         for &(dof, _) in &self.columns.all {
             self.velocity[dof] = velocity[dof]; // what is locked stays at rest
         }
-        self.problem.z.fill(0.0);
         if let Some(watch) = &mut self.watch {
             watch.reset();
         }

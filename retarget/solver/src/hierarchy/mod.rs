@@ -7,7 +7,7 @@
 //!
 //! which is Levenberg-Marquardt damping inside the box: ||c . z - target||^2 + mu^2 ||z - z0||^2, with mu^2 = damping times what the level
 //! misses (T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE Trans. Robotics 27(5),
-//! 2011). It is strictly convex: one answer, which changes no faster than what is asked. What it reaches become the targets of
+//! 2011). It is strictly convex: a stage has one answer, whose sensitivity to what is asked is 1 / (2 mu) at most. What it reaches become the targets of
 //! level k, so that lower levels keep all freedom that is left, and every later stage has a point that keeps everything: never
 //! infeasible. A last stage minimises ||z||^2: a posture attraction `||W (x - x_ref)||^2` by the change of variables
 //! z = W (x - x_ref), with one more variable for each soft row beside it.
@@ -20,5 +20,5 @@ pub(crate) mod kernels;
 mod problem;
 mod stages;
 
-pub use problem::Problem;
-pub use stages::{Outcome, Stages, BUDGET, LEAST_DAMPING};
+pub use problem::{Problem, LEAST_DAMPING};
+pub use stages::{Outcome, Stages, BUDGET, SMALL_ERROR};

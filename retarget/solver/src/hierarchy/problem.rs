@@ -1,5 +1,8 @@
 //! The data of one hierarchy: levels of rows, a box, and how strongly levels are damped.
 
+/// Least damping of a level whose rows are in metres or radians.
+pub const LEAST_DAMPING: f64 = 1e-3;
+
 #[derive(Clone, Debug, Default)]
 pub struct Problem {
     /// Variables, and the padded row length (a multiple of 8).
@@ -18,8 +21,10 @@ pub struct Problem {
     pub hi: Vec<f64>,
     /// Standing still, which is not z = 0 where a posture attracts: damped steps are measured from here.
     pub still: Vec<f64>,
-    /// Squared damping of a level for each unit of its error.
+    /// Squared damping of a level for each unit of its error, and its least damping, in units of its rows: rows that cannot all be met
+    /// would ask for infinite forces without.
     pub damping: f64,
+    pub least_damping: f64,
     /// Squared error of each level; what its targets ask for may be less.
     pub error2: Vec<f64>,
     /// How often a stage begins anew from what it found: 1; more drive damping to nothing (the proximal point method), for tests.
@@ -55,6 +60,7 @@ impl Problem {
             hi: vec![f64::INFINITY; n],
             still: vec![0.0; stride],
             damping: 0.0,
+            least_damping: LEAST_DAMPING,
             error2: vec![0.0; level_rows.len()],
             rounds: 1,
             soft_last: false,

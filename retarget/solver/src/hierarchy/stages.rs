@@ -7,9 +7,9 @@ use super::problem::Problem;
 const MET: f64 = 1e-11;
 /// A row depends on others if they leave no more of it than this share of its length.
 const DEPENDENT: f64 = 1e-8;
-/// Least damping of a level, in units of its rows: rows that cannot all be met would ask for infinite forces without.
-pub const LEAST_DAMPING: f64 = 1e-3;
-/// The same of a level of limits alone, which are to be kept exactly where they can be.
+/// An error below a millimetre is damped as if it were one: a level that is met, but near singular, is not taken and given back.
+pub const SMALL_ERROR: f64 = 1e-3;
+/// Damping of a level of limits alone, in units of its rows: they are to be kept exactly where they can be.
 const LEAST_OF_LIMITS: f64 = 1e-4;
 /// How much more what is missed weighs than the metric, which has no unit in common with it: a limb that is stretched towards what it
 /// cannot reach is not bent by a posture, whose linear model does not see what that costs.
@@ -18,7 +18,7 @@ const YIELDING: f64 = 200.0;
 const MOST_TRADED: usize = 32;
 /// A limit that depends on those that hold may be missed by this: they are nearly parallel, and rounding is enlarged.
 const ROUNDING: f64 = 1e-6;
-/// Most steps of a solve: 20 times the 99th percentile of a frame of OP3 among its 23 boxes.
+/// Most steps of a frame: 20 times the 99th percentile of OP3 among its 23 boxes.
 pub const BUDGET: u32 = 2000;
 
 /// How a solve ended.
@@ -26,7 +26,8 @@ pub const BUDGET: u32 = 2000;
 pub struct Outcome {
     /// Limits that were taken up or dropped.
     pub steps: u32,
-    /// The budget was spent, or a limit could not be resolved: the answer keeps the box, and all that stages before reached.
+    /// The budget was spent, and the answer keeps the box and all limits that standing still keeps; or rounding left a limit open, and
+    /// it keeps the box and what the stages before reached.
     pub capped: bool,
 }
 
@@ -60,6 +61,9 @@ pub struct Stages {
     /// Held limits of the stage before: they are tried first.
     likely: Vec<Limit>,
     ignored: Vec<Limit>,
+    /// Bounds of rows as earlier stages left them: what targets reached, limits no tighter than they are kept.
+    pub lower: Vec<f64>,
+    pub upper: Vec<f64>,
     /// The point where the stage is.
     x: Vec<f64>,
     /// A point that keeps all that earlier stages reached.
@@ -94,7 +98,7 @@ compile_twice! {
 }
 
 impl Stages {
-    /// Solve `problem`; the answer is in `problem.z`, targets and limits become what was reached. At most `budget` steps.
+    /// Solve `problem`; the answer is in `problem.z`. At most `budget` steps.
     pub fn solve(&mut self, problem: &mut Problem, budget: u32) -> Outcome {
         solve(has_avx2(), self, problem, budget)
     }
@@ -112,6 +116,9 @@ impl Stages {
             self.fix_level(p, k);
         }
         found &= self.last_stage(p, stages);
+        if !found && self.budget == 0 {
+            self.keep_limits(p);
+        }
         for i in 0..p.n {
             p.z[i] = self.x[i].max(p.lo[i]).min(p.hi[i]);
         }
@@ -123,6 +130,8 @@ impl Stages {
         let largest = (0..p.level_count()).map(|k| p.level(k).len()).max().unwrap_or(0);
         let (m, widest) = (p.row_count(), padded(p.stride + largest));
         (self.budget, self.moved, self.unmet) = (budget, 0.0, 0.0);
+        self.lower.clone_from(&p.lower);
+        self.upper.clone_from(&p.upper);
         self.most = p.n + largest + 1;
         self.fixed.clear();
         self.fixed.reserve(p.n * p.stride);
@@ -167,11 +176,11 @@ impl Stages {
         for r in p.level(k).filter(|r| p.present[*r]) {
             let at = dot(p.row(r), &self.kept);
             if p.is_equality(r) {
-                let (now, then) = (p.lower[r] - dot(p.row(r), &p.still), p.lower[r] - at);
+                let (now, then) = (self.lower[r] - dot(p.row(r), &p.still), self.lower[r] - at);
                 (asked, missing, targets) = (asked + now * now, missing + then * then, targets + 1);
             } else {
                 self.traded.push(r);
-                let beyond = (p.lower[r] - at).max(at - p.upper[r]);
+                let beyond = (self.lower[r] - at).max(at - self.upper[r]);
                 if beyond > MET * self.norms[r] {
                     missing += beyond * beyond;
                 }
@@ -186,7 +195,7 @@ impl Stages {
         let longest = 0.5 * (error / p.damping).sqrt();
         (self.damping, self.reach) = match targets {
             0 => (LEAST_OF_LIMITS, longest),
-            _ => ((p.damping * error + LEAST_DAMPING * LEAST_DAMPING).sqrt(), f64::INFINITY),
+            _ => ((p.damping * error + p.least_damping * p.least_damping).sqrt(), f64::INFINITY),
         };
         let found = self.approach(p, k, targets, |_, p, i| p.still[i])
             && (1..p.rounds).all(|_| self.approach(p, k, targets, |stages, _, i| stages.kept[i]));
@@ -195,7 +204,7 @@ impl Stages {
         }
         if targets > 0 {
             let left = p.level(k).filter(|r| p.present[*r] && p.is_equality(*r)).fold(0.0, |sum, r| {
-                let off = p.lower[r] - dot(p.row(r), &self.kept);
+                let off = self.lower[r] - dot(p.row(r), &self.kept);
                 sum + off * off
             });
             let beyond = (p.error2[k].sqrt() - asked.sqrt()).max(0.0);
@@ -243,7 +252,7 @@ impl Stages {
         for r in p.level(k).filter(|r| p.present[*r]) {
             let at = dot(p.row(r), &self.kept);
             if p.is_equality(r) {
-                (p.lower[r], p.upper[r]) = (at, at);
+                (self.lower[r], self.upper[r]) = (at, at);
                 self.work.resize(p.stride, 0.0);
                 self.work.copy_from_slice(p.row(r));
                 self.project(p, 0, None);
@@ -252,7 +261,7 @@ impl Stages {
                     self.fixed.extend(self.work.iter().map(|w| w / length));
                 }
             } else {
-                (p.lower[r], p.upper[r]) = (p.lower[r].min(at), p.upper[r].max(at));
+                (self.lower[r], self.upper[r]) = (self.lower[r].min(at), self.upper[r].max(at));
                 self.hard.push(r);
             }
         }
@@ -266,7 +275,11 @@ impl Stages {
         self.begin(p, 0, |_, p, i| share * p.still[i]);
         if p.soft_last {
             for r in p.level(k).filter(|r| p.present[*r]) {
-                self.add_target(p, r, None);
+                if p.is_equality(r) {
+                    self.add_target(p, r, None);
+                } else {
+                    self.hard.push(r);
+                }
             }
         }
         self.settle(p)
@@ -299,7 +312,7 @@ impl Stages {
     fn add_target(&mut self, p: &Problem, r: usize, slot: Option<usize>) {
         self.work[..p.stride].copy_from_slice(p.row(r));
         self.work[p.stride..].fill(0.0);
-        let mut missing = p.lower[r] - dot(p.row(r), &self.x[..p.stride]);
+        let mut missing = self.lower[r] - dot(p.row(r), &self.x[..p.stride]);
         if let Some(slot) = slot {
             self.work[slot] = self.damping;
             missing -= self.damping * self.x[slot];
@@ -403,7 +416,7 @@ impl Stages {
             (self.x[i], 1.0, p.lo[i], p.hi[i])
         } else {
             let (at, length) = self.value(p, i - p.n);
-            (at, length, p.lower[i - p.n], p.upper[i - p.n])
+            (at, length, self.lower[i - p.n], self.upper[i - p.n])
         };
         (if limit.upper { at - upper } else { lower - at }) / length
     }
@@ -437,7 +450,7 @@ impl Stages {
                 continue;
             }
             let (at, length) = self.value(p, r);
-            let (below, above) = ((p.lower[r] - at) / length, (at - p.upper[r]) / length);
+            let (below, above) = ((self.lower[r] - at) / length, (at - self.upper[r]) / length);
             self.due[r] = if self.slack[r] == NONE { self.moved - below.max(above) } else { f64::NEG_INFINITY };
             consider(p.n + r, below, above);
         }
@@ -561,6 +574,19 @@ impl Stages {
         }
     }
 
+    /// From standing still towards x as far as all limits allow, those of levels that no stage has come to among them.
+    #[inline(always)]
+    fn keep_limits(&mut self, p: &Problem) {
+        for i in 0..p.n {
+            self.kept[i] = p.still[i].max(p.lo[i]).min(p.hi[i]);
+        }
+        self.hard.clear();
+        self.hard.extend((0..p.row_count()).filter(|r| p.present[*r] && !p.is_equality(*r)));
+        self.lower.clone_from(&p.lower);
+        self.upper.clone_from(&p.upper);
+        self.take_feasible(p);
+    }
+
     /// From `kept` towards x as far as limits allow.
     #[inline(always)]
     fn take_feasible(&mut self, p: &Problem) {
@@ -577,7 +603,7 @@ impl Stages {
         }
         for &r in &self.hard {
             let (from, to) = (dot(p.row(r), &self.kept), dot(p.row(r), &self.x[..p.stride]));
-            meet(from, to, p.lower[r], p.upper[r]);
+            meet(from, to, self.lower[r], self.upper[r]);
         }
         for i in 0..p.n {
             self.x[i] = self.kept[i] + share * (self.x[i] - self.kept[i]);

@@ -6,7 +6,7 @@ use super::braking::limits;
 use super::observers::{obstacle_poses, PyObservers};
 use super::task::PyTask;
 use crate::frame::{FrameSolver, Settings};
-use crate::hierarchy::{Outcome, Problem, Stages};
+use crate::hierarchy::{Outcome, Problem, Stages, BUDGET, LEAST_DAMPING};
 use crate::observers::Activation;
 use crate::task::{Task, TaskKind};
 use numpy::{PyArray1, PyArrayMethods};
@@ -190,7 +190,7 @@ impl PySolver {
 
 /// See `retarget/_solver.pyi`.
 #[pyfunction]
-#[pyo3(signature = (rows, lower, upper, level_sizes, *, lo, hi, still, damping, soft_last=false, rounds=1, budget=2000))]
+#[pyo3(signature = (rows, lower, upper, level_sizes, *, lo, hi, still, damping, soft_last=false, least_damping=LEAST_DAMPING, rounds=1, budget=BUDGET))]
 #[allow(clippy::too_many_arguments)]
 pub fn solve_hierarchy<'py>(
     py: Python<'py>,
@@ -203,6 +203,7 @@ pub fn solve_hierarchy<'py>(
     still: Numbers<'py>,
     damping: f64,
     soft_last: bool,
+    least_damping: f64,
     rounds: usize,
     budget: u32,
 ) -> PyResult<(Vector<'py>, u32, bool)> {
@@ -217,7 +218,8 @@ pub fn solve_hierarchy<'py>(
     problem.lo.copy_from_slice(lo.as_slice()?);
     problem.hi.copy_from_slice(entries(&hi, n, "hi")?);
     problem.still[..n].copy_from_slice(entries(&still, n, "still")?);
-    (problem.damping, problem.soft_last, problem.rounds) = (damping, soft_last, rounds);
+    (problem.damping, problem.least_damping, problem.soft_last) = (damping, least_damping, soft_last);
+    problem.rounds = rounds;
     let Outcome { steps, capped } = Stages::default().solve(&mut problem, budget);
     Ok((PyArray1::from_slice(py, &problem.z[..n]), steps, capped))
 }
