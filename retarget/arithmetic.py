@@ -41,5 +41,17 @@ __all__ = [
     "norm",
     "norms",
     "sin",
+    "soft_cap",
     "squares",
 ]
+
+
+def soft_cap(value: float, most: float, knee: float) -> float:
+    """The value itself up to the last share `knee` before `most`; beyond, it approaches `most` smoothly."""
+    free = (1.0 - knee) * most
+    if value <= free:
+        return value
+    room = most - free
+    if room <= 0.0:  # nothing is possible at all
+        return most
+    return most - room * exp(-(value - free) / room)

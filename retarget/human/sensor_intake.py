@@ -11,7 +11,7 @@ from math import fsum
 
 import numpy as np
 
-from retarget.arithmetic import exp, norm, norms, squares
+from retarget.arithmetic import exp, norm, norms, soft_cap, squares
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.types import BoolArray, FloatArray
 
@@ -149,10 +149,13 @@ class SensorIntake:
 # Reach: sensors no further from each other than a body can be.
 #
 # A faulty tracker may report a wrist metres away. The hierarchy would stretch the whole body after it, singular and
-# oscillating, to come a little closer. So the goal is pulled back to where this body could just have it.
+# oscillating, to come a little closer. So the goal is drawn in to where this body could just have it.
 
 TRUNK_STRETCH = 1.25
 """Most distance of two points of the trunk, neck and shoulder girdle, as a multiple of that at rest."""
+REACH_KNEE = 0.05
+"""Share of the greatest distance, from its end, in which what is farther is drawn in: no body that stands stretched has
+a sensor there."""
 
 _LIMBS = {
     "shoulder": ("elbow", "wrist", "hand"),
@@ -171,15 +174,15 @@ class Reach:
         self._furthest = np.array([_furthest(anchor, joint, dimensions) for joint in joints])
 
     def clamp(self, position: FloatArray, present: BoolArray) -> None:
-        """Pull positions (k, 3) m back, in place; `present` (k,)."""
+        """Draw positions (k, 3) m in, in place; `present` (k,)."""
         if self._anchor is None or not present[self._anchor]:
             return
         away = position - position[self._anchor]
         distance = np.sqrt(squares(away))
-        too_far = present & (distance > self._furthest)
-        if np.count_nonzero(too_far):
-            share = self._furthest[too_far] / distance[too_far]
-            position[too_far] = position[self._anchor] + share[:, None] * away[too_far]
+        for row in np.flatnonzero(present & (distance > (1.0 - REACH_KNEE) * self._furthest)).tolist():
+            far = float(distance[row])
+            share = soft_cap(far, float(self._furthest[row]), REACH_KNEE) / far
+            position[row] = position[self._anchor] + share * away[row]
 
 
 def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 
 from retarget._solver import Body as SolverBody
 from retarget._solver import Probe
-from retarget.arithmetic import arctan2, exp, hypot, matmul, norm
+from retarget.arithmetic import arctan2, exp, hypot, matmul, norm, soft_cap
 from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import Limb
@@ -392,7 +392,7 @@ class LandmarkMap:
         over = plus(plus(self._feet, limbs[self._pelvis]), self._marks[self._pelvis].offset)
         x, y, z = plus(over, offset)
         low, high = self._envelope.lowest, self._envelope.highest
-        return x, y, high - drawn_in(high - z, high - low, CROUCH_KNEE)
+        return x, y, high - soft_cap(high - z, high - low, CROUCH_KNEE)
 
     def _trunk_asked(self, seen: Quat, height: float) -> Quat:
         """The trunk as seen on the performer, leaning no further than the robot can with its pelvis at `height`."""
@@ -404,19 +404,8 @@ class LandmarkMap:
             return seen
         lean = arctan2(across, z)
         # The axis of the lean is level, and square to the direction in which the trunk leans.
-        less = drawn_in(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
+        less = soft_cap(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
-
-
-def drawn_in(value: float, most: float, knee: float) -> float:
-    """The value itself up to the last share `knee` before `most`; beyond, it approaches `most` smoothly."""
-    free = (1.0 - knee) * most
-    if value <= free:
-        return value
-    room = most - free
-    if room <= 0.0:  # a robot that cannot crouch at all
-        return most
-    return most - room * exp(-(value - free) / room)
 
 
 def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:

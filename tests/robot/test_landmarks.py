@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from followers import DT, dimensions, op3, performer
 from retarget import rotations
+from retarget.arithmetic import soft_cap
 from retarget.ik.support_polygon import plant
 from retarget.model.human_dimensions import POINTS
 from retarget.model.robot import load_robot
@@ -23,7 +24,6 @@ from retarget.robot.landmarks import (
     LandmarkMap,
     PelvisOverFoot,
     RobotReader,
-    drawn_in,
     feet_apart,
 )
 from retarget.rotations import Vector, axis_turn
@@ -207,11 +207,11 @@ def test_a_lean_beyond_the_robots_is_drawn_in() -> None:
 
 @given(st.floats(0.0, 3.0), st.floats(0.1, 2.0), st.floats(0.05, 0.9))
 def test_drawing_in_is_smooth_and_never_reaches_the_most(value: float, most: float, knee: float) -> None:
-    inside = drawn_in(value, most, knee)
+    inside = soft_cap(value, most, knee)
     assert inside <= most + 1e-12 and inside <= value + 1e-12
     assert inside == value or value > (1.0 - knee) * most
-    assert drawn_in(value + 1e-3, most, knee) - inside <= 1e-3 + 1e-9
-    assert drawn_in(value + 1e-3, most, knee) >= inside
+    assert soft_cap(value + 1e-3, most, knee) - inside <= 1e-3 + 1e-9
+    assert soft_cap(value + 1e-3, most, knee) >= inside
 
 
 def hips() -> FloatArray:
