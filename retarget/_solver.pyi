@@ -333,8 +333,8 @@ def solve_hierarchy(
     lower (m,) <= rows z <= upper (m,) up to a slack, under the hard box lo (n,) <= z <= hi (n,); last, ||z||^2.
 
     still (n,): the z of no motion, from which damped steps are measured. damping: squared, for each unit of a level's
-    error. soft_last: each row of the last level has a variable of its own, and is met beside ||z||^2. least_damping: of a
-    level, in units of its rows. rounds: how often a level begins anew from what it found, which drives its damping to
+    error. soft_last: each row of the last level has a variable of its own, and is met beside ||z||^2. least_damping: of
+    a level, in units of its rows. rounds: how often a level begins anew from what it found, which drives its damping to
     nothing. budget: most steps.
 
     Returns z (n,), steps, and whether it was ended early."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from oracles.problem import Array, Hierarchy
 
-SMALL_ERROR, LEAST_DAMPING, LEAST_OF_LIMITS, YIELDING = 1e-3, 1e-3, 1e-4, 200.0
+LEAST_DAMPING, LEAST_OF_LIMITS, YIELDING = 1e-3, 1e-4, 200.0
 """As of `hierarchy/stages.rs`."""
 MET = 1e-11
 EQUALITY = 5
@@ -39,7 +39,7 @@ def solve_damped(problem: Hierarchy, damping: float) -> Array:
         missing = np.sqrt(np.sum((e - C @ z) ** 2) + np.sum(beyond[beyond > MET] ** 2))
         if missing > MET:
             error = max(float(np.linalg.norm(e - C @ z0)), float(missing))
-            mu2 = damping * max(error, SMALL_ERROR) + LEAST_DAMPING**2 if len(e) else LEAST_OF_LIMITS**2
+            mu2 = damping * error + LEAST_DAMPING**2 if len(e) else LEAST_OF_LIMITS**2
             before, reach = z, 0.5 * math.sqrt(error / damping) if damping and not len(e) else math.inf
             k = len(low)
             H = np.zeros((nv + k, nv + k))

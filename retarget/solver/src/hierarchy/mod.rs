@@ -21,4 +21,4 @@ mod problem;
 mod stages;
 
 pub use problem::{Problem, LEAST_DAMPING};
-pub use stages::{Outcome, Stages, BUDGET, SMALL_ERROR};
+pub use stages::{Outcome, Stages, BUDGET};

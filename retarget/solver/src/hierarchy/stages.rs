@@ -7,8 +7,6 @@ use super::problem::Problem;
 const MET: f64 = 1e-11;
 /// A row depends on others if they leave no more of it than this share of its length.
 const DEPENDENT: f64 = 1e-8;
-/// An error below a millimetre is damped as if it were one: a level that is met, but near singular, is not taken and given back.
-pub const SMALL_ERROR: f64 = 1e-3;
 /// Damping of a level of limits alone, in units of its rows: they are to be kept exactly where they can be.
 const LEAST_OF_LIMITS: f64 = 1e-4;
 /// How much more what is missed weighs than the metric, which has no unit in common with it: a limb that is stretched towards what it

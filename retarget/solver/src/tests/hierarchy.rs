@@ -2,7 +2,7 @@
 
 use super::cone::{basis, distance, dot};
 use super::random::Random;
-use crate::hierarchy::{Outcome, Problem, Stages, BUDGET, LEAST_DAMPING, SMALL_ERROR};
+use crate::hierarchy::{Outcome, Problem, Stages, BUDGET, LEAST_DAMPING};
 
 const SEEDS: u64 = 1500;
 /// As of a body of a metre in a frame of two iterations.
@@ -158,7 +158,7 @@ fn unmet_conditions(hierarchy: &Hierarchy, answers: &[Vec<f64>]) -> f64 {
         if size(before, false) < 1e-9 {
             continue; // there was nothing to do
         }
-        let error = size(&still, true).max(size(before, false)).max(SMALL_ERROR);
+        let error = size(&still, true).max(size(before, false));
         let damping = DAMPING * error + LEAST_DAMPING * LEAST_DAMPING;
         let downhill: Vec<f64> =
             (0..n).map(|i| -damping * z[i] - level.iter().map(|row| beyond(row, z) * row.0[i]).sum::<f64>()).collect();
