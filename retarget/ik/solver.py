@@ -5,13 +5,14 @@
     solver = ik.Solver(body, [[ik.KeepClear()], [hand], [ik.Posture()]])
     q = solver.solve({hand: (0.4, 0.1, 0.3)}, dt=0.01)
 
-The first level is met before the second has a say, and so on; tasks of one level share what cannot be met by least
+The first level is met as if there were no second, and so on; tasks of one level share what cannot be met by least
 squares. Joint limits come before all levels. docs/ik.md is the guide, docs/solver.md the mathematics.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf
+from itertools import count
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from retarget import _solver, rotations
 from retarget.arithmetic import norm
 from retarget.errors import ConfigError, Problem, UsageError
+from retarget.ik import arguments
 from retarget.model.body import BodyModel, joint_weights
 from retarget.model.observers import Observers, PairRules, Part, assemble, geom_shape, placed, steps_between
 from retarget.model.scene_shapes import SceneShapes, ShapeKind
@@ -35,6 +37,10 @@ ORIGIN: Vector = (0.0, 0.0, 0.0)
 """[m] A frame's own origin."""
 ALIKE: Vector = (1.0, 1.0, 1.0)
 """Weights of three rows of which none counts more than another."""
+MOST_ITERATIONS = 100
+"""More in a frame are a mistake: a far posture takes several frames."""
+MOST_HALF_SPACES = 64
+"""The compiled solver has room for so many in a task."""
 
 
 # Tasks. Each is its own name: `solve` takes targets by task.
@@ -42,7 +48,7 @@ ALIKE: Vector = (1.0, 1.0, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Position:
-    """A point of a frame goes to a place in the world. Target: (3,) m.
+    """A point of a frame goes to a place in the world, by at most 0.05 m in an iteration. Target: (3,) m.
 
     frame: a site or a link of the body. point: m, in that frame. weight: of the rows x, y, z of the world; 0 leaves one
     free.
@@ -55,7 +61,10 @@ class Position:
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """A frame takes an orientation in the world. Target: (4,) wxyz. weight: of turns about x, y, z of the world."""
+    """A frame takes an orientation in the world, by at most 0.2 rad in an iteration. Target: (4,) wxyz.
+
+    weight: of turns about x, y, z of the world.
+    """
 
     frame: str
     weight: Vector = ALIKE
@@ -63,7 +72,10 @@ class Orientation:
 
 @dataclass(frozen=True, eq=False)
 class CentreOfMass:
-    """The centre of mass goes to a place in the world. Target: (3,) m. weight: as for `Position`."""
+    """The centre of mass goes to a place in the world, by at most 0.05 m in an iteration. Target: (3,) m.
+
+    weight: as for `Position`.
+    """
 
     weight: Vector = ALIKE
 
@@ -72,8 +84,8 @@ class CentreOfMass:
 class HalfSpaces:
     """A point p stays inside half-spaces, an inequality. Target: (k, 4), rows nx, ny, nz, d: n . p <= d, m.
 
-    n has length 1 and points out.
-    frame, point: as for `Position`; None: the centre of mass. most: the largest k.
+    n has length 1 and points out. A point outside comes back by at most 0.05 m in an iteration.
+    frame, point: as for `Position`; None: the centre of mass. most: the largest k, 64 at most.
     """
 
     frame: str | None
@@ -85,7 +97,7 @@ class HalfSpaces:
 class Posture:
     """Joints go to a posture. Target: (nq,); without one it is where the solver began.
 
-    weights: of joints by name, 1 for the others. gain: share of the way for each iteration.
+    weights: of joints by name, 1 for the others. gain: share of the way for each iteration, of 0.3 rad (m) at most.
     """
 
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -97,9 +109,9 @@ class KeepClear:
     """Parts of the body keep away from each other, and from what the file fixes to the world: an inequality. No target.
 
     Parts are the file's colliding spheres, capsules, cylinders and boxes, on the world planes too. Within `influence`
-    (m) a part may approach at `speed` (m/s) at most, and the less, the nearer; at `margin` (m) not at all. Links that
-    one joint parts are neighbours, and are left out; so is what touches the world at the start. ignored: pairs of links
-    that may touch.
+    (m) a part may approach at `speed` (m/s) at most, and the less, the nearer; at `margin` (m) not at all. Parts that
+    touch go apart at 0.1 m/s. Links that one joint parts are neighbours, and are left out; so is what touches the world
+    at the start. ignored: pairs of links that may touch.
     """
 
     margin: float = 0.01
@@ -111,12 +123,11 @@ class KeepClear:
 Task = Position | Orientation | CentreOfMass | HalfSpaces | Posture | KeepClear
 """What may stand in a level."""
 
-Target = ArrayLike | None
-
 
 class Solver:
     """Moves a body in frames of dt seconds so that its tasks are met, level by level, within its joint limits.
 
+    However long a frame is, an iteration moves no joint by more than 0.3 rad (m), and asks no more than a task says.
     Deterministic: the same calls give the same postures, to the bit, on every machine. It starts at rest.
     """
 
@@ -131,36 +142,45 @@ class Solver:
         locked: Iterable[str] = (),
         iterations: int = 2,
     ) -> None:
-        """levels: the highest first. start: posture (nq,); absent: the file's. max_velocity (rad/s, m/s),
-        max_acceleration (per s^2): of all joints, or (nv,). locked: joints that do not move. iterations: in a frame.
+        """levels: the highest first. start: posture (nq,) within joint limits; absent: the file's. max_velocity (rad/s,
+        m/s), max_acceleration (per s^2): of all joints, or (nv,). locked: joints that do not move. iterations: in a
+        frame, up to 100.
 
         Raises ConfigError: a name that the body does not have, parts far apart that touch at the start, shapes that
-        cannot be kept clear. Raises UsageError: what is no level, no limit, no posture.
+        cannot be kept clear. Raises UsageError for any other argument that cannot be used.
         """
-        self.body = body
-        self._tasks = _tasks_of(levels)
+        if not isinstance(body, BodyModel):
+            raise UsageError("not a body", where="ik.Solver", found=f"{body!r:.60}", allowed="a body of ik.load_body")
+        _check_levels(levels)
+        where = "ik.Solver, start" if start is not None else f"ik.Solver, start, absent: that of {body.source}"
+        start = arguments.posture(body.qpos0 if start is None else start, body, where)
         compiled = [[(task, _compiled(task, body)) for task in level] for level in levels]
-        start = body.qpos0 if start is None else self._checked_posture(start, "ik.Solver, start")
-        clear = [task for task in self._tasks if isinstance(task, KeepClear)]
+        clear = [task for level in levels for task in level if isinstance(task, KeepClear)]
         observers, fixed = _parts(body, clear[0], start) if clear else (None, None)
+        still = [(joint, 1.0) for joint in arguments.names(locked, "ik.Solver, locked", "joints")]
+        iterations = arguments.whole(iterations, "ik.Solver, iterations", MOST_ITERATIONS)
+        self.body = body
+        self._body = body.solver_body()
         self._solver = _solver.Solver(
-            body.solver_body(),
+            self._body,
             [[part for _, parts in level for part in parts] for level in compiled],
             lower=body.lower,
             upper=body.upper,
-            max_velocity=_limit(body, max_velocity, "max_velocity"),
-            max_acceleration=_limit(body, max_acceleration, "max_acceleration"),
-            locked=joint_weights(body, [(joint, 1.0) for joint in locked], default=0.0) > 0.0,
-            n_ik=_checked_count(iterations),
+            max_velocity=arguments.limit(max_velocity, body, "ik.Solver, max_velocity"),
+            max_acceleration=arguments.limit(max_acceleration, body, "ik.Solver, max_acceleration"),
+            locked=joint_weights(body, still, default=0.0) > 0.0,
+            n_ik=iterations,
             damping=DAMPING * iterations,
             observers=observers,
             activation="all",
         )
-        self._slices: dict[Task, list[tuple[int, int]]] = {}
-        for number, level in enumerate(compiled):
-            places = iter(range(self._solver.target_size))
+        # The compiled tasks that each task became: their numbers, and where their targets begin and end.
+        self._places: dict[Task, list[tuple[int, int, int]]] = {}
+        number = count()
+        for k, level in enumerate(compiled):
+            place = count()
             for task, parts in level:
-                self._slices[task] = [self._solver.target_slice(number, next(places)) for _ in parts]
+                self._places[task] = [(next(number), *self._solver.target_slice(k, next(place))) for _ in parts]
         self._start = start
         if fixed is not None:
             self._solver.set_obstacles(*fixed)
@@ -178,196 +198,203 @@ class Solver:
 
     @property
     def clearance(self) -> float:
-        """Smallest distance of two parts that keep clear, m; infinite where none is within influence."""
-        return min(self._solver.clearance)
+        """Smallest distance of two parts that keep clear, m; infinite where none is within influence.
+
+        NaN until the first `solve`, and from `reset` to the next.
+        """
+        return min(self._solver.clearance) if self._solved else nan
+
+    @property
+    def capped(self) -> int:
+        """Linear solves that took too many steps and were ended, since the solver was made: joint limits hold, and the
+        inequalities that standing still keeps, but tasks may be met less well than they could be."""
+        return self._solver.capped
 
     def error(self, task: Task) -> float:
-        """How far a task is from its target (m, rad; KeepClear: m too near) after the last frame; NaN without one."""
-        self._known(task, "ik.Solver.error")
-        errors, place = self._solver.task_errors, 0
-        for each, slices in self._slices.items():
-            if each is task:
-                return float(np.max(errors[place : place + len(slices)]))
-            place += len(slices)
-        return float("nan")
+        """How far a task is from its target (m, rad; KeepClear: m too near) after the last frame.
+
+        NaN: it had no target, or there was no `solve` since the start or `reset`.
+        """
+        self._check_known(task, "ik.Solver.error")
+        errors = self._solver.task_errors
+        return float(np.max([errors[number] for number, _, _ in self._places[task]])) if self._solved else nan
 
     def position(self, frame: str, point: Vector = ORIGIN) -> FloatArray:
-        """Where a point (m) of a frame is in the posture reached: (3,) m, world. Raises ConfigError."""
-        link, local = _point(self.body, frame, point)
-        return np.asarray(self.body.solver_body().points(self.q[None], [link], np.array([local]))[0, 0])
+        """Where a point (m) of a frame is in the posture reached: (3,) m, world. Raises ConfigError, UsageError."""
+        link, local = _point(self.body, frame, point, "ik.Solver.position")
+        return np.asarray(self._body.points(self.q[None], [link], np.array([local]))[0, 0])
+
+    def orientation(self, frame: str) -> FloatArray:
+        """How a frame is turned in the posture reached: (4,) wxyz, world. Raises ConfigError, UsageError."""
+        found = arguments.frame(self.body, frame, "ik.Solver.orientation")
+        return rotations.multiply(self._body.orientations(self.q[None], [found.body])[0, 0], found.quat)
 
     @property
     def centre_of_mass(self) -> FloatArray:
         """Where the centre of mass is in the posture reached: (3,) m, world."""
-        return np.asarray(self.body.solver_body().centre_of_mass(self.q[None])[0])
+        return np.asarray(self._body.centre_of_mass(self.q[None])[0])
 
     def reset(self, q: ArrayLike) -> None:
-        """Stand still in a posture (nq,). Raises UsageError, and then nothing has changed."""
-        self._solver.reset(self._checked_posture(q, "ik.Solver.reset"))
+        """Stand still in a posture (nq,) within joint limits. Raises UsageError, and then nothing has changed."""
+        self._solver.reset(arguments.posture(q, self.body, "ik.Solver.reset"))
+        self._solved = False
 
     def solve(self, targets: Mapping[Any, ArrayLike], dt: float) -> FloatArray:
         """Move for dt seconds. targets: of tasks; one without is left out in this frame. Returns the posture (nq,).
 
+        A joint moves by at most 0.3 rad (m) times `iterations`: a far target takes several frames.
+
         Raises UsageError for another task, a target of another shape or one that is not finite; then nothing has moved.
         """
-        if not 0.0 < dt < inf:
-            raise UsageError("no time", where="ik.Solver.solve, dt", found=repr(dt), allowed="a number above 0, s")
+        dt = arguments.positive(dt, "ik.Solver.solve, dt", "s")
+        arguments.check_mapping(targets, "ik.Solver.solve, targets", "{task: target}")
         vector = np.zeros(self._solver.target_size)
         for task in targets:
-            self._known(task, "ik.Solver.solve")
-        for task, slices in self._slices.items():
+            self._check_known(task, "ik.Solver.solve")
+        for task, places in self._places.items():
             value = self._value(task, targets.get(task))
             if value is not None:
-                for begin, end in slices:
+                for _, begin, end in places:
                     vector[begin] = 1.0
                     vector[begin + 1 : begin + 1 + value.size] = value
                     vector[begin + 1 + value.size : end] = 0.0
-        return self._solver.frame(vector, float(dt))
+        q = self._solver.frame(vector, dt)
+        self._solved = True
+        return q
 
-    def _value(self, task: Task, given: Target) -> FloatArray | None:
+    def _value(self, task: Task, given: ArrayLike | None) -> FloatArray | None:
         """The numbers of a target, flat; None: the task is left out."""
-        where = f"ik.Solver.solve, target of {_said(task)}"
+        where = f"ik.Solver.solve, target of {_name(task)}"
         if isinstance(task, KeepClear):
             if given is not None:
                 raise UsageError("a target of a task that takes none", where=where, next_step="Leave it out")
             return np.zeros(0)
         if isinstance(task, Posture):
-            return self._start if given is None else self._checked_posture(given, where)
+            return self._start if given is None else arguments.vector(given, self.body.nq, where)
         if given is None:
             return None
         if isinstance(task, HalfSpaces):
-            return _half_spaces(task, given, where)
-        size = 4 if isinstance(task, Orientation) else 3
-        value = _numbers(given, (size,), where)
-        if size == 4:
-            if not norm(value) > 0.0:
-                raise UsageError("no orientation", where=where, found="all zero", allowed="a quaternion wxyz")
-            value = value / norm(value)
-        return value
+            rows = arguments.half_spaces(given, task.most, where)
+            # The compiled task of the centre of mass has rows (n, d); that of a point has (0, n, d).
+            return rows.ravel() if task.frame is None else np.hstack([np.zeros((len(rows), 3)), rows]).ravel()
+        if not isinstance(task, Orientation):
+            return arguments.vector(given, 3, where)
+        value = arguments.vector(given, 4, where)
+        if not norm(value) > 0.0:
+            raise UsageError("a quaternion of length 0", where=where, found=f"{given!r:.80}", allowed="wxyz, not all 0")
+        return value / norm(value)
 
-    def _checked_posture(self, q: ArrayLike, where: str) -> FloatArray:
-        return _numbers(q, (self.body.nq,), where)
-
-    def _known(self, task: object, where: str) -> None:
-        if not any(task is known for known in self._tasks):
+    def _check_known(self, task: object, where: str) -> None:
+        if not isinstance(task, Task) or task not in self._places:
             raise UsageError(
                 "a task that is in none of the levels",
                 where=where,
-                found=_said(task),
-                allowed=", ".join(map(_said, self._tasks)),
+                found=_name(task),
+                allowed=", ".join(map(_name, self._places)),
                 next_step="Keep the task that you put into a level, and name its target by it",
             )
 
 
-def _tasks_of(levels: Sequence[Sequence[object]]) -> tuple[Task, ...]:
-    """All tasks, checked. Raises UsageError."""
-    where = "ik.Solver, levels"
+def _check_levels(levels: Sequence[Sequence[object]]) -> None:
+    """Refuse what the solver cannot take. Raises UsageError."""
+    where, allowed = "ik.Solver, levels", "lists of tasks, [[a], [b]]"
+    if not isinstance(levels, Sequence):
+        raise UsageError("not a list of levels", where=where, found=f"{levels!r:.60}", allowed=allowed)
     tasks = list[Task]()
     for number, level in enumerate(levels, start=1):
         if not isinstance(level, Sequence):
-            raise UsageError("no level", where=where, found=f"{level!r:.60}", allowed="lists of tasks, [[a], [b]]")
+            raise UsageError("not a list of tasks", where=where, found=f"{level!r:.60}", allowed=allowed)
         if any(isinstance(task, Posture) for task in level) and (len(level) > 1 or number < len(levels)):
             raise UsageError(
                 "a posture is not alone in the last level",
                 where=f"{where}, level {number}",
-                found=", ".join(map(_said, level)),
+                found=", ".join(map(_name, level)),
                 next_step="Put [Posture()] at the end: it takes all freedom that is left",
             )
         for task in level:
             if not isinstance(task, Task):
-                allowed = ", ".join(kind.__name__ for kind in Task.__args__)
-                raise UsageError("no task", where=f"{where}, level {number}", found=f"{task!r:.60}", allowed=allowed)
-            if any(task is other for other in tasks):
-                raise UsageError("a task stands in two places", where=f"{where}, level {number}", found=_said(task))
+                kinds = ", ".join(kind.__name__ for kind in Task.__args__)
+                raise UsageError("not a task", where=f"{where}, level {number}", found=f"{task!r:.60}", allowed=kinds)
+            if task in tasks:
+                raise UsageError("a task stands in two places", where=f"{where}, level {number}", found=_name(task))
             tasks.append(task)
+    if not tasks:
+        raise UsageError("there is no task", where=where, found=f"{levels!r:.60}", allowed=allowed)
     if len([task for task in tasks if isinstance(task, KeepClear)]) > 1:
         raise UsageError("KeepClear stands in two places", where=where, allowed="one: it is of the whole body")
-    return tuple(tasks)
 
 
-def _said(task: object) -> str:
+def _name(task: object) -> str:
     """A task as messages name it."""
-    frame = getattr(task, "frame", None)
-    name = type(task).__name__
+    if not isinstance(task, Task):
+        return f"{task!r:.60}"
+    frame, name = getattr(task, "frame", None), type(task).__name__
     return name if frame is None else f"{name}({frame!r})"
 
 
 def _compiled(task: Task, body: BodyModel) -> list[_solver.Task]:
-    """A task as the compiled solver has it. Raises ConfigError for an unknown name, UsageError for what cannot be."""
-    try:
-        return _made(task, body)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise UsageError("an impossible task", where=f"ik.{_said(task)}", found=str(error)) from error
-
-
-def _made(task: Task, body: BodyModel) -> list[_solver.Task]:
+    """A task as the compiled solver has it. Raises ConfigError for an unknown name, UsageError for a bad argument."""
+    where = f"ik.{_name(task)}"
     match task:
         case Position():
-            return [_solver.Task.position(*_point(body, task.frame, task.point), weight=task.weight)]
+            weight = arguments.weight(task.weight, f"{where}, weight")
+            return [_solver.Task.position(*_point(body, task.frame, task.point, where), weight=weight)]
         case Orientation():
-            frame = body.frame(task.frame)
-            return [_solver.Task.orientation(frame.body, as_quat(frame.quat), weight=task.weight)]
+            frame, weight = arguments.frame(body, task.frame, where), arguments.weight(task.weight, f"{where}, weight")
+            return [_solver.Task.orientation(frame.body, as_quat(frame.quat), weight=weight)]
         case CentreOfMass():
-            return [_solver.Task.centre_of_mass(weight=task.weight)]
+            return [_solver.Task.centre_of_mass(weight=arguments.weight(task.weight, f"{where}, weight"))]
         case HalfSpaces():
+            most = arguments.whole(task.most, f"{where}, most", MOST_HALF_SPACES)
             if task.frame is None:
-                return [_solver.Task.support(task.most)]
-            return [_solver.Task.lever(*_point(body, task.frame, task.point), max_edges=task.most)]
+                return [_solver.Task.support(most)]
+            return [_solver.Task.lever(*_point(body, task.frame, task.point, where), max_edges=most)]
         case Posture():
-            weights = joint_weights(body, task.weights.items(), default=1.0)
-            return [_solver.Task.posture(weights, gain=task.gain)]
+            return [_posture(task, body)]
         case KeepClear():
-            return [_solver.Task.reactive(), _solver.Task.preventive(speed=task.speed)]
+            return [_solver.Task.reactive(), _solver.Task.preventive(speed=_checked_zone(task)[2])]
 
 
-def _point(body: BodyModel, frame: str, point: Vector) -> tuple[int, Vector]:
-    """The link of a frame, and a point of the frame as one of the link, m."""
-    found = body.frame(frame)
-    return found.body, as_vector(found.position + rotations.rotate(found.quat, np.array(point, dtype=np.float64)))
-
-
-def _half_spaces(task: HalfSpaces, given: ArrayLike, where: str) -> FloatArray:
-    """Half-spaces as the compiled task has them: of the centre of mass (n, d), of a point (0, n, d)."""
-    try:
-        rows = np.array(given, dtype=np.float64).reshape(-1, 4)
-    except (TypeError, ValueError):
-        rows = np.full((1, 4), np.nan)
-    long = np.sqrt(np.square(rows[:, :3]).sum(axis=1))
-    if len(rows) > task.most or not np.isfinite(rows).all() or not (np.abs(long - 1.0) < 1e-6).all():
-        allowed = f"up to {task.most} rows (nx, ny, nz, d), n of length 1"
-        raise UsageError("no half-spaces", where=where, found=f"{given!r:.80}", allowed=allowed)
-    return rows.ravel() if task.frame is None else np.hstack([np.zeros((len(rows), 3)), rows]).ravel()
-
-
-def _numbers(given: ArrayLike, shape: tuple[int, ...], where: str) -> FloatArray:
-    """Finite numbers of a shape. Raises UsageError."""
-    try:
-        value = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        value = np.zeros(0)
-    if value.shape != shape or not np.isfinite(value).all():
+def _posture(task: Posture, body: BodyModel) -> _solver.Task:
+    arguments.check_mapping(task.weights, "ik.Posture, weights", "{joint: weight}")
+    joints = arguments.names(task.weights, "ik.Posture, weights", "joints")
+    values = arguments.vector(list(task.weights.values()), len(joints), "ik.Posture, weights")
+    if (values < 0.0).any():
         raise UsageError(
-            "numbers of a wrong kind", where=where, found=f"{given!r:.80}", allowed=f"{shape[0]} finite numbers"
+            "a negative weight", where="ik.Posture, weights", found=f"{task.weights!r:.80}", allowed="0 and above"
         )
-    return value
+    weights = joint_weights(body, zip(joints, values.tolist(), strict=True), default=1.0)
+    return _solver.Task.posture(weights, gain=arguments.positive(task.gain, "ik.Posture, gain", most=1.0))
 
 
-def _limit(body: BodyModel, given: ArrayLike, name: str) -> FloatArray:
-    """A limit of each DoF (nv,). Raises UsageError."""
-    try:
-        value = np.array(np.broadcast_to(np.array(given, dtype=np.float64), (body.nv,)))
-    except (TypeError, ValueError):
-        value = np.zeros(body.nv)
-    if not (value > 0.0).all():
-        allowed = f"one number above 0, or {body.nv} of them in the order of `body.dof_names`"
-        raise UsageError("no limit", where=f"ik.Solver, {name}", found=f"{given!r:.80}", allowed=allowed)
-    return value
+def _point(body: BodyModel, frame: str, point: Vector, where: str) -> tuple[int, Vector]:
+    """The link of a frame, and a point of the frame as one of the link, m."""
+    found = arguments.frame(body, frame, where)
+    local = arguments.vector(point, 3, f"{where}, point")
+    return found.body, as_vector(found.position + rotations.rotate(found.quat, local))
 
 
-def _checked_count(given: int) -> int:
-    if not (isinstance(given, int) and 1 <= given <= 100):
-        raise UsageError("no count", where="ik.Solver, iterations", found=repr(given), allowed="1 to 100")
-    return given
+def _checked_zone(task: KeepClear) -> tuple[float, float, float]:
+    """Margin, influence (m) and speed (m/s)."""
+    margin, influence, speed = arguments.vector(
+        [task.margin, task.influence, task.speed], 3, "ik.KeepClear, margin, influence and speed"
+    ).tolist()
+    if not 0.0 <= margin < influence or not speed > 0.0:
+        found = f"margin {margin}, influence {influence}, speed {speed}"
+        allowed = "0 <= margin < influence, m, and a speed above 0, m/s"
+        raise UsageError("margin, influence or speed out of range", where="ik.KeepClear", found=found, allowed=allowed)
+    return margin, influence, speed
+
+
+def _ignored(task: KeepClear, body: BodyModel) -> tuple[tuple[int, int, str], ...]:
+    """Pairs of links that may touch, with a reason."""
+    where, pairs = "ik.KeepClear, ignored", []
+    for pair in task.ignored if isinstance(task.ignored, Iterable) else (task.ignored,):
+        named = arguments.names(pair, where, "two links")
+        if len(named) != 2:
+            raise UsageError("not a pair of links", where=where, found=f"{pair!r:.60}", allowed="names of two links")
+        pairs.append((body.body_index(named[0]), body.body_index(named[1]), "by the caller"))
+    return tuple(pairs)
 
 
 # The parts that keep clear: the colliding shapes of the file.
@@ -382,10 +409,7 @@ def _parts(body: BodyModel, task: KeepClear, start: FloatArray) -> tuple[_solver
 
     Raises ConfigError: a shape that cannot be kept clear, parts far apart along the body that touch at the start.
     """
-    if not 0.0 <= task.margin < task.influence < inf or not 0.0 < task.speed < inf:
-        found = f"margin {task.margin}, influence {task.influence}, speed {task.speed}"
-        allowed = "0 <= margin < influence, m, and a speed above 0, m/s"
-        raise UsageError("no zone", where="ik.KeepClear", found=found, allowed=allowed)
+    margin, influence, _ = _checked_zone(task)
     moving, fixed, problems = dict[str, Part](), dict[str, Part](), list[Problem]()
     for number, geom in enumerate(geom for geom in body.geoms if geom.collides):
         name = geom.name or f"{body.body_names[geom.body]}, shape {number + 1}"
@@ -396,18 +420,17 @@ def _parts(body: BodyModel, task: KeepClear, start: FloatArray) -> tuple[_solver
             step = "Give the link one of these for collisions, and set contype and conaffinity of this one to 0"
             problems.append(Problem("a shape that cannot be kept clear", body.source, found, allowed, step))
         else:
-            (moving if geom.body else fixed)[name] = Part(geom.body, *row, task.influence, task.margin)
+            (moving if geom.body else fixed)[name] = Part(geom.body, *row, influence, margin)
     if problems:
         raise ConfigError.from_problems(problems)
-    ignored = tuple((body.body_index(one), body.body_index(other), "as asked") for one, other in task.ignored)
-    observers = assemble(body, moving, PairRules(neutral=start, ignored=ignored, where=body.source))
+    observers = assemble(body, moving, PairRules(neutral=start, ignored=_ignored(task, body), where=body.source))
     zone = np.ones(len(fixed))
     scene = SceneShapes(
         names=tuple(fixed),
         kinds=np.array([part.kind for part in fixed.values()], dtype=np.int64),
         sizes=np.array([part.sizes for part in fixed.values()]).reshape(-1, 3),
-        influence=task.influence * zone,
-        margin=task.margin * zone,
+        influence=influence * zone,
+        margin=margin * zone,
         ground=np.zeros(len(fixed), dtype=bool),
     )
     places = np.array([part.position for part in fixed.values()]).reshape(-1, 3)

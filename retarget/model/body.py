@@ -186,9 +186,9 @@ class BodyModel:
         return names.index(name)
 
 
-def load_body(path: Path, *, root: Root | None = None) -> BodyModel:
+def load_body(path: str | Path, *, root: Root | None = None) -> BodyModel:
     """Read an MJCF or URDF file (see `body_file.compile_body` for `root` and errors)."""
-    return body_from_file(compile_body(path, root=root))
+    return body_from_file(compile_body(Path(path), root=root))
 
 
 def load_body_text(text: str, *, source: str, root: Root | None = None) -> BodyModel:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from messages import refuses
-from retarget import ik
+from retarget import ik, rotations
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import BodyModel
 
@@ -30,6 +30,12 @@ def body(*parts: str) -> BodyModel:
 
 
 START = [0.0, -0.5, 1.0]
+
+
+def test_a_body_is_read_from_a_path_and_from_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(f"<mujoco><worldbody>{arm()}</worldbody></mujoco>", encoding="utf-8")
+    assert ik.load_body(str(file)).joint_names == ik.load_body(file).joint_names == ("turn", "lift", "elbow")
 
 
 def settled(solver: ik.Solver, targets: dict[Any, Any], frames: int = 300) -> None:
@@ -77,6 +83,7 @@ def test_a_turn_is_met_within_the_speed_of_joints() -> None:
         solver.solve({hand: (2.0, 0.0, 0.0, 2.0)}, 0.01)  # a quarter turn to the left; its length does not matter
         speeds.append(solver.velocity)
     assert solver.error(hand) < 1e-6
+    assert rotations.angle_between(solver.orientation("hand"), [1.0, 0.0, 0.0, 1.0]) < 1e-6
     assert np.abs(speeds).max() == pytest.approx(1.5, abs=1e-9)
     assert np.abs(np.diff(speeds, axis=0)).max() < 30.0 * 0.01 + 1e-9
 
@@ -152,47 +159,195 @@ def test_the_same_calls_give_the_same_bits() -> None:
     assert np.array_equal(rows[0], rows[1])
 
 
-def test_what_is_wrong_is_refused_and_nothing_moves() -> None:
-    hand, above = ik.Position("hand"), ik.HalfSpaces("hand", most=1)
-    solver = ik.Solver(body(arm()), [[above], [hand], [ik.Posture()]], start=START)
-    wrong: Any
-    for wrong in ((0.1, 0.2), "left", (0.1, np.nan, 0.0)):
-        with refuses(UsageError, "target of Position('hand')", "3 finite numbers"):
-            solver.solve({hand: wrong}, 0.01)
-    for wrong in ([[0.0, 0.0, 2.0, 0.1]], [[0.0, 0.0, 1.0, 0.1]] * 2, [1.0, 2.0]):
-        with refuses(UsageError, "target of HalfSpaces('hand')", "of length 1"):
-            solver.solve({above: wrong}, 0.01)
-    with refuses(UsageError, "in none of the levels", "Position('hand')"):
-        solver.solve({ik.Position("hand"): (0.1, 0.2, 0.3)}, 0.01)
-    for wrong in (0.0, -1.0, np.inf, np.nan):
-        with refuses(UsageError, "dt"):
-            solver.solve({}, wrong)
-    with refuses(UsageError, "reset", "3 finite numbers"):
-        solver.reset([0.0, 0.0])
+def test_errors_and_clearance_are_those_of_the_last_solve() -> None:
+    hand, clear = ik.Position("hand"), ik.KeepClear(influence=10.0)
+    solver = ik.Solver(body('<geom type="plane" size="1 1 1"/>', arm()), [[clear], [hand]], start=START)
+    for _ in range(2):
+        assert np.isnan([solver.clearance, solver.error(hand), solver.error(clear)]).all()
+        solver.solve({hand: solver.position("hand")}, 0.01)
+        assert np.isfinite([solver.clearance, solver.error(hand), solver.error(clear)]).all()
+        solver.reset(START)
+    assert solver.capped == 0
+
+
+@pytest.mark.parametrize("iterations", [1, 2])
+def test_a_long_frame_goes_only_as_far_as_its_iterations(iterations: int) -> None:
+    """The numbers of docs/ik.md and of the docstrings."""
+    made, far = body(arm()), np.array([1.5, 0.2, 0.5])
+    joints, turn, hand = ik.Posture(gain=1.0), ik.Orientation("upper"), ik.Position("hand")
+    solver = ik.Solver(made, [[joints]], start=[0.0] * 3, iterations=iterations)
+    solver.solve({joints: far}, 1.0)
+    assert np.abs(solver.q).max() == pytest.approx(0.3 * iterations)
+    solver = ik.Solver(made, [[turn]], start=[0.0] * 3, iterations=iterations)
+    solver.solve({turn: (2.0, 0.0, 0.0, 2.0)}, 1.0)
+    assert 0.1 * iterations < solver.q[0] <= 0.2 * iterations + 1e-9
+    solver = ik.Solver(made, [[hand]], start=START, iterations=iterations)
+    before = solver.position("hand")
+    solver.solve({hand: before + np.array([0.0, 0.3, 0.0])}, 1.0)
+    assert 0.02 * iterations < np.linalg.norm(solver.position("hand") - before) < 0.055 * iterations
+
+
+def test_parts_in_contact_go_apart_at_a_tenth_of_a_metre_per_second() -> None:
+    hand, clear = ik.Position("hand"), ik.KeepClear(margin=0.01, influence=0.03)
+    solver = ik.Solver(body('<geom type="plane" size="1 1 1"/>', arm()), [[clear], [hand]], start=START)
+    unwatched = ik.Solver(solver.body, [[hand]], start=START)
+    below = {hand: (0.4, 0.0, 0.0)}  # there the capsule's end is 2 cm in the floor
+    settled(unwatched, below)
+    solver.reset(unwatched.q)
+    depth = []
+    for _ in range(10):
+        solver.solve(below, 0.01)
+        depth.append(solver.clearance)
+    assert depth[0] < -0.015 and np.diff(depth) == pytest.approx(0.001, abs=2e-4)
+
+
+WRONG_TARGETS: dict[str, tuple[Any, ...]] = {
+    "target of Position('hand')": ((0.1, 0.2), "left", (0.1, np.nan, 0.0), [True] * 3, ["1", "2", "3"], [[1, 2], [3]]),
+    "target of Orientation('hand')": ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    "target of HalfSpaces('hand')": (
+        [[0.0, 0.0, 2.0, 0.1]],
+        [[0.0, 0.0, 1.0, 0.1]] * 2,
+        [0.0, 0.0, 1.0, 0.1],
+        [1.0, 2.0],
+        [[0.0, 0.0, 1.0, np.inf]],
+        "up",
+    ),
+    "target of Posture": ([0.0] * 2, [0.0, np.nan, 0.0]),
+    "target of KeepClear": (1.0,),
+}
+
+
+@pytest.mark.parametrize("place", WRONG_TARGETS)
+def test_a_target_that_does_not_fit_is_refused_and_nothing_moves(place: str) -> None:
+    tasks = [ik.KeepClear()], [ik.HalfSpaces("hand", most=1)], [ik.Position("hand"), ik.Orientation("hand")]
+    levels: Any = [*tasks, [ik.Posture()]]
+    task = next(task for level in levels for task in level if place.endswith(ik.solver._name(task)))
+    solver = ik.Solver(body(arm()), levels, start=START)
+    for wrong in WRONG_TARGETS[place]:
+        with refuses(UsageError, where=("ik.Solver.solve", place)):
+            solver.solve({task: wrong}, 0.01)
     assert np.array_equal(solver.q, START)
 
 
-def test_what_cannot_be_solved_is_refused() -> None:
-    made = body(arm())
+def test_no_half_spaces_are_an_empty_list() -> None:
+    inside = ik.HalfSpaces("hand")
+    solver = ik.Solver(body(arm()), [[inside]], start=START)
+    solver.solve({inside: []}, 0.01)
+    assert solver.error(inside) == 0.0
+
+
+def test_a_call_that_does_not_fit_is_refused_and_nothing_moves() -> None:
     hand = ik.Position("hand")
+    solver = ik.Solver(body(arm()), [[hand], [ik.Posture()]], start=START)
     wrong: Any
-    with refuses(ConfigError, "hnad", "Did you mean hand?"):
+    for wrong in (0.0, -1.0, np.inf, np.nan, "a", None, True, [0.01], 10**400):
+        with refuses(UsageError, where="dt", allowed="a number above 0"):
+            solver.solve({}, wrong)
+    for wrong in ([], 5, None):
+        with refuses(UsageError, where="targets", allowed="{task: target}"):
+            solver.solve(wrong, 0.01)
+    for wrong in (ik.Position("hand"), "hand"):
+        with refuses(UsageError, where="ik.Solver.solve", allowed="Position('hand')"):
+            solver.solve({wrong: (0.1, 0.2, 0.3)}, 0.01)
+    for wrong in (ik.Position("hand"), []):
+        with refuses(UsageError, where="ik.Solver.error", allowed="Position('hand')"):
+            solver.error(wrong)
+    for wrong in ([0.0, 0.0], [0.0, 0.0, 3.0], "rest"):
+        with refuses(UsageError, where="ik.Solver.reset"):
+            solver.reset(wrong)
+    for wrong in (3, None):
+        with refuses(UsageError, where="ik.Solver.orientation", found=repr(wrong)):
+            solver.orientation(wrong)
+    with refuses(UsageError, where="ik.Solver.position, point", allowed="3 finite numbers"):
+        solver.position("hand", point=(0.0, 0.0, np.nan))
+    with refuses(ConfigError, found="hnad", next_step="hand"):
+        solver.orientation("hnad")
+    assert np.array_equal(solver.q, START)
+
+
+WRONG_TASKS: dict[str, tuple[Any, ...]] = {
+    "point": (ik.Position("hand", point=(0.0, 0.0, np.nan)), ik.HalfSpaces("hand", point=(0.0, 0.0))),  # type: ignore[arg-type]
+    "frame": (ik.Position(3), ik.Orientation(None), ik.HalfSpaces(3)),  # type: ignore[arg-type]
+    "weight": (
+        ik.Position("hand", weight=(1.0, -1.0, 0.0)),
+        ik.Orientation("hand", weight=(1.0, np.nan, 0.0)),
+        ik.CentreOfMass(weight=1.0),  # type: ignore[arg-type]
+    ),
+    "most": (ik.HalfSpaces("hand", most=-1), ik.HalfSpaces(None, most=65), ik.HalfSpaces(None, most=2.0)),  # type: ignore[arg-type]
+    "gain": (ik.Posture(gain=0.0), ik.Posture(gain=1.1), ik.Posture(gain="a")),  # type: ignore[arg-type]
+    "weights": (
+        ik.Posture(weights=5),  # type: ignore[arg-type]
+        ik.Posture(weights={"elbow": -1.0}),
+        ik.Posture(weights={"elbow": "a"}),  # type: ignore[dict-item]
+        ik.Posture(weights={3: 1.0}),  # type: ignore[dict-item]
+    ),
+    "margin, influence": (
+        ik.KeepClear(margin=0.1, influence=0.05),
+        ik.KeepClear(influence=np.inf),
+        ik.KeepClear(speed=0.0),
+        ik.KeepClear(margin="a"),  # type: ignore[arg-type]
+    ),
+    "ignored": (
+        ik.KeepClear(ignored=5),  # type: ignore[arg-type]
+        ik.KeepClear(ignored=("upper", "lower")),  # type: ignore[arg-type]
+        ik.KeepClear(ignored=(("upper",),)),  # type: ignore[arg-type]
+    ),
+}
+
+
+@pytest.mark.parametrize("argument", WRONG_TASKS)
+def test_a_task_that_cannot_be_is_refused(argument: str) -> None:
+    for wrong in WRONG_TASKS[argument]:
+        fact = argument if argument != "frame" else ()
+        with refuses(UsageError, fact, where=f"ik.{type(wrong).__name__}"):
+            ik.Solver(body(arm()), [[wrong]], start=START)
+
+
+HAND = ik.Position("hand")
+WRONG_ARGUMENTS: dict[str, tuple[Any, ...]] = {
+    "levels": (
+        *([HAND], [[HAND, "hand"]], [[HAND], [HAND]], [[ik.Posture()], [HAND]], [[HAND, ik.Posture()]]),
+        *([], [[]], 5, "hand", [[ik.KeepClear()], [ik.KeepClear()]]),
+    ),
+    "start": ([1.0, 2.0], [0.0, 0.0, np.nan], "rest"),
+    "max_velocity": ([1.0, 2.0], 0.0, np.nan, "fast", None),
+    "max_acceleration": ([1.0, 2.0, -3.0],),
+    "locked": (5, "elbow", [3]),
+    "iterations": (0, 101, True, 2.0, "2"),
+}
+
+
+@pytest.mark.parametrize("argument", WRONG_ARGUMENTS)
+def test_an_argument_that_cannot_be_is_refused(argument: str) -> None:
+    for wrong in WRONG_ARGUMENTS[argument]:
+        given: dict[str, Any] = {"levels": [[HAND]], "start": START} | {argument: wrong}
+        with refuses(UsageError, where=f"ik.Solver, {argument}"):
+            ik.Solver(body(arm()), **given)
+
+
+def test_a_start_beyond_a_joint_s_range_is_refused() -> None:
+    made = body(arm())
+    with refuses(UsageError, where="start", found=("elbow", 3), allowed=(-2.61799, 2.61799, "rad")):
+        ik.Solver(made, [[HAND]], start=[0.0, 0.0, 3.0])
+    with refuses(UsageError, "turn", "lift", where="start"):
+        ik.Solver(made, [[HAND]], start=[-4.0, 2.0, 0.0])
+    bent = body(arm().replace('"-150 150"', '"10 150"'))  # the file's own posture is stretched
+    with refuses(UsageError, where=("start", "test arm"), found=("elbow", 0)):
+        ik.Solver(bent, [[HAND]])
+    solver = ik.Solver(bent, [[HAND]], start=[0.0, 0.0, np.radians(10.0) - 1e-12])
+    solver.reset(solver.solve({HAND: (9.0, 0.0, 0.3)}, 0.01))
+
+
+def test_what_a_body_does_not_have_is_refused() -> None:
+    made: Any = body(arm())
+    with refuses(ConfigError, found="hnad", next_step="hand"):
         ik.Solver(made, [[ik.Position("hnad")]])
-    with refuses(ConfigError, "Did you mean elbow?"):
-        ik.Solver(made, [[hand]], locked=["elbwo"])
-    for wrong in ([hand], [[hand, "hand"]], [[hand], [hand]], [[ik.Posture()], [hand]], [[hand, ik.Posture()]]):
-        with refuses(UsageError, "ik.Solver, levels"):
-            ik.Solver(made, wrong)
-    with refuses(UsageError, "max_velocity"):
-        ik.Solver(made, [[hand]], max_velocity=[1.0, 2.0])
-    with refuses(UsageError, "start"):
-        ik.Solver(made, [[hand]], start=[1.0, 2.0])
-    with refuses(UsageError, "iterations"):
-        ik.Solver(made, [[hand]], iterations=0)
-    with refuses(UsageError, "ik.KeepClear", "margin"):
-        ik.Solver(made, [[ik.KeepClear(margin=0.1, influence=0.05)]])
-    for wrong in (ik.Posture(gain=0.0), ik.Position("hand", weight=(1.0, -1.0, 0.0)), ik.HalfSpaces("hand", most=-1)):
-        with refuses(UsageError, f"ik.{type(wrong).__name__}"):
-            ik.Solver(made, [[wrong]])
+    with refuses(ConfigError, found="elbwo", next_step="elbow"):
+        ik.Solver(made, [[HAND]], locked=["elbwo"])
+    with refuses(ConfigError, found="elbwo", next_step="elbow"):
+        ik.Solver(made, [[ik.Posture(weights={"elbwo": 2.0})]])
     with refuses(ConfigError, "ellipsoid 'egg'"):
         ik.Solver(body(arm(extra='<geom name="egg" type="ellipsoid" size="0.1 0.1 0.2"/>')), [[ik.KeepClear()]])
+    made = "arm.xml"
+    with refuses(UsageError, where="ik.Solver", found="arm.xml", allowed="ik.load_body"):
+        ik.Solver(made, [[HAND]])
