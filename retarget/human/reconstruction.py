@@ -10,7 +10,7 @@ from math import ceil, nan
 
 import numpy as np
 
-from retarget.arithmetic import arctan2, cos, sin, squares
+from retarget.arithmetic import arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
 from retarget.human.heading import Heading
 from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, VirtualFeet
@@ -387,12 +387,13 @@ class Reconstructor:
         return np.concatenate([position, self._feet.ankles]), np.concatenate([valid, [True, True]])
 
     def _crouched(self, points: Points) -> float:
-        """How much of the crouch of the priorities the body is in, 0 upright, 1 lowered, by the height of the head
-        above the lower ankle, or above z = 0 without ankles."""
-        if self._crouch is None or "head" not in points:
+        """How much of the crouch of the priorities the body is in, 0 upright, 1 lowered, by how far the head is from
+        the farther ankle; 0 without ankles."""
+        feet = [points[name] for name in _FEET if name in points]
+        if self._crouch is None or "head" not in points or not feet:
             return 0.0
-        ground = min((points[name][2] for name in _FEET if name in points), default=0.0)
-        return self._crouch.share(points["head"][2] - ground)
+        x, y, z = points["head"]
+        return self._crouch.share(max(hypot(hypot(x - u, y - v), z - w) for u, v, w in feet))
 
     def _lowered(self, points: Points) -> float:
         """How lowered the head is: 0 upright, 1 in a deep crouch."""

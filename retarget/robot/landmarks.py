@@ -5,8 +5,8 @@ and from constants of the robot (profile, stance, envelope), never from what the
 in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
-other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles, as high above the lower one as the
-legs hold it, its height within the robot's envelope. The trunk leans and twists as the line from the hips to the base
+other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles, as high as the leg that bears the
+performer is long (`BearingLeg`), its height within the robot's envelope. The trunk leans and twists as the line from the hips to the base
 of the neck and the chest do, its lean within the envelope at that height. The trunk carries the robot's own shoulders,
 and from each of them a hand is asked by the length of the arm. A trunk that stays where it is carries the head: it is
 asked where it stands.
@@ -159,10 +159,59 @@ def _at_least(value: float, least: float) -> float:
     return value if missing <= 0.0 else least + room * exp(-missing / room)
 
 
-# The pelvis is as high above the lower ankle as the leg holds it: measured from the middle of both, a performer who
-# lifts a foot would seem to crouch by half of that. On the ground it is over the middle, but that of a robot that steps
-# over the foot that carries. Fore and aft a walker's feet are at both ends of a stride, and a robot that steps in place
-# has none: there the pelvis is over what it is nearer to, the foot or the middle.
+# The pelvis is as high as the leg that bears the performer is long, not as high as theirs is above the ground: in a
+# stride, both legs of a walker are straight and the pelvis is low, and a robot with its feet side by side would bend its
+# knees. The leg that bears is the one whose ankle is low and below its hip; between the two the length goes over evenly.
+#
+# Near a straight leg a bob of the pelvis that nobody sees takes a wide swing of the knee. So the length follows what is
+# asked the more slowly, the less it is off: within LENGTH_BAND it hardly moves, and far outside it has no lag to speak
+# of. A fiftieth of the leg is 23 degrees of a straight knee, and two of a deep squat.
+
+UNDER = 0.15
+"""Share of the leg by which an ankle is off the place below its hip where it bears half as much as right there."""
+LIFT_COUNTS = 4.0
+"""An ankle that is high above the other one counts as so many times that far off: feet are lifted less than they go."""
+STRAIGHT, STRAIGHT_KNEE = 0.98, 0.015
+"""Share of the leg from which on a performer's counts as stretched: five sensors know it to a fiftieth, 23 degrees of
+the knee, and who stands straight should not be seen with bent knees. Share in which it is approached smoothly."""
+LENGTH_SETTLE_S, LENGTH_BAND = 0.6, 0.02
+"""Time constant (s) with which the length follows well within LENGTH_BAND, a share of the leg; three times the band off,
+it is a tenth of that."""
+
+
+class BearingLeg:
+    """The length of the leg that bears the performer, in the size of the robot's."""
+
+    def __init__(self, leg: float) -> None:
+        """leg: m, the stretched leg of the performer in the size of the robot's."""
+        self._leg = leg
+        self.restart()
+
+    def restart(self) -> None:
+        """Take the next length as it is."""
+        self._length: float | None = None
+
+    def step(self, left: Vector, right: Vector, apart: float, dt: float) -> float:
+        """The length, m, another `dt` s later. left, right: lines from the hips to the ankles, m; apart: how much higher
+        the left ankle is than the right one, m; all scaled as a leg."""
+        lifts = (max(apart, 0.0), max(-apart, 0.0))
+        shares, lengths = [], []
+        for (x, y, z), lift in zip((left, right), lifts, strict=True):
+            off = (x * x + y * y + LIFT_COUNTS * LIFT_COUNTS * lift * lift) / (UNDER * UNDER * self._leg * self._leg)
+            shares.append(1.0 / (1.0 + off * off))
+            lengths.append(sqrt(x * x + y * y + z * z))
+        asked = (shares[0] * lengths[0] + shares[1] * lengths[1]) / (shares[0] + shares[1])
+        asked = soft_cap(asked / STRAIGHT, self._leg, STRAIGHT_KNEE)
+        length = asked if self._length is None else self._length
+        off = (asked - length) / (LENGTH_BAND * self._leg)
+        share = 1.0 - exp(-dt / LENGTH_SETTLE_S * (1.0 + off * off))
+        self._length = length = length + share * (asked - length)
+        return length
+
+
+# On the ground the pelvis is over the middle of both ankles, but that of a robot that steps over the foot that carries.
+# Fore and aft a walker's feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis is
+# over what it is nearer to, the foot or the middle.
 
 PELVIS_SETTLE_S = 0.2
 """Time constant (s) with which the pelvis goes from both feet to one, and back."""
@@ -206,7 +255,7 @@ PELVIS_JOINTS = {"pelvis", "l_hip", "r_hip"}
 """A limb measured from here up is carried by the trunk, and leans as the robot's trunk is asked to."""
 HEAD_ALONE = ("head",)
 """What a landmark follows that no joint of a limb moves."""
-ANKLES = ("l_ankle", "r_ankle")
+ANKLES, HIPS = ("l_ankle", "r_ankle"), ("l_hip", "r_hip")
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 """Unit vectors in the robot's world, and the quaternion wxyz of no rotation."""
@@ -284,9 +333,11 @@ class LandmarkMap:
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
         self._over_foot = PelvisOverFoot(*(stance.points[name] for name in ANKLES)) if steps else None
         pelvis = profile.landmarks.get("pelvis")
-        over_ankles = pelvis is not None and set(pelvis.measured_from) == set(ANKLES)
+        over_ankles = pelvis is not None and (set(pelvis.follows), set(pelvis.measured_from)) == (set(HIPS), set(ANKLES))
         scale = limb_scale(pelvis, rest) if pelvis is not None and over_ankles else 0.0
+        self._sums += [{ankle: scale, hip: -scale} for ankle, hip in zip(ANKLES, HIPS, strict=True)]
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
+        self._bearing = BearingLeg(pelvis.robot_length) if pelvis is not None and over_ankles else None
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
         line = matmul(_weights([TRUNK_LINE], POINTS), dimensions.standing())
@@ -334,6 +385,8 @@ class LandmarkMap:
     def restart(self) -> None:
         """A new performance: take the heading of its first posture as it is."""
         self._facing.restart()
+        if self._bearing is not None:
+            self._bearing.restart()
         if self._over_foot is not None:
             self._over_foot.restart()
 
@@ -343,7 +396,7 @@ class LandmarkMap:
             self._weights = _weights(self._sums, human.joint_names)
             self._joint_names = human.joint_names
         # All limbs at once: each is a weighted sum of joints, already scaled to the robot.
-        # k limbs, the trunk, two feet, the line between the ankles; performer's world
+        # k limbs, the trunk, two feet, two legs, the line between the ankles; performer's world
         rows = matmul(self._weights, human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
@@ -356,11 +409,8 @@ class LandmarkMap:
         seen = product(product(arc(rotated(chest, UP), limbs[feet - 1]), chest), self._upright)
         gaze = rotated(product(from_world, head_seen), FORWARD)
 
-        apart = limbs.pop()
-        aside = (0.0, 0.0)
-        if self._over_foot is not None and self._pelvis is not None:
-            aside = self._over_foot.step(limbs[self._pelvis], apart, human.carrying, dt)
-        pelvis = self._pelvis_asked(limbs, (*aside, 0.5 * abs(apart[2])))
+        *legs, apart = limbs[-3:]
+        pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
@@ -384,13 +434,21 @@ class LandmarkMap:
         """The lines of `limb_names`, m, from those of all landmarks and the orientation of the trunk."""
         return [limbs[row] for row in self._limbs] + [rotated(trunk, line) for line in self._trunk_line]
 
-    def _pelvis_asked(self, limbs: list[Vector], offset: Vector) -> Vector:
-        """The pelvis over the planted ankles, at an offset from where their middle has it, no lower than the robot
-        gets."""
+    def _pelvis_asked(
+        self, limbs: list[Vector], legs: list[Vector], apart: Vector, carrying: Carrying, dt: float
+    ) -> Vector:
+        """The pelvis over the planted ankles, on legs as long as the one that bears the performer, no lower than the
+        robot gets. legs: lines from hips to ankles; apart: the left ankle from the right one; m, scaled as a leg."""
         if self._envelope is None or self._pelvis is None:
             return (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
-        over = plus(plus(self._feet, limbs[self._pelvis]), self._marks[self._pelvis].offset)
-        x, y, z = plus(over, offset)
+        limb = limbs[self._pelvis]
+        if self._over_foot is not None:
+            limb = plus(limb, (*self._over_foot.step(limb, apart, carrying, dt), 0.0))
+        if self._bearing is not None:
+            x, y, _ = limb
+            length = self._bearing.step(legs[0], legs[1], apart[2], dt)
+            limb = (x, y, sqrt(max(length * length - x * x - y * y, 0.0)))
+        x, y, z = plus(plus(self._feet, limb), self._marks[self._pelvis].offset)
         low, high = self._envelope.lowest, self._envelope.highest
         return x, y, high - soft_cap(high - z, high - low, CROUCH_KNEE)
 

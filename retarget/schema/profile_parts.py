@@ -248,8 +248,8 @@ class Landmark(Schema):
     """How one robot frame follows the human, limb by limb.
 
     asked = mean of `anchor` + (mean of `follows` - mean of `from`) * robot_length / (human length) + offset,
-    all in the heading frame; a pelvis that is measured from both ankles is asked by its height above the lower one. The
-    human length is the sum of the rest-pose distances along the chain `human_length`.
+    all in the heading frame; a pelvis from both ankles to both hips is as high as the leg that bears the performer is
+    long. The human length is the sum of the rest-pose distances along the chain `human_length`.
     """
 
     frame: Name
