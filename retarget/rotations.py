@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from retarget._solver import quat_multiply, quat_rotate
-from retarget.arithmetic import arcsin, arctan2, cos, hypot, norms, sin
+from retarget.arithmetic import arcsin, arctan2, cos, hypot, matmul, norms, sin
 from retarget.types import FloatArray
 
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # wxyz: no rotation
@@ -23,6 +23,10 @@ IDENTITY.flags.writeable = False
 
 _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to double precision, and its quotient is not taken."""
+
+
+_SQUARINGS = 40
+"""Of a matrix: its power 2^40 has nothing left but its largest eigenvalue, to rounding."""
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> FloatArray:
@@ -202,6 +206,30 @@ def shortest_arc(a: ArrayLike, b: ArrayLike) -> FloatArray:
     # Any axis across a: cross it with the coordinate axis that it leans to least.
     across = np.cross(a, np.eye(3)[np.argmin(np.abs(a), axis=-1)])
     return normalise(np.concatenate([np.where(opposite, 0.0, w), np.where(opposite, across, cross)], axis=-1))
+
+
+def best_turn(points: ArrayLike, goals: ArrayLike) -> FloatArray:
+    """The rotation wxyz (4,) that turns points (k, 3) about their mean so that they are nearest to goals (k, 3) about
+    theirs, by least squares. Of two that are equally good, either.
+
+    Source: Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987: the eigenvector of the
+    largest eigenvalue of a symmetric matrix. Its rows are those of the sum of b a' over the points.
+    """
+    a, b = np.asarray(points, float), np.asarray(goals, float)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matmul((a - a.mean(axis=0)).T, b - b.mean(axis=0)).tolist()
+    power = np.array(
+        [
+            [xx + yy + zz, yz - zy, zx - xz, xy - yx],
+            [yz - zy, xx - yy - zz, xy + yx, zx + xz],
+            [zx - xz, xy + yx, yy - xx - zz, yz + zy],
+            [xy - yx, zx + xz, yz + zy, zz - xx - yy],
+        ]
+    )
+    power += (np.abs(power).sum() + 1e-300) * np.eye(4)  # now no eigenvalue is negative
+    for _ in range(_SQUARINGS):
+        power = matmul(power, power)
+        power /= np.abs(power).max()
+    return normalise(power[:, int(np.abs(power).sum(axis=0).argmax())])
 
 
 def _unit(v: ArrayLike) -> FloatArray:

@@ -138,9 +138,10 @@ class Carried:
 # Crouch: the natural posture for a distance of the head from the feet, from upright to a deep crouch.
 #
 # Hips, knees and the lumbar spine bend together when a person gets down. The distance of the head from the farther foot
-# shows it, not the height of the head: whoever stands with feet apart, or leans, has a low head on straight legs. In 154
-# recorded trials the bend of the straighter knee is known from the distance to 9 to 19 degrees, from the height to 8 to 32. With one reference posture for all heights,
-# the stiffness of single joints would decide how; the spine, stiff while standing, would then hardly bend at all.
+# shows it, not the height of the head: whoever stands with feet apart, or leans, has a low head on straight legs. In
+# 200 recorded pieces the distance tells the bend of the straighter knee to within 9 to 19 degrees, the height to within
+# 8 to 32. With one reference posture for all distances, the stiffness of single joints would decide how; the spine,
+# stiff while standing, would then hardly bend at all.
 
 
 class Crouch:

@@ -21,6 +21,7 @@ from retarget.model.human import POSTURES, Human, PostureReader, human_limits
 from retarget.model.human_dimensions import POINTS
 from retarget.model.observers import human_observers
 from retarget.model.scene_state import SceneState
+from retarget.rotations import Quat, as_quat, best_turn
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import CarriedTask, CentreOfMassTask, PostureTask, Priorities
 from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
@@ -90,6 +91,8 @@ _MISSED_M, _MISSED_S = 0.01, 0.05
 to be met to 10 mm."""
 _TRIED_FRAMES, _REACHED_M = 16, 0.005
 """At most so many frames the second posture has to come this near to all sensors."""
+_LEAST_FIT = 4
+"""Sensors that a second posture is turned to; fewer say too little of how a body lies."""
 _BETTER = 0.5
 """After its last frame it is also taken where it misses by less than this share of what the body does."""
 
@@ -297,7 +300,7 @@ class Reconstructor:
         """Solve one frame of it for the targets of this tick, and stand in it if it comes nearer to the sensors than
         the body, which misses one by `missed` m."""
         hierarchy, targets = self._second_hierarchy, self._targets
-        begin = self._placed() if self._second.q is None else self._second.q
+        begin = self._fitted() if self._second.q is None else self._second.q
         hierarchy.solver.reset(begin)
         if self._obstacles.now is not None:
             hierarchy.set_obstacles(self._obstacles.now)
@@ -362,11 +365,23 @@ class Reconstructor:
 
     def _placed(self) -> FloatArray:
         """A natural posture (nq,) turned to the heading, in the middle of the sensors."""
-        q = self._human.posture("natural")
         forward = self._heading.forward
         # A turn about the vertical by the heading, as a quaternion wxyz of half the angle.
         half = 0.5 * arctan2(forward[1], forward[0])
-        q[3:7] = cos(half), 0.0, 0.0, sin(half)
+        return self._turned((cos(half), 0.0, 0.0, sin(half)))
+
+    def _fitted(self) -> FloatArray:
+        """A natural posture (nq,) turned as the sensors lie, upside down too, in their middle."""
+        present = self._intake.present
+        if np.count_nonzero(present) < _LEAST_FIT:
+            return self._placed()
+        at_rest = self._reader.joints(self._human.posture("natural")[None])[0, self._joints_of]
+        return self._turned(as_quat(best_turn(at_rest[present], self._intake.position[present])))
+
+    def _turned(self, orientation: Quat) -> FloatArray:
+        """A natural posture (nq,) with this orientation of the pelvis, wxyz, in the middle of the sensors."""
+        q = self._human.posture("natural")
+        q[3:7] = orientation
         present = self._intake.present
         if present.any():
             joints = self._reader.joints(q[None])[0]

@@ -6,10 +6,10 @@ in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
 other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles, as high as the leg that bears the
-performer is long (`BearingLeg`), its height within the robot's envelope. The trunk leans and twists as the line from the hips to the base
-of the neck and the chest do, its lean within the envelope at that height. The trunk carries the robot's own shoulders,
-and from each of them a hand is asked by the length of the arm. A trunk that stays where it is carries the head: it is
-asked where it stands.
+performer is long (`BearingLeg`), its height within the robot's envelope. The trunk leans and twists as the line from
+the hips to the base of the neck and the chest do, its lean within the envelope at that height. The trunk carries the
+robot's own shoulders, and from each of them a hand is asked by the length of the arm. A trunk that stays where it is
+carries the head: it is asked where it stands.
 """
 
 from collections.abc import Mapping, Sequence
@@ -160,8 +160,9 @@ def _at_least(value: float, least: float) -> float:
 
 
 # The pelvis is as high as the leg that bears the performer is long, not as high as theirs is above the ground: in a
-# stride, both legs of a walker are straight and the pelvis is low, and a robot with its feet side by side would bend its
-# knees. The leg that bears is the one whose ankle is low and below its hip; between the two the length goes over evenly.
+# stride, both legs of a walker are straight and the pelvis is low, and a robot with its feet side by side would bend
+# its knees. The leg that bears is the one whose ankle is low and below its hip; between the two the length goes over
+# evenly.
 #
 # Near a straight leg a bob of the pelvis that nobody sees takes a wide swing of the knee. So the length follows what is
 # asked the more slowly, the less it is off: within LENGTH_BAND it hardly moves, and far outside it has no lag to speak
@@ -175,8 +176,8 @@ STRAIGHT, STRAIGHT_KNEE = 0.98, 0.015
 """Share of the leg from which on a performer's counts as stretched: five sensors know it to a fiftieth, 23 degrees of
 the knee, and who stands straight should not be seen with bent knees. Share in which it is approached smoothly."""
 LENGTH_SETTLE_S, LENGTH_BAND = 0.6, 0.02
-"""Time constant (s) with which the length follows well within LENGTH_BAND, a share of the leg; three times the band off,
-it is a tenth of that."""
+"""Time constant (s) with which the length follows well within LENGTH_BAND, a share of the leg; three times the band
+off, it is a tenth of that."""
 
 
 class BearingLeg:
@@ -192,8 +193,8 @@ class BearingLeg:
         self._length: float | None = None
 
     def step(self, left: Vector, right: Vector, apart: float, dt: float) -> float:
-        """The length, m, another `dt` s later. left, right: lines from the hips to the ankles, m; apart: how much higher
-        the left ankle is than the right one, m; all scaled as a leg."""
+        """The length, m, another `dt` s later. left, right: lines from hips to ankles; apart: how much higher the left
+        ankle is than the right one; all in m, scaled as a leg."""
         lifts = (max(apart, 0.0), max(-apart, 0.0))
         shares, lengths = [], []
         for (x, y, z), lift in zip((left, right), lifts, strict=True):
@@ -210,8 +211,8 @@ class BearingLeg:
 
 
 # On the ground the pelvis is over the middle of both ankles, but that of a robot that steps over the foot that carries.
-# Fore and aft a walker's feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis is
-# over what it is nearer to, the foot or the middle.
+# Fore and aft a walker's feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis
+# is over what it is nearer to, the foot or the middle.
 
 PELVIS_SETTLE_S = 0.2
 """Time constant (s) with which the pelvis goes from both feet to one, and back."""
@@ -333,7 +334,10 @@ class LandmarkMap:
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
         self._over_foot = PelvisOverFoot(*(stance.points[name] for name in ANKLES)) if steps else None
         pelvis = profile.landmarks.get("pelvis")
-        over_ankles = pelvis is not None and (set(pelvis.follows), set(pelvis.measured_from)) == (set(HIPS), set(ANKLES))
+        over_ankles = pelvis is not None and (set(pelvis.follows), set(pelvis.measured_from)) == (
+            set(HIPS),
+            set(ANKLES),
+        )
         scale = limb_scale(pelvis, rest) if pelvis is not None and over_ankles else 0.0
         self._sums += [{ankle: scale, hip: -scale} for ankle, hip in zip(ANKLES, HIPS, strict=True)]
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})

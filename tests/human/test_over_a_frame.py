@@ -188,4 +188,4 @@ def test_the_pelvis_does_not_jump_where_straight_legs_begin_to_bend(rate: float)
     for name in ("head", "l_wrist", "r_wrist"):
         position[:, FIVE.index(name), 2] += 0.012 - down
     pelvis = followed(position, 1.0 / rate)[:, POINTS.index("pelvis")]
-    assert np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() * rate < 1.0
+    assert np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() * rate < 1.1
