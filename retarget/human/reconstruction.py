@@ -4,9 +4,9 @@ Causal and one sample at a time, so that a live stream and a file go the same wa
 measure. The last level decides what no sensor measures: heading, balance, and stiffness towards a natural posture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, nan
+from math import ceil, inf, nan
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
 from retarget.model.human_dimensions import POINTS
-from retarget.model.observers import human_observers
+from retarget.model.observers import contacts, human_observers
 from retarget.model.scene_state import SceneState
 from retarget.rotations import Quat, as_quat, best_turn
 from retarget.schema.performer import Performer
@@ -307,9 +307,20 @@ class Reconstructor:
         # The pelvis stays carried from where the body has it, as its jump would be seen.
         hierarchy.set_previous(targets, begin, _SETTLING_S)
         q = hierarchy.solver.frame(targets, _SETTLING_S)
-        if self._second.keep(q, self._missed(self._reader.joints(q[None])[0, self._joints_of]), by_body=missed):
+        away = self._missed(self._reader.joints(q[None])[0, self._joints_of])
+        if away < missed and self._touches_scene(q):
+            away = inf
+        if self._second.keep(q, away, by_body=missed):
             self._q = q
             self._hierarchy.solver.reset(q)
+
+    def _touches_scene(self, q: FloatArray) -> bool:
+        """True if the body in posture q (nq,) touches an obstacle, which may be what keeps it from its sensors."""
+        scene, observers = self._obstacles.scene, self.observers
+        if scene is None or observers is None:
+            return False
+        without_self = replace(observers, pairs=np.zeros((0, 2), dtype=np.int64))
+        return bool(contacts(self._human.body, without_self, scene, q, time=self._obstacles.time))
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that

@@ -14,6 +14,7 @@ from retarget.model.body import BodyModel, Geom
 from retarget.model.human import Human
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, canonical
+from retarget.model.scene_state import SceneState
 from retarget.rotations import arc
 from retarget.schema.priorities import ObserverSettings
 from retarget.schema.profile_parts import Observer
@@ -367,3 +368,46 @@ def _line(human: Human, far: str) -> ShapeRow:
     half = 0.5 * norm(end)
     x, y, z = end.tolist()
     return ShapeKind.CAPSULE, (0.0, half, 0.0), 0.5 * end, np.array(arc((0.0, 0.0, 1.0), (x, y, z)))
+
+
+# Contacts: observers that touch each other, or an obstacle.
+
+CONTACT_M = 1e-4
+"""Deeper than this (m) is contact, as for the solver; less is rounding."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """An observer and what it touches (another, or an obstacle), and how deep, m."""
+
+    part: str
+    other: str
+    depth: float
+
+
+def contacts(
+    body: BodyModel,
+    observers: Observers,
+    scene: SceneState | None,
+    q: FloatArray,
+    *,
+    time: float = 0.0,
+    deeper_than: float = CONTACT_M,
+) -> tuple[Contact, ...]:
+    """Contacts in posture q (nq,) at a time of the scene, s, of checked pairs and with obstacles; deepest first."""
+    position, quat = placed(body, observers, q)
+    n, pairs = len(observers.names), observers.pairs
+    kinds, sizes, others = observers.kinds, observers.sizes, observers.names
+    if scene is not None:
+        poses, shapes = scene.at_rest(time), scene.shapes
+        kinds, sizes = np.concatenate([kinds, shapes.kinds]), np.concatenate([sizes, shapes.sizes])
+        position, quat = np.concatenate([position, poses.position]), np.concatenate([quat, poses.quat])
+        with_scene, _ = observers.obstacle_pairs(shapes)
+        pairs, others = np.concatenate([pairs, with_scene + np.array([0, n])]), others + shapes.names
+    a, b = pairs[:, 0], pairs[:, 1]
+    depths = -_solver.shape_distances(
+        kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
+    )[0]
+    order = np.argsort(-depths, kind="stable")
+    touching = [row for row in order.tolist() if depths[row] > deeper_than]
+    return tuple(Contact(others[pairs[row, 0]], others[pairs[row, 1]], float(depths[row])) for row in touching)

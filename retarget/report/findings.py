@@ -13,7 +13,7 @@ from rich.text import Text
 from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
-from retarget.report.likeness import ARMS
+from retarget.report.likeness import ARMS, LEAN, LEG_AWAY_DEG, LIMBS
 from retarget.report.motion_metrics import PhysicsReport, moved_joints
 from retarget.report.report import BusReport, Report, Spread
 from retarget.report.tracking import AWAY_M
@@ -104,9 +104,12 @@ class Seen:
     lost: float = math.inf
 
 
-LIMB_DEG = Seen(20.0, 45.0)
+LIMB_DEG = Seen(20.0, LEG_AWAY_DEG)
 """Degrees, on average. The hands of a clock are 30 apart from hour to hour, so 20 are seen at a glance; limbs that have
 nothing to do with each other are 90 apart, and 45 is half of that."""
+LEG_AWAY_S = Seen(0.3)
+"""Longest time, s, that a thigh or shank is more than `LEG_AWAY_DEG` off: as for a hand. A robot that bears itself on
+both feet is not another motion because the performer lifts one."""
 LEAN_DEG = Seen(15.0, 45.0)
 """Degrees, in all but a twentieth of the time. A trunk 15 off looks tired, one that is 45 off is folded over."""
 HAND_SHARE = Seen(0.2, 0.5)
@@ -132,8 +135,10 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
     if differs:
         shown = lost or [words for words, _, _ in differs]
         verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
+    whose = "reconstructed" if report.likeness_recorded_deg is None else "recorded"
     allowed = (
-        f"limbs within {LIMB_DEG.difference:g}° of the performer's (in part: {LIMB_DEG.lost:g}°), "
+        f"limbs within {LIMB_DEG.difference:g}° of the {whose} performer's (in part: {LIMB_DEG.lost:g}°), "
+        + f"no leg more than {LEG_AWAY_DEG:g}° off for {LEG_AWAY_S.difference:g} s, "
         + f"trunk within {LEAN_DEG.difference:g}° (in part: {LEAN_DEG.lost:g}°), "
         + f"pelvis within {SQUAT_SHARE.difference:.0%} of the leg (in part: {SQUAT_SHARE.lost:.0%}), "
         + f"hands on their way, none more than {MM * AWAY_M:.0f} mm off for {HAND_AWAY_S.difference:g} s "
@@ -147,14 +152,16 @@ def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, S
     assert run.robot is not None, "a robot follows"
     if report.fallen:
         yield "it fell", math.inf, Seen(0.0, 0.0)
-    limbs, best = report.likeness_deg or {}, report.best_likeness_deg or {}
+    limbs, best = _judged(report)
     arms = Seen(LIMB_DEG.difference) if _hands_come_first(run) else LIMB_DEG
-    for limb in (limb for limb in ARMS if limb in limbs):
+    for limb in (limb for limb in LIMBS if limb in limbs):
         at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
         words = f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off on average{at_best}"
-        yield words, limbs[limb].mean, arms
-    if report.trunk_lean_deg is not None:
-        yield f"its trunk {report.trunk_lean_deg.p95:.0f}° off (p95)", report.trunk_lean_deg.p95, LEAN_DEG
+        yield words, limbs[limb].mean, arms if limb in ARMS else LIMB_DEG
+    for part, seconds in _longest(report.legs_away_s):
+        yield f"{part} more than {LEG_AWAY_DEG:g}° off for {seconds:.1f} s", seconds, LEG_AWAY_S
+    if LEAN in limbs:
+        yield f"its trunk {limbs[LEAN].p95:.0f}° off (p95)", limbs[LEAN].p95, LEAN_DEG
     if report.reachable_hands_mm:
         off, arm = report.reachable_hands_mm["worse"], MM * run.robot.profile.landmarks["l_hand"].robot_length
         yield f"a hand {off:.0f} mm off on average", off / arm, HAND_SHARE
@@ -174,6 +181,23 @@ def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, S
         yield words, turn.performer - turn.robot, TURN_DEG
 
 
+def _judged(report: Report) -> tuple[dict[str, Spread], dict[str, Spread]]:
+    """Angles of limbs and trunk from the recorded body where it is known, else from the reconstructed one; and the same
+    at their best, which is known of the reconstructed one alone."""
+    if report.likeness_recorded_deg is not None:
+        return report.likeness_recorded_deg, {}
+    lean = {} if report.trunk_lean_deg is None else {LEAN: report.trunk_lean_deg}
+    return (report.likeness_deg or {}) | lean, report.best_likeness_deg or {}
+
+
+def _longest(away: dict[str, float] | None) -> Iterator[tuple[str, float]]:
+    """The part, in words, that was away for the longest time, s; nothing where none is known."""
+    if away:
+        name = max(away, key=lambda name: away[name])
+        side, part = name.split("_")
+        yield f"its {'left' if side == 'l' else 'right'} {part}", away[name]
+
+
 def _hands_come_first(run: RunResult) -> bool:
     """Whether a level asks for hands and not for forearms, which then are as like as the hands leave them."""
     levels = run.setup.priorities[-1].levels if run.setup.priorities else ()
@@ -186,6 +210,7 @@ def _like(report: Report) -> str:
     parts = []
     for angles, words in (
         (dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg), "{} off on average"),
+        (report.likeness_recorded_deg or {}, "from the recorded body {}"),
         (report.best_likeness_deg or {}, "its joints allow {}"),
     ):
         known = [f"{name.replace('_', ' ')} {off.mean:.0f}°" for name, off in angles.items() if off is not None]

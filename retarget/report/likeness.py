@@ -15,6 +15,7 @@ from retarget.report.tracking import (
     as_carried,
     asked_limbs,
     asked_torso,
+    longest,
     turned,
 )
 from retarget.robot.arm_branches import PARTS, arm_postures, chain_to_anchor, position_limits
@@ -28,34 +29,53 @@ LIMBS = {
     "shanks": ("knee", "ankle"),
 }
 """By name: the frames of a robot, and the joints of a human, between which a limb of each side lies."""
-ARMS = ("upper_arms", "forearms")
+ARMS, LEGS = ("upper_arms", "forearms"), ("thighs", "shanks")
 OF_HUMAN = {"hand": "wrist"}
 """Where the joint of a human has another name than the frame of a robot."""
 LEAN = "trunk_lean"
 TRUNK = ("l_hip", "r_hip", "neck")
 
 
-def limb_angles(robot: RobotBody, q: FloatArray, asked: Performance) -> dict[str, FloatArray]:
+def limb_angles(
+    robot: RobotBody, q: FloatArray, asked: Performance, *, recorded: FloatArray | None = None
+) -> dict[str, FloatArray]:
     """Angles (T, s) rad, by the name of a limb and for each side, between a robot in postures (T, nq) and the performer
     in their heading; `LEAN` (T, 1): between the leans of their trunks, each from where it is upright.
 
-    A limb is left out where the robot has no such frames.
+    recorded (T, m, 3) m, NaN where not known: the performer's joints instead of those of the reconstruction, in the
+    same heading. A limb is left out where the robot has no such frames.
     """
-    lines, human = _robot_limbs(robot, q), _human_limbs(asked)
+    asked_joints = asked.joints if recorded is None else recorded
+    lines, human = _robot_limbs(robot, q), _human_limbs(asked, asked_joints)
     found = {limb: _angle(line, human[limb]) for limb, line in lines.items()}
     if _has_trunk(robot):
         stood = plant(robot, robot.profile.postures.stand).q
-        lean = _lean(_trunk(robot, q)) - _lean(_trunk(robot, stood[None])) - performer_lean(asked)
+        lean = _lean(_trunk(robot, q)) - _lean(_trunk(robot, stood[None])) - _performer_lean(asked, asked_joints)
         found[LEAN] = np.minimum(np.linalg.norm(lean, axis=1), np.pi)[:, None]  # nothing leans farther away
     return found
 
 
-def performer_lean(asked: Performance) -> FloatArray:
+def _performer_lean(asked: Performance, joints: FloatArray) -> FloatArray:
     """How far (T, 2) the performer's trunk leans forward and to the left from where they stand upright, rad."""
-    at = {name: asked.joints[:, asked.joint_names.index(name)] for name in TRUNK}
+    at = {name: joints[:, asked.joint_names.index(name)] for name in TRUNK}
     rest = asked.standing
     upright = rest["neck"] - 0.5 * (rest["l_hip"] + rest["r_hip"])
     return _lean(turned(at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"]), asked.heading)) - _lean(upright[None])
+
+
+LEG_AWAY_DEG = 45.0
+"""A thigh or shank that is farther off than this is not where the performer's is: one that is level is 90 from one that
+hangs."""
+
+
+def legs_away(angles: Mapping[str, FloatArray], dt: float) -> dict[str, float]:
+    """Longest time, s, that each thigh and shank was more than `LEG_AWAY_DEG` off, by its name. angles: of
+    `limb_angles`, `dt` s apart."""
+    found = {}
+    for limb in (limb for limb in LEGS if limb in angles):
+        for side, off in zip("lr", np.degrees(angles[limb]).T, strict=True):
+            found[f"{side}_{limb.removesuffix('s')}"] = dt * longest(off > LEG_AWAY_DEG)
+    return found
 
 
 def _robot_limbs(robot: RobotBody, q: FloatArray) -> dict[str, FloatArray]:
@@ -68,12 +88,12 @@ def _robot_limbs(robot: RobotBody, q: FloatArray) -> dict[str, FloatArray]:
     return lines
 
 
-def _human_limbs(asked: Performance) -> dict[str, FloatArray]:
+def _human_limbs(asked: Performance, joints: FloatArray) -> dict[str, FloatArray]:
     """Both lines (T, 2, 3) m of each limb of the performer, in their heading."""
     lines = {}
     for limb, parts in LIMBS.items():
         first, last = (
-            asked.joints[:, [asked.joint_names.index(f"{side}_{OF_HUMAN.get(part, part)}") for side in "lr"]]
+            joints[:, [asked.joint_names.index(f"{side}_{OF_HUMAN.get(part, part)}") for side in "lr"]]
             for part in parts
         )
         lines[limb] = turned(last - first, asked.heading)
@@ -134,7 +154,7 @@ def best_angles(robot: RobotBody, asked: Performance, weights: Mapping[str, floa
     if not rows.size:
         return {}
     turn = turn[rows]
-    human, found = _human_limbs(asked), {limb: np.empty((len(rows), 2)) for limb in ARMS}
+    human, found = _human_limbs(asked, asked.joints), {limb: np.empty((len(rows), 2)) for limb in ARMS}
     for column, side in enumerate("lr"):
         limbs = asked_limbs(_arm(robot, side), asked)
         wanted = np.stack([as_carried(turn, line[rows]) for line in limbs.values()], axis=1)
@@ -144,7 +164,7 @@ def best_angles(robot: RobotBody, asked: Performance, weights: Mapping[str, floa
                 found[limb][:, column] = _angle(line[:, column], as_carried(turn, human[limb][rows, column]))
     if _has_trunk(robot):
         trunk = _trunk(robot, stance.q[None])
-        lean = _lean(np.einsum("tij,j->ti", turn, trunk[0])) - _lean(trunk) - performer_lean(asked)[rows]
+        lean = _lean(np.einsum("tij,j->ti", turn, trunk[0])) - _lean(trunk) - _performer_lean(asked, asked.joints)[rows]
         found[LEAN] = np.minimum(np.linalg.norm(lean, axis=1), np.pi)[:, None]  # nothing leans farther away
     return found
 

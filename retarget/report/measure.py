@@ -9,7 +9,7 @@ from hardware.guard_state import StopCause
 from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
 from retarget.report.clearance import RunClearances, clearances, in_mm
-from retarget.report.likeness import LEAN, best_angles, limb_angles
+from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
     ModeSwitches,
@@ -144,8 +144,7 @@ def measure(run: RunResult) -> Report:
         servo_tracking_mm=_servo_tracking(run),
         servo_error_deg=_servo_error(run),
         no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
-        likeness_deg=(likeness := _likeness(run, performance))[0],
-        trunk_lean_deg=likeness[1],
+        **_likeness(run, performance),
         best_likeness_deg=None,
         **_hands(run, performance, moved),
         closest_links=clear.closest,
@@ -270,15 +269,32 @@ def _hands(run: RunResult, asked: Performance | None, moved: FloatArray) -> _Han
     }
 
 
-def _likeness(run: RunResult, asked: Performance | None) -> tuple[dict[str, Spread] | None, Spread | None]:
+class _Likeness(TypedDict):
+    likeness_deg: dict[str, Spread] | None
+    trunk_lean_deg: Spread | None
+    likeness_recorded_deg: dict[str, Spread] | None
+    legs_away_s: dict[str, float] | None
+
+
+def _likeness(run: RunResult, asked: Performance | None) -> _Likeness:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
-    robot, q = run.robot, run.moved_q
+    robot, q, truth, rows = run.robot, run.moved_q, run.human_truth, run.record.following
     if robot is None or q is None or asked is None:
-        return None, None
-    found = limb_angles(robot, q, asked)
-    spreads = _degrees({name: angles[run.record.following] for name, angles in found.items()})
+        return {"likeness_deg": None, "trunk_lean_deg": None, "likeness_recorded_deg": None, "legs_away_s": None}
+    found = {name: angles[rows] for name, angles in limb_angles(robot, q, asked).items()}
+    recorded = {} if truth is None else limb_angles(robot, q, asked, recorded=truth)
+    recorded = {name: angles[rows] for name, angles in recorded.items()}
+    spreads, of_recorded = _degrees(found), _degrees(recorded)
+    if set(of_recorded) != set(spreads):  # a file that knows only some of the joints
+        of_recorded = {}
+    away = legs_away(recorded if of_recorded else found, run.clip.dt)
     lean = spreads.pop(LEAN, None)
-    return spreads or None, lean
+    return {
+        "likeness_deg": spreads or None,
+        "trunk_lean_deg": lean,
+        "likeness_recorded_deg": of_recorded or None,
+        "legs_away_s": away or None,
+    }
 
 
 def best_likeness(run: RunResult) -> dict[str, Spread] | None:

@@ -141,16 +141,19 @@ class Report:
     `motion_metrics.TOLERANCE`. jerk_p95: rad/s^3.
 
     sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
-    servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks without
-    a goal, in which the gate braked; not among gated_frames. likeness_deg: angles between limbs of
-    the robot and of the performer; trunk_lean_deg: how far the trunk leans from where the performer's does; both while
-    it followed. pelvis_height_mm: how much too high or low the pelvis was. best_likeness_deg: the same of arms and
-    `trunk_lean` at their best, as far as limits and self-collision allow with the trunk as asked; null where it was not
-    asked for. travelled_m: diagonal of the ground that the pelvis covers; turned_deg: range of the heading;
-    foot_path_ratio: of feet, against the performer's. In physics, likeness, hands, heights, paths, travel and turns are
-    those of the simulated body. reachable_hands_mm: mean error of each hand, seen from its shoulder, of both, and of
-    the worse, at the ticks at which it was asked where the arm gets from the torso that was asked; reachable_share: of
-    the ticks that followed, those; hands_away_s: longest time that each hand was more than 150 mm off at such ticks.
+    servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks without a goal,
+    in which the gate braked; not among gated_frames. likeness_deg: angles between limbs of the robot and of the
+    performer; trunk_lean_deg: how far the trunk leans from where the performer's does; both while it followed.
+    likeness_recorded_deg: the same limbs and `trunk_lean` against the recorded body, in the heading of the
+    reconstruction; null where the file does not know it whole. legs_away_s: longest time that each thigh and shank was
+    more than 45 degrees off, from the recorded body where it is known. pelvis_height_mm: how much too high or low the
+    pelvis was. best_likeness_deg: the same of arms and `trunk_lean` at their best, as far as limits and self-collision
+    allow with the trunk as asked; null where it was not asked for. travelled_m: diagonal of the ground that the pelvis
+    covers; turned_deg: range of the heading; foot_path_ratio: of feet, against the performer's. In physics, likeness,
+    hands, heights, paths, travel and turns are those of the simulated body. reachable_hands_mm: mean error of each
+    hand, seen from its shoulder, of both, and of the worse, at the ticks at which it was asked where the arm gets from
+    the torso that was asked; reachable_share: of the ticks that followed, those; hands_away_s: longest time that each
+    hand was more than 150 mm off at such ticks.
     fallen, physics: as the simulation saw it; null without.
     steps: null of a robot that makes none. live: of the stream, null of a file.
     """
@@ -186,6 +189,8 @@ class Report:
     no_command_frames: int | None
     likeness_deg: dict[str, Spread] | None
     trunk_lean_deg: Spread | None
+    likeness_recorded_deg: dict[str, Spread] | None
+    legs_away_s: dict[str, float] | None
     pelvis_height_mm: Spread | None
     best_likeness_deg: dict[str, Spread] | None
     travelled_m: BothMoved

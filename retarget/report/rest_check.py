@@ -9,12 +9,12 @@ import numpy as np
 
 from retarget import _solver
 from retarget.ik.support_polygon import plant, support_distance
-from retarget.model.observers import placed, robot_observers
+from retarget.model.observers import contacts, placed, robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.report.clearance import MovingShapes
 from retarget.robot.follower import stance_angles
-from retarget.safety.clearance import KEPT_SHARE, contacts
+from retarget.safety.clearance import KEPT_SHARE
 from retarget.schema.scene import FLOOR, on_floor
 from retarget.types import MM
 

@@ -21,7 +21,7 @@ from retarget.human.samples import Performance, Playback, Samples, lay_on_ticks
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.human import Human, build_human
-from retarget.model.observers import Observers
+from retarget.model.observers import Observers, contacts
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.robot.balance import moving_share, support_tasks
@@ -32,7 +32,7 @@ from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
-from retarget.safety.clearance import PathClearance, contacts, refuse_contact, refuse_floor
+from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer

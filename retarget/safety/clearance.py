@@ -1,15 +1,13 @@
 """Swept clearance: the collision check of the gate for a path of goals, and contact where a motion begins."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from retarget import _solver
 from retarget.errors import Problem, UsageError
 from retarget.ik.hierarchy import SceneObstacles
-from retarget.model.body import BodyModel
-from retarget.model.observers import Observers, placed
+from retarget.model.observers import Contact, Observers, contacts
 from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.types import FloatArray
@@ -137,43 +135,8 @@ class PathClearance:
 
 # Contact where a motion begins: parts of the body with each other, and with obstacles.
 
-CONTACT_M = 1e-4
-"""Deeper than this (m) is contact, as for the solver; less is rounding."""
-
-
 NEAR_SOLE_M = 1e-3
 """An obstacle so near (m) to a sole that stands carries it."""
-
-
-@dataclass(frozen=True)
-class Contact:
-    """An observer and what it touches (another, or an obstacle), and how deep, m."""
-
-    part: str
-    other: str
-    depth: float
-
-
-def contacts(
-    body: BodyModel, observers: Observers, scene: SceneState | None, q: FloatArray, *, deeper_than: float = CONTACT_M
-) -> tuple[Contact, ...]:
-    """Contacts in posture q (nq,) at the scene's time 0, of checked pairs and with obstacles; deepest first."""
-    position, quat = placed(body, observers, q)
-    n, pairs = len(observers.names), observers.pairs
-    kinds, sizes, others = observers.kinds, observers.sizes, observers.names
-    if scene is not None:
-        poses, shapes = scene.at_rest(0.0), scene.shapes
-        kinds, sizes = np.concatenate([kinds, shapes.kinds]), np.concatenate([sizes, shapes.sizes])
-        position, quat = np.concatenate([position, poses.position]), np.concatenate([quat, poses.quat])
-        with_scene, _ = observers.obstacle_pairs(shapes)
-        pairs, others = np.concatenate([pairs, with_scene + np.array([0, n])]), others + shapes.names
-    a, b = pairs[:, 0], pairs[:, 1]
-    depths = -_solver.shape_distances(
-        kinds[a], sizes[a], position[a], quat[a], kinds[b], sizes[b], position[b], quat[b]
-    )[0]
-    order = np.argsort(-depths, kind="stable")
-    touching = [row for row in order.tolist() if depths[row] > deeper_than]
-    return tuple(Contact(others[pairs[row, 0]], others[pairs[row, 1]], float(depths[row])) for row in touching)
 
 
 def refuse_contact(found: tuple[Contact, ...], *, where: str) -> None:

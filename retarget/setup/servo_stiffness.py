@@ -17,9 +17,8 @@ import numpy as np
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, loop_stiffness
 from retarget.errors import UsageError, suggest
-from retarget.model.observers import robot_observers
+from retarget.model.observers import contacts, robot_observers
 from retarget.model.robot import RobotBody
-from retarget.safety.clearance import contacts
 from retarget.types import FloatArray, IntArray
 
 GRAVITY = 9.81  # [m/s^2]

@@ -16,10 +16,9 @@ import pytest
 from followers import op3
 from observed import PosedBody
 from retarget.ik.support_polygon import plant, support_distance
-from retarget.model.observers import robot_observers
+from retarget.model.observers import contacts, robot_observers
 from retarget.model.robot import RobotBody, joints_between, load_profile, load_robot
 from retarget.report.clearance import place_body
-from retarget.safety.clearance import contacts
 from retarget.schema.catalogue import Kind, entries
 
 POSTURES = ("neutral", "stand", "rest", "attractor")

@@ -1,6 +1,7 @@
 """Every limit of the page of a report: kept where the numbers say so, and not where they say otherwise."""
 
 import io
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -8,14 +9,19 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from benchmarks.physics_runs import play
 from messages import shows
+from retarget.frames import JointTracks, SensorFrames
 from retarget.report.findings import Finding, findings, limit_use, show_summary
 from retarget.report.measure import measure
 from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
+from retarget.rotations import from_axis_angle, multiply, rotate
+from retarget.run.options import RunOptions
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import load_priorities
 from rig import Rig, person, result, scripted_run, short_clip
+from sim.performer import minimum_jerk, synthetic_performer
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +99,7 @@ def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report)
     ]
 
 
-BAD = Spread(60.0, 80.0, 90.0)
+BAD, LEGS, FINE = Spread(60.0, 80.0, 90.0), Spread(33.0, 50.0, 60.0), Spread(5.0, 9.0, 12.0)
 FOLLOWS: list[tuple[dict[str, Any], bool | None, str]] = [
     ({}, True, "follows"),
     ({"hand_path_ratio": 0.6}, None, "follows in part: hands on 60% of their way"),
@@ -119,6 +125,29 @@ FOLLOWS: list[tuple[dict[str, Any], bool | None, str]] = [
     ({"hands_away_s": {"l_hand": 0.1, "r_hand": 0.2}}, True, "follows"),
     ({"hands_away_s": {"l_hand": 0.1, "r_hand": 1.2}}, None, "follows in part: a hand more than 150 mm off for 1.2 s"),
     ({"hands_away_s": {"l_hand": 3.2, "r_hand": 0.2}}, False, "does not follow: a hand more than 150 mm off for 3.2 s"),
+    ({"likeness_deg": {"thighs": LEGS}}, None, "follows in part: thighs 33° off on average"),
+    (
+        {"likeness_deg": {"upper_arms": FINE}, "likeness_recorded_deg": {"upper_arms": LEGS, "trunk_lean": FINE}},
+        None,
+        "follows in part: upper arms 33° off on average",
+    ),
+    ({"likeness_deg": {"upper_arms": BAD}, "likeness_recorded_deg": {"upper_arms": FINE}}, True, "follows"),
+    (
+        {"likeness_recorded_deg": {"upper_arms": FINE, "trunk_lean": BAD}},
+        False,
+        "does not follow: its trunk 80° off (p95)",
+    ),
+    ({"legs_away_s": {"l_thigh": 0.2, "r_shank": 0.1}}, True, "follows"),
+    (
+        {"legs_away_s": {"l_thigh": 0.2, "r_shank": 0.8}},
+        None,
+        "follows in part: its right shank more than 45° off for 0.8 s",
+    ),
+    (
+        {"legs_away_s": {"l_thigh": 8.0, "r_thigh": 0.0}},
+        None,
+        "follows in part: its left thigh more than 45° off for 8.0 s",
+    ),
     ({"pelvis_height_mm": Spread(2.0, 20.0, 90.0)}, True, "follows"),
     (
         {"pelvis_height_mm": Spread(9.0, 60.0, 90.0)},
@@ -134,8 +163,10 @@ def test_a_sentence_says_whether_it_follows(
     differs: dict[str, Any], kept: bool | None, words: str, run: RunResult, report: Report
 ) -> None:
     alike: dict[str, Any] = {
-        "likeness_deg": {"upper_arms": Spread(5.0, 9.0, 12.0)},
+        "likeness_deg": {"upper_arms": FINE},
         "trunk_lean_deg": Spread(2.0, 4.0, 5.0),
+        "likeness_recorded_deg": None,
+        "legs_away_s": None,
     }
     alike |= {"reachable_hands_mm": None, "hands_away_s": None, "hand_path_ratio": 1.0, "pelvis_height_mm": None}
     found = of("following", run, replace(report, **(alike | differs)))
@@ -145,12 +176,53 @@ def test_a_sentence_says_whether_it_follows(
 def test_what_it_takes_to_follow_is_said_whatever_the_verdict(run: RunResult, report: Report) -> None:
     said = {of("following", run, replace(report, fallen=fallen)).allowed for fallen in (False, True)}
     assert len(said) == 1
-    shows(said.pop(), "20° of the performer's (in part: 45°)", "15° (in part: 45°)", "s (in part: 2 s)")
+    shows(said.pop(), "20° of the recorded performer's (in part: 45°)", "15° (in part: 45°)", "s (in part: 2 s)")
+    shows(of("following", run, replace(report, likeness_recorded_deg=None)).allowed, "20°")
+
+
+KICK_S, LEG = (0.3, 0.7, 1.1, 1.5), ("r_knee", "r_ankle", "r_toe")
+"""When the leg begins to rise, is up, begins to sink and is down again, s."""
+
+
+def kicking(height: float) -> SensorFrames:
+    """A performer who stands still and lifts the straight right leg forward by so many rad."""
+    frames = synthetic_performer().cut(0.0, 1.8)
+    lift = minimum_jerk(frames.time, np.array(KICK_S), height * np.array([0.0, 1.0, 1.0, 0.0]))
+    turn = from_axis_angle(np.array([0.0, -1.0, 0.0]), lift)
+    assert frames.joints is not None
+    joints, names = frames.joints, (frames.names, frames.joints.names)
+    position, body = (np.repeat(track[:1], len(lift), axis=0) for track in (frames.position, joints.position))
+    orientation = np.repeat(frames.orientation[:1], len(lift), axis=0)
+    hip = body[:, joints.names.index("r_hip")]
+    for track, known in ((position, names[0]), (body, names[1])):
+        for name in LEG:
+            column = known.index(name)
+            track[:, column] = hip + rotate(turn, track[:, column] - hip)
+    for name in ("r_hip", *LEG):
+        column = names[0].index(name)
+        orientation[:, column] = multiply(turn, orientation[:, column])
+    return replace(frames, position=position, orientation=orientation, joints=JointTracks(names[1], body))
+
+
+@pytest.mark.parametrize(("height", "kept"), [pytest.param(0.0, True, marks=pytest.mark.long), (1.4, None)])
+def test_a_robot_that_keeps_both_feet_down_does_not_follow_a_kick(height: float, kept: bool | None) -> None:
+    run = play(kicking(height), RunOptions(robot="wolfgang"))
+    report = measure(run)
+    found = of("following", run, report)
+    seen = re.search(r"its right (thigh|shank) more than 45° off for 0\.[7-9] s", found.measured)
+    assert found.kept is kept and (seen is not None) is bool(height)
+    assert report.legs_away_s is not None and report.likeness_recorded_deg is not None
+    assert report.legs_away_s["l_thigh"] == 0.0
+
+
+def test_likeness_is_given_against_the_recorded_body_too(run: RunResult, report: Report) -> None:
+    off = replace(report, likeness_deg={"thighs": FINE}, likeness_recorded_deg={"thighs": LEGS}, trunk_lean_deg=None)
+    assert of("likeness", run, off).measured == "thighs 5° off on average; from the recorded body thighs 33°"
 
 
 def test_arms_that_hands_come_before_differ_in_part(run: RunResult, report: Report) -> None:
     report = replace(report, trunk_lean_deg=None, reachable_hands_mm=None, hands_away_s=None, pelvis_height_mm=None)
-    report = replace(report, likeness_deg={"upper_arms": BAD}, hand_path_ratio=1.0)
+    report = replace(report, likeness_recorded_deg={"upper_arms": BAD}, hand_path_ratio=1.0)
     priorities = (*run.setup.priorities[:-1], load_priorities("hands_first"))
     manipulates = replace(run, setup=replace(run.setup, priorities=priorities))
     assert (of("following", run, report).kept, of("following", manipulates, report).kept) == (False, None)

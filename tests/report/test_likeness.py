@@ -5,7 +5,7 @@ import pytest
 
 from followers import DT, follower, op3, performance, performer, postures
 from retarget.ik.support_polygon import plant
-from retarget.report.likeness import LEAN, LIMBS, arm_clearance, best_angles, best_postures, limb_angles
+from retarget.report.likeness import LEAN, LIMBS, arm_clearance, best_angles, best_postures, legs_away, limb_angles
 from retarget.report.tracking import EVERY, Performance, hands_from_shoulders
 from retarget.robot.arm_branches import arm_postures
 from retarget.types import FloatArray
@@ -35,6 +35,23 @@ def test_a_limb_that_is_turned_is_off_by_its_angle() -> None:
     for name in ("upper_arms", "thighs", "shanks", LEAN):
         np.testing.assert_allclose(again[name], found[name], atol=1e-9)
     np.testing.assert_allclose(again["forearms"][:, 1], found["forearms"][:, 1], atol=1e-9)
+
+
+def test_a_recorded_body_takes_the_place_of_the_reconstructed_one() -> None:
+    """In the heading of the reconstruction, and not known where a joint is not."""
+    asked, q, _ = followed("servo")
+    same = limb_angles(op3(), q, asked, recorded=asked.joints)
+    for name, angles in limb_angles(op3(), q, asked).items():
+        np.testing.assert_array_equal(same[name], angles)
+    knee, ankle = (asked.joint_names.index(name) for name in ("l_knee", "l_ankle"))
+    lifted = asked.joints.copy()
+    lifted[:100, ankle] = lifted[:100, knee] + [0.4, 0.0, 0.0]  # a level shank
+    lifted[200:, asked.joint_names.index("r_elbow")] = np.nan
+    found = limb_angles(op3(), q, asked, recorded=lifted)
+    assert np.isnan(found["forearms"][200:, 1]).all() and np.isfinite(found["forearms"][:, 0]).all()
+    away = legs_away(found, DT)
+    assert away["l_shank"] == pytest.approx(100 * DT) and set(away) == {"l_thigh", "r_thigh", "l_shank", "r_shank"}
+    assert away["r_shank"] == away["r_thigh"] == 0.0
 
 
 def test_a_trunk_that_leans_as_the_performers_does_is_no_error() -> None:

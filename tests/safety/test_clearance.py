@@ -16,10 +16,10 @@ from retarget.cli.buses import make_bus
 from retarget.errors import UsageError
 from retarget.human.samples import Playback
 from retarget.ik.support_polygon import plant
-from retarget.model.observers import placed, robot_observers
+from retarget.model.observers import Contact, contacts, placed, robot_observers
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
-from retarget.safety.clearance import KEPT_SHARE, Contact, FollowingError, contacts, refuse_contact
+from retarget.safety.clearance import KEPT_SHARE, FollowingError, refuse_contact
 from retarget.schema.catalogue import Kind, find
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
