@@ -6,7 +6,7 @@ measure. The last level decides what no sensor measures: heading, balance, and s
 
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, inf, nan
+from math import ceil, fsum, inf, nan
 
 import numpy as np
 
@@ -337,7 +337,7 @@ class Reconstructor:
         lowered = self._crouched(points)
         if self._crouch is not None and "head" in points:
             hierarchy.set_posture(targets, self._crouch.posture(lowered))
-        hierarchy.set_heading(targets, self._heading.forward, lowered=lowered)
+        hierarchy.set_heading(targets, self._heading.forward, lowered=lowered, bent=self._bent(points, lowered))
         hierarchy.set_previous(targets, self._q, dt)
         if self._carried is not None:
             carried = self._carried.step(self._q[:3].tolist(), points, dt)
@@ -420,6 +420,15 @@ class Reconstructor:
             return 0.0
         x, y, z = points["head"]
         return self._crouch.share(max(hypot(hypot(x - u, y - v), z - w) for u, v, w in feet))
+
+    def _bent(self, points: Points, lowered: float) -> float:
+        """How much the body bends over, 0 upright or above its feet, 1 far ahead of them."""
+        feet = [points[name] for name in _FEET if name in points]
+        if self._crouch is None or "head" not in points or not feet:
+            return 0.0
+        (x, y, _), (ahead, aside) = points["head"], self._heading.forward
+        middle = [fsum(foot[axis] for foot in feet) / len(feet) for axis in (0, 1)]
+        return self._crouch.bent(lowered, (x - middle[0]) * ahead + (y - middle[1]) * aside)
 
     def _lowered(self, points: Points) -> float:
         """How lowered the head is: 0 upright, 1 in a deep crouch."""

@@ -128,7 +128,7 @@ class Hierarchy:
             for kind in (SlotKind.HEADING, SlotKind.AXIS)
             for place in self._places[kind]
             if place.slot.direction is not None
-            and (place.slot.direction[:2] != (0.0, 0.0) or place.slot.lowered is not None)
+            and (place.slot.direction[:2] != (0.0, 0.0) or place.slot.lowered or place.slot.bent)
         ]
 
     def blank(self) -> FloatArray:
@@ -185,14 +185,18 @@ class Hierarchy:
         for place in self._by_name.get((SlotKind.STRENGTH, joint), ()):
             place.set_spaces(targets, spaces)
 
-    def set_heading(self, targets: FloatArray, heading: Sequence[float], *, lowered: float = 0.0) -> None:
-        """The heading (x, y), a unit vector on the ground, to every heading task and every axis task. lowered: how much
-        of its lowered direction an axis has, 0 to 1."""
+    def set_heading(
+        self, targets: FloatArray, heading: Sequence[float], *, lowered: float = 0.0, bent: float = 0.0
+    ) -> None:
+        """The heading (x, y), a unit vector on the ground, to every heading task and every axis task. lowered, bent:
+        how much of its lowered and its bent direction an axis has, 0 to 1."""
         cosine, sine = heading
         for place, (x, y, z) in self._turned:
-            if place.slot.lowered is not None:
-                u, v, w = place.slot.lowered
-                x, y, z = x + lowered * (u - x), y + lowered * (v - y), z + lowered * (w - z)
+            for way, share in ((place.slot.lowered, lowered), (place.slot.bent, bent)):
+                if way is None:
+                    continue
+                u, v, w = way
+                x, y, z = x + share * (u - x), y + share * (v - y), z + share * (w - z)
                 length = sqrt(x * x + y * y + z * z)
                 x, y, z = x / length, y / length, z / length
             targets[place.start : place.stop] = (1.0, cosine * x - sine * y, sine * x + cosine * y, z)

@@ -66,7 +66,7 @@ class Slot:
     """A solver task and what sets its target. name: as in `of`, or the posture's.
 
     direction: unit x, y, z in the heading frame, for an axis or a heading. lowered: what it becomes as the head comes
-    down. settle: time constant of a PREVIOUS or a CARRIED, s.
+    down, bent: as the body bends over. settle: time constant of a PREVIOUS or a CARRIED, s.
     """
 
     kind: SlotKind
@@ -74,6 +74,7 @@ class Slot:
     task: SolverTask
     direction: tuple[float, float, float] | None = None
     lowered: tuple[float, float, float] | None = None
+    bent: tuple[float, float, float] | None = None
     settle: float = 0.0
 
 
@@ -205,8 +206,8 @@ def _placed(
     made = SolverTask.axis(frame.body, axis, weight=weight, gain=gain, max_error=cap)
     if isinstance(task, HeadingTask):
         return Slot(SlotKind.HEADING, name, made, direction=as_vector(_LEFT))
-    lowered = None if task.lowered is None else as_vector(_unit(task.lowered))
-    return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)), lowered=lowered)
+    lowered, bent = (None if way is None else as_vector(_unit(way)) for way in (task.lowered, task.bent))
+    return Slot(SlotKind.AXIS, name, made, direction=as_vector(_unit(task.direction)), lowered=lowered, bent=bent)
 
 
 def _centre_of_mass(task: CentreOfMassTask, body: BodyModel, frames: Mapping[str, Frame], *, is_soft: bool) -> Slot:

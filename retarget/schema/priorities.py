@@ -127,6 +127,8 @@ class AxisTask(_Weighed):
     """In the heading frame, z up."""
     lowered: Direction | None = None
     """What `direction` becomes as the head of a human comes down, like `lowered` of a posture; absent: it stays."""
+    bent: Direction | None = None
+    """What it becomes as a human who gets down bends over: with the head ahead of the feet, not above them."""
     weight: Positive = 1.0
     """Of both rows."""
 
@@ -446,9 +448,11 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
             found = f"{level.name!r}, also of level {earlier + 1}"
             problems.append(document.problem(here, "duplicate level name", found=found))
         for place, task in enumerate(level.tasks):
-            if isinstance(task, AxisTask) and task.lowered is not None and _opposite(task.direction, task.lowered):
-                at = ("levels", index, "tasks", place, "lowered")
-                problems.append(document.problem(at, "the opposite of direction", allowed="less than half a turn away"))
+            if isinstance(task, AxisTask):
+                for key, other in (("lowered", task.lowered), ("bent", task.bent)):
+                    if other is not None and _opposite(task.direction, other):
+                        at, allowed = ("levels", index, "tasks", place, key), "less than half a turn away"
+                        problems.append(document.problem(at, "the opposite of direction", allowed=allowed))
             if isinstance(task, CarriedTask):
                 problems += _carriers(task, ("levels", index, "tasks", place, "by"), document)
     if priorities.levels and not any(level.tasks for level in priorities.levels):
