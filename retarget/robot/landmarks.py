@@ -6,10 +6,10 @@ in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
 other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles, as high as the leg that bears the
-performer is long (`BearingLeg`), its height within the robot's envelope. The trunk leans and twists as the line from
-the hips to the base of the neck and the chest do, its lean within the envelope at that height. The trunk carries the
-robot's own shoulders, and from each of them a hand is asked by the length of the arm. A trunk that stays where it is
-carries the head: it is asked where it stands.
+performer is long (`PelvisOverFeet`), its height within the robot's envelope. The trunk leans and twists as the line
+from the hips to the base of the neck and the chest do, its lean within the envelope at that height. The trunk carries
+the robot's own shoulders, and from each of them a hand is asked by the length of the arm. A trunk that stays where it
+is carries the head: it is asked where it stands.
 """
 
 from collections.abc import Mapping, Sequence
@@ -180,36 +180,6 @@ LENGTH_SETTLE_S, LENGTH_BAND = 0.6, 0.02
 off, it is a tenth of that."""
 
 
-class BearingLeg:
-    """The length of the leg that bears the performer, in the size of the robot's."""
-
-    def __init__(self, leg: float) -> None:
-        """leg: m, the stretched leg of the performer in the size of the robot's."""
-        self._leg = leg
-        self.restart()
-
-    def restart(self) -> None:
-        """Take the next length as it is."""
-        self._length: float | None = None
-
-    def step(self, left: Vector, right: Vector, apart: float, dt: float) -> float:
-        """The length, m, another `dt` s later. left, right: lines from hips to ankles; apart: how much higher the left
-        ankle is than the right one; all in m, scaled as a leg."""
-        lifts = (max(apart, 0.0), max(-apart, 0.0))
-        shares, lengths = [], []
-        for (x, y, z), lift in zip((left, right), lifts, strict=True):
-            off = (x * x + y * y + LIFT_COUNTS * LIFT_COUNTS * lift * lift) / (UNDER * UNDER * self._leg * self._leg)
-            shares.append(1.0 / (1.0 + off * off))
-            lengths.append(sqrt(x * x + y * y + z * z))
-        asked = (shares[0] * lengths[0] + shares[1] * lengths[1]) / (shares[0] + shares[1])
-        asked = soft_cap(asked / STRAIGHT, self._leg, STRAIGHT_KNEE)
-        length = asked if self._length is None else self._length
-        off = (asked - length) / (LENGTH_BAND * self._leg)
-        share = 1.0 - exp(-dt / LENGTH_SETTLE_S * (1.0 + off * off))
-        self._length = length = length + share * (asked - length)
-        return length
-
-
 # On the ground the pelvis is over the middle of both ankles, but that of a robot that steps over the foot that carries.
 # Fore and aft a walker's feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis
 # is over what it is nearer to, the foot or the middle.
@@ -220,26 +190,44 @@ _SIDE = {Carrying.LEFT: 1.0, Carrying.RIGHT: -1.0}
 """Place of the pelvis, from the middle (0) to the left foot (1) or the right one (-1)."""
 
 
-class PelvisOverFoot:
-    """Offset of a pelvis on the ground from the middle of both ankles, in the robot's world and size."""
+class PelvisOverFeet:
+    """The middle of the hips from the middle of both ankles, in the robot's world and size."""
 
-    def __init__(self, left: FloatArray, right: FloatArray) -> None:
-        """left, right (3,) m: ankles of the standing robot."""
-        self._aside = float(left[1] - right[1])
+    def __init__(self, leg: float, apart: float | None) -> None:
+        """leg: m, the stretched leg of the performer in the size of the robot's. apart: m, the left ankle of the
+        standing robot from the right one; None: a robot that does not step."""
+        self._leg, self._apart = leg, apart
         self.restart()
 
     def restart(self) -> None:
-        """Begin again on both feet."""
-        self._side = 0.0
+        """Begin again on both feet, with the next length of the leg as it is."""
+        self._side, self._length = 0.0, 0.0
 
-    def step(self, pelvis: Vector, apart: Vector, carrying: Carrying, dt: float) -> tuple[float, float]:
-        """Offset (x, y) m after another `dt` s. pelvis: from the middle of both ankles; apart: the left ankle of the
-        performer from the right one; both scaled as a leg, m."""
-        self._side += (1.0 - exp(-dt / PELVIS_SETTLE_S)) * (_SIDE.get(carrying, 0.0) - self._side)
-        half = 0.5 * self._side
-        ahead = pelvis[0]
-        nearer = sorted((ahead, ahead - half * apart[0], 0.0))[1]
-        return nearer - ahead, half * (self._aside - apart[1])
+    def step(self, hips: Vector, legs: Sequence[Vector], apart: Vector, carrying: Carrying, dt: float) -> Vector:
+        """Where the hips are to be after another `dt` s. hips: of the performer, from the middle of both ankles; legs:
+        from the left hip to its ankle, and of the right; apart: the left ankle from the right one; all m, scaled as a
+        leg."""
+        x, y, _ = hips
+        if self._apart is not None:
+            self._side += (1.0 - exp(-dt / PELVIS_SETTLE_S)) * (_SIDE.get(carrying, 0.0) - self._side)
+            half = 0.5 * self._side
+            x, y = sorted((x, x - half * apart[0], 0.0))[1], y + half * (self._apart - apart[1])
+        length = self._bearing_leg(legs, apart[2], dt)
+        return x, y, sqrt(max(length * length - x * x - y * y, 0.0))
+
+    def _bearing_leg(self, legs: Sequence[Vector], higher: float, dt: float) -> float:
+        """The length, m, of the leg that bears. higher: by how much the left ankle is above the right one, m."""
+        shares, lengths = [], []
+        for (x, y, z), lift in zip(legs, (max(higher, 0.0), max(-higher, 0.0)), strict=True):
+            off = (x * x + y * y + LIFT_COUNTS * LIFT_COUNTS * lift * lift) / (UNDER * UNDER * self._leg * self._leg)
+            shares.append(1.0 / (1.0 + off * off))
+            lengths.append(sqrt(x * x + y * y + z * z))
+        asked = (shares[0] * lengths[0] + shares[1] * lengths[1]) / (shares[0] + shares[1])
+        asked = soft_cap(asked / STRAIGHT, self._leg, STRAIGHT_KNEE)
+        length = self._length or asked
+        off = (asked - length) / (LENGTH_BAND * self._leg)
+        self._length = length + (1.0 - exp(-dt / LENGTH_SETTLE_S * (1.0 + off * off))) * (asked - length)
+        return self._length
 
 
 CROUCH_KNEE = 0.1
@@ -332,16 +320,14 @@ class LandmarkMap:
         rest = dict(zip(POINTS, dimensions.standing(), strict=True))
         entries = list(profile.landmarks.values())
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
-        self._over_foot = PelvisOverFoot(*(stance.points[name] for name in ANKLES)) if steps else None
         pelvis = profile.landmarks.get("pelvis")
-        over_ankles = pelvis is not None and (set(pelvis.follows), set(pelvis.measured_from)) == (
-            set(HIPS),
-            set(ANKLES),
-        )
-        scale = limb_scale(pelvis, rest) if pelvis is not None and over_ankles else 0.0
+        ends = (set(), set()) if pelvis is None else (set(pelvis.follows), set(pelvis.measured_from))
+        by_legs = pelvis is not None and ends == (set(HIPS), set(ANKLES))
+        scale = limb_scale(pelvis, rest) if pelvis is not None and by_legs else 0.0
         self._sums += [{ankle: scale, hip: -scale} for ankle, hip in zip(ANKLES, HIPS, strict=True)]
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
-        self._bearing = BearingLeg(pelvis.robot_length) if pelvis is not None and over_ankles else None
+        apart = float(stance.points[ANKLES[0]][1] - stance.points[ANKLES[1]][1]) if steps else None
+        self._over_feet = PelvisOverFeet(pelvis.robot_length, apart) if pelvis is not None and by_legs else None
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
         line = matmul(_weights([TRUNK_LINE], POINTS), dimensions.standing())
@@ -389,10 +375,8 @@ class LandmarkMap:
     def restart(self) -> None:
         """A new performance: take the heading of its first posture as it is."""
         self._facing.restart()
-        if self._bearing is not None:
-            self._bearing.restart()
-        if self._over_foot is not None:
-            self._over_foot.restart()
+        if self._over_feet is not None:
+            self._over_feet.restart()
 
     def ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
         """What this posture asks of the robot, `dt` s of the robot's clock after the one before."""
@@ -446,12 +430,8 @@ class LandmarkMap:
         if self._envelope is None or self._pelvis is None:
             return (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
         limb = limbs[self._pelvis]
-        if self._over_foot is not None:
-            limb = plus(limb, (*self._over_foot.step(limb, apart, carrying, dt), 0.0))
-        if self._bearing is not None:
-            x, y, _ = limb
-            length = self._bearing.step(legs[0], legs[1], apart[2], dt)
-            limb = (x, y, sqrt(max(length * length - x * x - y * y, 0.0)))
+        if self._over_feet is not None:
+            limb = self._over_feet.step(limb, legs, apart, carrying, dt)
         x, y, z = plus(plus(self._feet, limb), self._marks[self._pelvis].offset)
         low, high = self._envelope.lowest, self._envelope.highest
         return x, y, high - soft_cap(high - z, high - low, CROUCH_KNEE)

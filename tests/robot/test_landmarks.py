@@ -22,7 +22,7 @@ from retarget.robot.landmarks import (
     Facing,
     FeetApart,
     LandmarkMap,
-    PelvisOverFoot,
+    PelvisOverFeet,
     RobotReader,
     feet_apart,
 )
@@ -262,26 +262,52 @@ def test_a_robot_that_hangs_keeps_its_feet_apart_and_its_head_on_its_trunk() -> 
     assert np.allclose(asked["head"], stance.points["head"]) and np.allclose(asked["pelvis"], stance.points["pelvis"])
 
 
-LEFT, RIGHT = np.array([0.0, 0.035, 0.03]), np.array([0.0, -0.035, 0.03])
+LEG, APART = 0.21, 0.07
+STRAIGHT = ((0.0, 0.0, -LEG), (0.0, 0.0, -LEG))
 
 
-def settled(carrying: Carrying, pelvis: tuple[float, float, float], apart: tuple[float, float, float]) -> list[float]:
-    over = PelvisOverFoot(LEFT, RIGHT)
+def settled(carrying: Carrying, hips: Vector, apart: Vector, legs: tuple[Vector, Vector] = STRAIGHT) -> Vector:
+    over = PelvisOverFeet(LEG, APART)
     for _ in range(1000):
-        offset = over.step(pelvis, apart, carrying, 0.008)
-    return list(offset)
+        asked = over.step(hips, legs, apart, carrying, 0.008)
+    return asked
 
 
 def test_aside_it_is_as_far_from_the_foot_as_on_the_performer() -> None:
     """Hips over the left ankle, feet 0.1 apart: the robot's hips are over its left ankle."""
-    offset = settled(Carrying.LEFT, (0.0, 0.05, 0.2), (0.0, 0.1, 0.0))
-    assert 0.05 + offset[1] == pytest.approx(LEFT[1])
+    assert settled(Carrying.LEFT, (0.0, 0.05, 0.2), (0.0, 0.1, 0.0))[1] == pytest.approx(0.5 * APART)
 
 
 def test_it_goes_there_smoothly() -> None:
-    over = PelvisOverFoot(LEFT, RIGHT)
-    path = np.array([over.step((0.0, 0.0, 0.2), (0.0, 0.07, -0.1), Carrying.LEFT, 0.008) for _ in range(100)])
+    over = PelvisOverFeet(LEG, APART)
+    path = np.array([over.step((0.0, 0.0, 0.2), STRAIGHT, (0.0, 0.07, -0.1), Carrying.LEFT, 0.008) for _ in range(100)])
     assert np.abs(np.diff(path, axis=0)).max() < 0.003
+
+
+def test_a_stride_on_straight_legs_is_no_crouch() -> None:
+    """Feet 0.6 of a leg apart: the hips of the performer are low, and those of the robot are not."""
+    stride = ((0.3 * LEG, 0.0, -0.954 * LEG), (-0.3 * LEG, 0.0, -0.954 * LEG))
+    hips = settled(Carrying.BOTH, (0.0, 0.0, 0.954 * LEG), (0.6 * LEG, 0.0, 0.0), stride)
+    assert 0.99 * LEG < hips[2] <= LEG
+
+
+@given(st.floats(0.3, 0.95))
+def test_a_squat_is_as_deep_as_the_performers(share: float) -> None:
+    legs = ((0.0, 0.0, -share * LEG), (0.0, 0.0, -share * LEG))
+    hips = settled(Carrying.BOTH, (0.0, 0.0, share * LEG), (0.0, APART, 0.0), legs)
+    assert share * LEG <= hips[2] <= 1.021 * share * LEG
+
+
+def test_a_bob_that_nobody_sees_moves_no_knee() -> None:
+    """A leg goes up and down by a hundredth of itself twice a second, then bends by half: only that is followed."""
+    over, heights = PelvisOverFeet(LEG, None), []
+    for tick in range(750):
+        bob = 0.005 * np.sin(4.0 * np.pi * 0.008 * tick)
+        share = 0.93 + bob if tick < 500 else 0.5
+        leg = (0.0, 0.0, -float(share) * LEG)
+        heights.append(over.step((0.0, 0.0, 0.9 * LEG), (leg, leg), (0.0, APART, 0.0), Carrying.BOTH, 0.008)[2] / LEG)
+    assert np.ptp(heights[250:500]) < 0.003
+    assert heights[530] < 0.55
 
 
 # Where a robot's parts are, and their names in priorities.
