@@ -406,7 +406,7 @@ def test_a_crouch_that_margins_take_away_is_said_and_one_that_is_none() -> None:
         for apart in (observers, wide)
     ]
     assert not said[0] and not envelope().note
-    shows(said[1], "39 mm", "160 mm", "margins")
+    shows(said[1], "39 mm", "161 mm", "margins")
     stiff = limits.lower.copy()
     stiff[6:] = stance.q[7:]
     kept = replace(limits, lower=stiff, upper=np.r_[limits.upper[:6], stiff[6:]])
