@@ -17,6 +17,7 @@ from retarget.report.likeness import ARMS, LEAN, LEG_AWAY_DEG, LIMBS
 from retarget.report.motion_metrics import PhysicsReport, moved_joints
 from retarget.report.report import BusReport, Report, Spread
 from retarget.report.tracking import AWAY_M
+from retarget.report.unfollowed import INSTEAD
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
@@ -92,6 +93,8 @@ def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
     found = (*found, *_machine(run, report))
     return tuple(finding for finding in found if finding.measured)
 
+
+NOT_FOLLOWED = "not followed"
 
 # Whether the robot follows, in one sentence: by what a person sees who looks from the performer to the robot.
 
@@ -226,8 +229,18 @@ def _travel(report: Report) -> str:
     return "; ".join(f"{who} {far:.2f} m, turned {turned:.0f}°" for who, far, turned in known)
 
 
+def _unfollowed(report: Report) -> Iterator[Finding]:
+    """Each kind of posture that the robot could not follow: when, and what it did instead."""
+    for what, instead in INSTEAD.items():
+        times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in report.unfollowed or () if one.what == what]
+        if times:
+            shown = [*times[:MOST], *([counted(len(times) - MOST, "more time")] if len(times) > MOST else [])]
+            yield Finding(NOT_FOLLOWED, f"the performer {what} {', '.join(shown)}: the robot {instead} instead")
+
+
 def _following(run: RunResult, report: Report) -> Iterator[Finding]:
     yield from _verdict(run, report)
+    yield from _unfollowed(report)
     yield Finding("likeness", _like(report))
     hands = report.reachable_hands_mm or {}
     within = [
@@ -341,7 +354,8 @@ def _observers(report: Report) -> Iterator[Finding]:
 
 
 MOST = 3
-"""Reasons for data that were not used that the line names: those of which there were most."""
+"""Reasons for data that were not used that the line names, those of which there were most; and times of a posture that
+was not followed, the first ones."""
 
 
 STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}

@@ -32,6 +32,7 @@ from retarget.report.report import (
     StopReport,
 )
 from retarget.report.tracking import Performance, hands_from_shoulders, reachable_hands, top_level_error
+from retarget.report.unfollowed import unfollowed_of
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
 from retarget.types import MM, FloatArray
@@ -147,6 +148,7 @@ def measure(run: RunResult) -> Report:
         **_likeness(run, performance),
         best_likeness_deg=None,
         **_hands(run, performance, moved),
+        unfollowed=unfollowed_of(run, performance),
         closest_links=clear.closest,
         deep=clear.deep,
         observers=observers,

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from hardware.errors import counted
 from retarget.report.animation import animation_of
-from retarget.report.findings import findings, moments
+from retarget.report.findings import NOT_FOLLOWED, findings, moments
 from retarget.report.report import Report, Spread
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
@@ -57,7 +57,7 @@ LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
 
-FOLLOWED = ("likeness", "over the ground", "foot path")
+FOLLOWED = (NOT_FOLLOWED, "likeness", "over the ground", "foot path")
 """Findings on what a person sees that stand in the head of the page."""
 
 

@@ -128,6 +128,18 @@ class StepsReport:
 
 
 @dataclass(frozen=True)
+class Unfollowed:
+    """A posture of the performer that a robot on planted soles cannot take.
+
+    what: "kneels", "lies or sits on the floor" or "jumps". from_s, to_s: on the time of the run.
+    """
+
+    what: str
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True)
 class Report:
     """One run. Keys up to `stop` are stable; those after it say more and may grow.
 
@@ -154,6 +166,8 @@ class Report:
     hand, seen from its shoulder, of both, and of the worse, at the ticks at which it was asked where the arm gets from
     the torso that was asked; reachable_share: of the ticks that followed, those; hands_away_s: longest time that each
     hand was more than 150 mm off at such ticks.
+    unfollowed: postures of the performer that the robot cannot take, with their times, from the recorded body where it
+    is known; null of a robot that does not stand on planted soles, or whose legs do not follow.
     fallen, physics: as the simulation saw it; null without.
     steps: null of a robot that makes none. live: of the stream, null of a file.
     """
@@ -199,6 +213,7 @@ class Report:
     reachable_hands_mm: dict[str, float] | None
     reachable_share: dict[str, float] | None
     hands_away_s: dict[str, float] | None
+    unfollowed: tuple[Unfollowed, ...] | None
     com_margin_mm: float | None
     soles: Soles | None
     closest_links: tuple[str, str] | None

@@ -17,7 +17,7 @@ from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
 from retarget.human.reconstruction import Reconstructor
-from retarget.human.samples import Performance, Playback, Samples, lay_on_ticks
+from retarget.human.samples import Parts, Performance, Playback, Samples, lay_on_ticks
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.human import Human, build_human
@@ -106,6 +106,7 @@ class Prepared:
     intake: IntakeTimes = field(default_factory=IntakeTimes)
     scene_obstacles: SceneObstacles | None = None
     steps: StepTally | None = None
+    parts: Parts = "whole"
 
     def loop(self, watch: Watch) -> Loop:
         """The loop of a run of the robot. Raises RetargetError where the posture to approach is not known."""
@@ -127,7 +128,7 @@ class Prepared:
             clip=self.samples.recorded(),
             human=self.human,
             robot=None if machine is None else machine.robot,
-            setup=RunSetup(self.performer, self.priorities, self.has_bus),
+            setup=RunSetup(self.performer, self.priorities, self.has_bus, parts=self.parts),
             state=None if ending.state is None else ending.state.value,
             reason=ending.reason,
             wall_s=ending.wall_s,
@@ -215,6 +216,7 @@ def prepare_for(
         machine=machine,
         priorities=(for_human, for_robot),
         has_bus=options.bus != "none",
+        parts=options.parts,
         notes=(*of_robot, *human.notes, *of_follower),
         scene=scene,
         observers=follower.observers,

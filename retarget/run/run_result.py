@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hardware.guard_state import Stop
-from retarget.human.samples import Clip
+from retarget.human.samples import Clip, Parts
 from retarget.ik.base_pose import plant_roots
 from retarget.live.stream_report import LiveReport
 from retarget.model.body import BodyModel, JointType
@@ -71,12 +71,13 @@ class PhysicsRun:
 @dataclass(frozen=True, eq=False)
 class RunSetup:
     """What a run was made of. priorities: of the stages. has_bus: servos answered. real_time: ticks could be late; on
-    virtual time none is."""
+    virtual time none is. parts: of the robot that follow."""
 
     performer: Performer
     priorities: tuple[Priorities, ...]
     has_bus: bool
     real_time: bool = True
+    parts: Parts = "whole"
 
 
 @dataclass(frozen=True, eq=False)
