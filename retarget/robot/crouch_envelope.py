@@ -71,6 +71,20 @@ class Envelope:
         length = hypot(x, y)
         return a * b * length / max(hypot(b * x, a * y), 1e-12)
 
+    def highest_for(self, lean: float, x: float, y: float) -> float:
+        """The greatest height (m) of the pelvis at which the robot leans by `lean` rad towards the ground direction
+        (x, y): straight legs cannot tilt hips sideways. Where none suffices, the greatest of those with most lean."""
+        heights = self.heights.tolist()
+        leans = [self.most_lean(height, x, y) for height in heights]
+        asked, above = min(lean, max(leans)), len(heights) - 1
+        while leans[above] < asked:
+            above -= 1
+        if above == len(heights) - 1:
+            return heights[above]
+        # Between a height that suffices and the next one, which does not.
+        share = (leans[above] - asked) / (leans[above] - leans[above + 1])
+        return heights[above] + share * (heights[above + 1] - heights[above])
+
     def below(self, top: float) -> "Envelope":
         """The part of it with the pelvis no higher than `top` m, where any is left."""
         heights = np.linspace(self.lowest, min(max(top, float(self.heights[1])), self.highest), HEIGHTS)

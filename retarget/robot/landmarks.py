@@ -172,9 +172,9 @@ UNDER = 0.15
 """Share of the leg by which an ankle is off the place below its hip where it bears half as much as right there."""
 LIFT_COUNTS = 4.0
 """An ankle that is high above the other one counts as so many times that far off: feet are lifted less than they go."""
-STRAIGHT, STRAIGHT_KNEE = 0.98, 0.015
-"""Share of the leg from which on a performer's counts as stretched: five sensors know it to a fiftieth, 23 degrees of
-the knee, and who stands straight should not be seen with bent knees. Share in which it is approached smoothly."""
+STRAIGHT, STRAIGHT_KNEE = 0.97, 0.015
+"""Share of the leg from which on a performer's counts as stretched: five sensors know it to 3 %, 28 degrees of the
+knee, and who stands straight should not be seen with bent knees. Share in which it is approached smoothly."""
 LENGTH_SETTLE_S, LENGTH_BAND = 0.6, 0.02
 """Time constant (s) with which the length follows well within LENGTH_BAND, a share of the leg; three times the band
 off, it is a tenth of that."""
@@ -398,7 +398,7 @@ class LandmarkMap:
         gaze = rotated(product(from_world, head_seen), FORWARD)
 
         *legs, apart = limbs[-3:]
-        pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, dt)
+        pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
@@ -423,16 +423,19 @@ class LandmarkMap:
         return [limbs[row] for row in self._limbs] + [rotated(trunk, line) for line in self._trunk_line]
 
     def _pelvis_asked(
-        self, limbs: list[Vector], legs: list[Vector], apart: Vector, carrying: Carrying, dt: float
+        self, limbs: list[Vector], legs: list[Vector], apart: Vector, carrying: Carrying, seen: Quat, dt: float
     ) -> Vector:
         """The pelvis over the planted ankles, on legs as long as the one that bears the performer, no lower than the
-        robot gets. legs: lines from hips to ankles; apart: the left ankle from the right one; m, scaled as a leg."""
+        robot gets, and no higher than it leans from as its trunk is seen to. legs: lines from hips to ankles; apart:
+        the left ankle from the right one; m, scaled as a leg."""
         if self._envelope is None or self._pelvis is None:
             return (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
         limb = limbs[self._pelvis]
         if self._over_feet is not None:
             limb = self._over_feet.step(limb, legs, apart, carrying, dt)
         x, y, z = plus(plus(self._feet, limb), self._marks[self._pelvis].offset)
+        ahead, aside, up = rotated(seen, UP)
+        z = min(z, self._envelope.highest_for(arctan2(hypot(ahead, aside), up), ahead, aside))
         low, high = self._envelope.lowest, self._envelope.highest
         return x, y, high - soft_cap(high - z, high - low, CROUCH_KNEE)
 

@@ -310,6 +310,18 @@ def test_a_bob_that_nobody_sees_moves_no_knee() -> None:
     assert heights[530] < 0.55
 
 
+def test_the_pelvis_is_no_higher_than_the_robot_leans_from() -> None:
+    """Straight legs do not tilt hips sideways: a robot that cannot lean at its full height goes down as far as it has
+    to, and leans."""
+    robot = Envelope(np.array([0.15, 0.2, 0.25]), np.array([[0.9] * 4, [0.9, 0.6, 0.9, 0.6], [0.9, 0.0, 0.5, 0.0]]))
+    assert robot.highest_for(0.3, 0.0, 1.0) == pytest.approx(0.225)
+    assert robot.highest_for(0.3, 1.0, 0.0) == robot.highest_for(0.0, 0.0, 1.0) == 0.25
+    assert robot.highest_for(2.0, 0.0, -1.0) == 0.15
+    for lean in np.linspace(0.0, 0.9, 50):
+        height = robot.highest_for(float(lean), 0.6, 0.8)
+        assert robot.most_lean(height, 0.6, 0.8) >= lean - 0.02
+
+
 # Where a robot's parts are, and their names in priorities.
 
 
