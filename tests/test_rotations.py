@@ -167,3 +167,14 @@ def test_opposite_directions_have_an_arc_too() -> None:
     for a in ((0.0, 0.0, 2.0), (1.0, 0.0, 0.0), (0.3, -0.4, 0.5)):
         back = (-a[0], -a[1], -a[2])
         assert np.allclose(rotated(arc(a, back), a), back, atol=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_best_turn_is_the_one_that_points_were_turned_by(seed: int) -> None:
+    """Upside down too, and with noise nearly so."""
+    rng = np.random.default_rng(seed)
+    points, turn = rng.standard_normal((5, 3)), rotations.normalise(rng.standard_normal(4))
+    goals = rotations.rotate(turn, points) + rng.standard_normal(3)
+    assert rotations.angle_between(rotations.best_turn(points, goals), turn) < 1e-6
+    half = np.array([0.0, 0.0, 1.0, 0.0])
+    assert rotations.angle_between(rotations.best_turn(points, rotations.rotate(half, points)), half) < 1e-6

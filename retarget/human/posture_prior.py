@@ -158,12 +158,20 @@ class Crouch:
         self._upright = postures[0]
         self._change = postures[1] - postures[0]
         joints = PostureReader(human).joints(postures)
-        away = norms(joints[:, POINTS.index("head")] - joints[:, POINTS.index("l_ankle")])
-        self._upright_m, self._lowered_m = float(away[0]), float(away[1])
+        line = joints[:, POINTS.index("head")] - joints[:, POINTS.index("l_ankle")]
+        self._upright_m, self._lowered_m = (float(away) for away in norms(line))
+        self._across = [float(away) for away in norms(line[:, :2])]
 
     def share(self, away: float) -> float:
         """How much of the crouch belongs to a head `away` m from the farther ankle: 0 upright, 1 lowered."""
         return min(max((self._upright_m - away) / (self._upright_m - self._lowered_m), 0.0), 1.0)
+
+    def share_by_height(self, height: float) -> float:
+        """The same for a head `height` m above the ankles, which are where they are in the two postures."""
+        lowered = 0.0
+        for _ in range(3):  # how far ahead the head is depends a little on the share
+            lowered = self.share(hypot(height, self._across[0] + lowered * (self._across[1] - self._across[0])))
+        return lowered
 
     def bent(self, share: float, ahead: float) -> float:
         """How much a body with this share of the crouch bends over, 0 to 1. ahead: how far the head is ahead of the

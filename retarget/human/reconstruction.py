@@ -433,7 +433,7 @@ class Reconstructor:
     def _lowered(self, points: Points) -> float:
         """How lowered the head is: 0 upright, 1 in a deep crouch."""
         assert self._feet is not None
-        return self._depth.share(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
+        return self._depth.share_by_height(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
 
 
 _BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)

@@ -11,7 +11,7 @@ from retarget.arithmetic import norms
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, SensorSample, on_grid
 from retarget.human.rest_pose import ALIKE_RAD, fit_rest_pose, rest_pose_name
-from retarget.human.sensor_intake import IntakeTimes
+from retarget.human.sensor_intake import IntakeTimes, without_spikes
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray
@@ -243,6 +243,7 @@ def lay_on_ticks(
                 next_step="To play the pose too, add --keep-calibration-frame",
             )
     frames = _selected(frames, performer).cut(start, playback.end)
+    frames = replace(frames, position=without_spikes(frames.time, frames.position))
     if playback.mirror:
         frames = frames.mirror().select(tuple(performer.sensors))
     rate = frames.rate_hz if rate_hz is None else rate_hz

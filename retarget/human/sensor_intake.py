@@ -64,7 +64,7 @@ class SensorIntake:
         """Take the valid sensors of the first sample, (k, 3) m, as they are."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
         self.measured[:] = self._sent[:] = self.position
-        self._velocity[:] = 0.0
+        self._velocity[:] = np.nan
         self.present[:] = valid
         self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present = bool(valid.all())
@@ -88,8 +88,9 @@ class SensorIntake:
         a lost sensor has come back; None: all have."""
         moved, since = position - self.measured, dt + np.where(np.isfinite(self._lost_for), self._lost_for, 0.0)
         # NaN compares false: an invalid sensor never counts as a calm one.
-        calm = squares(moved) <= (FASTEST_M_S * dt) * (FASTEST_M_S * dt)
-        on_way = _on_way(moved, self._velocity, since) | ~self.present | ~calm  # a jump is looked at below
+        calm = squares(moved) <= np.square(FASTEST_M_S * since)
+        # A jump is looked at below; without a velocity any way is possible.
+        on_way = _on_way(moved, self._velocity, since) | ~self.present | ~calm | np.isnan(self._velocity[:, 0])
         believed = valid
         if self._has_lost or np.count_nonzero(calm & on_way & valid) != len(calm):
             believed = self._believed(position, valid, dt) & on_way
@@ -99,10 +100,7 @@ class SensorIntake:
         else:
             self.measured[:] = position
         self._sent[valid] = position[valid]
-        steady = believed & calm
-        change = moved[steady] / since[steady, None] - self._velocity[steady]
-        self._velocity[steady] += (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * change
-        self._velocity[believed & ~calm] = 0.0
+        self._follow_velocity(moved / since[:, None], believed, calm, since > dt, dt)
         if self._is_fading:
             self._offset *= exp(-dt / self._times.fade)
             self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
@@ -111,6 +109,16 @@ class SensorIntake:
             self.position[:] = self.measured
         if self._is_returning:
             self._return(np.ones_like(self._left) if weight is None else weight, dt)
+
+    def _follow_velocity(
+        self, now: FloatArray, believed: BoolArray, calm: BoolArray, back: BoolArray, dt: float
+    ) -> None:
+        """Low-pass the velocities (k, 3) m/s of believed sensors; of one that was away it is the mean on its way, and
+        of one that has jumped it is not known."""
+        anew = back | np.isnan(self._velocity[:, 0])
+        old = np.where(anew[:, None], now, self._velocity)
+        smooth = old + (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * (now - old)
+        self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
 
     def _begin_return(self, weight: FloatArray) -> None:
         """A sensor that has just come back by a weight gets no offset that fades."""
@@ -158,6 +166,23 @@ class SensorIntake:
         self.present[:] = self._lost_for <= self._times.hold
         self.all_present = bool(self.present.all())
         self._is_fading = self._is_fading or bool(changed.any())
+
+
+def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
+    """Positions (T, k, 3) m of k sensors at times (T,) s, where one frame that is off both its neighbours by more than
+    a human accelerates is put between them.
+
+    Recordings are looked at before they are laid on ticks, where a spike of one frame is a ramp of two ticks.
+    """
+    if len(time) < 3:
+        return position
+    before, after, half = position[:-2], position[2:], 0.5 * (time[2:] - time[:-2])[:, None]
+    middle = 0.5 * (before + after)
+    off = np.sqrt(squares(position[1:-1] - middle))
+    spike = (off > SPIKE_M + 0.5 * HARDEST_M_S2 * half * half) & (np.sqrt(squares(after - before)) < off)
+    cleared = position.copy()
+    cleared[1:-1][spike] = middle[spike]
+    return cleared
 
 
 def _on_way(moved: FloatArray, velocity: FloatArray, since: FloatArray) -> BoolArray:

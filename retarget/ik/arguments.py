@@ -56,11 +56,11 @@ def positive(given: object, where: str, unit: str = "", most: float = inf) -> fl
 def whole(given: object, where: str, most: int) -> int:
     """A whole number from 1 to `most`."""
     allowed = f"a whole number from 1 to {most}"
-    if not isinstance(given, int) or isinstance(given, bool):
+    if not isinstance(given, int | np.integer) or isinstance(given, bool):
         raise UsageError("not a whole number", where=where, found=_shown(given), allowed=allowed)
     if not 1 <= given <= most:
         raise UsageError("out of range", where=where, found=_shown(given), allowed=allowed)
-    return given
+    return int(given)
 
 
 def names(given: object, where: str, of: str) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ class Envelope:
     def highest_for(self, lean: float, x: float, y: float) -> float:
         """The greatest height (m) of the pelvis at which the robot leans by `lean` rad towards the ground direction
         (x, y): straight legs cannot tilt hips sideways. Where none suffices, the greatest of those with most lean."""
-        heights = self.heights.tolist()
+        heights: list[float] = self.heights.tolist()
         leans = [self.most_lean(height, x, y) for height in heights]
         asked, above = min(lean, max(leans)), len(heights) - 1
         while leans[above] < asked:

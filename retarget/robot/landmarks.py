@@ -162,11 +162,11 @@ def _at_least(value: float, least: float) -> float:
 # The pelvis is as high as the leg that bears the performer is long, not as high as theirs is above the ground: in a
 # stride, both legs of a walker are straight and the pelvis is low, and a robot with its feet side by side would bend
 # its knees. The leg that bears is the one whose ankle is low and below its hip; between the two the length goes over
-# evenly.
+# evenly. Of how far legs are aslant, only what both have in common counts: hips that go back in a squat.
 #
-# Near a straight leg a bob of the pelvis that nobody sees takes a wide swing of the knee. So the length follows what is
-# asked the more slowly, the less it is off: within LENGTH_BAND it hardly moves, and far outside it has no lag to speak
-# of. A fiftieth of the leg is 23 degrees of a straight knee, and two of a deep squat.
+# Near a straight leg a bob of the pelvis that nobody sees takes a wide swing of the knee. So the height follows what is
+# asked the more slowly, the less it is off: within HEIGHT_BAND it takes its time, and far outside it has no lag to
+# speak of. A fiftieth of the leg is 23 degrees of a straight knee, and two of a deep squat.
 
 UNDER = 0.15
 """Share of the leg by which an ankle is off the place below its hip where it bears half as much as right there."""
@@ -175,8 +175,8 @@ LIFT_COUNTS = 4.0
 STRAIGHT, STRAIGHT_KNEE = 0.97, 0.015
 """Share of the leg from which on a performer's counts as stretched: five sensors know it to 3 %, 28 degrees of the
 knee, and who stands straight should not be seen with bent knees. Share in which it is approached smoothly."""
-LENGTH_SETTLE_S, LENGTH_BAND = 0.6, 0.02
-"""Time constant (s) with which the length follows well within LENGTH_BAND, a share of the leg; three times the band
+HEIGHT_SETTLE_S, HEIGHT_BAND = 0.6, 0.02
+"""Time constant (s) with which the height follows well within HEIGHT_BAND, a share of the leg; three times the band
 off, it is a tenth of that."""
 
 
@@ -200,8 +200,9 @@ class PelvisOverFeet:
         self.restart()
 
     def restart(self) -> None:
-        """Begin again on both feet, with the next length of the leg as it is."""
-        self._side, self._length = 0.0, 0.0
+        """Begin again on both feet, with the next height as it is."""
+        self._side = 0.0
+        self._height: float | None = None
 
     def step(self, hips: Vector, legs: Sequence[Vector], apart: Vector, carrying: Carrying, dt: float) -> Vector:
         """Where the hips are to be after another `dt` s. hips: of the performer, from the middle of both ankles; legs:
@@ -212,22 +213,25 @@ class PelvisOverFeet:
             self._side += (1.0 - exp(-dt / PELVIS_SETTLE_S)) * (_SIDE.get(carrying, 0.0) - self._side)
             half = 0.5 * self._side
             x, y = sorted((x, x - half * apart[0], 0.0))[1], y + half * (self._apart - apart[1])
-        length = self._bearing_leg(legs, apart[2], dt)
-        return x, y, sqrt(max(length * length - x * x - y * y, 0.0))
+        return x, y, self._on_bearing_leg(legs, apart[2], dt)
 
-    def _bearing_leg(self, legs: Sequence[Vector], higher: float, dt: float) -> float:
-        """The length, m, of the leg that bears. higher: by how much the left ankle is above the right one, m."""
-        shares, lengths = [], []
-        for (x, y, z), lift in zip(legs, (max(higher, 0.0), max(-higher, 0.0)), strict=True):
+    def _on_bearing_leg(self, legs: Sequence[Vector], higher: float, dt: float) -> float:
+        """The height of the hips over the ankles, m, on the leg that bears. higher: by how much the left ankle is above
+        the right one, m."""
+        shares = []
+        for (x, y, _), lift in zip(legs, (max(higher, 0.0), max(-higher, 0.0)), strict=True):
             off = (x * x + y * y + LIFT_COUNTS * LIFT_COUNTS * lift * lift) / (UNDER * UNDER * self._leg * self._leg)
             shares.append(1.0 / (1.0 + off * off))
-            lengths.append(sqrt(x * x + y * y + z * z))
-        asked = (shares[0] * lengths[0] + shares[1] * lengths[1]) / (shares[0] + shares[1])
-        asked = soft_cap(asked / STRAIGHT, self._leg, STRAIGHT_KNEE)
-        length = self._length or asked
-        off = (asked - length) / (LENGTH_BAND * self._leg)
-        self._length = length + (1.0 - exp(-dt / LENGTH_SETTLE_S * (1.0 + off * off))) * (asked - length)
-        return self._length
+        share = shares[0] / (shares[0] + shares[1])  # of the left leg
+        # What both legs have in common of their way ahead and aside.
+        x, y = (sorted((legs[0][axis], 0.0, legs[1][axis]))[1] for axis in (0, 1))
+        left, right = (hypot(hypot(*leg[:2]), leg[2]) for leg in legs)
+        length = soft_cap((share * left + (1.0 - share) * right) / STRAIGHT, self._leg, STRAIGHT_KNEE)
+        asked = sqrt(max(length * length - x * x - y * y, 0.0))
+        height = asked if self._height is None else self._height
+        off = (asked - height) / (HEIGHT_BAND * self._leg)
+        self._height = height = height + (1.0 - exp(-dt / HEIGHT_SETTLE_S * (1.0 + off * off))) * (asked - height)
+        return height
 
 
 CROUCH_KNEE = 0.1

@@ -453,6 +453,9 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
                     if other is not None and _opposite(task.direction, other):
                         at, allowed = ("levels", index, "tasks", place, key), "less than half a turn away"
                         problems.append(document.problem(at, "the opposite of direction", allowed=allowed))
+                if task.lowered is not None and task.bent is not None:
+                    at = ("levels", index, "tasks", place, "bent")
+                    problems.append(document.problem(at, "two ways of one axis", allowed="lowered or bent"))
             if isinstance(task, CarriedTask):
                 problems += _carriers(task, ("levels", index, "tasks", place, "by"), document)
     if priorities.levels and not any(level.tasks for level in priorities.levels):

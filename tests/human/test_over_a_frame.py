@@ -189,3 +189,15 @@ def test_the_pelvis_does_not_jump_where_straight_legs_begin_to_bend(rate: float)
         position[:, FIVE.index(name), 2] += 0.012 - down
     pelvis = followed(position, 1.0 / rate)[:, POINTS.index("pelvis")]
     assert np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() * rate < 1.1
+
+
+@pytest.mark.parametrize(("ahead", "least", "most"), [(0.55, 30.0, 90.0), (0.1, -20.0, 25.0)])
+def test_a_bend_is_told_from_a_crouch(ahead: float, least: float, most: float) -> None:
+    """The head goes down by half a metre in a second, ahead of the feet or above them, and the hands below it."""
+    share = np.clip(np.arange(180) / 120.0, 0.0, 1.0)[:, None]
+    position = np.repeat(standing(0.2)[None], 180, axis=0)
+    for name in ("head", "l_wrist", "r_wrist"):
+        position[:, FIVE.index(name)] += share * [ahead, 0.0, -0.5]
+    joints = dict(zip(POINTS, followed(position)[-1], strict=True))
+    trunk = joints["chest"] - joints["pelvis"]
+    assert least < np.degrees(np.arctan2(trunk[0], trunk[2])) < most

@@ -15,8 +15,8 @@ from retarget.human.posture_prior import (
     Crouch,
     VirtualFeet,
 )
-from retarget.model.human import build_human
-from retarget.model.human_dimensions import proportional_dimensions
+from retarget.model.human import PostureReader, build_human
+from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.schema.priorities import CentreOfMassTask
 
 TASK = CentreOfMassTask(type="centre_of_mass", mode="over_feet", forward=0.07, fade_speed=0.5)
@@ -77,10 +77,19 @@ def test_from_upright_to_lowered_with_the_head() -> None:
     upright, lowered = human.posture("natural"), human.posture("crouch")
     assert (crouch.posture(0.0) == upright).all()
     assert crouch.posture(1.0) == pytest.approx(lowered)
-    heights = np.linspace(0.3, 1.6, 50)
-    shares = [crouch.share(height) for height in heights]
+    shares = [crouch.share(away) for away in np.linspace(0.3, 1.6, 50)]
     assert all(np.diff(shares) <= 0.0) and shares[0] == 1.0 and shares[-1] == 0.0
     assert crouch.posture(0.5) == pytest.approx(0.5 * (upright + lowered))
+    joints = PostureReader(human).joints(np.stack([upright, lowered]))
+    heights = joints[:, POINTS.index("head"), 2] - joints[:, POINTS.index("l_ankle"), 2]
+    assert [crouch.share_by_height(height) for height in heights.tolist()] == pytest.approx([0.0, 1.0], abs=0.01)
+
+
+def test_who_bends_over_has_the_head_low_and_ahead_of_the_feet() -> None:
+    crouch = Crouch(build_human(proportional_dimensions(1.75)), upright="natural", lowered="crouch")
+    assert crouch.bent(0.5, 0.7) == 1.0
+    assert crouch.bent(0.5, 0.0) == crouch.bent(0.5, -0.3) == crouch.bent(0.0, 0.7) == 0.0
+    assert 0.0 < crouch.bent(0.1, 0.3) < crouch.bent(0.2, 0.3) < crouch.bent(0.2, 0.4) < 1.0
 
 
 @pytest.mark.parametrize("shares", [SHARES, dict(reversed(SHARES.items()))])

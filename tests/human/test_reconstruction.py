@@ -138,7 +138,7 @@ def test_a_jump_that_comes_back_leaves_no_trace(name: str) -> None:
 
     frames = thinned(synthetic_performer().cut(0.0, 1.5), 2)
     away = reconstruct(frames, "human", change=jump).joints - reconstruct(frames, "human").joints
-    assert np.linalg.norm(away, axis=-1)[42 + round(0.3 * frames.rate_hz)].max() < 0.0065
+    assert np.linalg.norm(away, axis=-1)[42 + round(0.3 * frames.rate_hz)].max() < 0.007
 
 
 def test_nothing_valid_at_the_start_stands_still() -> None:

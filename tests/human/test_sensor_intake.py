@@ -9,7 +9,7 @@ from messages import refuses
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import LOOP_LIMIT_S, SEAM_S, Clip, Playback, lay_on_ticks
-from retarget.human.sensor_intake import DOUBT_S, IntakeTimes, Reach, SensorIntake
+from retarget.human.sensor_intake import DOUBT_S, IntakeTimes, Reach, SensorIntake, without_spikes
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.schema.performer import load_performer
 from retarget.types import BoolArray, FloatArray
@@ -238,3 +238,33 @@ def test_what_the_recording_does_not_have_is_refused(frames: SensorFrames) -> No
         lay(frames, 1e6)
     with refuses(UsageError):
         lay(frames, 2000.0, speed=0.01)
+
+
+@pytest.mark.parametrize("rate", [100.0, 120.0])
+@pytest.mark.parametrize("speed", [6.0, 9.0])
+@pytest.mark.parametrize("from_rest", [True, False])
+def test_a_fast_sensor_that_drops_a_frame_is_followed_on(rate: float, speed: float, from_rest: bool) -> None:
+    """A sensor gets as fast as a boxer's fist in 0.1 s, or is so from the first sample on, and one sample is lost."""
+    time = np.arange(60) / rate
+    way = speed * (np.maximum(time - 0.1, 0.0) + 5.0 * np.minimum(time, 0.1) ** 2 if from_rest else time)
+    intake, off = SensorIntake(1), []
+    for k, x in enumerate(way.tolist()):
+        place, there = np.array([[x, 0.0, 1.0]]), np.array([k != 30])
+        if k == 0:
+            intake.start(place, there)
+            continue
+        intake.step(np.where(there[:, None], place, np.nan), there, reached=intake.position, dt=1.0 / rate)
+        off.append(float(np.abs(intake.position - place).max()))
+    assert max(off[:28]) < 1e-9  # nothing of it is taken for a spike
+    assert max(off[28:]) < 2.0 * speed / rate and off[-1] < 0.02
+
+
+@pytest.mark.parametrize("spike", [0.07, 0.2])
+def test_a_spike_of_one_recorded_frame_is_put_between_its_neighbours(spike: float) -> None:
+    time = np.arange(60) / 120.0
+    way = np.stack([np.sin(6.0 * time), np.zeros(60), 1.0 + 0.3 * np.cos(9.0 * time)], axis=1)[:, None]
+    faulty = way.copy()
+    faulty[30, 0, 2] += spike
+    assert np.abs(without_spikes(time, faulty) - way).max() < 0.002
+    assert (without_spikes(time, way) == way).all()
+    assert (without_spikes(time[:2], way[:2]) == way[:2]).all()
