@@ -257,10 +257,8 @@ impl FrameSolver {
         self.solve_once();
         if acts == Activation::All {
             self.solve_surprises();
-        } else if is_trial {
-            if self.watch.as_mut().is_some_and(|watch| watch.choose(&mut self.problem)) {
-                self.solve_once();
-            }
+        } else if is_trial && self.watch.as_mut().is_some_and(|watch| watch.choose(&mut self.problem)) {
+            self.solve_once();
         }
         if let Some(watch) = &mut self.watch {
             watch.keep_held(&self.problem);
