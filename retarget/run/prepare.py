@@ -122,7 +122,7 @@ class Prepared:
 
     def result(self, ending: Ending) -> RunResult:
         """The run, with all that metrics, pictures and files need."""
-        machine, notes = self.machine, self.notes + ending.record.missing() + ending.too_slow
+        machine, notes = self.machine, self.notes + ending.record.missing() + ending.too_slow + self._capped()
         return RunResult(
             record=ending.record,
             clip=self.samples.recorded(),
@@ -138,6 +138,15 @@ class Prepared:
             observers=self.observers,
             steps=None if self.steps is None else replace(self.steps),
         )
+
+    def _capped(self) -> tuple[str, ...]:
+        """A note about linear solves of both stages that were ended early."""
+        capped = self.reconstructor.hierarchy.solver.capped
+        if self.machine is not None:
+            capped += self.machine.follower.hierarchy.solver.capped
+        if not capped:
+            return ()
+        return (f"{capped} linear solves took too many steps and were ended: they keep all limits, and follow less",)
 
 
 def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perform:

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Watch
+from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch
 from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
 from retarget.run.prepare import make_gate, prepare
 from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
@@ -726,3 +728,13 @@ def test_only_the_priorities_that_look_at_no_motion_are_replaced() -> None:
     assert named("mine", standing=None, hangs=False) == named("mine", standing=None, hangs=True) == "mine"
     assert named("mine", standing="balanced_sustained", hangs=False) == "balanced_sustained"
     assert named("mine", standing="balanced_sustained", hangs=True) == "mine"
+
+
+def test_solves_that_took_too_many_steps_are_counted() -> None:
+    options = RunOptions(robot="op3", priorities="servo", playback=Playback(end=0.1))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        run = prepared.run()
+        solver: Any = SimpleNamespace(hierarchy=SimpleNamespace(solver=SimpleNamespace(capped=3)))
+        counted = replace(prepared, reconstructor=solver).result(Ending(run.record, 1.0, None, None))
+    assert not any("linear solves" in note for note in run.notes)
+    assert any(note.startswith("3 linear solves") for note in counted.notes)

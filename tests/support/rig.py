@@ -1,6 +1,8 @@
 """Stand-ins for both stages, so that the loop, the metrics and the files are tested without a solver."""
 
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +38,8 @@ def short_clip(*, seconds: float = 0.4, rate_hz: float | None = 125.0, speed: fl
 class StubReconstructor(Reconstructor):
     """Every sample is the same standing human, whose pelvis is where the head's sensor is."""
 
+    hierarchy: Any = SimpleNamespace(solver=SimpleNamespace(capped=0))
+
     def __init__(self, human: Human) -> None:
         self.human = human
         self.calls: list[float] = []
@@ -66,6 +70,8 @@ class StubReconstructor(Reconstructor):
 
 class StubFollower(Follower):
     """Joint angles by a script: tick -> rad (n,) from the standing posture. Landmarks are asked where they are."""
+
+    hierarchy: Any = SimpleNamespace(solver=SimpleNamespace(capped=0))
 
     def __init__(self, robot: RobotBody, script: FloatArray) -> None:
         self.robot = robot
