@@ -62,7 +62,8 @@ from retarget.recording.recorder import Recorder
 from retarget.report.findings import show_summary
 from retarget.report.measure import best_likeness, measure, measure_latest
 from retarget.report.outputs import Outputs
-from retarget.run.loop import Watch
+from retarget.report.unfollowed import UnfollowedNotice
+from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
 from retarget.run.record import Record
@@ -198,6 +199,8 @@ class CommandRun:
         watch = page.watch(self.recorder.watch(watch, recorded))
         if isinstance(recorded.samples, LivePerformer):
             watch = _timed(watch, recorded.samples, self.clock)
+        if type(self.clock) is not VirtualClock:  # an operator watches; a run in virtual time has its report at once
+            watch = _naming(watch, recorded, self.notify)
         result = recorded.run(watch)
         if recorded.machine is not None and recorded.has_bus:
             log(TORQUE_WORDS[recorded.machine.guard.torque])
@@ -211,6 +214,20 @@ def _timed(watch: Watch, performer: LivePerformer, clock: Clock) -> Watch:
     def on_row(record: Record, row: int) -> None:
         performer.latency.note(clock.now())
         watch.on_row(record, row)
+
+    return replace(watch, on_row=on_row)
+
+
+def _naming(watch: Watch, prepared: Prepared, notify: Notify) -> Watch:
+    """The watch, which also names postures of the performer that the robot does not follow, while they happen."""
+    machine = prepared.machine
+    if machine is None or not machine.robot.stands or prepared.parts != "whole":
+        return watch
+    names = ObserverCallback(UnfollowedNotice(prepared.human.dimensions, dt=prepared.samples.motion_dt, notify=notify))
+
+    def on_row(record: Record, row: int) -> None:
+        watch.on_row(record, row)
+        names(record, row)
 
     return replace(watch, on_row=on_row)
 

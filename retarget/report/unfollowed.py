@@ -1,17 +1,23 @@
-"""Postures that a robot on planted soles cannot take: kneeling, lying or sitting on the floor, jumping."""
+"""Postures that a robot on planted soles cannot take: kneeling, lying or sitting on the floor, jumping.
 
-from collections.abc import Iterator, Mapping
+`unfollowed_of` finds them in a run that is over, `UnfollowedNotice` names them while they happen.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 
 import numpy as np
 
 from retarget.human.posture_prior import LONGEST_FLIGHT_S
 from retarget.ik.gravity_torque import GRAVITY
-from retarget.model.human_dimensions import HumanDimensions
+from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.report.report import Unfollowed
 from retarget.report.tracking import Performance
+from retarget.run.record import Phase, Record
 from retarget.run.run_result import RunResult
-from retarget.types import BoolArray, FloatArray
+from retarget.types import BoolArray, FloatArray, Notify
 
 KNEELS, ON_FLOOR, JUMPS = "kneels", "lies or sits on the floor", "jumps"
 INSTEAD: Mapping[str, str] = {KNEELS: "squats", ON_FLOOR: "squats", JUMPS: "stays on its soles"}
@@ -64,33 +70,118 @@ def unfollowed_of(run: RunResult, asked: Performance | None) -> tuple[Unfollowed
 def unfollowed(joints: FloatArray, leg: float, dt: float) -> Iterator[tuple[str, int, int]]:
     """Each posture with its first and last row. joints (T, m, 3) m: those of `JOINTS`; leg: m; dt: s of the performer's
     time between rows."""
-    at = dict(zip(JOINTS, np.moveaxis(joints, 1, 0), strict=True))
-    hips, knees, ankles, toes = (
-        np.stack([at[f"{side}_{part}"][:, 2] for side in "lr"], axis=1) for part in ("hip", "knee", "ankle", "toe")
-    )
-    if not np.isfinite(ankles).any():
+    heights = _heights(joints)
+    if not np.isfinite(heights.ankle).any():
         return
-    trunk = at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"])
-    upright = trunk[:, 2] > UPRIGHT * np.linalg.norm(trunk, axis=1)
-    floor, toes_floor = (np.nanpercentile(feet.min(axis=1), FLOOR_PERCENTILE) for feet in (ankles, toes))
-    on_floor = hips.min(axis=1) - floor < HIP_SHARE * leg
-    kneels = (knees.min(axis=1) - floor < KNEE_SHARE * leg) & upright & ~on_floor
-    off = (ankles.min(axis=1) - floor > FOOT_SHARE * leg) & (toes.min(axis=1) - toes_floor > FOOT_SHARE * leg)
-    for what, holds in ((KNEELS, kneels), (ON_FLOOR, on_floor)):
+    floor, toes_floor = (float(np.nanpercentile(feet, FLOOR_PERCENTILE)) for feet in (heights.ankle, heights.toe))
+    seen = _seen(heights, floor, toes_floor, leg)
+    for what, holds in seen.on_the_floor.items():
         for first, last in _spans(_closed(holds, dt)):
             if (last - first) * dt >= LEAST_S:
                 yield what, first, last
-    for first, last in _spans(off):
+    for first, last in _spans(seen.off):
         flight = slice(first, last + 1)
-        lasts, bulge = (last - first) * dt, _bulge(hips[flight].mean(axis=1))
-        falls = bulge > FALLING * GRAVITY * lasts**2 / 12.0  # of a free fall: mean of g t (T - t) / 2 over T
-        if LEAST_S <= lasts <= LONGEST_FLIGHT_S and falls and upright[flight].all():
+        if heights.upright[flight].all() and _is_jump(heights.hips[flight], dt):
             yield JUMPS, first, last
 
 
-def _bulge(height: FloatArray) -> float:
-    """Mean height, m, of a path (T,) m over the middle of its ends."""
-    return float(np.mean(height) - 0.5 * (height[0] + height[-1]))
+@dataclass(frozen=True, eq=False)
+class _Heights:
+    """Heights (T,) m of the lower ankle, toe, hip and knee, and of the middle of the hips. upright (T,): of the
+    trunk."""
+
+    ankle: FloatArray
+    toe: FloatArray
+    hip: FloatArray
+    knee: FloatArray
+    hips: FloatArray
+    upright: BoolArray
+
+
+def _heights(joints: FloatArray) -> _Heights:
+    at = dict(zip(JOINTS, np.moveaxis(joints, 1, 0), strict=True))
+    lower = {part: np.minimum(at[f"l_{part}"][:, 2], at[f"r_{part}"][:, 2]) for part in ("ankle", "toe", "hip", "knee")}
+    hips = 0.5 * (at["l_hip"] + at["r_hip"])
+    trunk = at["neck"] - hips
+    upright = trunk[:, 2] > UPRIGHT * np.linalg.norm(trunk, axis=1)
+    return _Heights(**lower, hips=hips[:, 2], upright=upright)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Rows (T,): of each posture on the floor, by its name, and with both feet off it."""
+
+    on_the_floor: Mapping[str, BoolArray]
+    off: BoolArray
+
+
+def _seen(heights: _Heights, floor: float, toes_floor: float, leg: float) -> _Seen:
+    """floor, toes_floor: heights, m, of ankles and toes of a foot that stands. leg: m."""
+    on_floor = heights.hip - floor < HIP_SHARE * leg
+    kneels = (heights.knee - floor < KNEE_SHARE * leg) & heights.upright & ~on_floor
+    off = (heights.ankle - floor > FOOT_SHARE * leg) & (heights.toe - toes_floor > FOOT_SHARE * leg)
+    return _Seen({KNEELS: kneels, ON_FLOOR: on_floor}, off)
+
+
+def _is_jump(hips: Sequence[float] | FloatArray, dt: float) -> bool:
+    """True if the hips, (T,) m, fall freely for about as long as a jump takes. dt: s between rows."""
+    lasts, bulge = (len(hips) - 1) * dt, float(np.mean(hips)) - 0.5 * (hips[0] + hips[-1])
+    free_fall = GRAVITY * lasts**2 / 12.0  # mean of g t (T - t) / 2 over T
+    return LEAST_S <= lasts <= LONGEST_FLIGHT_S and bool(bulge > FALLING * free_fall)
+
+
+FLOOR_M_S = 0.4
+"""Speed with which the height of a foot that stands is found: up by 2 cm/s, as a foot rises with each step, and down by
+38 cm/s."""
+AGAIN_S = 10.0
+"""A posture is not named again before so many s: one that comes again and again is known."""
+
+
+class UnfollowedNotice:
+    """Names a posture that the robot does not follow while it happens; called with every row of a run.
+
+    The performer is the reconstructed one. A jump is named when it is over.
+    """
+
+    def __init__(self, dimensions: HumanDimensions, *, dt: float, notify: Notify) -> None:
+        """dimensions: of the performer. dt: s of the performer's time between rows."""
+        self._columns = [POINTS.index(name) for name in JOINTS]
+        self._leg, self._dt, self._notify = leg_length(dimensions), dt, notify
+        self._floors: tuple[float, float] | None = None
+        self._lasted, self._flight = dict.fromkeys((KNEELS, ON_FLOOR), 0.0), list[float]()
+        self._time, self._named = 0.0, dict.fromkeys(INSTEAD, -inf)  # [s]
+
+    def __call__(self, record: Record, row: int) -> None:
+        """Look at a row that was filled."""
+        if record.phase[row] != Phase.FOLLOW:
+            return
+        heights = _heights(record.human.joints[row : row + 1, self._columns])
+        feet = float(heights.ankle[0]), float(heights.toe[0])
+        floors = feet if self._floors is None else self._floors
+        self._floors = floor, toes_floor = self._risen(floors[0], feet[0]), self._risen(floors[1], feet[1])
+        self._time += self._dt
+        seen = _seen(heights, floor, toes_floor, self._leg)
+        for what, holds in seen.on_the_floor.items():
+            self._lasted[what] = self._lasted[what] + self._dt if holds[0] else 0.0
+            if self._lasted[what] >= LEAST_S:
+                self._name(what)
+        if seen.off[0] and heights.upright[0]:
+            self._flight.append(float(heights.hips[0]))
+        elif self._flight:
+            if _is_jump(self._flight, self._dt):
+                self._name(JUMPS)
+            self._flight.clear()
+
+    def _risen(self, floor: float, foot: float) -> float:
+        """The height of a foot that stands, a row later: a running estimate of the percentile."""
+        share = 0.01 * FLOOR_PERCENTILE
+        return floor + FLOOR_M_S * self._dt * (share if foot > floor else share - 1.0)
+
+    def _name(self, what: str) -> None:
+        """Name a posture once while it lasts, and not again too soon after it."""
+        if self._time - self._named[what] > AGAIN_S:
+            self._notify(f"the performer {what}: the robot {INSTEAD[what]} instead")
+        self._named[what] = self._time
 
 
 def leg_length(dimensions: HumanDimensions) -> float:

@@ -2,7 +2,7 @@
 
 A human folds at the hips to the knees; most servo humanoids do not. What is asked of the robot stays inside this
 envelope, so that the landmarks above the hips are asked from a trunk that the robot can hold. It depends on the robot
-alone: body, joint limits, observers, soles and stance. It is measured once, by the solver itself.
+alone: body, joint limits, observers, soles and stance. It is measured once for each robot, by the solver itself.
 
 The heights are those that the robot reaches upright without touching itself. How far it leans at each is measured
 without its observers: which lean they leave depends on whether the pelvis is ahead of the feet or behind them, and a
@@ -11,13 +11,15 @@ lean that is asked too far costs no more than that lean.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from retarget._solver import Observers, Solver, Task
 from retarget.arithmetic import arctan2, hypot
-from retarget.ik.support_polygon import Stance, half_spaces
+from retarget.ik.support_polygon import Stance, half_spaces, plant
 from retarget.model.body import Frame, JointLimits
+from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.rotations import Quat, as_quat, as_vector, product, rotated, turn
 from retarget.types import MM, FloatArray
@@ -99,6 +101,31 @@ class Envelope:
         share = place - below
         rows = self.lean[below].tolist(), self.lean[below + 1].tolist()
         return [(1.0 - share) * low + share * high for low, high in zip(*rows, strict=True)]
+
+
+def robot_envelope(robot: RobotBody, limits: JointLimits, *, edges: FloatArray, margin: float | None) -> Envelope:
+    """The envelope of a robot in posture `stand`, its limbs apart by `margin` m; measured once and kept.
+
+    limits, edges: of `measure_envelope`.
+    """
+    joints = [(float(low), float(high)) for low, high in zip(limits.lower, limits.upper, strict=True)]
+    return _measured(robot, tuple(joints), tuple(map(tuple, edges.tolist())), margin)
+
+
+@lru_cache(maxsize=16)
+def _measured(
+    robot: RobotBody,
+    joints: tuple[tuple[float, float], ...],
+    edges: tuple[tuple[float, ...], ...],
+    margin: float | None,
+) -> Envelope:
+    lower, upper = np.array(joints).T.copy()
+    free = np.full_like(lower, np.inf)
+    apart = robot_observers(robot).with_margin(margin).for_solver(robot.body)
+    stance = plant(robot, robot.profile.postures.stand)
+    return measure_envelope(
+        robot, JointLimits(lower, upper, free, free), stance, edges=np.array(edges), observers=apart
+    )
 
 
 def measure_envelope(

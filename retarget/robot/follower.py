@@ -25,7 +25,7 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
-from retarget.robot.crouch_envelope import Envelope, measure_envelope
+from retarget.robot.crouch_envelope import robot_envelope
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import (
     AskedLandmarks,
@@ -247,7 +247,8 @@ class Follower:
         balance = StandingBalance(priorities, stance) if soles else None
         edges = balance.edges if legs_move and balance else None
         self.observers = robot_observers(robot)
-        envelope = None if edges is None else self._envelope(priorities, limits, edges)
+        margin = priorities.observers.margin
+        envelope = None if edges is None else robot_envelope(robot, limits, edges=edges, margin=margin)
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
         self.scene_obstacles = SceneObstacles(scene)
@@ -289,11 +290,6 @@ class Follower:
     def note(self) -> str:
         """A sentence for the operator where it can hardly crouch, else ""."""
         return self.landmark_map.note
-
-    def _envelope(self, priorities: Priorities, limits: JointLimits, edges: FloatArray) -> Envelope:
-        """How low the robot gets, and how far it leans then, within the edges (e, 3) of its support, limbs apart."""
-        apart = self.observers.with_margin(priorities.observers.margin).for_solver(self._robot.body)
-        return measure_envelope(self._robot, limits, self.stance, edges=edges, observers=apart)
 
     def _hierarchy_of(
         self,

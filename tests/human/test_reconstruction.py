@@ -10,7 +10,7 @@ import pytest
 
 import people
 from benchmarks.paper.replay import replay
-from people import Run, reconstruct, thinned, turned
+from people import Run, close_passes, reconstruct, thinned, turned
 from retarget import rotations
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.reconstruction import SensorLayout
@@ -236,23 +236,3 @@ def test_ankles_that_pass_close_and_crossed_arms_throw_no_pelvis() -> None:
     pelvis = run.joints[:, POINTS.index("pelvis")]
     assert 1e3 * np.linalg.norm(np.diff(pelvis, axis=0), axis=1).max() < 15.0
     assert run.errors_mm.max() < 10.0
-
-
-def close_passes() -> SensorFrames:
-    """Two seconds at 120 Hz: ankles go past each other at 80 mm, and both wrists to the other side of the chest."""
-    frames = synthetic_performer().cut(0.0, 2.0)
-    position, time = (
-        np.repeat(frames.position[:1], len(frames.position), axis=0),
-        np.arange(len(frames.position)) / 120.0,
-    )
-    at = {name: frames.names.index(name) for name in ("l_ankle", "r_ankle", "l_wrist", "r_wrist", "head")}
-    stride = 0.25 * np.sin(3.0 * np.pi * time)
-    for name, side in (("l_ankle", 1.0), ("r_ankle", -1.0)):
-        position[:, at[name], 0] += side * stride
-        position[:, at[name], 1] = side * 0.04
-        position[:, at[name], 2] += 0.1 * np.maximum(side * np.cos(3.0 * np.pi * time), 0.0)
-    share = np.clip(time / 0.4, 0.0, 1.0)[:, None]
-    for name, side in (("l_wrist", 1.0), ("r_wrist", -1.0)):
-        crossed = position[0, at["head"]] + [0.22, -0.18 * side, -0.40 + 0.02 * side]
-        position[:, at[name]] += share * (crossed - position[0, at[name]])
-    return replace(frames, position=position)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from benchmarks.physics_runs import play
+from people import close_passes
 from retarget.model.body_file import compile_body_text
 from retarget.model.robot import load_robot
 from retarget.model.scene_state import SceneState
@@ -18,7 +20,9 @@ from retarget.report.clearance import (
     place_body,
     scene_model,
 )
+from retarget.report.measure import measure
 from retarget.rotations import normalise, to_matrix
+from retarget.run.options import RunOptions
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray, IntArray
 
@@ -260,3 +264,13 @@ def test_a_body_and_its_scene_share_a_model() -> None:
     np.testing.assert_allclose(model.geom_size[np.array([1, 2]) + 5], [[1, 2, 3], [1, 2, 3]])
     top = scene.shapes.names.index("top")
     np.testing.assert_allclose(model.geom_size[obstacles[top]], [0.15, 0.3, 0.008])
+
+
+@pytest.mark.parametrize(
+    "robot", ["op3", *(pytest.param(name, marks=pytest.mark.long) for name in ("poppy", "toddlerbot", "wolfgang"))]
+)
+def test_ankles_that_pass_close_and_crossed_arms_reach_no_robot_as_a_collision(robot: str) -> None:
+    report = measure(play(close_passes(), RunOptions(robot=robot)))
+    assert report.penetrating_frames == 0 and report.gated_frames == 0
+    nearest = report.min_clearance_mm.self
+    assert nearest is not None and nearest > 0.0

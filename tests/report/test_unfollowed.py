@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 
 from benchmarks.physics_runs import play
+from hardware.clock import PacedClock, VirtualClock
+from retarget.cli.exit import StopRequest
+from retarget.cli.run import CommandRun
 from retarget.frames import JointTracks, SensorFrames
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.report.findings import NOT_FOLLOWED, findings
 from retarget.report.measure import measure
+from retarget.report.outputs import Outputs
 from retarget.report.report import Unfollowed
 from retarget.report.tracking import performance_of
-from retarget.report.unfollowed import JOINTS, JUMPS, KNEELS, ON_FLOOR, unfollowed, unfollowed_of
+from retarget.report.unfollowed import JOINTS, JUMPS, KNEELS, ON_FLOOR, UnfollowedNotice, unfollowed, unfollowed_of
 from retarget.rotations import from_axis_angle, multiply, rotate
+from retarget.run import prepare
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
@@ -189,11 +194,58 @@ def test_a_run_says_when_and_what_the_robot_does_instead(name: str, words: str) 
 
 
 @pytest.mark.long
-def test_ten_sensors_know_the_knees_of_a_body_that_is_not_recorded() -> None:
+def test_sensors_on_pelvis_and_knees_know_a_kneel_of_a_body_that_is_not_recorded() -> None:
     run = followed("kneels", performer="ten")
     frames = replace(run.clip.frames, joints=None)
     (found,) = measure(replace(run, clip=replace(run.clip, frames=frames))).unfollowed or ()
     assert found.what == KNEELS and found.from_s == pytest.approx(0.9, abs=0.15)
+
+
+def noticed(run: RunResult) -> list[tuple[float, str]]:
+    """What is named while the rows of a run are filled, with the time of the row, s."""
+    texts, found = list[str](), list[tuple[float, str]]()
+    notice = UnfollowedNotice(run.human.dimensions, dt=run.clip.motion_dt, notify=texts.append)
+    for row, time in enumerate(run.record.time.tolist()):
+        notice(run.record, row)
+        found += [(time, text) for text in texts[len(found) :]]
+    return found
+
+
+@pytest.mark.parametrize("performer", ["six", "ten"])
+def test_a_kneel_is_named_while_it_lasts_with_a_sensor_on_the_pelvis(performer: str) -> None:
+    ((at, words),) = noticed(followed("kneels", performer=performer))
+    assert words == "the performer kneels: the robot squats instead" and 1.0 < at < 1.5
+
+
+def test_a_jump_is_named_as_it_is_over() -> None:
+    ((at, words),) = noticed(followed("jumps"))
+    assert words == "the performer jumps: the robot stays on its soles instead" and 1.7 < at < 2.0
+
+
+@pytest.mark.long
+def test_nothing_is_named_while_the_robot_can_follow() -> None:
+    assert noticed(followed("squats")) == noticed(followed("walks")) == []
+
+
+def test_a_posture_that_comes_again_and_again_is_named_once() -> None:
+    run = followed("jumps")
+    rows = run.record.following
+    said: list[str] = []
+    notice = UnfollowedNotice(run.human.dimensions, dt=run.clip.motion_dt, notify=said.append)
+    for _ in range(3):
+        for row in range(rows.start, rows.stop):
+            notice(run.record, row)
+    assert len(said) == 1
+
+
+def test_a_run_that_is_watched_names_it_on_the_terminal() -> None:
+    options, said = RunOptions(robot="op3", performer="six"), list[str]()
+    command = CommandRun(options, Outputs(), recorded=True, goes_to_rest=False)
+    command.clock, command.notify = PacedClock(wall=VirtualClock()), said.append
+    perform = prepare.performance_of(lambda: clip("kneels"), options.playback)
+    with command.prepared(perform) as prepared, command.viewing(prepared) as page:
+        command.play(prepared, page, lambda: False, StopRequest())
+    assert "the performer kneels: the robot squats instead" in said
 
 
 def test_nothing_is_said_of_legs_that_are_kept_still() -> None:

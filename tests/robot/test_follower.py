@@ -21,7 +21,7 @@ from retarget.model.observers import robot_observers
 from retarget.model.robot import HEAD, TRUNK, RobotBody, load_robot
 from retarget.report import motion_metrics
 from retarget.report.motion_metrics import LimitViolations, limit_violations
-from retarget.robot.crouch_envelope import Envelope, measure_envelope
+from retarget.robot.crouch_envelope import Envelope, measure_envelope, robot_envelope
 from retarget.robot.follower import (
     RESTING_SPEED,
     RESTS_S,
@@ -413,6 +413,20 @@ def test_a_crouch_that_margins_take_away_is_said_and_one_that_is_none() -> None:
     none = measure_envelope(robot, kept, stance, edges=stance.edges(0.01))
     shows(none.note, "cannot crouch")
     assert none.below(0.2).note == none.note
+
+
+def test_an_envelope_is_measured_once_for_a_robot_and_anew_for_other_limits() -> None:
+    robot, stance = op3(), plant(op3(), op3().profile.postures.stand)
+    limits, edges = following_limits(robot, stance), stance.edges(0.01)
+    found = robot_envelope(robot, limits, edges=edges, margin=None)
+    apart = robot_observers(robot).for_solver(robot.body)
+    measured = measure_envelope(robot, limits, stance, edges=edges, observers=apart)
+    assert np.array_equal(found.heights, measured.heights) and np.array_equal(found.lean, measured.lean)
+    assert robot_envelope(robot, limits, edges=edges.copy(), margin=None) is found
+    knee = robot.body.dof_index("l_knee")
+    shallow = replace(limits, upper=np.where(np.arange(robot.body.nv) == knee, 0.5, limits.upper))
+    assert robot_envelope(robot, shallow, edges=edges, margin=None).lowest > found.lowest + 0.02
+    assert robot_envelope(robot, limits, edges=stance.edges(0.02), margin=None) is not found
 
 
 def with_a_belly() -> RobotBody:

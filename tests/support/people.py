@@ -15,6 +15,7 @@ from retarget.model.human_dimensions import PARENTS, POINTS, HumanDimensions
 from retarget.schema.priorities import Priorities, load_priorities
 from retarget.sources.asf_amc import read_amc
 from retarget.types import FloatArray
+from sim.performer import synthetic_performer
 
 TRIALS = ("02_01", "01_01", "05_13", "49_18")
 """One trial of each recorded person."""
@@ -102,3 +103,21 @@ def limbs_rest_as_one(frames: SensorFrames, frame: int = 0) -> None:
             np.testing.assert_allclose(turn[side + end], turn[side + segment], atol=1e-12)
         facing = rotations.rotate(turn["pelvis"], np.array([1.0, 0.0, 0.0]))
         np.testing.assert_allclose(rotations.rotate(turn[side + "wrist"], np.array([1.0, 0.0, 0.0])), facing, atol=1e-9)
+
+
+def close_passes() -> SensorFrames:
+    """Two seconds at 120 Hz: ankles go past each other at 80 mm, and both wrists to the other side of the chest."""
+    frames = synthetic_performer().cut(0.0, 2.0)
+    position = np.repeat(frames.position[:1], len(frames.position), axis=0)
+    time = frames.time - frames.time[0]
+    at = {name: frames.names.index(name) for name in ("l_ankle", "r_ankle", "l_wrist", "r_wrist", "head")}
+    stride = 0.25 * np.sin(3.0 * np.pi * time)
+    for name, side in (("l_ankle", 1.0), ("r_ankle", -1.0)):
+        position[:, at[name], 0] += side * stride
+        position[:, at[name], 1] = side * 0.04
+        position[:, at[name], 2] += 0.1 * np.maximum(side * np.cos(3.0 * np.pi * time), 0.0)
+    share = np.clip(time / 0.4, 0.0, 1.0)[:, None]
+    for name, side in (("l_wrist", 1.0), ("r_wrist", -1.0)):
+        crossed = position[0, at["head"]] + [0.22, -0.18 * side, -0.40 + 0.02 * side]
+        position[:, at[name]] += share * (crossed - position[0, at[name]])
+    return replace(frames, position=position)
