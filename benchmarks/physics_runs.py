@@ -20,6 +20,7 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
+from retarget.types import RunState
 
 
 def timed(bus: ServoBus, spent: list[float]) -> ServoBus:
@@ -77,13 +78,21 @@ class Stood:
     tilt_deg: float
 
 
-def play(frames: SensorFrames, options: RunOptions) -> RunResult:
-    """Run it on a virtual clock; a fall ends it. Raises RetargetError."""
-    bench = PhysicsBench(options, lambda text: None)
+def play(frames: SensorFrames, options: RunOptions, *, stop_s: float | None = None) -> RunResult:
+    """Run it on a virtual clock; a fall ends it, and a stop so many s after it began to follow. Raises
+    RetargetError."""
+    bench, clock, began = PhysicsBench(options, lambda text: None), VirtualClock(), list[float]()
     with prepare(
-        lambda: frames, options, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=options.has_physics
+        lambda: frames, options, clock=clock, make_bus=bench.make_bus, goes_to_rest=options.has_physics
     ) as prepared:
-        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+
+        def stops() -> bool:
+            machine = prepared.machine
+            if not began and machine is not None and machine.supervisor.state is RunState.FOLLOW:
+                began.append(clock.now())
+            return stop_s is not None and bool(began) and clock.now() - began[0] >= stop_s
+
+        run = prepared.run(Watch(stop_asked=bench.watching(stops, prepared)))
     return bench.seen(run)
 
 

@@ -15,7 +15,7 @@ from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock
 from hardware.errors import GuardError
-from hardware.guard_state import FAULTLESS, GuardLimits, Stop, StopCategory, StopCause
+from hardware.guard_state import BEARABLE, FAULTLESS, GuardLimits, Stop, StopCategory, StopCause
 from hardware.joint_map import JointMap
 from hardware.servo_health import ServoHealth
 
@@ -104,8 +104,9 @@ class Guard:
 
     @property
     def may_go_to_rest(self) -> bool:
-        """Whether the robot may go to rest: nothing is wrong with it."""
-        return self.stop is None or (self.stop.cause in FAULTLESS and self.stop.then is None)
+        """Whether the robot may go to rest: nothing is wrong with its servos and its bus."""
+        stop = self.stop
+        return stop is None or (stop.cause in BEARABLE and (stop.then is None or stop.then in BEARABLE))
 
     def present(self) -> FloatArray:
         """The present posture of servos that can be armed, rad (n,).
@@ -187,7 +188,7 @@ class Guard:
         stop = self.stop
         if stop is None:
             self.stop = Stop(cause, reason, self._clock.now())
-        elif cause not in FAULTLESS and stop.then is None and cause is not stop.cause:
+        elif cause not in (*FAULTLESS, stop.cause, stop.then) and (stop.then is None or stop.then in BEARABLE):
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:

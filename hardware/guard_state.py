@@ -37,7 +37,9 @@ class StopCause(Enum):
 
 
 FAULTLESS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
-"""Causes that are no fault of the robot: it may go to rest."""
+"""Causes that are no fault of the robot."""
+BEARABLE = (*FAULTLESS, StopCause.FILTER)
+"""Causes with which the robot may still go to rest."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ class RunState(Enum):
     STOPPING = "stopping"
     RETURN_TO_STANCE = "return to stance"
     GO_TO_REST = "go to rest"
+    STANDING = "standing"
     OFF = "off"
     FAULT = "fault"
 

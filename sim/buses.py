@@ -18,7 +18,7 @@ from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.physics.bus import PhysicsBus, drive_shafts
 from sim.physics.mount import Mount, mount_of
-from sim.physics.perturbation import NOMINAL, Perturbation
+from sim.physics.perturbation import NOMINAL, Perturbation, PerturbationKind, combined, drawn
 from sim.physics.simulation import Simulation
 from sim.physics.witness import Witness, WitnessedBus
 from sim.physics.world import build_world
@@ -106,24 +106,39 @@ def simulation_of(
     return Simulation(world, perturbation=perturbation, seed=seed)
 
 
+TRIALS = 6
+"""Times that a robot is let go at rest: as it is planned, then with masses, centre of mass, friction and stiffness that
+are drawn anew."""
+DRAWN = (
+    PerturbationKind.MASS,
+    PerturbationKind.CENTRE_OF_MASS,
+    PerturbationKind.FRICTION,
+    PerturbationKind.STIFFNESS,
+)
+
+
 def topples_at_rest(robot: RobotBody) -> str | None:
-    """How a robot on its soles goes down, in words, when its torque goes off in its posture `rest`. None: it stays, or
-    it cannot be simulated.
+    """How a robot on its soles goes down, in words, when its torque goes off in its posture `rest`. None: it stays in
+    all `TRIALS`, or it cannot be simulated.
 
     Statics alone cannot tell: a robot at rest leans on stops of joints and on its own links. So it is let go.
     """
     if not robot.stands:
         return None
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
-    try:
-        simulation = simulation_of(robot, start=robot.joint_map.to_ticks(rest))
-        witness = Witness(simulation)
-        for on in (True, False):
-            simulation.switch(np.full(len(rest), on))
-            witness.switched(on)
-            simulation.advance(simulation.time + SETTLE_S * on)
-        witness.see_it_out()
-    except (ConfigError, BusError):  # no masses, or a simulation that diverges
-        return None
-    seen = witness.toppled or witness.fall
-    return None if seen is None else seen.how
+    for seed in range(TRIALS):
+        perturbation = combined([drawn(kind, seed, within=(0, 0)) for kind in DRAWN]) if seed else NOMINAL
+        try:
+            simulation = simulation_of(robot, start=robot.joint_map.to_ticks(rest), perturbation=perturbation)
+            witness = Witness(simulation)
+            for on in (True, False):
+                simulation.switch(np.full(len(rest), on))
+                witness.switched(on)
+                simulation.advance(simulation.time + SETTLE_S * on)
+            witness.see_it_out()
+        except (ConfigError, BusError):  # no masses, or a simulation that diverges
+            return None
+        seen = witness.toppled or witness.fall
+        if seen is not None:
+            return f"{seen.how}, in trial {seed + 1} of {TRIALS}"
+    return None

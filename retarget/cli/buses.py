@@ -91,16 +91,12 @@ class PhysicsBench:
         self._bus: WitnessedBus | None = None
         self._robot: RobotBody
         self._to_push = "push" in options.physics.perturbations
-        self.topples = False
-        """Whether the robot topples at rest when its torque goes off; known once the bus is made."""
+        self._may_topple = False  # at rest, when torque goes off
 
     def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
         """The bus that the options name. Raises RetargetError."""
         options = self._options
-        if options.has_mass:
-            from sim.buses import topples_at_rest
-
-            self.topples = topples_at_rest(robot) is not None
+        self._may_topple = options.has_mass and robot.stands and not robot.profile.postures.stays_at_rest
         if not options.has_physics:
             return make_bus(options.bus, robot, clock, faults=options.faults)
         self._bus = self._physics_bus(robot, clock)
@@ -124,15 +120,15 @@ class PhysicsBench:
         return asked
 
     def warning(self, torque_off_asked: Callable[[], bool]) -> Callable[[], bool]:
-        """`torque_off_asked`, which is asked from the begin of a stop on, and says at first to hold a robot that
-        topples."""
-        left = [HOLD_IT] if self.topples else []
+        """`torque_off_asked`, which is asked from the begin of a stop on, and says at first to hold a robot that may
+        topple."""
+        left = [HOLD_IT] if self._may_topple and self._options.torque_off_at_end else []
 
         def asked() -> bool:
             forced = torque_off_asked()
             if left:
                 with suppress(OSError):  # a lost terminal must not keep a stop from being received
-                    self._notify(f"{left.pop()}: at rest it goes down without torque")
+                    self._notify(f"{left.pop()}: at rest it may go down without torque")
             return forced
 
         return asked

@@ -9,14 +9,13 @@ import typer
 from hardware.bus import BusSpec
 from hardware.errors import counted
 from hardware.servo import DEFAULT_P_GAIN, p_gain
-from retarget.cli.buses import HOLD_IT
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_profile, load_robot
-from retarget.report.rest_check import at_rest, path_to_rest
 from retarget.robot.balance import heaviest_loads
 from retarget.run.options import name_with_mass
+from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
@@ -108,7 +107,7 @@ def _robot(path: Path) -> str:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
     robot = load_robot(path)
     observers = robot_observers(robot)
-    margin, goes_to_rest = check_stand(robot), path_to_rest(robot)
+    margin, to_rest = check_stand(robot), usual_rest_trajectory(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (
         f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
@@ -128,9 +127,10 @@ def _robot(path: Path) -> str:
     if margin is not None:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
         facts["carries"] = "; ".join(map(str, heaviest_loads(robot)))
-        facts["to rest"] = str(goes_to_rest or "nothing is checked")
+        facts["to rest"] = str(to_rest)
         how = topples_at_rest(robot)
-        facts["at rest"] = at_rest(robot) + ("" if how is None else f"; it goes down without torque ({how}): {HOLD_IT}")
+        stays = profile.postures.stays_at_rest
+        facts["at rest"] = f"{at_rest(robot)}; {_rests(how, stays=stays)}"
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
     facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"
@@ -139,9 +139,22 @@ def _robot(path: Path) -> str:
     if marked := marked_lines(read_text(path)):
         shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
         facts["still a draft"] = f"{counted(len(marked), 'line')} marked {DRAFT}, to be corrected or confirmed: {shown}"
-    safe = goes_to_rest is None or goes_to_rest.safe
-    verdict = "good" if safe else "good, but it does not go straight to rest"
+    verdict = "good"
+    if to_rest is not None and not to_rest.is_safe:
+        verdict = "good, but its way to rest is not safe"
+    elif margin is not None and how is not None and stays:
+        verdict = "good, but it does not stay at rest: correct postures.rest, or take out stays_at_rest"
     return _paragraph("robot", profile, path, facts, verdict=verdict)
+
+
+def _rests(how: str | None, *, stays: bool) -> str:
+    """How a robot is at rest without torque, in words. how: it goes down in simulation; stays: by its profile."""
+    if how is not None:
+        says = "though its profile says that it stays" if stays else "so a run ends standing, with torque"
+        return f"it goes down without torque ({how}), {says}"
+    if stays:
+        return "it stays there without torque, as tried in simulation"
+    return "it stays there without torque in simulation: write `stays_at_rest: true`, and runs end there"
 
 
 def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Protocol
 from hardware.clock import Clock
 from hardware.errors import HardwareError
 from hardware.guard import Torque
+from hardware.guard_state import Stop
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.application import USUAL
 from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
@@ -723,6 +724,7 @@ TORQUE_WORDS = {
     Torque.UNCONFIRMED: "torque is not confirmed to be off: cut the power by hand",
 }
 """What is said of the torque of a robot when its run has ended."""
+STILL_STANDS = "torque is on: the simulated robot stands"
 
 
 def announced(
@@ -733,11 +735,12 @@ def announced(
     too_soon: Callable[[], int],
 ) -> Callable[[], bool]:
     """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
-    summary; and once that a stop key was pressed too soon (`too_soon`: how often) to count."""
-    said = ignored = False
+    summary; once how a robot that stands at the end gets its torque switched off; and once that a stop key was pressed
+    too soon (`too_soon`: how often) to count."""
+    said = ignored = stands = False
 
     def asked() -> bool:
-        nonlocal said, ignored
+        nonlocal said, ignored, stands
         forced, stop = torque_off_asked(), machine.guard.stop
         if too_soon() and not (ignored or forced):
             ignored = True
@@ -745,15 +748,24 @@ def announced(
                 notify(TOO_SOON)
         if stop is not None and not said:
             said = True
-            rests = machine.goes_to_rest and machine.guard.may_go_to_rest
-            then = "it brakes and goes to rest" if rests else "it brakes"
-            again = "once more" if stop.reason in (*REASONS.values(), *SUSPENDED.values()) else "twice"
+            then = machine.end_plan.end.value if machine.guard.may_go_to_rest else "it brakes"
+            again = _again(stop)
             next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {again}: torque off at once)"
             with suppress(OSError):  # a lost terminal must not keep a second press from being received
                 notify(f"stopping: {stop.reason}: {next_step}")
+        if machine.supervisor.state is RunState.STANDING and machine.waits and not stands:
+            stands = True
+            with suppress(OSError):
+                notify(f"hold the robot, then press Ctrl-C {_again(stop)}: torque goes off")
         return forced
 
     return asked
+
+
+def _again(stop: Stop | None) -> str:
+    """How often Ctrl-C is to be pressed now to switch torque off."""
+    pressed = stop is not None and stop.reason in (*REASONS.values(), *SUSPENDED.values())
+    return "once more" if pressed else "twice, a second apart"
 
 
 # The state and duration of a live run on a terminal; nothing in a pipe.
@@ -765,6 +777,8 @@ STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_T
 
 def words_for(status: LiveStatus) -> str:
     """The present state in a few words."""
+    if status.state == RunState.STANDING.value:
+        return "standing, with torque"
     if status.stop is not None or status.state in STOPS:
         return "stopping"
     if status.let_go:

@@ -157,7 +157,7 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
     from retarget.recording.goal_playback import goal_playback
     from retarget.report.outputs import Outputs
 
-    command = CommandRun(options, Outputs(), recorded=True, goes_to_rest=True)
+    command = CommandRun(options, Outputs(), recorded=True)
     clock, make_bus = command.clock, command.bench.make_bus
     with detached_screens(), ExitStack() as signals:
         with goal_playback(

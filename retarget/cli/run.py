@@ -27,6 +27,7 @@ from retarget.cli.controls import (
     GOES_ON,
     HELP,
     NEVER_GOES_ON,
+    STILL_STANDS,
     TORQUE_WORDS,
     Control,
     ControlSocket,
@@ -101,9 +102,9 @@ class CommandRun:
     """Options, clock, bus and recorder of one run. A run of a recorded performer (`recorded`) on simulated servos is
     played as fast as it goes; a viewer shows it in real time."""
 
-    def __init__(self, options: RunOptions, outputs: Outputs, *, recorded: bool, goes_to_rest: bool) -> None:
+    def __init__(self, options: RunOptions, outputs: Outputs, *, recorded: bool) -> None:
         """Raises UsageError where no recording can be."""
-        self.options, self.outputs, self.goes_to_rest = options, outputs, goes_to_rest
+        self.options, self.outputs = options, outputs
         self.clock: Clock = MonotonicClock()
         if recorded and options.simulated:
             self.clock = VirtualClock() if outputs.view is None else PacedClock()
@@ -112,7 +113,7 @@ class CommandRun:
             outputs.record,
             options,
             clock=self.clock,
-            goes_to_rest=goes_to_rest,
+            goes_to_rest=True,
             notify=log,
             overwrite=outputs.overwrite,
             truth=self.bench.truth,
@@ -129,7 +130,7 @@ class CommandRun:
             self.options,
             clock=self.recorder.clock,
             make_bus=self.recorder.make_bus(self.bench.make_bus),
-            goes_to_rest=self.goes_to_rest,
+            goes_to_rest=True,
             notify=self.notify,
             supervisor=supervisor,
             robot=robot,
@@ -203,7 +204,8 @@ class CommandRun:
             watch = _naming(watch, recorded, self.notify)
         result = recorded.run(watch)
         if recorded.machine is not None and recorded.has_bus:
-            log(TORQUE_WORDS[recorded.machine.guard.torque])
+            stands = recorded.machine.supervisor.state is RunState.STANDING
+            log(STILL_STANDS if stands else TORQUE_WORDS[recorded.machine.guard.torque])
         real_time = not isinstance(self.clock, VirtualClock)
         return replace(result, setup=replace(result.setup, real_time=real_time))
 
@@ -246,7 +248,7 @@ def follow_clip(
     cannot be run; then nothing has moved and nothing is written.
     """
     refuse_scheduling(scheduling)
-    run = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
+    run = CommandRun(options, outputs, recorded=True)
     with detached_screens(), ExitStack() as signals:
         with run.prepared(performance_of(read, options.playback)) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
@@ -383,7 +385,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
     """
     begins = live.begins(source, options.playback)
     address = parse_address(source)
-    run = CommandRun(options, outputs, recorded=address.kind == "replay", goes_to_rest=True)
+    run = CommandRun(options, outputs, recorded=address.kind == "replay")
     clock = run.clock
     refuse_oversight(live.oversight, virtual=type(clock) is VirtualClock)
     with detached_screens(), ExitStack() as stack:
@@ -611,7 +613,7 @@ def check_request(request: RunRequest, session: Session = None) -> None:
     listened to; in place of a live performer the sample performs. Results of a run before may be there."""
     options, outputs = replace(request, overwrite=True).checked()
     refuse_scheduling(request.live.oversight.scheduling)
-    command = CommandRun(options, outputs, recorded=True, goes_to_rest=options.has_mass)
+    command = CommandRun(options, outputs, recorded=True)
     perform = performance_of(partial(request.file.open, request.source), options.playback)
     if is_address(request.source):
         request.live.begins(request.source, options.playback)

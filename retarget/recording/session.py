@@ -20,7 +20,20 @@ from retarget.schema.priorities import Steps, self_contained
 FORMAT: Final = 3
 """Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
-OPTIONS = ("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "gate", "scene", "allow_contact")
+ENDS = ("stand_at_end", "torque_off_at_end")
+OPTIONS = (
+    "robot",
+    "bus",
+    "performer",
+    "priorities",
+    "iterations",
+    "parts",
+    "steps",
+    "gate",
+    "scene",
+    "allow_contact",
+    *ENDS,
+)
 OF_PHYSICS = ("mount", "hook", "seed", "perturbations")
 """Fields of a session that are those of `RunOptions` and of `PhysicsOptions`."""
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -66,6 +79,8 @@ class Session(_Strict):
     gate: bool
     scene: str | None
     allow_contact: bool
+    stand_at_end: bool = False  # in recordings of before there was a choice
+    torque_off_at_end: bool = True  # as all did then
     mount: str | None
     hook: str | None
     seed: int

@@ -4,6 +4,7 @@
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
@@ -400,13 +401,22 @@ REST_WITHIN_S = 1.9
 
 
 class GoToRest(Controller):
-    """Moves from where the robot stands through the keyframes of the profile (`postures.to_rest`) to posture `rest`.
+    """Moves from where the robot stands through keyframes to posture `rest`.
 
     Where the gate refuses a goal, the robot holds, and tries again from there."""
 
-    def __init__(self, robot: RobotBody, follower: Follower, commanded: Commanded, *, dt: float) -> None:
-        self._robot, self._follower, self._commanded, self._dt = robot, follower, commanded, dt
-        self._keyframes: list[FloatArray] = []
+    def __init__(
+        self,
+        robot: RobotBody,
+        commanded: Commanded,
+        keyframes: Sequence[str],
+        *,
+        dt: float,
+        pass_time: Callable[[float], object] = lambda dt: None,
+    ) -> None:
+        """keyframes: names of postures of the profile, the last is `rest`. pass_time: receives `dt` s in every tick."""
+        self._robot, self._commanded, self._dt, self._pass_time = robot, commanded, dt, pass_time
+        self._names, self._keyframes = keyframes, list[FloatArray]()
         self._move: SlowMove | None = None
 
     @property
@@ -416,8 +426,7 @@ class GoToRest(Controller):
 
     def begin(self) -> None:
         """Begin where the robot was commanded to."""
-        postures = self._robot.profile.postures
-        angles = [getattr(postures, name) for name in postures.to_rest]
+        angles = [getattr(self._robot.profile.postures, name) for name in self._names]
         self._keyframes = [self._robot.posture(one)[self._robot.servo_columns] for one in angles]
         servos, caps = self._robot.joint_map, self._robot.profile.safety.speed_caps
         path = np.abs(np.diff([self._commanded.joints, *self._keyframes], axis=0)).max(axis=0)  # (n,) longest move
@@ -427,7 +436,7 @@ class GoToRest(Controller):
     def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: the robot has to stand first."""
         assert self._move is not None, "the state has begun"
-        self._follower.pass_time(self._dt)
+        self._pass_time(self._dt)
         while self._keyframes and self._move.is_at(self._keyframes[0]):
             self._keyframes.pop(0)
         if not self._keyframes:
@@ -469,9 +478,11 @@ class RobotMotion:
         first: SensorSample,
         pace: Pace,
         goals: FloatArray | None = None,
+        keyframes: Sequence[str] | None = None,
     ) -> None:
         """first: the sample that the robot approaches. goals (T, n): rad, recorded ones that it sends, a row a tick,
-        instead of following. Raises RetargetError where the posture to approach is not known."""
+        instead of following. keyframes: of its way to rest; None: those of the profile. Raises RetargetError where the
+        posture to approach is not known."""
         self._follower, self._gate, dt = follower, gate, pace.dt
         human = reconstructor.start(first)
         self.commanded = commanded = Commanded(robot, dt=dt)
@@ -479,7 +490,8 @@ class RobotMotion:
         self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
         self._playback = None if goals is None else GoalPlayback(robot, commanded, goals, dt=dt)
         self._stop = WholeBodyStop(robot, follower, commanded, self.approach, dt=dt)
-        self._to_rest = GoToRest(robot, follower, commanded, dt=dt)
+        keyframes = robot.profile.postures.to_rest if keyframes is None else keyframes
+        self._to_rest = GoToRest(robot, commanded, keyframes, dt=dt, pass_time=follower.pass_time)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
             RunState.FOLLOW: self._playback or self.follow,
@@ -487,6 +499,7 @@ class RobotMotion:
             RunState.STOPPING: self._stop,
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
             RunState.GO_TO_REST: self._to_rest,
+            RunState.STANDING: self._stop,
         }
         self._state = RunState.OFF  # of the last target
 

@@ -3,7 +3,7 @@
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,10 +19,12 @@ from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
 from retarget.run.controllers import RobotMotion, Target, rest_joints
 from retarget.run.record import Phase, Record, TickRecorder
+from retarget.run.rest_trajectory import EndPlan
 from retarget.run.supervisor import (
     AT_RISK,
     LONGEST_BRAKE_S,
     LONGEST_STOP_S,
+    End,
     Event,
     Situation,
     Supervisor,
@@ -37,6 +39,9 @@ LATE, MANY_LATE = 0.35, 0.01
 """A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 """States in which the robot brakes and waits while the bus is silent."""
+STOOD_S = 1.0
+"""Time, s, that a simulated robot stands at the end of a run, to be seen standing."""
+STANDS = "the run ends standing, with torque: {}"
 NEAR_REST = 0.2
 """A robot is at rest when no joint is farther than this from posture `rest`, rad."""
 
@@ -96,8 +101,9 @@ class Ending:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """A robot that can run. goes_to_rest: a stop ends in the profile's posture `rest`. notify: receives warnings about
-    servos, a sentence each. goals (T, n): rad, recorded ones that are sent instead of following."""
+    """A robot that can run. waits: a robot that stands at the end waits for the operator to switch its torque off.
+    notify: receives warnings about servos, a sentence each. goals (T, n): rad, recorded ones that are sent instead of
+    following."""
 
     robot: RobotBody
     follower: Follower
@@ -106,22 +112,31 @@ class Machine:
     supervisor: Supervisor
     clock: Clock
     dt: float
-    goes_to_rest: bool = False
+    end_plan: EndPlan = field(default_factory=EndPlan)
+    waits: bool = True
     notify: Notify = lambda text: None
     goals: FloatArray | None = None
 
+    @property
+    def why_standing(self) -> str:
+        """The reason for which the robot stands with torque at the end, in words; "" where it does not."""
+        if self.supervisor.state is not RunState.STANDING:
+            return ""
+        return self.end_plan.why or f"it did not get to rest: {self.refused or 'the way there failed'}"
+
     def not_at_rest(self) -> tuple[str, ...]:
-        """A note about a robot on its soles whose torque went off away from rest, though nothing was wrong with it."""
-        states, robot = self.guard.states, self.robot
-        if states is None or not (self.goes_to_rest and robot.stands and self.supervisor.state is RunState.OFF):
+        """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it."""
+        states, robot, state = self.guard.states, self.robot, self.supervisor.state
+        if state is RunState.STANDING:
+            return (f"it ended standing, with torque: {self.why_standing}",)
+        if states is None or state is not RunState.OFF or self.end_plan.end is End.BRAKED or not robot.stands:
             return ()
         off = np.abs(robot.joint_map.to_radians(states.position) - rest_joints(robot))
         worst = int(off.argmax())
         if off[worst] <= NEAR_REST:
             return ()
         where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-        why = f"; {self.refused}" if self.refused else ""
-        return (f"not at rest: the robot did not get there in time; torque went off with {where}{why}",)
+        return (f"not at rest: the operator switched torque off with {where}",)
 
     @property
     def refused(self) -> str:
@@ -152,8 +167,9 @@ class Loop:
             first=first,
             pace=samples,
             goals=machine.goals,
+            keyframes=machine.end_plan.keyframes,
         )
-        stopping = LONGEST_STOP_S if machine.goes_to_rest else LONGEST_BRAKE_S
+        stopping = LONGEST_BRAKE_S if machine.end_plan.end is End.BRAKED else LONGEST_STOP_S
         self._recorder = TickRecorder(
             samples,
             motion.follow.human,
@@ -178,9 +194,10 @@ class Loop:
         try:
             self._arm()
             with _without_garbage_collection():
-                while not self._machine.supervisor.over:
+                while not self._over:
                     self.tick()
-            self._release()
+            if self._machine.supervisor.over:
+                self._release()
         except BaseException as error:
             self._give_up(error)
             raise
@@ -188,6 +205,13 @@ class Loop:
         with suppress(Exception):  # who looks on must not lose the run
             self._watch.on_tick(self._samples.ticks)
         return Ending(*self._recorder.finish(), state, None if stop is None else stop.reason, self._late_ticks)
+
+    @property
+    def _over(self) -> bool:
+        """True if the run is over: torque may go off, or a simulated robot has stood for a moment."""
+        supervisor, clock = self._machine.supervisor, self._machine.clock
+        stands = supervisor.state is RunState.STANDING and not self._machine.waits
+        return supervisor.over or (stands and clock.now() - supervisor.since >= STOOD_S)
 
     def tick(self) -> None:
         """One tick. An exception anywhere in it becomes a transition, and the robot brakes, or torque goes off."""
@@ -211,9 +235,11 @@ class Loop:
         with self._looking():
             self._samples.poll()
         self._read()
-        state = self._change_state(asked)
+        before, state = machine.supervisor.state, self._change_state(asked)
         if machine.supervisor.over:
             return
+        if state is RunState.STANDING and before is not state:
+            machine.tell(STANDS.format(machine.why_standing))
         goal, target, wanted = self._unwritten(), None, None
         if goal is None:
             wanted = self._target(state)
@@ -287,6 +313,8 @@ class Loop:
         with self._looking():
             if self._machine.supervisor.state in AT_RISK:
                 situation.stop = watch.why() if watch.stop_asked() else None
+            elif self._machine.supervisor.state is RunState.STANDING:
+                situation.released = watch.torque_off_asked()
             else:
                 situation.torque_off = FORCED_STOP if watch.torque_off_asked() else None
         return situation
@@ -299,7 +327,7 @@ class Loop:
             arrived=motion.has_arrived(self._machine.supervisor.state),
             stands=motion.stands,
             straight=motion.on_approach,
-            goes_to_rest=self._machine.goes_to_rest,
+            end=self._machine.end_plan.end,
         )
 
     def _read(self) -> None:

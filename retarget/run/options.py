@@ -123,6 +123,8 @@ class RunOptions:
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
         allow_contact: Begin also where the body touches the scene.
+        stand_at_end: End standing, with torque, until you hold the robot and switch torque off.
+        torque_off_at_end: Go to rest and switch torque off also where the robot may not stay at rest.
         parts whole|upper: What follows; 'upper' keeps the legs still.
         steps WAY: When the performer lifts a foot: planted, shift (steps in place), follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
@@ -147,6 +149,8 @@ class RunOptions:
     gate: bool = True
     scene: str | None = None
     allow_contact: bool = False
+    stand_at_end: bool = False
+    torque_off_at_end: bool = False
     faults: Path | None = None
     physics: PhysicsOptions = field(default_factory=PhysicsOptions)
     playback: Playback = field(default_factory=Playback)
@@ -174,6 +178,8 @@ class RunOptions:
             raise UsageError("only a simulated robot with mass takes this", where=given, found=bus, allowed=allowed)
         if not self.gate and not self.simulated:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=bus)
+        if self.stand_at_end and self.torque_off_at_end:
+            raise UsageError("a run has one end", where="--stand-at-end", found="--torque-off-at-end as well")
         if self.steps == "shift" and self.parts != "whole":
             raise UsageError("legs that do not move make no steps", where="--steps", found=f"--parts {self.parts}")
 

@@ -30,6 +30,7 @@ from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
+from retarget.run.rest_trajectory import EndPlan, plan_end
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
@@ -192,10 +193,10 @@ def prepare_for(
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    goes_to_rest: a run, and a stop, ends in the robot's rest posture. notify: receives notes, each as soon as it is
-    known, and warnings about servos. robot: replaces the one that the options name. has_deadlines: whether a late tick
-    stops the robot; None: where the bus is real, for simulated servos wait for a slow host. supervisor: of a run whose
-    performer is waited for and measured first; None: a new one.
+    goes_to_rest: a run, and a stop, ends at rest, or standing (see `plan_end`); else where the robot has braked.
+    notify: receives notes, each as soon as it is known, and warnings about servos. robot: replaces the one that the
+    options name. has_deadlines: whether a late tick stops the robot; None: where the bus is real, for simulated servos
+    wait for a slow host. supervisor: of a run whose performer is waited for and measured first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer_name)
@@ -213,13 +214,28 @@ def prepare_for(
     dt = human.samples.dt
     bus = make_bus(robot, clock)
     follower, gate = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
-    of_follower = tuple(filter(None, (follower.note,)))
+    end = EndPlan()
+    if goes_to_rest:
+        tried = make_gate(robot, follower, for_robot, checks=options.gate, dt=dt)
+        end = plan_end(robot, follower.stance, tried, options, dt=dt)
+    of_follower = tuple(filter(None, (follower.note, end.note)))
     _say(of_follower, notify)
     late = not options.simulated if has_deadlines is None else has_deadlines
     limits = _limits(robot, has_deadlines=late)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
     supervisor = supervisor or Supervisor(notify=notify)
-    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, goes_to_rest=goes_to_rest, notify=notify)
+    machine = Machine(
+        robot,
+        follower,
+        gate,
+        guard,
+        supervisor,
+        clock,
+        dt,
+        end_plan=end,
+        waits=not options.simulated,
+        notify=notify,
+    )
     prepared = replace(
         human,
         machine=machine,

@@ -31,7 +31,7 @@ LONGEST_BRAKE_S = 2.0
 LONGEST_RETURN_S = 15.0
 """Longest return to stance; then the robot goes to rest from where it is."""
 LONGEST_TO_REST_S = 24.0
-"""Longest way to rest from there; then torque goes off where the robot is."""
+"""Longest way to rest from there; then the robot holds where it is."""
 LONGEST_STOP_S = 2.0 * LONGEST_BRAKE_S + LONGEST_RETURN_S + LONGEST_TO_REST_S
 """Longest stop as a whole: from then on the time limit of each of its states is over."""
 COMMANDED_S = 0.5
@@ -50,6 +50,7 @@ STATES: dict[RunState, StateRow] = {
     RunState.STOPPING: StateRow("the whole-body stop", True, LONGEST_BRAKE_S),
     RunState.RETURN_TO_STANCE: StateRow("the return to stance", True, LONGEST_RETURN_S),
     RunState.GO_TO_REST: StateRow("the keyframes of the profile", True, LONGEST_TO_REST_S),
+    RunState.STANDING: StateRow("nothing; holds until the operator switches torque off", True),
     RunState.OFF: StateRow("nothing"),
     RunState.FAULT: StateRow("nothing; a person looks at the reason"),
 }
@@ -58,6 +59,7 @@ STATES: dict[RunState, StateRow] = {
 class Event(Enum):
     """What makes a state change. Of several in one tick, the first of this list that the present state has counts."""
 
+    RELEASED = "the operator, who holds the robot, switches torque off"
     TORQUE_OFF = "torque off is asked for, the bus is lost, or a tick fails and the robot cannot brake"
     FAULT = "a fault of the robot is latched"
     STOP = "a stop is asked for or latched"
@@ -70,6 +72,7 @@ class Event(Enum):
     ARRIVED = "the controller has arrived"
     STANDS_ON_SOLES = "the robot stands, and may go to rest by way of its stance"
     STANDS_ON_ITS_WAY = "the robot stands on its straight approach, or has tried to return to stance: it may go to rest"
+    ENDS_STANDING = "the robot stands in its stance, or on its way there, and is to stay so"
     STANDS = "the robot stands, and is not to go to rest"
     STANDS_WITH_FAULT = "the robot stands, with a fault"
     DATA = "every needed sensor is fresh"
@@ -125,6 +128,7 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.STOPPING, _E.TIMEOUT): _TORQUE_OFF,
     (_S.STOPPING, _E.STANDS_ON_SOLES): Transition(_S.RETURN_TO_STANCE),
     (_S.STOPPING, _E.STANDS_ON_ITS_WAY): Transition(_S.GO_TO_REST),
+    (_S.STOPPING, _E.ENDS_STANDING): Transition(_S.STANDING),
     (_S.STOPPING, _E.STANDS): Transition(_S.OFF),
     (_S.STOPPING, _E.STANDS_WITH_FAULT): Transition(_S.FAULT),
     (_S.RETURN_TO_STANCE, _E.TORQUE_OFF): _TORQUE_OFF,
@@ -132,11 +136,16 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.RETURN_TO_STANCE, _E.FAILED): _STOP,
     (_S.RETURN_TO_STANCE, _E.TIMEOUT): _STOP,
     (_S.RETURN_TO_STANCE, _E.ARRIVED): Transition(_S.GO_TO_REST),
+    (_S.RETURN_TO_STANCE, _E.ENDS_STANDING): Transition(_S.STANDING),
     (_S.GO_TO_REST, _E.TORQUE_OFF): _TORQUE_OFF,
     (_S.GO_TO_REST, _E.FAULT): _STOP,
-    (_S.GO_TO_REST, _E.FAILED): _STOP,
-    (_S.GO_TO_REST, _E.TIMEOUT): Transition(_S.OFF),
+    (_S.GO_TO_REST, _E.FAILED): Transition(_S.STANDING),
+    (_S.GO_TO_REST, _E.TIMEOUT): Transition(_S.STANDING),
     (_S.GO_TO_REST, _E.ARRIVED): Transition(_S.OFF),
+    # A robot that cannot go to rest keeps its torque until the operator, a servo or the bus says otherwise.
+    (_S.STANDING, _E.RELEASED): Transition(_S.OFF),
+    (_S.STANDING, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.STANDING, _E.FAULT): Transition(_S.FAULT, _C.BRAKE_AND_TORQUE_OFF),
     (_S.OFF, _E.TORQUE_OFF): _TORQUE_OFF,
 }
 """All transitions. An event that a state has no row for changes nothing."""
@@ -145,15 +154,26 @@ AT_RISK = (RunState.APPROACH, RunState.FOLLOW, RunState.HOLD)
 """States in which the robot moves with the performer."""
 
 
+class End(Enum):
+    """How a run ends. The value says it to the operator."""
+
+    AT_REST = "it brakes and goes to rest"
+    """In posture `rest`, without torque."""
+    STANDING = "it brakes, returns to its stance and stands there, with torque"
+    """Until the operator switches torque off."""
+    BRAKED = "it brakes"
+    """Where it has braked, without torque: nothing would go down."""
+
+
 @dataclass(slots=True)
 class Situation:
     """What one tick knows. followable: whether the performer can be followed now; hold_reason: why not.
 
     paused: the operator pauses the robot: then a hold has no limit in time. approached: whether the approach is over.
     arrived: whether the controller of the present state has arrived. stands: whether nothing is left to brake;
-    straight: whether that is on the straight part of the approach. goes_to_rest: a stop ends in posture `rest`, else
-    where the robot has braked. over: the performance is. stop: why a stop is asked
-    for; torque_off: why torque is to go off at once.
+    straight: whether that is on the straight part of the approach. end: how the run is to end. over: the performance
+    is. stop: why a stop is asked for; torque_off: why torque is to go off at once. released: the operator switches
+    torque off at the end.
     """
 
     followable: bool = False
@@ -163,10 +183,11 @@ class Situation:
     arrived: bool = False
     stands: bool = False
     straight: bool = False
-    goes_to_rest: bool = False
+    end: End = End.BRAKED
     over: bool = False
     stop: str | None = None
     torque_off: str | None = None
+    released: bool = False
 
 
 class Supervisor:
@@ -233,7 +254,7 @@ class Supervisor:
         elif self.state is RunState.RETURN_TO_STANCE:
             self.take(Event.FAILED, now)
             self._give_up_return(error)
-        else:  # from where a way to rest fails, there is no other
+        else:
             guard.latch(StopCause.FILTER if self.state is RunState.GO_TO_REST else cause, error)
             self.take(Event.FAILED, now)
 
@@ -243,6 +264,8 @@ class Supervisor:
 
     def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
         """What is the case now, in the order of `Event`."""
+        if situation.released:
+            yield Event.RELEASED
         if situation.torque_off is not None or guard.torque is not Torque.ON:
             yield Event.TORQUE_OFF
         if not guard.may_go_to_rest:
@@ -260,17 +283,19 @@ class Supervisor:
         else:
             yield Event.RESUME if situation.approached else Event.RESUME_APPROACH
         if situation.arrived:
-            yield Event.ARRIVED
+            stays = situation.end is End.STANDING and self.state is RunState.RETURN_TO_STANCE
+            yield Event.ENDS_STANDING if stays else Event.ARRIVED
         if situation.stands:
             yield self._stands(situation, guard)
 
     def _stands(self, situation: Situation, guard: Guard) -> Event:
         if not guard.may_go_to_rest:
             return Event.STANDS_WITH_FAULT
-        if not situation.goes_to_rest:
+        if situation.end is End.BRAKED:
             return Event.STANDS
-        tried = RunState.RETURN_TO_STANCE in self._entered
-        return Event.STANDS_ON_ITS_WAY if situation.straight or tried else Event.STANDS_ON_SOLES
+        if not situation.straight and RunState.RETURN_TO_STANCE not in self._entered:
+            return Event.STANDS_ON_SOLES
+        return Event.STANDS_ON_ITS_WAY if situation.end is End.AT_REST else Event.ENDS_STANDING
 
     def _latch(self, event: Event, now: float, situation: Situation, guard: Guard) -> None:
         """Latch why, where a transition stops the robot."""

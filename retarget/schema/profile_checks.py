@@ -271,7 +271,7 @@ def _side(start: Point2, end: Point2, point: Point2) -> float:
 
 def _postures(profile: RobotProfile, document: Document) -> Iterable[Problem]:
     joints = keys_of(document, "servos")
-    for name in (key for key in Postures.model_fields if key != "to_rest"):
+    for name in (key for key in Postures.model_fields if key not in ("to_rest", "stays_at_rest")):
         posture = getattr(profile.postures, name, None)  # absent where the section is not valid
         if posture is None:
             continue

@@ -240,8 +240,11 @@ class Postures(Schema):
     to_rest: Annotated[
         tuple[Literal["neutral", "stand", "rest", "attractor"], ...], Field(min_length=1, max_length=3)
     ] = ("rest",)
-    """The keyframes through which the robot goes to rest, in order; the last is `rest`. Each takes up to 2 s, of a warm
+    """Keyframes through which the robot goes to rest, in order; the last is `rest`. Each takes up to 2 s, of a warm
     robot up to 8 s."""
+    stays_at_rest: bool = False
+    """True if the robot lies, sits or leans by itself in `rest` when torque goes off; `retarget check` tries it in
+    simulation. Where it is not known, a robot on its soles ends a run standing, with torque."""
 
 
 class Landmark(Schema):

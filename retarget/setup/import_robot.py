@@ -11,7 +11,7 @@ from retarget.ik.support_polygon import check_stand
 from retarget.model.body import body_from_file
 from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.robot import load_uncalibrated
-from retarget.report.rest_check import at_rest
+from retarget.run.rest_trajectory import at_rest
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path
 from retarget.schema.profile import marked_lines

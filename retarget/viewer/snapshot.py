@@ -22,6 +22,7 @@ STATE_WORDS = {
     RunState.STOPPING: "stopping",
     RunState.RETURN_TO_STANCE: "returning to its stance",
     RunState.GO_TO_REST: "going to rest",
+    RunState.STANDING: "standing, with torque",
     RunState.OFF: "ended",
     RunState.FAULT: "stopped",
 }

@@ -186,10 +186,10 @@ LOOK_S = 0.008
 
 
 class Witness:
-    """state: as of the last `look`. log: of every look since torque first went on. at_rest: whether the robot
-    was in its rest posture when its torque went off last: then going down is sitting down. fall: the first; None: it
-    has not fallen, or hangs. toppled: how a robot at rest went down when its torque went off, if it did not stay
-    sitting; that is no `fall`, but no good rest posture either."""
+    """state: as of the last `look`. log: of every look since torque first went on. powered: whether the servos have
+    torque. at_rest: whether the robot was in its rest posture when its torque went off last: then going down is sitting
+    down. fall: the first; None: it has not fallen, or hangs. toppled: how a robot at rest went down when its torque
+    went off, if it did not stay sitting; that is no `fall`, but no good rest posture either."""
 
     def __init__(self, simulation: Simulation) -> None:
         world = simulation.world
@@ -198,7 +198,7 @@ class Witness:
         self._watch = FallWatch(world.robot) if world.mount.support is Support.FLOOR else None
         self.fall: Fall | None = None
         self.toppled: Fall | None = None
-        self._powered = False
+        self.powered = False
         self.at_rest = False
         self.state: PhysicsState = self._reader.read()
         self.log = PhysicsLog(
@@ -226,9 +226,9 @@ class Witness:
 
     def switched(self, on: bool) -> None:
         """Note that torque has been switched."""
-        if self._powered and not on and self._watch is not None:
+        if self.powered and not on and self._watch is not None:
             self.at_rest = self._watch.at_rest(self._reader.read().q)
-        self._powered = on
+        self.powered = on
 
     def see_it_out(self) -> None:
         """Watch for AFTERMATH_S on the simulation's own time."""
@@ -239,14 +239,14 @@ class Witness:
             self._judge(self._reader.read())
 
     def _judge(self, state: PhysicsState) -> None:
-        sits = self.at_rest and not self._powered
+        sits = self.at_rest and not self.powered
         if self._watch is None or (self.toppled if sits else self.fall) is not None:
             return
         how = self._watch.look(state)
         if how is not None and sits:
-            self.toppled = Fall(state.time, how, self._powered)
+            self.toppled = Fall(state.time, how, self.powered)
         elif how is not None:
-            self.fall = Fall(state.time, how, self._powered)
+            self.fall = Fall(state.time, how, self.powered)
 
 
 # Any bus above a simulated robot, with a witness at each read.
@@ -282,13 +282,14 @@ class WitnessedBus:
             self.witness.switched(on)
 
     def close(self) -> None:
-        """Close it, then watch for AFTERMATH_S whether the robot falls. Raises BusError as it does."""
+        """Close it, then watch for AFTERMATH_S whether a robot without torque falls; one that has it still stands, and
+        is not looked at any more. Raises BusError as it does."""
+        stands = self.witness.powered
         try:
             self._bus.close()
         finally:
-            if not self._seen_out:
+            if not (self._seen_out or stands):
                 self._seen_out = True
-                self.witness.switched(False)
                 self.witness.see_it_out()
 
 

@@ -10,7 +10,7 @@ from guard_rig import DT, MAP, START, Rig
 from hardware.bus import ServoAlert
 from hardware.errors import BusError, GuardError
 from hardware.guard import CUT_POWER, TORQUE_OFF, CheckedGoal, Torque
-from hardware.guard_state import FAULTLESS, GuardLimits, StopCause
+from hardware.guard_state import BEARABLE, GuardLimits, StopCause
 from messages import refuses, shows
 from retarget.safety.gate import Gate
 
@@ -184,7 +184,7 @@ def test_the_first_reason_stays_and_one_later_fault_is_added() -> None:
 def test_the_robot_goes_to_rest_only_if_it_has_no_fault(cause: StopCause) -> None:
     rig = moving()
     rig.guard.latch(cause, "why")
-    assert rig.guard.may_go_to_rest == (cause in FAULTLESS)
+    assert rig.guard.may_go_to_rest == (cause in BEARABLE)
 
 
 def test_a_latched_stop_keeps_the_robot_from_being_armed_again() -> None:

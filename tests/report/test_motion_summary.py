@@ -9,21 +9,18 @@ import numpy as np
 import pytest
 
 from followers import DT, op3
-from messages import shows
 from observed import ZONE, Done, act, human, raised, robot, scene_of, sphere, without_observers
 from retarget import rotations
 from retarget.cli import main
 from retarget.frames import SensorFrames
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import load_robot
 from retarget.report.motion_metrics import jerk_p95, observer_activity
 from retarget.report.motion_summary import find_jumps, summarise
-from retarget.report.rest_check import PathToRest, at_rest, path_to_rest
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.sources.asf_amc import read_amc
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
-from unknown_robots import SHIPPED as ROBOTS
 
 
 @pytest.fixture(scope="module")
@@ -170,63 +167,6 @@ def test_what_is_asked_jumps_and_what_is_sent_does_not(run: Arrays) -> None:
     assert reached.max() < 0.008  # 1 m/s
     # Nor does a landmark change what it moves in a tick by an eighth of the jump.
     assert np.abs(np.diff(reached[after_jump(-0.02)], axis=0)).max() < 0.00125
-
-
-# The last part of the rest trajectory is checked before anything moves.
-
-
-def resting(robot: RobotBody, **changed: float) -> RobotBody:
-    """With other angles in `rest`."""
-    postures = robot.profile.postures
-    rest = postures.rest | changed
-    return replace(
-        robot,
-        profile=robot.profile.model_copy(update={"postures": postures.model_copy(update={"rest": rest})}),
-    )
-
-
-def found(robot: RobotBody) -> PathToRest:
-    path = path_to_rest(robot)
-    assert path is not None
-    return path
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_every_shipped_robot_goes_straight_to_rest(name: str) -> None:
-    path = found(load_robot(name))
-    assert path.safe and path.margin > 0.04 and path.distance > 0.002
-    assert str(path).startswith("centre of mass ")
-
-
-def test_limbs_that_meet_on_it_are_named() -> None:
-    path = found(resting(load_robot("poppy"), abs_y=0.5))
-    assert not path.safe
-    assert str(path).startswith("not straight, as limbs meet: ")
-    shows(str(path), "l_hip", "0.5", "1.2")
-
-
-def test_a_robot_that_would_fall_over_on_it_is_named() -> None:
-    ankles = {"l_ank_pitch": 0.4, "r_ank_pitch": -0.4}
-    path = found(resting(load_robot("op3"), **ankles))
-    assert not path.safe and path.margin < 0.0
-    assert str(path).startswith("not straight, as it would tip: ")
-    shows(str(path), f"{-1000.0 * path.margin:.0f}")
-
-
-def test_a_robot_that_would_topple_at_rest_is_said_with_its_lowest_part() -> None:
-    robot = load_robot("op3")
-    assert "topple" not in at_rest(robot)
-    leaning = resting(robot, l_ank_pitch=0.4, r_ank_pitch=-0.4)
-    shows(at_rest(leaning), "l_hip_roll", "postures.rest")
-    assert at_rest(replace(robot, profile=robot.profile.model_copy(update={"root": "fixed"}))) == ""
-
-
-def test_a_robot_on_a_stand_is_not_looked_at_nor_one_whose_trunk_is_unknown() -> None:
-    robot = load_robot("op3")
-    frames = {name: frame for name, frame in robot.profile.frames.items() if name != "neck"}
-    assert path_to_rest(replace(robot, profile=robot.profile.model_copy(update={"frames": frames}))) is None
-    fixed = replace(robot, profile=robot.profile.model_copy(update={"root": "fixed"}))
-    assert path_to_rest(fixed) is None
 
 
 # Calm: modes do not come and go, observers add no jerk, and a hand that rests against something rests.

@@ -240,7 +240,7 @@ def test_a_posture_that_comes_again_and_again_is_named_once() -> None:
 
 def test_a_run_that_is_watched_names_it_on_the_terminal() -> None:
     options, said = RunOptions(robot="op3", performer="six"), list[str]()
-    command = CommandRun(options, Outputs(), recorded=True, goes_to_rest=False)
+    command = CommandRun(options, Outputs(), recorded=True)
     command.clock, command.notify = PacedClock(wall=VirtualClock()), said.append
     perform = prepare.performance_of(lambda: clip("kneels"), options.playback)
     with command.prepared(perform) as prepared, command.viewing(prepared) as page:

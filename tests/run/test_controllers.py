@@ -263,11 +263,7 @@ def test_it_returns_to_stance_from_where_it_stands(warm: float) -> None:
 
 
 def going(driven: Driven, *keyframes: str) -> GoToRest:
-    robot = op3()
-    if keyframes:
-        postures = robot.profile.postures.model_copy(update={"to_rest": keyframes})
-        robot = replace(robot, profile=robot.profile.model_copy(update={"postures": postures}))
-    rest = GoToRest(robot, driven.follower, driven.commanded, dt=DT)
+    rest = GoToRest(op3(), driven.commanded, keyframes or ("rest",), dt=DT, pass_time=driven.follower.pass_time)
     assert not rest.arrived
     rest.begin()
     return rest

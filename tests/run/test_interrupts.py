@@ -15,7 +15,7 @@ from hardware.guard_state import StopCause
 from messages import refuses, shows
 from retarget.human.samples import Clip
 from retarget.run.controllers import RETRY_S, Target
-from retarget.run.loop import INTERRUPTED, Loop, Watch
+from retarget.run.loop import INTERRUPTED, STOOD_S, Loop, Watch
 from retarget.run.record import Phase
 from retarget.run.supervisor import LONGEST_TO_REST_S
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
@@ -97,7 +97,7 @@ def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: 
     monkeypatch.setattr(rig.robot.joint_map, "to_ticks", once)
     ending = play(rig)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FILTER
-    assert ending.state is RunState.FAULT and not rig.bus.torque_on
+    assert ending.state is (RunState.OFF if failures == 1 else RunState.FAULT) and not rig.bus.torque_on
     assert rig.gate.displacement.any() != (failures == 1)
     assert_no_doubled_step(goals, rig)
 
@@ -431,8 +431,13 @@ def rest_of(rig: Rig) -> FloatArray:
     return rig.robot.posture(rig.robot.profile.postures.rest)[rig.robot.servo_columns]
 
 
-def test_a_robot_that_cannot_go_to_rest_holds_and_torque_goes_off_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_it(
+    waits: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A simulated one stands for a moment, and the run is over; a real one is waited for."""
     rig = Rig(still(), goes_to_rest=True)
+    rig.machine = replace(rig.machine, waits=waits)
     check, asked, began = rig.gate.check, 0, list[float]()
 
     def walled(target: FloatArray | None) -> CheckedGoal | None:
@@ -444,12 +449,19 @@ def test_a_robot_that_cannot_go_to_rest_holds_and_torque_goes_off_in_time(monkey
         return check(target) if asked <= 50 else None
 
     monkeypatch.setattr(rig.gate, "check", walled)
-    ending = play(rig)
+    stands_s = 60.0 if waits else STOOD_S
+
+    def held() -> bool:
+        supervisor = rig.supervisor
+        return supervisor.state is RunState.STANDING and rig.clock.now() - supervisor.since >= stands_s - 0.5 * rig.dt
+
+    ending = play(rig, Watch(torque_off_asked=held) if waits else None)
     shows(rig.notes)
     lasted = rig.clock.now() - began[0]
-    assert lasted == pytest.approx(LONGEST_TO_REST_S, abs=3 * rig.dt)
-    assert 50 + 0.5 * lasted / (RETRY_S + rig.dt) < asked, "it tries again and again"
-    assert ending.state is RunState.OFF and not rig.gate.displacement.any() and not rig.bus.torque_on
+    assert lasted == pytest.approx(LONGEST_TO_REST_S + stands_s, abs=5 * rig.dt)
+    assert 50 + 0.5 * LONGEST_TO_REST_S / (RETRY_S + rig.dt) < asked, "it tries again and again"
+    assert ending.state is (RunState.OFF if waits else RunState.STANDING) and not rig.gate.displacement.any()
+    assert rig.bus.torque_on is not waits
     assert ending.reason is not None, "which is no success"
     shows(ending.reason)
     (note,) = rig.machine.not_at_rest()

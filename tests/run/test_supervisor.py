@@ -21,6 +21,7 @@ from retarget.run.supervisor import (
     LONGEST_STOP_S,
     STATES,
     TRANSITIONS,
+    End,
     Event,
     Situation,
     Supervisor,
@@ -31,7 +32,7 @@ from state_tables import tables_of_states
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "stops.md"
 FOLLOWED = Situation(followable=True, approached=True)
 LOST = Situation(hold_reason="no data", approached=True)
-STANDS = Situation(approached=True, stands=True, goes_to_rest=True)
+STANDS = Situation(approached=True, stands=True, end=End.AT_REST)
 
 
 def running(*, state: RunState = RunState.FOLLOW) -> tuple[Supervisor, Rig]:
@@ -78,14 +79,15 @@ def test_a_robot_that_stops_never_follows_again() -> None:
         RunState.STOPPING,
         RunState.RETURN_TO_STANCE,
         RunState.GO_TO_REST,
+        RunState.STANDING,
         RunState.OFF,
         RunState.FAULT,
     }
 
 
-def test_every_state_in_which_the_robot_does_not_follow_has_a_time_limit() -> None:
+def test_every_state_in_which_the_robot_neither_follows_nor_stands_has_a_time_limit() -> None:
     unlimited = {state for state, row in STATES.items() if row.torque and row.limit_s == inf}
-    assert unlimited == {RunState.APPROACH, RunState.FOLLOW}
+    assert unlimited == {RunState.APPROACH, RunState.FOLLOW, RunState.STANDING}
     assert all((state, Event.TIMEOUT) in TRANSITIONS for state, row in STATES.items() if row.limit_s < inf)
 
 
@@ -268,16 +270,33 @@ def test_a_failure_of_the_bus_costs_the_torque(state: RunState) -> None:
     assert supervisor.state is RunState.FAULT and rig.guard.torque is Torque.OFF
 
 
-def test_a_way_to_rest_that_fails_ends_where_the_robot_stands() -> None:
+def test_only_the_operator_a_servo_or_the_bus_take_the_torque_of_a_robot_that_cannot_go_to_rest() -> None:
     supervisor, rig = running(state=RunState.GO_TO_REST)
     supervisor.fail(1.0, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
-    assert supervisor.state is RunState.STOPPING
+    assert supervisor.state is RunState.STANDING
+    supervisor.fail(1.05, "it broke again", StopCause.FILTER, rig.guard, may_brake=True)
+    for now in (1.1, 1e3, 1e6):
+        assert supervisor.step(now, STANDS, rig.guard) is RunState.STANDING
+    assert rig.guard.torque is Torque.ON and rig.guard.stop is not None and rig.guard.stop.reason == "it broke"
+    assert supervisor.step(2e6, Situation(released=True), rig.guard) is RunState.OFF
+    supervisor, rig = running(state=RunState.STANDING)
+    rig.guard.latch(StopCause.TEMPERATURE, "hot")
     assert supervisor.step(1.1, STANDS, rig.guard) is RunState.FAULT
+
+
+@pytest.mark.parametrize("straight", [False, True])
+def test_a_run_that_is_to_end_standing_stands_in_its_stance_or_where_it_was_on_its_way_there(straight: bool) -> None:
+    supervisor, rig = running(state=RunState.STOPPING)
+    stands = Situation(stands=True, straight=straight, end=End.STANDING)
+    if not straight:
+        assert supervisor.step(1.1, stands, rig.guard) is RunState.RETURN_TO_STANCE
+        stands = Situation(arrived=True, end=End.STANDING)
+    assert supervisor.step(1.2, stands, rig.guard) is RunState.STANDING
 
 
 def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
     supervisor, rig = running(state=RunState.APPROACH)
     supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
     assert (
-        supervisor.step(1.1, Situation(stands=True, straight=True, goes_to_rest=True), rig.guard) is RunState.GO_TO_REST
+        supervisor.step(1.1, Situation(stands=True, straight=True, end=End.AT_REST), rig.guard) is RunState.GO_TO_REST
     )

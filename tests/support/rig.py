@@ -19,8 +19,9 @@ from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
 from retarget.run.loop import Ending, Loop, Machine, Watch
+from retarget.run.rest_trajectory import EndPlan
 from retarget.run.run_result import RunResult, RunSetup
-from retarget.run.supervisor import Supervisor
+from retarget.run.supervisor import End, Supervisor
 from retarget.safety.gate import Gate
 from retarget.schema.performer import Performer, load_performer
 from retarget.types import BoolArray, FloatArray, HumanPosture, RobotPosture
@@ -159,7 +160,8 @@ class Rig:
             supervisor=self.supervisor,
             clock=self.clock,
             dt=self.dt,
-            goes_to_rest=goes_to_rest,
+            end_plan=EndPlan(End.AT_REST) if goes_to_rest else EndPlan(),
+            waits=False,
             notify=self.notes.append,
         )
 

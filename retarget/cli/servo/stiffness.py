@@ -114,7 +114,7 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
     from sim.performer import synthetic_performer
 
     recorded = performance_of(synthetic_performer, Playback())
-    command = CommandRun(options, Outputs(), recorded=True, goes_to_rest=True)
+    command = CommandRun(options, Outputs(), recorded=True)
     with detached_screens(), ExitStack() as signals:
         prepared = signals.enter_context(
             command.prepared(

@@ -1,0 +1,176 @@
+"""The end of a run, planned before it begins.
+
+The way to rest is tried from the stance, by the controller that will move the robot and the gate that will check it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from retarget.errors import UsageError
+from retarget.ik.base_pose import plant_root
+from retarget.ik.hierarchy import SceneObstacles
+from retarget.ik.support_polygon import Stance, plant, support_distance
+from retarget.model.observers import contacts, robot_observers
+from retarget.model.robot import RobotBody
+from retarget.model.scene_state import SceneState
+from retarget.robot.follower import stance_angles
+from retarget.run.controllers import Commanded, GoToRest
+from retarget.run.options import RunOptions
+from retarget.run.supervisor import End
+from retarget.safety.clearance import PathClearance
+from retarget.safety.gate import Gate
+from retarget.schema.scene import FLOOR, on_floor
+from retarget.types import MM, FloatArray
+
+LONGEST_S = 30.0
+"""Most time, s, that a trajectory is played: three keyframes at the slowest speed cap take less."""
+
+
+@dataclass(frozen=True)
+class RestTrajectory:
+    """A way to rest, tried from the stance. keyframes: names of postures, the last is `rest`. refused: parts that the
+    gate keeps apart on it, in words; "" where it passes. margin: least distance, m, of the centre of mass to the edge
+    of the soles, from inside; infinite for a robot without planted soles."""
+
+    keyframes: tuple[str, ...]
+    refused: str
+    margin: float
+
+    @property
+    def is_safe(self) -> bool:
+        """True if the gate lets it pass and the robot does not tip on it."""
+        return not self.refused and self.margin > 0.0
+
+    def __str__(self) -> str:
+        *by, _ = self.keyframes
+        text = f"to rest by {' and '.join(by)}" if by else "straight to rest"
+        if self.refused:
+            return f"{text}: {self.refused} come too near to each other"
+        if self.margin <= 0.0:
+            return f"{text}: it would tip, with its centre of mass {-MM * self.margin:.0f} mm outside the soles"
+        return f"{text}, centre of mass {MM * self.margin:.0f} mm inside the edge of the soles at worst"
+
+
+@dataclass(frozen=True)
+class EndPlan:
+    """How a run is to end. keyframes: of its way to rest. why: it ends standing, in words."""
+
+    end: End = End.BRAKED
+    keyframes: tuple[str, ...] = ("rest",)
+    why: str = ""
+
+    @property
+    def note(self) -> str:
+        """A sentence for the operator before the run begins, "" where it ends at rest."""
+        if not self.why:
+            return ""
+        return f"at the end it stands, with torque, until you hold it and switch torque off: {self.why}"
+
+
+UNKNOWN = "it is not known to stay in posture `rest` without torque (stays_at_rest of its profile)"
+ASKED_TO_STAND = "as --stand-at-end asks"
+
+
+def plan_end(robot: RobotBody, stance: Stance, gate: Gate, options: RunOptions, *, dt: float) -> EndPlan:
+    """Decide how a run of a robot in its stance ends. gate: of this purpose alone; dt: s per tick.
+
+    Raises UsageError where no way to rest is safe, and the options do not say that it may end standing.
+    """
+    postures = robot.profile.postures
+    if not robot.stands:
+        return EndPlan(End.AT_REST, postures.to_rest)
+    if options.stand_at_end:
+        return EndPlan(End.STANDING, why=ASKED_TO_STAND)
+    if not (postures.stays_at_rest or options.torque_off_at_end):
+        return EndPlan(End.STANDING, why=UNKNOWN)
+    first: RestTrajectory | None = None
+    for tried in rest_trajectories(robot, stance, gate, dt=dt):
+        if tried.is_safe:
+            return EndPlan(End.AT_REST, tried.keyframes)
+        first = first or tried
+    raise UsageError(
+        "no way to rest is safe",
+        where=robot.profile.name if options.scene is None else f"{robot.profile.name}, --scene {options.scene}",
+        found=str(first),
+        allowed="a way from its stance to posture `rest`, straight or by other postures of its profile",
+        next_step="Move what is in the way, give postures.to_rest other keyframes, or end it standing: --stand-at-end",
+    )
+
+
+def usual_rest_trajectory(robot: RobotBody) -> RestTrajectory | None:
+    """The way to rest of the profile, tried with nothing around the robot; None for one without planted soles."""
+    if not robot.stands:
+        return None
+    dt, stance = 1.0 / robot.profile.safety.rate_hz, plant(robot, robot.profile.postures.stand)
+    observers = robot_observers(robot).for_solver(robot.body)
+    clearance = PathClearance(robot, observers, SceneObstacles(None), dt=dt) if robot_observers(robot).names else None
+    return next(rest_trajectories(robot, stance, Gate(robot.joint_map, dt=dt, clearance=clearance), dt=dt))
+
+
+def rest_trajectories(robot: RobotBody, stance: Stance, gate: Gate, *, dt: float) -> Iterator[RestTrajectory]:
+    """Try the ways to rest of a robot that stands in its stance: that of its profile, then those by other postures of
+    the profile, the shortest first. gate: of this purpose alone; dt: s per tick."""
+    usual = robot.profile.postures.to_rest
+    others = [(*by, "rest") for count in (1, 2) for by in permutations(("attractor", "neutral", "stand"), count)]
+    for keyframes in dict.fromkeys([usual, ("rest",), *others]):
+        yield _played(robot, stance, gate, keyframes, dt=dt)
+
+
+def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, ...], *, dt: float) -> RestTrajectory:
+    q = robot.posture(stance_angles(robot))
+    if robot.profile.root == "free":
+        q[:7] = stance.q[:7]
+    plant_root(robot, stance.q, q)
+    commanded, clearance = Commanded(robot, dt=dt), gate.clearance
+    commanded.begin(q, q[robot.servo_columns])
+    gate.begin(commanded.joints)
+    if clearance is not None:
+        clearance.begin(q, commanded.joints)
+    moves = GoToRest(robot, commanded, keyframes, dt=dt)
+    moves.begin()
+    postures = [commanded.q]
+    for _ in range(round(LONGEST_S / dt)):
+        target = moves.target(None, speed_override=1.0)
+        goal = None if target is None else gate.check(target.joints)
+        if goal is None:
+            break
+        commanded.take(goal, target, on_soles=True)
+        if clearance is not None:
+            clearance.sent(commanded.joints, commanded.standing)
+        postures.append(commanded.q)
+        if moves.arrived:
+            return RestTrajectory(keyframes, "", _margin(robot, stance, np.array(postures)))
+    names = robot_observers(robot).names
+    refused = "" if clearance is None else clearance.in_the_way(names)
+    return RestTrajectory(keyframes, refused or "goals beyond the limits", _margin(robot, stance, np.array(postures)))
+
+
+def _margin(robot: RobotBody, stance: Stance, postures: FloatArray) -> float:
+    """Least distance, m, of the centre of mass to the edge of the soles in postures (T, nq), from inside."""
+    if not stance.soles:
+        return float("inf")
+    edges = stance.edges(0.0)
+    return min(float(support_distance(com, edges)) for com in robot.kinematics.centre_of_mass(postures))
+
+
+def at_rest(robot: RobotBody) -> str:
+    """How a robot on its soles is in its posture `rest`, in words: its balance, its lowest part without a sole, and
+    what to do where it may topple; "" for another robot."""
+    if not robot.stands:
+        return ""
+    stance = plant(robot, robot.profile.postures.rest)
+    com = robot.kinematics.centre_of_mass(stance.q[None])[0]
+    margin = MM * float(support_distance(com, stance.edges(0.0)))
+    text = f"centre of mass {abs(margin):.0f} mm {'inside' if margin > 0.0 else 'outside'} the edge of the soles"
+    floor = SceneState(on_floor(None))
+    near = contacts(robot.body, robot_observers(robot), floor, stance.q, deeper_than=-np.inf)
+    lowest = next((contact for contact in near if contact.other == FLOOR), None)
+    if lowest is not None:
+        where = "in" if lowest.depth > 0.0 else "above"
+        text += f"; lowest: {lowest.part}, {abs(MM * lowest.depth):.0f} mm {where} the floor"
+    if margin <= 0.0 or (lowest is not None and lowest.depth >= 0.0):
+        text += "; it may topple when torque goes off: crouch less, or lean it over its soles, in postures.rest"
+    return text
