@@ -22,9 +22,10 @@ from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
 from retarget.human.samples import Clip, Performance, Playback, lay_on_ticks
-from retarget.pipeline import Goal, SteppedPerformer
+from retarget.pipeline import Goal
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.follower import Follower
+from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import prepare_for
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
@@ -180,7 +181,7 @@ class Stepped:
         self._given, self._first, self._now, self._row = given, given[0], 0.0, -1
         self.ticks = self.kept = 2000
         self.dt = self.motion_dt = DT
-        self.paused, self.hold_reason = False, "no sample"
+        self.paused = False
 
     @property
     def over(self) -> bool:
@@ -196,15 +197,23 @@ class Stepped:
     def hold(self) -> None:
         self._performer.hold()
 
-    def _next(self) -> SensorSample | None:
+    @property
+    def hold_reason(self) -> str:
+        return self._performer.hold_reason
+
+    def _next(self) -> None:
         self._row, self._now = self._row + 1, self._now + DT
-        return self._given[self._row]
+        self._performer.take(self._now, self._given[self._row])
 
     def may_approach(self) -> bool:
-        return self._performer.may_approach(self._now, self._next())
+        self._next()
+        return self._performer.may_approach()
 
     def sample(self, tick: int) -> SensorSample | None:
-        return self._first if self._row < 0 else self._performer.sample(self._now + DT, self._next())
+        if self._row < 0:  # the first sample, before the run begins
+            return self._first
+        self._next()
+        return self._performer.sample(tick)
 
     def recorded(self) -> Clip:
         return lay_on_ticks(frames(), performer=load_performer("five"), playback=Playback(end=0.1), rate_hz=125.0)
