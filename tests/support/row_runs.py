@@ -12,6 +12,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, NoReturn
 
+from retarget.live.performer import LivePerformer
 from sim.faults.bench import Bench
 from sim.faults.judge import (
     ENGAGING_S,
@@ -64,6 +65,7 @@ def forked(job: Job, *, performer: str = "five", mass: bool = False) -> Any:
 
 def follow_for(bench: Bench, seconds: float) -> None:
     """End following in time, as at the end of a run."""
+    assert isinstance(bench.samples, LivePerformer)
     bench.samples.ticks = round((ENGAGING_S + seconds) * bench.robot.profile.safety.rate_hz)
 
 
