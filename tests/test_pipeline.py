@@ -389,8 +389,9 @@ def test_a_tracker_that_is_slower_than_the_loop_does_not_jump() -> None:
     samples = SteppedPerformer(still(), DT)
     for tick in range(1, 200):
         at = DT * (tick // 13 * 13)
-        samples.take(DT * tick, moved(still(), 0.8 * (round(at / 0.1) % 2) / np.sqrt(3.0), "l_wrist"))
-        assert samples.seen is not None and samples.seen.valid.all()
+        given = moved(still(), 0.8 * (round(at / 0.1) % 2) / np.sqrt(3.0), "l_wrist")
+        samples.take(DT * tick, given)
+        assert samples.seen is not None and np.array_equal(samples.seen.position, given.position)
         assert samples.may_approach()
 
 

@@ -49,7 +49,7 @@ def wrongs(name: str, when: When, claims: Sequence[Claims]) -> list[tuple[str, .
     Of a moving robot a claim may also name the state `when` in which it is judged.
     """
     one = row(name)
-    if when is When.MOVING:
+    if when is When.MOVING and not one.recorded:
         return list(forked(partial(_row_job, name, claims), performer=one.performer, mass=one.mass))
     return _judged(one, run_row(one, when=when), when, claims)
 
