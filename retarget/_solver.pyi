@@ -479,7 +479,7 @@ class PoseParts:
 
 @final
 class Validity:
-    """Which poses of k sensors may be used, and the state of each sensor; see `retarget.live.sensor_validity`.
+    """Which poses of k sensors may be used, and the state of each sensor; see `retarget.human.pose_validation`.
 
     others (k,): the sensor of the other side of each, -1 where it has none. limits: a `ValidityLimits`, of which the
     fields about poses, speed, age and value are read by their names.

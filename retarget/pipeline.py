@@ -27,13 +27,13 @@ from retarget.human.samples import RATES_HZ, Parts
 from retarget.live.begin import live_rate_hz
 from retarget.live.performer import base_sensors
 from retarget.live.playout import OFF, SMOOTHINGS, pose_filter
-from retarget.live.sensor_validity import Debounce, Engagement
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.rotations import IDENTITY
 from retarget.run.controllers import RobotMotion
 from retarget.run.options import RunOptions
+from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import robot_stage, scene_of, stage_priorities
 from retarget.run.supervisor import AT_RISK, Event, Supervisor
 from retarget.schema.catalogue import HUMAN
@@ -50,14 +50,15 @@ class Goal:
     """The result of one tick.
 
     joint_positions (n,): rad, by joint_names, to be sent now. gated: something else than following asked for, because
-    that was refused. human: the reconstructed performer. landmarks_asked, landmarks_reached (k, 3): m, by
-    landmark_names, in the robot's world; NaN in a tick in which the robot does not follow. Without a robot n and k
-    are 0.
+    that was refused. hold_reason: why the robot holds; "" in another state. human: the reconstructed performer.
+    landmarks_asked, landmarks_reached (k, 3): m, by landmark_names, in the robot's world; NaN in a tick in which the
+    robot does not follow. Without a robot n and k are 0.
     """
 
     joint_names: tuple[str, ...]
     joint_positions: FloatArray
     gated: bool
+    hold_reason: str
     human: HumanPosture
     landmark_names: tuple[str, ...]
     landmarks_asked: FloatArray
@@ -120,44 +121,6 @@ def _check_shapes(sample: SensorSample) -> None:
         )
 
 
-class SteppedPerformer:
-    """A performer whose samples come one by one: as a live performer, without a stream. None is an invalid sample.
-
-    settled: see `retarget.human.samples.Samples`. dt, motion_dt: s between samples.
-    """
-
-    def __init__(self, first: SensorSample, dt: float) -> None:
-        """first: the sample that the robot approaches."""
-        self.dt = self.motion_dt = dt
-        self._first, self._engagement = first, Engagement(first)
-        self._approaching = Debounce(good=True)
-        self._ticks = 0  # in which the approach was over
-
-    @property
-    def settled(self) -> float:
-        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
-        return self._engagement.settled
-
-    def may_approach(self, now: float, sample: SensorSample | None) -> bool:
-        """Whether the robot may go on with its approach at `now`, s."""
-        return self._approaching.step(now, good=sample is not None)
-
-    def hold(self) -> None:
-        """The robot holds: it waits for samples, and blends back to the performer."""
-        self._engagement.hold()
-
-    def sample(self, now: float, sample: SensorSample | None) -> SensorSample | None:
-        """The sample to follow at `now`, s; None: hold. It goes from the one approached to that of the caller."""
-        self._ticks += 1
-        if self._ticks == 1:
-            self._engagement.hold()
-            return self._first
-        if sample is None:
-            self._engagement.hold()
-            return None
-        return self._engagement.step(now, sample, good=True)
-
-
 class Pipeline:
     """Three lines from a sensor sample to joint goals: `Pipeline(robot)`, `start(sample)`, and a `step` in every tick.
 
@@ -205,6 +168,7 @@ class Pipeline:
         self._samples: SteppedPerformer
         self._motion: RobotMotion | None = None
         self._goal: FloatArray | None = None  # the last one
+        self._tick = 0  # of the performance, from the end of the approach on
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -260,7 +224,8 @@ class Pipeline:
         _check_type("calibration", calibration, sizes, allowed, "Pipeline.start")
         human = build_human(_dimensions(first, calibration))
         for_human, for_robot = self._priorities
-        reconstructor, performer = Reconstructor(human, for_human, self._performer), SteppedPerformer(first, self.dt)
+        reconstructor = Reconstructor(human, for_human, self._performer)
+        performer = SteppedPerformer(first, self.dt, self._filter)
         motion = None
         if self._robot is not None and for_robot is not None:
             scene = scene_of(self._robot, self._options)
@@ -270,15 +235,15 @@ class Pipeline:
             motion.begin(last if present is None else _within_reach(self._robot, present))
         self._human = reconstructor.start(first) if motion is None else motion.follow.human
         self._reconstructor, self._samples, self._motion = reconstructor, performer, motion
-        self._supervisor, self._now = Supervisor(), 0.0
-        self._smoothed(None)
+        self._supervisor, self._now, self._tick = Supervisor(), 0.0, 0
         for event in (Event.READY, Event.ARMED, *(() if motion else (Event.ARRIVED,))):
             self._take(event)
 
     def step(self, sample: SensorSample | None, dt: float) -> Goal:
         """The goal of the next tick. sample: the newest; None, or one without valid base sensors: the robot brakes on
-        its soles, holds, and comes back slowly. dt: s, the period of your loop. Raises UsageError for another dt, other
-        sensors, or before `start`; then nothing has changed."""
+        its soles, holds, and comes back slowly, as it does for sensors that move as no person can. A hold has no limit
+        in time: you end it, by `stop`. dt: s, the period of your loop. Raises UsageError for another dt, other sensors,
+        or before `start`; then nothing has changed."""
         if self._reconstructor is None:
             raise UsageError("no performer yet", where="Pipeline.step", next_step="Call start(sample) first")
         _check_type("dt", dt, Real, f"{self.dt:g} s", "Pipeline.step")
@@ -293,30 +258,17 @@ class Pipeline:
             )
         seen = None if sample is None else self._sensors.read(sample)
         self._now += self.dt
-        seen = self._smoothed(seen)
+        self._samples.take(self._now, seen)
         if self._motion is None:
-            return self._without_robot(self._reconstructor, seen)
-        return self._moved(self._motion, seen)
+            return self._without_robot(self._reconstructor)
+        return self._moved(self._motion)
 
     def stop(self) -> None:
         """Let the robot brake from the next `step` on; call that until `stands`. It holds until another `start`."""
         self._take(Event.STOP)
 
-    def _smoothed(self, seen: SensorSample | None) -> SensorSample | None:
-        """The sample of now as the filter has it; a sensor that comes back is taken as it is."""
-        if self._filter is None:
-            return seen
-        valid = np.zeros(len(self._sensors.names), dtype=bool) if seen is None else seen.valid
-        if not valid.all():
-            self._filter.reset(~valid)
-        if seen is None:
-            return None
-        now = np.full(len(valid), self._now)
-        position, orientation = self._filter.step(now, seen.position, seen.orientation)
-        return replace(seen, position=position, orientation=orientation)
-
-    def _moved(self, motion: RobotMotion, seen: SensorSample | None) -> Goal:
-        sample = self._change_state(motion, seen)
+    def _moved(self, motion: RobotMotion) -> Goal:
+        sample, hold_reason = self._change_state(motion)
         wanted = motion.target(self.state, sample, speed_override=1.0)
         goal, target = motion.check(self.state, wanted)
         motion.sent(goal, target)
@@ -328,41 +280,37 @@ class Pipeline:
             joint_names=self.joint_names,
             joint_positions=goal.joints,
             gated=wanted is not None and not (goal.passed and target is wanted),
+            hold_reason=hold_reason if self.state is RunState.HOLD else "",
             human=motion.follow.human,
             landmark_names=names,
             landmarks_asked=unknown if posture is None else posture.landmarks_asked,
             landmarks_reached=unknown if posture is None else posture.landmarks_reached,
         )
 
-    def _change_state(self, motion: RobotMotion, seen: SensorSample | None) -> SensorSample | None:
-        """Choose the state of this tick. Returns the sample to follow."""
-        before, approached, sample = self.state, motion.approach.arrived, None
+    def _change_state(self, motion: RobotMotion) -> tuple[SensorSample | None, str]:
+        """Choose the state of this tick. Returns the sample to follow, and why the robot cannot, as a run does."""
+        before, sample, hold_reason = self.state, None, ""
         if before in AT_RISK:
-            if approached:
-                sample = self._samples.sample(self._now, seen)
-                lost = before is RunState.FOLLOW and motion.follow.lost
-                if lost:
-                    self._samples.hold()
-                followable = sample is not None and not lost
-            else:
-                followable = self._samples.may_approach(self._now, seen)
+            approached = motion.approach.arrived
+            sample, hold_reason = motion.look_at(self._samples, self._tick, before)
+            self._tick += approached
             on = Event.RESUME if approached else Event.RESUME_APPROACH
-            if self._take(on if followable else Event.NO_COMMAND):
-                return sample
+            if self._take(Event.NO_COMMAND if hold_reason else on):
+                return sample, hold_reason
         if not (motion.has_arrived(before) and self._take(Event.ARRIVED)) and motion.commanded.stands:
             self._take(Event.STANDS)
-        return sample
+        return sample, hold_reason
 
     def _take(self, event: Event) -> bool:
         """Take a transition, if the present state has it. Whether it has."""
         return self._supervisor.take(event, self._now)
 
-    def _without_robot(self, reconstructor: Reconstructor, seen: SensorSample | None) -> Goal:
-        """The human alone; it stays as it is without a valid sample."""
-        if seen is not None:
-            self._human = reconstructor.step(seen, self.dt)
+    def _without_robot(self, reconstructor: Reconstructor) -> Goal:
+        """The human alone; it stays as it is without a valid sample, and a sensor that has jumped takes no part."""
+        if self._samples.seen is not None:
+            self._human = reconstructor.step(self._samples.seen, self.dt)
         nothing = np.zeros((0, 3))
-        return Goal((), np.zeros(0), False, self._human, (), nothing, nothing)
+        return Goal((), np.zeros(0), False, "", self._human, (), nothing, nothing)
 
 
 A_SAMPLE = "a SensorSample, as `retarget.SensorSample.of(positions)` makes one"

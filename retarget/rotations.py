@@ -20,6 +20,8 @@ from retarget.types import FloatArray
 
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # wxyz: no rotation
 IDENTITY.flags.writeable = False
+NORM_TOLERANCE = 0.02
+"""A quaternion from outside whose norm is farther from 1 is no rounded rotation but something else."""
 
 _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to double precision, and its quotient is not taken."""

@@ -22,10 +22,12 @@ from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
 from retarget.human.samples import Clip, Performance, Playback, lay_on_ticks
-from retarget.pipeline import Goal, SteppedPerformer
+from retarget.pipeline import Goal
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.follower import Follower
+from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import prepare_for
+from retarget.safety.clearance import PathClearance
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from sim.mock_bus import mock_bus
@@ -180,7 +182,7 @@ class Stepped:
         self._given, self._first, self._now, self._row = given, given[0], 0.0, -1
         self.ticks = self.kept = 2000
         self.dt = self.motion_dt = DT
-        self.paused, self.hold_reason = False, "no sample"
+        self.paused = False
 
     @property
     def over(self) -> bool:
@@ -196,15 +198,23 @@ class Stepped:
     def hold(self) -> None:
         self._performer.hold()
 
-    def _next(self) -> SensorSample | None:
+    @property
+    def hold_reason(self) -> str:
+        return self._performer.hold_reason
+
+    def _next(self) -> None:
         self._row, self._now = self._row + 1, self._now + DT
-        return self._given[self._row]
+        self._performer.take(self._now, self._given[self._row])
 
     def may_approach(self) -> bool:
-        return self._performer.may_approach(self._now, self._next())
+        self._next()
+        return self._performer.may_approach()
 
     def sample(self, tick: int) -> SensorSample | None:
-        return self._first if self._row < 0 else self._performer.sample(self._now + DT, self._next())
+        if self._row < 0:  # the first sample, before the run begins
+            return self._first
+        self._next()
+        return self._performer.sample(tick)
 
     def recorded(self) -> Clip:
         return lay_on_ticks(frames(), performer=load_performer("five"), playback=Playback(end=0.1), rate_hz=125.0)
@@ -315,6 +325,82 @@ def ten_goals(sample: SensorSample) -> list[list[float]]:
     """Of ten ticks with the same sample."""
     pipeline = started()
     return [pipeline.step(sample, DT).joint_positions.tolist() for _ in range(10)]
+
+
+CROSSED = {
+    "r_sho_pitch": 0.07,
+    "l_sho_pitch": 2.67,
+    "r_sho_roll": -1.54,
+    "l_sho_roll": 1.9,
+    "r_el": -0.89,
+    "l_el": -0.36,
+}
+"""Angles, rad, of arms that the straight way to the stance would bring into the body."""
+
+
+def test_an_approach_that_is_refused_is_a_hold_with_a_reason_until_the_way_is_free(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot, pipeline = load_robot("op3"), Pipeline("op3", performer="five")
+    present = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+    for joint, angle in CROSSED.items():
+        present[robot.joint_map.joints.index(joint)] = angle
+    pipeline.start(still(), present=present)
+    states, reasons = [], []
+    for _ in range(1250):  # 10 s: a run would have stopped
+        goal = pipeline.step(still(), pipeline.dt)
+        states.append(pipeline.state)
+        reasons.append(goal.hold_reason)
+    assert states[-100:].count(RunState.HOLD) > 90 and set(states) == {RunState.APPROACH, RunState.HOLD}
+    told = list(zip(states, reasons, strict=True))
+    assert all("approach" in reason for state, reason in told if state is RunState.HOLD)
+    assert not any(reason for state, reason in told if state is not RunState.HOLD)
+    monkeypatch.setattr(PathClearance, "__call__", lambda self, path, instead: True)
+    assert all(not one.hold_reason for one in run_to(pipeline, RunState.APPROACH, ticks=50)[-50:])
+
+
+def noisy(time: float, chance: np.random.Generator) -> SensorSample:
+    sample = frames().sample(time)
+    return replace(sample, position=sample.position + chance.normal(0.0, 0.0005, sample.position.shape))
+
+
+def test_wrists_and_head_that_jump_together_hold_the_robot_until_they_are_back() -> None:
+    pipeline, chance = started(), np.random.default_rng(2)
+    goals, states = list[Goal](), list[RunState]()
+    for tick in range(400):
+        sample = noisy(0.0, chance)
+        if 50 <= tick < 100:  # 0.4 s
+            sample = moved(sample, 0.4, "head", "l_wrist", "r_wrist")
+        goals.append(pipeline.step(sample, DT))
+        states.append(pipeline.state)
+    held = [tick for tick, state in enumerate(states) if state is RunState.HOLD]
+    assert 50 < held[0] <= 50 + 0.15 / DT and held[-1] == pytest.approx(100 + 0.5 / DT, abs=2)
+    reasons = {goals[tick].hold_reason for tick in held if tick < 100}
+    assert len(reasons) == 1 and all(
+        f"{name}: jumped" in reasons.copy().pop() for name in ("head", "l_wrist", "r_wrist")
+    )
+    there = np.array([goal.joint_positions for goal in goals])
+    assert np.abs(there - there[49]).max() < 0.1, "the jump is not followed at all"
+    assert keep_limits([*there])
+
+
+def test_a_tracker_that_is_slower_than_the_loop_does_not_jump() -> None:
+    """A fast wrist, 8 m/s, at 10 Hz: its sample is repeated, and each new one is 0.8 m farther."""
+    samples = SteppedPerformer(still(), DT)
+    for tick in range(1, 200):
+        at = DT * (tick // 13 * 13)
+        given = moved(still(), 0.8 * (round(at / 0.1) % 2) / np.sqrt(3.0), "l_wrist")
+        samples.take(DT * tick, given)
+        assert samples.seen is not None and np.array_equal(samples.seen.position, given.position)
+        assert samples.may_approach()
+
+
+def test_a_hold_says_which_sensors_are_missing() -> None:
+    pipeline = started()
+    goal = pipeline.step(None, DT)
+    assert all(name in goal.hold_reason for name in ("l_ankle", "r_ankle"))
+    pipeline.stop()
+    assert pipeline.step(None, DT).hold_reason == ""
 
 
 def test_the_robot_waits_in_its_approach_for_a_performer_who_is_lost() -> None:

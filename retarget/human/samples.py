@@ -10,11 +10,12 @@ from hardware.errors import counted
 from retarget.arithmetic import norms
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, SensorSample, on_grid
+from retarget.human.pose_validation import without_jumps
 from retarget.human.rest_pose import ALIKE_RAD, fit_rest_pose, rest_pose_name
 from retarget.human.sensor_intake import IntakeTimes, without_spikes
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.schema.performer import Performer
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 
 class Samples(Protocol):
@@ -143,7 +144,8 @@ class Clip:
 
     ticks: of the run; a loop has more of them than rows. dt: s between ticks. motion_dt: s of the performer's time
     between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second. left_out: what
-    comes before them in the recording and is not played.
+    comes before them in the recording and is not played. jumped (rows, k): sensors that are not valid since they have
+    moved as no person can; None: none has.
     """
 
     frames: SensorFrames
@@ -152,6 +154,7 @@ class Clip:
     speed: float
     source_frames: int
     left_out: "CalibrationPose | None" = field(default=None, kw_only=True)
+    jumped: BoolArray | None = field(default=None, kw_only=True)
     # A clip is never held or paused.
     settled: ClassVar[float] = 1.0
     paused: ClassVar[bool] = False
@@ -251,11 +254,14 @@ def lay_on_ticks(
         allowed = f"{RATES_HZ[0]:g} to {RATES_HZ[1]:g} Hz"
         raise UsageError("impossible rate of ticks", where="--rate", found=f"{rate:g} Hz", allowed=allowed)
     step = playback.speed / rate  # [s] of the performer's time
-    laid = _looped(frames, step) if playback.loop else _once(frames, step)
+    lay = _looped if playback.loop else _once
+    sane = without_jumps(frames)
+    laid = lay(sane, step)
+    jumped = None if sane is frames else lay(frames, step).valid & ~laid.valid
     ticks = round(LOOP_LIMIT_S * rate) if playback.loop else len(laid)
     # From here on, time is that of the run.
     laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
-    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), left_out=pose)
+    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), left_out=pose, jumped=jumped)
 
 
 CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05

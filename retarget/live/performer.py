@@ -18,12 +18,13 @@ from retarget.frames import (
     mirrored_name,
     on_grid,
 )
+from retarget.human.pose_validation import ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
-from retarget.live.sensor_validity import Debounce, Engagement, ReacquisitionBlend, ValidityState
+from retarget.live.sensor_validity import Debounce, Engagement, ReacquisitionBlend
 from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import GoalLatency, LiveReport, StreamNews, StreamProblems, Tally, live_report
 from retarget.types import BoolArray, FloatArray, Notify

@@ -11,8 +11,8 @@ from retarget import rotations
 from retarget.arithmetic import arctan2, cos, matmul, norm, norms, sin
 from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
+from retarget.human.pose_validation import ValidityState
 from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
-from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.sources.mvn import MvnDecoder

@@ -1,100 +1,24 @@
-"""Live validity: the limits of a live stream as data, the state of each sensor and the messages about its changes, and
-when a performer is followed: debounce, reacquisition blends, weights of sensors.
+"""Live validity: the state of each sensor of a stream and the messages about its changes, and when a performer is
+followed: debounce, reacquisition blends, weights of sensors.
 
-Which poses may be used and the states of sensors are found by `retarget._solver.Validity`.
+Limits and states are those of `retarget.human.pose_validation`, which looks at recordings too.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget import rotations
 from retarget._solver import Validity
 from retarget.arithmetic import norms
-from retarget.frames import SensorSample, mirrored_name
-from retarget.sources.stream_frame import NORM_TOLERANCE, Dropped
+from retarget.frames import SensorSample
+from retarget.human.pose_validation import LIMITS, StateArray, ValidityLimits, ValidityState, other_sides
+from retarget.sources.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
-
-@dataclass(frozen=True, kw_only=True)
-class ValidityLimits:
-    """Every limit of a live performer: which poses are valid, when a sensor is lost, and how it and the robot come
-    back. Lengths in m; times in s, of capture unless said otherwise.
-
-    One pose. reach: horizontally from the origin, along each axis. low, high: of the height. norm_tolerance: of a
-    quaternion's norm.
-
-    Speed. fastest: m/s; the fist of a boxer reaches about 10. shortest_step: a shorter time between two poses counts as
-    this: stamps taken on arrival are off by 15 ms, and a sender of 200 Hz may repeat a tracker of 60 Hz. swap, hardest:
-    a sensor that is reported at the place of its other side has jumped where it is farther from its own place than
-    swap + hardest / 2 * time^2; hardest in m/s^2. back_within: time after which a place says nothing more about where
-    such a sensor can be. settled_after: a sensor that jumped is accepted again when it went on from its new place for
-    this time.
-
-    Age and value. silent_after: the robot holds after this long without a frame, on the local clock. stale_after: time
-    without an accepted pose after which a sensor is lost, on the local clock; a feed of 20 Hz may lose one pose of
-    three. frozen_after: time of repeating one value while others move. noticeable: how far another sensor must have
-    moved in that time, in m and in parts of a unit quaternion (0.0087: one degree). not_in_use_after: from the first
-    judgement.
-
-    Coming back. leave: from full weight of a sensor to none; with stale_after or frozen_after it adds up to less than
-    0.3 s. healthy: good data before a sensor comes back, and before a hold ends. blend: from none to full weight, and
-    the least duration of the blend back after a hold. blend_speed: m/s, blend_turn: rad/s, that no sensor exceeds
-    during the blend after a hold.
-    """
-
-    reach: float = 10.0
-    low: float = -1.0
-    high: float = 3.0
-    norm_tolerance: float = NORM_TOLERANCE
-    fastest: float = 15.0
-    shortest_step: float = 1.0 / 60.0
-    swap: float = 0.08
-    hardest: float = 50.0
-    back_within: float = 0.1
-    settled_after: float = 0.5
-    silent_after: float = 0.13
-    stale_after: float = 0.142
-    frozen_after: float = 0.2
-    noticeable: tuple[float, float] = (0.01, 0.0087)
-    not_in_use_after: float = 3.0
-    leave: float = 0.07
-    healthy: float = 0.5
-    blend: float = 0.75
-    blend_speed: float = 0.6
-    blend_turn: float = 2.0
-
-
-LIMITS = ValidityLimits()
 CAMERA_LIMITS = ValidityLimits(silent_after=0.2, stale_after=0.22)
 """Of a camera: it gives 15 to 30 pictures a second, and a busy browser leaves one out."""
-
-# The state of one sensor at one instant.
-
-StateArray = NDArray[np.uint8]
-"""One ValidityState per sensor, (k,)."""
-
-
-class ValidityState(IntEnum):
-    """The validity of a sensor. Only a FRESH sensor is used."""
-
-    FRESH = 0
-    """Its last accepted pose is recent, and no other state applies."""
-    STALE = 1
-    """No pose of it was accepted for too long: it is lost, or was not received yet."""
-    FROZEN = 2
-    """It repeats one value to the bit while others move: the sender has lost it and does not report that."""
-    JUMPED = 3
-    """It went farther than a human can, and stays there; also where it changed places with its other side."""
-    NOT_IN_USE = 4
-    """It was not received since the start."""
-    OUT_OF_RANGE = 5
-    """Its position is outside the room."""
-
 
 UNTRACKED = "pose that the sender marks as lost"
 NOT_FINITE = "pose that is not finite"
@@ -134,16 +58,11 @@ class SensorValidity:
     def __init__(self, names: Sequence[str], limits: ValidityLimits = LIMITS) -> None:
         self.names, self.limits = tuple(names), limits
         self.refused = Dropped()
-        sides = [mirrored_name(name) for name in self.names]
-        others = [
-            self.names.index(side) if side != name and side in self.names else -1
-            for name, side in zip(self.names, sides, strict=True)
-        ]
-        self._others = np.array(others, dtype=np.int64)
+        self._others = other_sides(self.names)
         self._validity = Validity(self._others, limits)
-        self._states: StateArray = np.full(len(others), ValidityState.STALE, dtype=np.uint8)
+        self._states: StateArray = np.full(len(self.names), ValidityState.STALE, dtype=np.uint8)
         self._reported = self._states.copy()
-        self._was_fresh = np.zeros(len(others), dtype=bool)
+        self._was_fresh = np.zeros(len(self.names), dtype=bool)
         self._now = 0.0
 
     def restart(self, limits: ValidityLimits) -> None:
@@ -241,22 +160,22 @@ PEAK = 1.5
 class Engagement:
     """Follows samples, or holds the last one. After a hold it blends back to the performer without a jump.
 
-    It begins as after a hold, with the sample that the robot has approached.
+    It begins as after a hold, with the sample that the robot has approached; or, `following`, at full speed.
     """
 
-    def __init__(self, first: SensorSample) -> None:
+    def __init__(self, first: SensorSample, *, following: bool = False) -> None:
         self.wanted = True
         """Whether the robot is to follow: False while a pedal or key is released."""
-        self.settled = 0.0
+        self.settled = float(following)
         """Share of its speed that the robot may use beyond that of its slow approach: 0 until the blend back is over,
         then rising to 1 over the duration of that blend."""
-        self.following = False
+        self.following = following
         """Whether samples are followed; else the last one is held."""
         self._held = self.shown = first
         """`shown`: the sample that was followed last."""
         self._good = Debounce()
         self._began = -np.inf  # [s] of the blend back
-        self._duration = 0.0
+        self._duration = 1.0
 
     @property
     def tries(self) -> int:

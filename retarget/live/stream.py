@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from retarget._solver import PoseFilter, PoseParts
+from retarget.human.pose_validation import LIMITS, StateArray, ValidityState
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Admission, Datagram, Receiver
 from retarget.live.clock_map import ClockMap
 from retarget.live.playout import Playout
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
-from retarget.live.sensor_validity import CAMERA_LIMITS, LIMITS, SensorValidity, StateArray, ValidityState
+from retarget.live.sensor_validity import CAMERA_LIMITS, SensorValidity
 from retarget.sources.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
 

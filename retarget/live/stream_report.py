@@ -10,12 +10,13 @@ from itertools import islice
 import numpy as np
 
 from retarget.errors import InputError, Problem
+from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
 from retarget.live.clock_map import JumpKind
 from retarget.live.datagram_kinds import advice_for, reads, recognise
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
-from retarget.live.sensor_validity import OUT_OF_RANGE, StateArray, ValidityState
+from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, natnet_problems

@@ -462,6 +462,31 @@ def require_finite(posture: RobotPosture) -> RobotPosture:
     return posture
 
 
+NOT_FOLLOWABLE = "the performer could not be followed ({})"
+"""A hold reason; what is wrong with the performer, in a few words, is put in."""
+
+
+class Performing(Protocol):
+    """The performer tick by tick; each as in `retarget.human.samples.Samples`."""
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the performer is not followed, in a few words."""
+        ...
+
+    def may_approach(self) -> bool:
+        """Whether the robot is to go on with its approach."""
+        ...
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """The sensors at a tick; None: the robot is to hold."""
+        ...
+
+    def hold(self) -> None:
+        """The robot holds though the sensors are valid."""
+        ...
+
+
 class RobotMotion:
     """Moves one robot: the controller of each state, the gate, and where the robot was commanded to last.
 
@@ -516,6 +541,24 @@ class RobotMotion:
         if self._playback is not None and self.approach.arrived and self._playback.is_refused:
             return "the recorded goals"
         return ""
+
+    def look_at(
+        self, performer: Performing, tick: int, state: RunState, *, bus_is_silent: bool = False
+    ) -> tuple[SensorSample | None, str]:
+        """Take the sample of a tick, None during the approach, and see whether the robot can go on in this state, in
+        which it moves with the performer. Returns the sample and the hold reason, "" where the robot can go on."""
+        sample = performer.sample(tick) if self.approach.arrived else None
+        may_go_on = sample is not None if self.approach.arrived else performer.may_approach()
+        if not may_go_on:
+            return sample, NOT_FOLLOWABLE.format(performer.hold_reason)
+        if bus_is_silent:
+            return sample, "the bus is silent"
+        if self.refused:
+            return sample, f"the gate refuses {self.refused}"
+        if state is RunState.FOLLOW and self.follow.lost:
+            performer.hold()
+            return sample, "no posture found"
+        return sample, ""
 
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""

@@ -34,7 +34,6 @@ from retarget.types import FloatArray, Notify, RunState
 
 INTERRUPTED = "interrupted by the user"
 FORCED_STOP = "torque off before the robot stood, forced by the user"
-NOT_FOLLOWABLE = "the performer could not be followed ({})"
 LATE, MANY_LATE = 0.35, 0.01
 """A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
@@ -356,26 +355,16 @@ class Loop:
         if samples.over or self._tick >= samples.ticks:
             situation.over = True
             return
+        if motion.approach.arrived and self._tick == samples.kept:
+            self._recorder.close()
+        sample, situation.hold_reason = motion.look_at(
+            samples, self._tick, machine.supervisor.state, bus_is_silent=machine.guard.is_silent
+        )
         if motion.approach.arrived:
-            if self._tick == samples.kept:
-                self._recorder.close()
-            self._sample = samples.sample(self._tick)
+            self._sample = sample
             self._tick += 1
-            may_go_on = self._sample is not None
-        else:
-            may_go_on = samples.may_approach()
         situation.paused = samples.paused
-        if not may_go_on:
-            situation.hold_reason = NOT_FOLLOWABLE.format(samples.hold_reason)
-        elif machine.guard.is_silent:
-            situation.hold_reason = "the bus is silent"
-        elif motion.refused:
-            situation.hold_reason = f"the gate refuses {motion.refused}"
-        elif machine.supervisor.state is RunState.FOLLOW and motion.follow.lost:
-            situation.hold_reason = "no posture found"
-            samples.hold()
-        else:
-            situation.followable = True
+        situation.followable = not situation.hold_reason
 
     def _unwritten(self) -> CheckedGoal | None:
         """The goal that an interrupt has kept from being written. Without it the next step would be twice as long."""

@@ -30,6 +30,7 @@ from retarget.robot.follower import Follower
 from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
+from retarget.run.performers import RecordedPerformer
 from retarget.run.rest_trajectory import EndPlan, plan_end
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
@@ -159,7 +160,11 @@ def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perf
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
         size = calibrate(frames.mirror() if playback.mirror else frames)
         left_out = () if clip.left_out is None else (f"{frames.source} {clip.left_out}",)
-        return Performance(clip, size, frames.notes + left_out)
+        if clip.jumped is None:
+            return Performance(clip, size, frames.notes + left_out)
+        names = ", ".join(name for row, name in enumerate(clip.frames.names) if clip.jumped[:, row].any())
+        jumps = f"{frames.source}: {names} jumped farther than a human can; there the performer is not followed"
+        return Performance(RecordedPerformer(clip), size, (*frames.notes, *left_out, jumps))
 
     return perform
 

@@ -8,13 +8,13 @@ import numpy as np
 from hardware.clock import Clock
 from retarget import rotations
 from retarget.errors import RefusedError
+from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.live.admission import Datagram, Source
 from retarget.live.clock_map import JumpKind
 from retarget.live.datagram_kinds import Recognised, recognise
 from retarget.live.playout import DELAY_CAP_S
 from retarget.live.roles import CONVENTIONS, Place
-from retarget.live.sensor_validity import LIMITS, ValidityState
 from retarget.live.stream import LiveStream
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer

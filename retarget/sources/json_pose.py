@@ -15,12 +15,12 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from retarget.rotations import NORM_TOLERANCE
 from retarget.sources.stream_frame import (
     CONVENTIONS,
     MAX_COORDINATE,
     MAX_DATAGRAM,
     MAX_POSES,
-    NORM_TOLERANCE,
     Dropped,
     StreamFrame,
 )

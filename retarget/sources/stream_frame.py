@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from retarget.arithmetic import dot, matmul, norms, squares
+from retarget.rotations import NORM_TOLERANCE
 from retarget.sources.skeletons import TABLES
 from retarget.types import BoolArray, FloatArray
 
@@ -147,8 +148,6 @@ CONVENTIONS = MappingProxyType({name: Convention(name, *row) for name, row in TA
 
 MAX_COORDINATE = 1e6
 """Largest coordinate: a larger one, in any unit from millimetres up, is no place in a room."""
-NORM_TOLERANCE = 0.02
-"""A quaternion whose norm is farther from 1 is no rounded rotation but something else."""
 
 _LOW, _HIGH = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE), (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
 """Bounds of the squared norm of a quaternion that is accepted."""

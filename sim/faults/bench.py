@@ -1,7 +1,7 @@
 """One live run of OP3 with faults: sender, whole pipeline, the driver's bytes, emulated servos; on virtual time."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from ipaddress import IPv4Network
 from itertools import groupby
@@ -15,17 +15,16 @@ from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
 from hardware.guard import CheckedGoal, Guard
 from hardware.guard_state import Stop
-from retarget.frames import SensorSample
-from retarget.human.samples import Performance
+from retarget.frames import SensorFrames, SensorSample
+from retarget.human.samples import Performance, Playback, Samples
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
-from retarget.live.performer import LivePerformer
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.run.loop import Machine, Watch
 from retarget.run.options import RunOptions
-from retarget.run.prepare import Prepared, prepare_for
+from retarget.run.prepare import Prepared, performance_of, prepare_for
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, RunState
 from sim.buses import simulation_of
@@ -33,7 +32,7 @@ from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.emulator.servo2 import EmulatedServo
-from sim.faults.sender import FakeSender
+from sim.faults.sender import FakeSender, Poses
 from sim.faults.wire_checker import READS, Sent, packets, torque_off, written
 from sim.physics.bus import drive_shafts
 from sim.physics.witness import Witness, WitnessedBus
@@ -170,6 +169,7 @@ class Bench:
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: False: goals are not checked.
     leaves: the run is not observed to its end, where the robot is at rest.
     approaching: `at` counts from when torque is on, and the robot begins in posture `rest`.
+    recording: what the performer is instead of a stream, see `record`; None: a stream.
     held_up: when each fault comes that the robot holds for and goes on after, s as in `at`, and for how long it may, s.
     mass: on the path of a real port, with simulated mechanics behind the emulated wire.
     on_goal: called in every tick of a moving robot once a goal is found.
@@ -196,7 +196,8 @@ class Bench:
         self.machine: Machine
         self.guard: Guard
         self.stream: LiveStream
-        self.samples: LivePerformer
+        self.samples: Samples
+        self.recording: SensorFrames | None = None
         self.mass = mass
         self.witness: Witness | None = None
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
@@ -214,6 +215,17 @@ class Bench:
     def at(self, time: float, act: Callable[[], object]) -> None:
         """Call `act` at a time, s after following began. BEFORE_ARMING, or less: before the bus is opened."""
         self._due.append((time, act))
+
+    def record(self) -> None:
+        """Let the performer be a recording of what the sender sends, with the faults that are due so far."""
+        due, sent = np.arange(0.0, self._duration, 1.0 / self.sender.rate_hz), list[Poses]()
+        for time in due.tolist():
+            self._act_until(time)
+            sent.append(self.sender.poses(time) or {})
+        frames = self.sender.frames.resample(due)
+        position = np.array([[poses.get(name, np.full(3, np.nan)) for name in frames.names] for poses in sent])
+        valid, unknown = np.isfinite(position).all(axis=2), np.full_like(frames.orientation, np.nan)
+        self.recording = replace(frames, position=position, orientation=unknown, valid=valid, joints=None)
 
     def _act_until(self, time: float) -> None:
         """Do what is due by a time."""
@@ -259,11 +271,11 @@ class Bench:
         return self.trace
 
     def _watch(self, prepared: Prepared) -> None:
-        assert prepared.machine is not None and isinstance(prepared.samples, LivePerformer)
+        assert prepared.machine is not None
         self.machine = prepared.machine
         self.guard = guard = prepared.machine.guard
         self.samples = samples = prepared.samples
-        write, sample, names = guard.write, samples.sample, samples.stream.roles.sensors
+        write, sample, names = guard.write, samples.sample, tuple(prepared.performer.sensors)
         self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
 
         def written(goal: CheckedGoal) -> None:
@@ -279,7 +291,7 @@ class Bench:
             return found
 
         guard.write = written  # type: ignore[method-assign]
-        samples.sample = sampled  # type: ignore[method-assign, assignment]
+        object.__setattr__(samples, "sample", sampled)  # a clip is frozen
         self._act_until(BEFORE_ARMING)
         try:
             loop = prepared.loop(Watch(stop_asked=lambda: self.stop_asked))
@@ -299,10 +311,11 @@ class Bench:
         state = self.machine.supervisor.state
         if trace.approach_ended is None and state not in (RunState.APPROACH, RunState.HOLD):
             trace.approach_ended = now
-        if trace.began is None and state is RunState.FOLLOW and "the performer is followed" in trace.said:
+        follows = self.recording is not None or "the performer is followed" in trace.said
+        if trace.began is None and state is RunState.FOLLOW and follows:
             trace.began = now
         trace.ticks.append(Tick(now, state, guard.stop is not None, guard.health.warnings.speed_override))
-        if trace.rebased is None and self.stream.clock_map.jumps:
+        if trace.rebased is None and self.recording is None and self.stream.clock_map.jumps:
             trace.rebased = now
         self._act(now)
         if self.leaves and state in STOPPING and guard.stop is None:  # nothing is followed any more
@@ -312,7 +325,7 @@ class Bench:
             self.kill()
 
     def _saw_sample(self, found: SensorSample) -> None:
-        gone = frozenset(name for name, valid in zip(self.stream.roles.sensors, found.valid, strict=True) if not valid)
+        gone = frozenset(name for name, valid in zip(found.names, found.valid, strict=True) if not valid)
         self.trace.out.append((self.clock.now(), gone))
         both = found.valid & self._valid
         step = np.linalg.norm(found.position[both] - self._place[both], axis=1).max(initial=0.0)
@@ -332,6 +345,8 @@ class Bench:
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None
+        if (recording := self.recording) is not None:
+            return performance_of(lambda: recording, Playback())(performer, robot)
         self.stream = open_stream(None, performer, receiver=self.sender)
         self.stream.admission = Admission(allow=(LISTED,))
         live = LiveOptions(countdown=0.3, duration=self._duration)

@@ -22,6 +22,7 @@ from sim.faults.rows import APPROACHED, ROWS, Reaction
 
 HARMLESS = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.REBASE, Reaction.RESUME, Reaction.OUT, Reaction.SLOW)
 """Reactions after which a run goes on. A random run has several of these, and one of the others at any time."""
+LIVE = tuple(row for row in ROWS if not row.recorded)
 FEWEST, MOST = 2, 5
 MORE_S = 0.1
 """The run goes on for so long after the last reaction is due, s."""
@@ -33,13 +34,13 @@ def judged_seed(seed: int, *, seconds: float = 60.0) -> Verdict:
     Judged are the rules of every run, and the reaction to the harsh fault.
     """
     chance = random.Random(seed)
-    mild, harsh = ([row for row in ROWS if (row.reaction in HARMLESS) is harmless] for harmless in (True, False))
+    mild, harsh = ([row for row in LIVE if (row.reaction in HARMLESS) is harmless] for harmless in (True, False))
     count = chance.randint(FEWEST, MOST)
     drawn = [(chance.uniform(0.1, 0.9 * seconds), chance.choice(mild)) for _ in range(count)]
     milder = [Struck(row, at) for at, row in drawn]
     last = chance.uniform(0.5, 0.98) * seconds
     end = Struck(chance.choice(harsh), last)
-    second = Struck(row=chance.choice(ROWS), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
+    second = Struck(row=chance.choice(LIVE), at=last + chance.choice((0.0, 0.02, 0.2, 0.8)))
     plan = sorted([*milder, end, second], key=lambda one: one.at)
     over = max(least(one.row).limit + one.at - seconds for one in (end, second)) + MORE_S
     bench = bench_of(plan, following=seconds + max(over, 0.0), performer="six", seed=seed)
@@ -75,8 +76,8 @@ def row_cases() -> list[Case]:
 
 
 def pair_cases() -> list[Case]:
-    """Every two rows, one twice included, in the states of `PAIRED`."""
-    return [Case(a.name, b.name, when) for a, b in combinations_with_replacement(ROWS, 2) for when in PAIRED]
+    """Every two rows of a live run, one twice included, in the states of `PAIRED`."""
+    return [Case(a.name, b.name, when) for a, b in combinations_with_replacement(LIVE, 2) for when in PAIRED]
 
 
 def seed_cases(seeds: Iterable[int], *, seconds: float) -> list[Case]:

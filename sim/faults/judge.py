@@ -425,9 +425,13 @@ def bench_of(
     )
     bench.approaching = when is When.APPROACHING
     bench.held_up = [(at, row.limit) for row, at in strikes if row.reaction is Reaction.RESUME]
+    recorded = strikes[0].row.recorded
+    if recorded:
+        strikes[0].row.inject(bench, -1.0 if idle else strikes[0].at)
+        bench.record()
     if when is When.STOPPING:
         bench.at(strikes[0].at - STOP_BEFORE, lambda: bench.guard.latch(StopCause.REQUESTED, "asked for"))
-    for row, at in strikes:
+    for row, at in () if recorded else strikes:
         row.inject(bench, -1.0 if idle else at)
     return bench
 

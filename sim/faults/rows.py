@@ -63,7 +63,8 @@ class Row:
     servo has stopped by itself; None: not judged. refusal: texts that the refusal of an idle run must have. back: s
     from the onset until data are good again; before back + 0.5 nothing goes on. after: s of following after the onset.
     ends: s from the onset until the run has ended. performer: the performer file. mass: run on the path of a real
-    port, with simulated mechanics behind the wire. approach: it is injected on the approach too.
+    port, with simulated mechanics behind the wire. recorded: the performer is a recording, and the fault is one of its
+    sensors; it is run alone. approach: it is injected on the approach too.
 
     Beside another fault: chance, by which factor chance may delay the reaction; stretches, by which factor long ticks
     delay the other's; suspends: the host is suspended for the limit; hides: name of a row whose fault it ends.
@@ -87,6 +88,7 @@ class Row:
     ends: float | None = None
     performer: str = "five"
     mass: bool = False
+    recorded: bool = False
     approach: bool = False
     chance: float = 1.0
     stretches: float = 1.0

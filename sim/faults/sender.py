@@ -70,7 +70,8 @@ class FakeSender:
         found = []
         while (due := self._begun + self._sent / self.rate_hz) <= now:
             time = self._sent / self.rate_hz
-            payload = self._payload(time)
+            poses = self.poses(time)
+            payload = None if poses is None else encoded(self.stamp(time), poses)
             self._sent += 1
             for datagram in self._garbled(time, payload):
                 arrival = min(due + self._chance.uniform(0.0, JITTER_S), now)
@@ -86,13 +87,14 @@ class FakeSender:
     def close(self) -> None:
         """Do nothing: no socket is open."""
 
-    def _payload(self, time: float) -> bytes | None:
+    def poses(self, time: float) -> Poses | None:
+        """What is sent at a time, s of the sender, with its faults; None: nothing is."""
         row = min(max(round((time - STILL_S) * self.rate_hz), 0), len(self._track) - 1)
         noise = self._chance.normal(0.0, NOISE_M, self._track[row].shape)
         poses: Poses | None = dict(zip(self.frames.names, self._track[row] + noise, strict=True))
         for fault in self.faults:
             poses = None if poses is None else fault(time, poses)
-        return None if poses is None else encoded(self.stamp(time), poses)
+        return poses
 
     def _garbled(self, time: float, payload: bytes | None) -> list[bytes]:
         found = [] if payload is None else [payload]

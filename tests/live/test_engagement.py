@@ -6,14 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from retarget.frames import SensorSample
-from retarget.live.sensor_validity import (
-    LIMITS,
-    LONGEST_STEP,
-    PEAK,
-    Engagement,
-    ReacquisitionBlend,
-    ValidityState,
-)
+from retarget.human.pose_validation import LIMITS, ValidityState
+from retarget.live.sensor_validity import LONGEST_STEP, PEAK, Engagement, ReacquisitionBlend
 from retarget.rotations import from_axis_angle
 
 NAMES = ("head", "l_wrist")

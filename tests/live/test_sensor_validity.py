@@ -12,15 +12,8 @@ from hypothesis import strategies as st
 from live_rig import NAMES, Stream, judge, recorded, walk
 from messages import refuses
 from retarget._solver import Validity
-from retarget.live.sensor_validity import (
-    LIMITS,
-    OUT_OF_RANGE,
-    UNREACHABLE,
-    UNTRACKED,
-    SensorValidity,
-    ValidityLimits,
-    ValidityState,
-)
+from retarget.human.pose_validation import LIMITS, ValidityLimits, ValidityState
+from retarget.live.sensor_validity import OUT_OF_RANGE, UNREACHABLE, UNTRACKED, SensorValidity
 from retarget.sources.open import open_source
 from retarget.sources.raw_record import RawReader
 from retarget.sources.vmc import VmcDecoder

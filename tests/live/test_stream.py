@@ -14,6 +14,7 @@ from messages import Facts, refuses
 from rendered import performer, raising
 from retarget import rotations
 from retarget.errors import UsageError
+from retarget.human.pose_validation import ValidityState
 from retarget.live.address import parse_address
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram
 from retarget.live.begin import LiveOptions
@@ -25,7 +26,6 @@ from retarget.live.roles import (
     Roles,
     roles_of,
 )
-from retarget.live.sensor_validity import ValidityState
 from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.schema.performer import Performer, PerformerSensor, load_performer
 from retarget.sources.camera import CameraDecoder

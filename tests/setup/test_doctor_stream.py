@@ -19,9 +19,9 @@ from natnet_packets import Motion, Pose, frame
 from osc_bytes import bundle, message, pose
 from retarget import rotations
 from retarget.errors import InputError
+from retarget.human.pose_validation import ValidityState
 from retarget.live.address import parse_address
 from retarget.live.admission import Datagram
-from retarget.live.sensor_validity import ValidityState
 from retarget.schema.performer import load_performer
 from retarget.setup.doctor_sensors import (
     StreamCapture,

@@ -10,13 +10,14 @@ import numpy as np
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
 from retarget.frames import SENSORS, SensorFrames
+from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.human.samples import Performance
 from retarget.live.address import StreamAddress
 from retarget.live.admission import Datagram
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
 from retarget.live.receivers import UdpReceiver
-from retarget.live.sensor_validity import SensorValidity, StateArray, ValidityState
+from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder

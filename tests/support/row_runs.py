@@ -12,6 +12,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, NoReturn
 
+from retarget.live.performer import LivePerformer
 from sim.faults.bench import Bench
 from sim.faults.judge import (
     ENGAGING_S,
@@ -48,7 +49,7 @@ def wrongs(name: str, when: When, claims: Sequence[Claims]) -> list[tuple[str, .
     Of a moving robot a claim may also name the state `when` in which it is judged.
     """
     one = row(name)
-    if when is When.MOVING:
+    if when is When.MOVING and not one.recorded:
         return list(forked(partial(_row_job, name, claims), performer=one.performer, mass=one.mass))
     return _judged(one, run_row(one, when=when), when, claims)
 
@@ -64,6 +65,7 @@ def forked(job: Job, *, performer: str = "five", mass: bool = False) -> Any:
 
 def follow_for(bench: Bench, seconds: float) -> None:
     """End following in time, as at the end of a run."""
+    assert isinstance(bench.samples, LivePerformer)
     bench.samples.ticks = round((ENGAGING_S + seconds) * bench.robot.profile.safety.rate_hz)
 
 

@@ -12,10 +12,11 @@ import pytest
 from live_rig import LiveRig
 from messages import refuses, shows
 from retarget.errors import InputError
+from retarget.human.pose_validation import LIMITS
 from retarget.human.samples import Parts
 from retarget.live import performer
 from retarget.live.begin import LiveOptions
-from retarget.live.sensor_validity import LIMITS, ReacquisitionBlend
+from retarget.live.sensor_validity import ReacquisitionBlend
 from retarget.report.measure import measure
 from retarget.run.loop import Watch
 from retarget.run.options import RunOptions

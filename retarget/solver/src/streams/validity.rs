@@ -2,7 +2,7 @@
 //!
 //! A pose is judged by itself (finite, a rotation, inside the room, tracked by the sender) and by the speed from the last accepted
 //! pose of its sensor. A sensor is judged by the age of that pose, by whether it stays at an impossible place, and by whether it
-//! repeats one value while the others move. Every limit comes from `retarget.live.sensor_validity.ValidityLimits`.
+//! repeats one value while the others move. Every limit comes from `retarget.human.pose_validation.ValidityLimits`.
 
 use crate::math::{norm, square, sub, Quat, Vec3};
 

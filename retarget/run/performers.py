@@ -1,0 +1,162 @@
+"""Performers without a stream: of a recording in which sensors jump, and of samples that a caller gives one by one.
+
+Both hold the robot as a live performer does while a sensor has jumped, and blend back to the performer afterwards.
+"""
+
+from dataclasses import replace
+from itertools import compress
+from typing import ClassVar
+
+import numpy as np
+
+from retarget._solver import PoseFilter
+from retarget.frames import SensorSample, on_grid
+from retarget.human.pose_validation import JumpDetection, ValidityState
+from retarget.human.samples import Clip
+from retarget.live.performer import TOO_SHORT, WORDS, base_sensors
+from retarget.live.sensor_validity import Debounce, Engagement
+from retarget.types import BoolArray
+
+
+def _jumped_words(names: tuple[str, ...], jumped: BoolArray) -> str:
+    """Which of k sensors have jumped, in a few words; "" for none."""
+    return ", ".join(f"{name}: {WORDS[ValidityState.JUMPED]}" for name in compress(names, jumped.tolist()))
+
+
+class RecordedPerformer:
+    """`retarget.human.samples.Samples` of a clip in which sensors have jumped. The clip goes on while the robot holds.
+
+    ticks, kept, dt, motion_dt: as of the clip.
+    """
+
+    paused: ClassVar[bool] = False
+    over: ClassVar[bool] = False
+
+    def __init__(self, clip: Clip) -> None:
+        """clip: one with `jumped`."""
+        assert clip.jumped is not None, "a clip in which nothing jumps is a performer itself"
+        self._clip, self._jumped = clip, clip.jumped
+        self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
+        self._engagement = Engagement(clip.sample(0), following=True)
+        self._words = ""
+
+    @property
+    def settled(self) -> float:
+        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
+        return self._engagement.settled
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the performer is not followed, in a few words."""
+        return self._words or TOO_SHORT
+
+    def may_approach(self) -> bool:
+        """Always: the clip waits."""
+        return True
+
+    def poll(self) -> None:
+        """Do nothing: all samples are there."""
+
+    def hold(self) -> None:
+        """The robot holds: it blends back to the performer."""
+        self._engagement.hold()
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """The sensors at a tick, on the grid; None: hold."""
+        sample, jumped = self._clip.sample(tick), self._jumped[tick % len(self._jumped)]
+        self._words = _jumped_words(sample.names, jumped)
+        followed = self._engagement.step(tick * self.dt, sample, good=not self._words)
+        return None if followed is None else on_grid(followed)
+
+    def recorded(self) -> Clip:
+        """The clip."""
+        return self._clip
+
+
+REPEATED_S = 0.1
+"""A sample that repeats the one before to the bit is the same capture for so long, s: a caller's loop may be faster
+than the tracker, and repeats the newest sample until it is as old as this."""
+
+
+class SteppedPerformer:
+    """A performer whose samples come one by one: in each tick `take`, then as `retarget.human.samples.Samples`.
+
+    dt, motion_dt: s between samples. seen: the sample of this tick, smoothed, without what jumps; None: no valid one.
+    """
+
+    def __init__(self, first: SensorSample, dt: float, smooth: PoseFilter | None = None) -> None:
+        """first: the sample that the robot approaches. smooth: the filter of all samples after it."""
+        self.dt = self.motion_dt = dt
+        self._first, self._engagement = first, Engagement(first)
+        self._approaching = Debounce(good=True)
+        self._jumps, self._smooth = JumpDetection(first.names), smooth
+        if smooth is not None:
+            smooth.reset(np.ones(len(first.names), dtype=bool))
+        self._now, self._changed = 0.0, 0.0  # [s] of the last sample, and of the last one that was another
+        self._given: SensorSample | None = first  # the last one, and without what jumps
+        self._judged = self._jumps.step(0.0, first)
+        self.seen: SensorSample | None = first
+
+    def take(self, now: float, sample: SensorSample | None) -> None:
+        """Take the sample of the tick at `now`, s; None: there is no valid one."""
+        self._now = now
+        if sample is not None and (now - self._changed > REPEATED_S or not _is_repeated(self._given, sample)):
+            self._judged, self._changed = self._jumps.step(now, sample), now
+        self._given = sample
+        self.seen = self._smoothed(None if sample is None else self._judged)
+
+    def _smoothed(self, sample: SensorSample | None) -> SensorSample | None:
+        """The sample of now as the filter has it; a sensor that comes back is taken as it is."""
+        if self._smooth is None:
+            return sample
+        valid = np.zeros(len(self._first.names), dtype=bool) if sample is None else sample.valid
+        if not valid.all():
+            self._smooth.reset(~valid)
+        if sample is None:
+            return None
+        now = np.full(len(valid), self._now)
+        position, orientation = self._smooth.step(now, sample.position, sample.orientation)
+        return replace(sample, position=position, orientation=orientation)
+
+    @property
+    def settled(self) -> float:
+        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
+        return self._engagement.settled
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the performer is not followed, in a few words."""
+        if self.seen is None:
+            return f"no valid sample of {', '.join(base_sensors(self._first.names))}"
+        return _jumped_words(self._first.names, self._jumps.jumped) or TOO_SHORT
+
+    def may_approach(self) -> bool:
+        """Whether the robot may go on with its approach."""
+        return self._approaching.step(self._now, good=self._followable is not None)
+
+    def hold(self) -> None:
+        """The robot holds: it waits for samples, and blends back to the performer."""
+        self._engagement.hold()
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """The sample to follow; None: hold. It goes from the one approached, of tick 0, to that of the caller."""
+        if tick == 0:
+            self._engagement.hold()
+            return self._first
+        sample = self._followable
+        if sample is None:
+            self._engagement.hold()
+            return None
+        return self._engagement.step(self._now, sample, good=True)
+
+    @property
+    def _followable(self) -> SensorSample | None:
+        return None if self._jumps.jumped.any() else self.seen
+
+
+def _is_repeated(before: SensorSample | None, sample: SensorSample) -> bool:
+    """Whether a sample is the one before, to the bit."""
+    return before is not None and all(
+        np.array_equal(one, other, equal_nan=True)
+        for one, other in ((before.position, sample.position), (before.valid, sample.valid))
+    )
