@@ -16,8 +16,17 @@ from numpy.typing import NDArray
 from benchmarks.bodies import Floats
 from hardware.clock import VirtualClock
 from retarget.frames import SensorFrames
+from retarget.model.body_file import BodyFile
 from retarget.model.scene_state import SceneState
-from retarget.report.clearance import MovingGeoms, PlacedBody, among_obstacles, place_body
+from retarget.report.clearance import (
+    ClosestPairs,
+    MovingGeoms,
+    PlacedBody,
+    among_obstacles,
+    moving_geoms,
+    place_body,
+    scene_model,
+)
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
@@ -59,10 +68,11 @@ class Obstacle:
 class SceneObstacles:
     """What a body must not meet where: `start` in all its geoms, `rest` in all but the forearms, over the whole run."""
 
-    start: PlacedBody
+    body: BodyFile
+    start: MovingGeoms
     start_times: Floats
-    rest: PlacedBody
-    arms: PlacedBody
+    rest: MovingGeoms
+    arms: MovingGeoms
     times: Floats
 
 
@@ -87,39 +97,47 @@ def apart(post: Obstacle, table: Obstacle) -> float:
 
 def height_scale(motion: Motion) -> float:
     """Height of the body at the start, by the middles of its geoms, over that of the standard robot."""
-    return float(np.ptp(motion.body.geoms.position[0, :, 2])) / STANDARD
+    return float(np.ptp(motion.geoms.position[0, :, 2])) / STANDARD
 
 
 def scene_obstacles(motion: Motion) -> SceneObstacles:
     """The parts of a motion that a placement looks at."""
-    body, every = motion.body, np.arange(len(motion.body.geoms.links))
+    body, geoms, every = motion.body, motion.geoms, np.arange(len(motion.geoms.links))
     forearms = [body.model.body(link).id for link in motion.arms]
-    of_arm = np.isin(body.geoms.links, forearms)
+    of_arm = np.isin(geoms.links, forearms)
     start = np.arange(motion.beginning)
     rows = np.arange(motion.first, motion.end)
     return SceneObstacles(
-        start=chosen_part(body, start, every),
+        body=body.file,
+        start=chosen_part(geoms, start, every),
         start_times=motion.time[start],
-        rest=chosen_part(body, rows, every[~of_arm]),
-        arms=chosen_part(body, rows, every[of_arm]),
+        rest=chosen_part(geoms, rows, every[~of_arm]),
+        arms=chosen_part(geoms, rows, every[of_arm]),
         times=motion.time[rows],
     )
 
 
-def chosen_part(body: PlacedBody, rows: NDArray[np.int64], which: NDArray[np.int64]) -> PlacedBody:
+def chosen_part(of: MovingGeoms, rows: NDArray[np.int64], which: NDArray[np.int64]) -> MovingGeoms:
     """Some of the geoms of a body in some of its postures, by number; the postures are numbered anew."""
-    of = body.geoms
-    geoms = MovingGeoms(of.model, of.geoms[which], of.position[rows][:, which], of.matrix[rows][:, which])
-    return PlacedBody(body.file, geoms, np.arange(len(rows)))
+    return MovingGeoms(of.model, of.geoms[which], of.position[rows][:, which], of.matrix[rows][:, which])
 
 
-def scene_distances(body: PlacedBody, scene: SceneState, times: FloatArray) -> FloatArray:
+def scene_distances(body: BodyFile, part: MovingGeoms, scene: SceneState, times: FloatArray) -> FloatArray:
     """Distance (T, k) m to each obstacle in each posture, of the geom that is nearest: all are looked at."""
-    count, shape = len(body.rows), (len(body.geoms.geoms), len(scene.shapes.names))
+    count, shape = len(part.position), (len(part.geoms), len(scene.shapes.names))
     pairs = np.indices(shape).reshape(2, -1).T + np.array([shape[1], 0])
     rows, which = np.indices((count, len(pairs))).reshape(2, -1)
-    measure = among_obstacles(body.file, body.geoms, scene, times[body.rows]).distances(pairs)
+    measure = among_obstacles(*scene_model(body, scene.shapes), part, scene, times).distances(pairs)
     return np.asarray(measure(rows, which).reshape(count, *shape).min(axis=1))
+
+
+def scene_clearance(body: BodyFile, part: MovingGeoms, scene: SceneState, times: FloatArray) -> float:
+    """Smallest distance, m, to an obstacle in any posture."""
+    pairs = np.indices((len(part.geoms), len(scene.shapes.names))).reshape(2, -1).T
+    both, closest = among_obstacles(*scene_model(body, scene.shapes), part, scene, times), ClosestPairs(())
+    pairs = pairs + np.array([len(scene.shapes.names), 0])
+    closest.look(both.distances(pairs), both.bounds(pairs), len(part.position))
+    return closest.found.smallest
 
 
 def write_scene(obstacles: tuple[Obstacle, ...], path: Path, *, scale: float = 1.0) -> Path:
@@ -138,14 +156,12 @@ def _best_that_fits(
     best: Obstacle | None = None
     for obstacle in candidates:
         scene = SceneState(load_scene(write_scene((obstacle,), folder / "trial.yaml", scale=scale)))
-        clear = around.start.to_scene(scene, around.start_times).smallest
-        if clear is None or clear < 2.0 * MARGIN * scale:
+        if scene_clearance(around.body, around.start, scene, around.start_times) < 2.0 * MARGIN * scale:
             continue
-        depth = around.arms.to_scene(scene, around.times).deepest
+        depth = max(0.0, -scene_clearance(around.body, around.arms, scene, around.times))
         if depth < max(0.5 * DEPTH * scale, 0.0 if best is None else best.depth):
             continue
-        rest = around.rest.to_scene(scene, around.times).smallest
-        if rest is not None and rest >= MARGIN * scale:
+        if scene_clearance(around.body, around.rest, scene, around.times) >= MARGIN * scale:
             best = replace(obstacle, depth=depth)
             if depth >= DEPTH * scale:
                 break
@@ -182,7 +198,7 @@ def _ways(motion: Motion, *, lowest: bool) -> Iterator[tuple[FloatArray, FloatAr
     """Places (3,) of the hands, most telling first, and the level direction (3,) away from the body there."""
     hands = motion.reached
     ticks = np.linspace(0, len(hands) - 1, min(len(hands), TRIES // 2), dtype=np.int64)
-    trunk = motion.body.geoms.position[motion.first + ticks, 0]
+    trunk = motion.geoms.position[motion.first + ticks, 0]
     away = hands[ticks] - trunk[:, None]
     away[..., 2] = 0.0
     reach = np.linalg.norm(away, axis=-1)
@@ -217,6 +233,7 @@ class Motion:
 
     run: RunResult
     body: PlacedBody
+    geoms: MovingGeoms
     time: Floats
     first: int
     end: int
@@ -246,6 +263,7 @@ def play(frames: SensorFrames, options: RunOptions) -> Motion:
     return Motion(
         run=run,
         body=body,
+        geoms=moving_geoms(body.model, body.postures),
         time=run.record.time,
         first=following.start,
         end=following.stop,

@@ -22,7 +22,7 @@ from retarget.errors import InputError, RefusedError, UsageError
 from retarget.frames import SensorSample
 from retarget.human.performer_calibration import Person
 from retarget.human.reconstruction import Reconstructor
-from retarget.human.rest_pose import fit_rest_pose
+from retarget.human.rest_pose import fit_rest_pose, refuse_stance
 from retarget.human.samples import RATES_HZ, Parts
 from retarget.live.begin import live_rate_hz
 from retarget.live.performer import base_sensors
@@ -361,8 +361,9 @@ def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | Non
     """The performer's size; measured from the first sample where it is not known."""
     if calibration is not None:
         return calibration.dimensions if isinstance(calibration, Person) else calibration
-    names = tuple(compress(first.names, first.valid))
-    return fit_rest_pose(names, first.position[first.valid], source="the first sample").dimensions
+    names, position = tuple(compress(first.names, first.valid)), first.position[first.valid]
+    refuse_stance(dict(zip(names, position, strict=True)), where="the first sample")
+    return fit_rest_pose(names, position, source="the first sample").dimensions
 
 
 FAR_BEYOND = 0.35

@@ -518,6 +518,14 @@ def test_what_cannot_be_started_is_refused() -> None:
         pipeline.start(moved(still(), np.nan, *FIVE))
     with refuses(InputError):  # a crouch is no rest pose
         pipeline.start(moved(still(), -1.2, "head"))
+    stands, wide = still(), still().position.copy()
+    wide[stands.names.index("l_ankle")] += [0.0, 0.4, 0.0]
+    with refuses(InputError, found="m apart", allowed="0.5 m"):
+        pipeline.start(replace(stands, position=wide))
+    sides = [stands.names.index(name) for name in ("head", "r_wrist", "l_wrist", "l_ankle", "r_ankle")]
+    assert stands.names == FIVE
+    with refuses(InputError, found="of the wrists are exchanged"):
+        pipeline.start(replace(stands, position=stands.position[sides]))
     for wrong in (np.full(20, np.nan), [0.0, 0.0], "stand"):
         with refuses(UsageError, "Pipeline.start, present"):
             pipeline.start(still(), present=wrong)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.arithmetic import arccos, arcsin, arctan2, cos, exp, hypot, log, matmul, norms, sin, squares
+from retarget.arithmetic import arccos, arcsin, arctan2, cos, dot, exp, hypot, log, matmul, norm, norms, sin, squares
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.ik.least_squares import least_squares
@@ -141,6 +141,17 @@ MAX_RESIDUAL_M = 0.06
 MAX_SPREADS = 5.0
 """A fit whose proportions are more spreads off the average is no human."""
 
+PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")
+"""Left and right of these show which way a person faces, by the vector from right to left."""
+NARROWEST_M = 0.05
+"""Left and right nearer than this show no direction."""
+FEET_APART_M = 0.5
+"""Ankles of a grown person at rest are no farther apart on the ground. Then legs of average length lean by 10 degrees
+each, and the head is 1 % lower; of the smallest live performer, 1.2 m tall, it is 2 %. Ankles that are farther apart
+without a lower head make long legs, and who stands astride begins with a posture that no robot takes on its soles."""
+FEET_LEVEL_M = 0.05
+"""Both ankles on one floor differ by less in height: shoes, straps and noise do. So much makes a person 2 % smaller."""
+
 ALIKE_RAD = 0.61
 """Largest difference between the angles of both arms at rest."""
 MAX_CANDIDATES = 8
@@ -223,6 +234,63 @@ def fit_rest_pose(
     return RestFit(_dimensions(fit, source=source), offset, _arms(points))
 
 
+def refuse_stance(at: Mapping[str, FloatArray], *, where: str) -> None:
+    """Raise InputError for feet that do not stand side by side on one floor, and for pairs of sensors that do not agree
+    where left is: limbs are crossed, or two sensors are swapped. at: positions (3,) m by name, z up.
+
+    For who stands still to be measured: a walk has no such stance, and still shows the size. Where the head is not as
+    high as a standing person's nothing is said: then unit or axes are others.
+    """
+    if "head" not in at or not _may_stand(at):
+        return
+    _refuse_crossed(at, where=where)
+    if not set(_ANKLES) <= set(at):
+        return
+    way = at["l_ankle"] - at["r_ankle"]
+    apart, higher = norm(way[:2]), float(way[2])
+    found, allowed = [], []
+    if apart > FEET_APART_M:
+        found.append(f"your ankles are {apart:.2f} m apart")
+        allowed.append(f"{FEET_APART_M:g} m apart")
+    if abs(higher) > FEET_LEVEL_M:
+        one, other = ("left", "right") if higher > 0.0 else ("right", "left")
+        found.append(f"your {one} foot is {abs(higher):.2f} m above your {other} one")
+        allowed.append(f"{FEET_LEVEL_M:g} m above the other")
+    if found:
+        raise InputError(
+            "the feet do not stand side by side",
+            where=where,
+            found="; ".join(found),
+            allowed=f"at most {', and '.join(allowed)}",
+            next_step="Stand with both feet on the floor, as far apart as the hips. If you stand so, see that both "
+            "trackers of the feet are worn at the ankles, and none lies elsewhere",
+        )
+
+
+def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
+    """Raise InputError where pairs of sensors do not agree where left is."""
+    ways = {part: (at[f"l_{part}"] - at[f"r_{part}"])[:2] for part in PAIRS if {f"l_{part}", f"r_{part}"} <= set(at)}
+    if not ways:
+        return
+    widest = max(ways.values(), key=norm)
+    # How far each left sensor is to the left of its right one, as the pair sees it that is widest apart.
+    left = {part: dot(way, widest) / max(norm(widest), NARROWEST_M) for part, way in ways.items()}
+    other = [f"{part}s" for part, by in left.items() if by < -NARROWEST_M]
+    same = [f"{part}s" for part, by in left.items() if by > NARROWEST_M]
+    if not other:
+        return
+    fewer, more = sorted((other, same), key=len)
+    exchanged = fewer if len(fewer) < len(more) else [*fewer, *more]
+    raise InputError(
+        "limbs are crossed, or left and right of some sensors are swapped",
+        where=where,
+        found=f"left and right of the {', '.join(fewer)} are exchanged, as seen from the {', '.join(more)}",
+        allowed="each left sensor to the left of its right one",
+        next_step="Let the arms hang, and do not cross the feet. If you stand so, swap the roles of the left and the "
+        f"right tracker of the {' or '.join(exchanged)}, or their names in the performer's file",
+    )
+
+
 def _arms(points: FloatArray) -> FloatArray:
     """Angles (2,) rad of both arms from hanging, by all points (23, 3) m."""
     ends = [[POINTS.index(f"{side}_{end}") for side in "lr"] for end in ("shoulder", "wrist")]
@@ -276,11 +344,18 @@ def _head_height(sensors: Mapping[str, FloatArray]) -> tuple[float, float, float
     return head - ankles, FRACTIONS.head_height - FRACTIONS.ankle_height, ground
 
 
+def _may_stand(sensors: Mapping[str, FloatArray]) -> bool:
+    """Whether the head is as high as that of a standing human."""
+    above, share, _ = _head_height(sensors)
+    low, high = STATURE_M
+    return low * share <= above <= high * share
+
+
 def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArray:
     """Parameters near the answer: heading from left and right, stature from the head, arms from the wrists."""
     above, share, ground = _head_height(sensors)
-    low, high = STATURE_M
-    if not low * share <= above <= high * share:
+    if not _may_stand(sensors):
+        low, high = STATURE_M
         raise InputError(
             "the sensors do not show a standing human",
             where=source,

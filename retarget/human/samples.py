@@ -1,6 +1,7 @@
 """Sensor samples for the ticks of a run: from a recorded clip laid on these ticks, or from a live stream."""
 
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
@@ -101,8 +102,9 @@ LOOP_LIMIT_S = 600.0
 """A loop ends by itself after this long, s of the run."""
 SEAM_S = 1.0
 """Time (s of the performer's time) that a loop takes from its last frame to its first."""
-MAX_TICKS = 250_000
-"""Most ticks of one run: half an hour at 125 Hz. What a longer run saves as NPZ would be more than is read back."""
+MAX_KEPT = 80_000
+"""Most ticks of a run of which rows are kept for its report, 10 minutes at 125 Hz. A longer run goes on without: a row
+and its sample take 3.3 KB with 20 servos, and a run of any length is to end, with its summary, within 600 MB."""
 SPEEDS = (0.01, 10.0)
 RATES_HZ = (1.0, 2000.0)
 """Least and most of `--speed`, a share of the performer's speed, and of `--rate`, Hz: what is beyond is a mistyped
@@ -142,10 +144,12 @@ class Playback:
 class Clip:
     """A motion on ticks. frames: row i is the sample of tick i, in the performer's order, on the run's clock.
 
-    ticks: of the run; a loop has more of them than rows. dt: s between ticks. motion_dt: s of the performer's time
-    between ticks. source_frames: frames of the recording that are played. rate_hz: ticks per second. left_out: what
-    comes before them in the recording and is not played. jumped (rows, k): sensors that are not valid since they have
-    moved as no person can; None: none has.
+    ticks: of the run; a loop has more of them than rows, and so has a run that is not kept to its end. dt: s between
+    ticks. motion_dt: s of the performer's time between ticks. source_frames: frames of the recording that are played.
+    rate_hz: ticks per second. left_out: what comes before them in the recording and is not played. lap: ticks until a
+    loop begins again; 0: as many as rows. beyond: the recording, on the performer's time, of the ticks of a lap that
+    have no row; None where all have one. with_jumps: the same clip with sensors that move as no person can, which are
+    not valid here; None: none does.
     """
 
     frames: SensorFrames
@@ -154,7 +158,9 @@ class Clip:
     speed: float
     source_frames: int
     left_out: "CalibrationPose | None" = field(default=None, kw_only=True)
-    jumped: BoolArray | None = field(default=None, kw_only=True)
+    lap: int = field(default=0, kw_only=True)
+    beyond: SensorFrames | None = field(default=None, kw_only=True)
+    with_jumps: "Clip | None" = field(default=None, kw_only=True)
     # A clip is never held or paused.
     settled: ClassVar[float] = 1.0
     paused: ClassVar[bool] = False
@@ -175,8 +181,8 @@ class Clip:
 
     @property
     def kept(self) -> int:
-        """The number of ticks: all of them are kept."""
-        return self.ticks
+        """The first `MAX_KEPT` ticks."""
+        return min(self.ticks, MAX_KEPT)
 
     @property
     def over(self) -> bool:
@@ -195,9 +201,27 @@ class Clip:
 
     def sample(self, tick: int) -> SensorSample:
         """The sensors at a tick, on the grid."""
-        row = tick % len(self.frames)
-        frames = self.frames
+        frames, row = self.frames, tick % (self.lap or len(self.frames))
+        if row >= len(frames):
+            assert self.beyond is not None, "every tick has a row, or is of the recording"
+            return on_grid(self.beyond.sample(row * self.motion_dt))
         return on_grid(SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row]))
+
+    def jumped(self, tick: int) -> BoolArray:
+        """Mask (k,) of the sensors that are not valid at a tick since they have moved as no person can."""
+        whole, sane = self.with_jumps, self.sample(tick).valid
+        return np.zeros_like(sane) if whole is None else whole.sample(tick).valid & ~sane
+
+    @property
+    def names_of_jumped(self) -> tuple[str, ...]:
+        """The sensors that have moved as no person can."""
+        if self.with_jumps is None:
+            return ()
+        parts = [(self.with_jumps.frames, self.frames), (self.with_jumps.beyond, self.beyond)]
+        lost = [
+            (whole.valid & ~sane.valid).any(axis=0) for whole, sane in parts if whole is not None and sane is not None
+        ]
+        return tuple(compress(self.frames.names, np.any(lost, axis=0).tolist()))
 
     def recorded(self) -> "Clip":
         """The clip itself, which is a recording."""
@@ -205,14 +229,15 @@ class Clip:
 
     def frames_played(self, ticks: int) -> int:
         """Frames of the recording that the first `ticks` ticks play; a loop plays them again and again."""
-        return round(self.source_frames * ticks / len(self.frames))
+        return round(self.source_frames * ticks / (self.lap or len(self.frames)))
 
     def rows(self, ticks: int) -> NDArray[np.int64]:
         """Rows (ticks,) of `frames` that the first `ticks` ticks show."""
         return np.arange(ticks, dtype=np.int64) % len(self.frames)
 
-    def truth(self, names: tuple[str, ...], ticks: int) -> FloatArray | None:
-        """Joint centres (ticks, m, 3) of the recorded body, NaN for unknown ones; None: it has none of them."""
+    def truth(self, names: tuple[str, ...], ticks: range) -> FloatArray | None:
+        """Joint centres (T, m, 3) of the recorded body at some ticks, NaN for unknown ones; None: it has none of
+        them."""
         tracks = self.frames.joints
         if tracks is None:
             return None
@@ -220,8 +245,10 @@ class Clip:
         known = np.array([column >= 0 for column in columns])
         if not known.any():
             return None
-        track = np.where(known[:, None], tracks.position[:, columns], np.nan)
-        return np.asarray(track[self.rows(ticks)])
+        at = np.arange(ticks.start, ticks.stop, dtype=np.int64) % len(self.frames)
+        track = tracks.position[at[:, None], columns]
+        track[:, ~known] = np.nan
+        return np.asarray(track)
 
 
 def lay_on_ticks(
@@ -253,15 +280,21 @@ def lay_on_ticks(
     if not RATES_HZ[0] <= rate <= RATES_HZ[1]:
         allowed = f"{RATES_HZ[0]:g} to {RATES_HZ[1]:g} Hz"
         raise UsageError("impossible rate of ticks", where="--rate", found=f"{rate:g} Hz", allowed=allowed)
-    step = playback.speed / rate  # [s] of the performer's time
-    lay = _looped if playback.loop else _once
     sane = without_jumps(frames)
-    laid = lay(sane, step)
-    jumped = None if sane is frames else lay(frames, step).valid & ~laid.valid
-    ticks = round(LOOP_LIMIT_S * rate) if playback.loop else len(laid)
+    clip = _laid(sane, playback, rate, pose)
+    return clip if sane is frames else replace(clip, with_jumps=_laid(frames, playback, rate, pose))
+
+
+def _laid(frames: SensorFrames, playback: Playback, rate: float, pose: "CalibrationPose | None") -> Clip:
+    step = playback.speed / rate  # [s] of the performer's time
+    played = _closed(frames, step) if playback.loop else frames
+    lap = _count(played.duration_s, step) - playback.loop  # the last tick of a loop is its first one again
+    ticks = round(LOOP_LIMIT_S * rate) if playback.loop else lap
+    laid = played.resample(np.arange(min(lap, MAX_KEPT)) * step)
     # From here on, time is that of the run.
     laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
-    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), left_out=pose, jumped=jumped)
+    beyond = replace(played, joints=None) if len(laid) < lap else None
+    return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), left_out=pose, lap=lap, beyond=beyond)
 
 
 CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05
@@ -317,26 +350,12 @@ def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:
     return frames.select(tuple(performer.sensors))
 
 
-def _once(frames: SensorFrames, step: float) -> SensorFrames:
-    """The motion every `step` s of its time, from its first frame to its last."""
-    return frames.resample(np.arange(_count(frames.duration_s, step)) * step)
-
-
-def _looped(frames: SensorFrames, step: float) -> SensorFrames:
-    """One round of a loop: the motion, then straight back to its beginning, in a whole number of ticks."""
+def _closed(frames: SensorFrames, step: float) -> SensorFrames:
+    """One round of a loop: the motion, then straight back to its beginning, in a whole number of ticks of `step` s."""
     count = _count(frames.duration_s + SEAM_S, step)
-    closed = frames.at_rows([*range(len(frames)), 0], np.append(frames.time, count * step))
-    return closed.resample(np.arange(count) * step)
+    return frames.at_rows([*range(len(frames)), 0], np.append(frames.time, count * step))
 
 
 def _count(duration: float, step: float) -> int:
     """Ticks of `step` s from 0 to `duration` s, both ends included."""
-    count = int(np.floor(duration / step + 1e-6)) + 1
-    if count > MAX_TICKS:
-        raise UsageError(
-            "too long for one run",
-            found=f"{count * step:.0f} s, {count} ticks",
-            allowed=f"at most {MAX_TICKS * step:.0f} s of the motion, {MAX_TICKS} ticks",
-            next_step="Play a part of it with --start and --end",
-        )
-    return count
+    return int(np.floor(duration / step + 1e-6)) + 1

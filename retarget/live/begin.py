@@ -13,7 +13,7 @@ from retarget.arithmetic import hypot, norms
 from retarget.errors import InputError, UsageError
 from retarget.human.calibration import dimensions_from_skeleton
 from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
-from retarget.human.samples import MAX_TICKS, Performance
+from retarget.human.samples import MAX_KEPT, Performance
 from retarget.live.performer import INTAKE, LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
 from retarget.live.playout import LIGHT
 from retarget.live.rest_capture import (
@@ -424,7 +424,7 @@ def begin_live(
         clock=clock,
         rate_hz=rate_hz,
         ticks=ticks,
-        kept=min(ticks, round(KEPT_S * rate_hz), MAX_TICKS),
+        kept=min(ticks, round(KEPT_S * rate_hz), MAX_KEPT),
         mirror=options.mirror,
         optional=calibrated.missing if stream.roles.partial else (),
         has_deadlines=has_deadlines,

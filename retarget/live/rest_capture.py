@@ -12,7 +12,15 @@ from retarget.arithmetic import arctan2, cos, matmul, norm, norms, sin
 from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
 from retarget.human.pose_validation import ValidityState
-from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
+from retarget.human.rest_pose import (
+    ALIKE_RAD,
+    NARROWEST_M,
+    PAIRS,
+    REQUIRED,
+    RestFit,
+    fit_rest_pose,
+    refuse_stance,
+)
 from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.sources.mvn import MvnDecoder
@@ -21,11 +29,6 @@ from retarget.sources.stream_frame import StreamDecoder
 from retarget.types import BoolArray, FloatArray
 
 # The stream's world in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.
-
-PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")
-"""Left and right of these show where forward is, by the vector from right to left."""
-NARROWEST_M = 0.05
-"""Left and right nearer than this show no direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +116,6 @@ LIVE_STATURE_M = (1.2, 2.2)
 OFF_BASE_M = 0.15
 """The head of a person who stands upright is no farther from above the hips and the middle of the feet: 5 cm ahead of
 the ankles."""
-FEET_LEVEL_M = 0.06
-"""Both ankles on one floor are no more apart in height: shoes and noise are less."""
 HANDS_AHEAD_M = 0.3
 """Hands that hang, or are held aside, are no farther ahead of the head or behind it."""
 KNEES_AHEAD_M = 0.1
@@ -187,7 +188,8 @@ class RestCapture:
         """Return size (m) and alignment of the performer. stature: m, if known. size: the known size, which is only
         checked.
 
-        Raises InputError: no fresh data, not still, not standing in a rest pose, or not of that size.
+        Raises InputError: no fresh data, not still, limbs crossed, sensors of two sides swapped, not standing in a rest
+        pose, or not of that size.
         """
         if not self._samples:
             raise self._refused("no data for the calibration", "no fresh sample", step="Start the sender")
@@ -202,6 +204,7 @@ class RestCapture:
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_motion(names, track, mean)
+        refuse_stance(_located(names, mean), where=f"{self._where}, calibration")
         alignment = align(names, mean, where=self._where)
         known = proportional_dimensions(stature) if size is None and stature is not None else size
         if known is not None:
@@ -278,11 +281,6 @@ class RestCapture:
                 found.append(f"your head is {abs(aside):.2f} m to the {side} of your {part}")
             if found:
                 break
-        if len(feet) == 2:
-            higher = float(feet[0][2] - feet[1][2])
-            if abs(higher) > FEET_LEVEL_M:
-                one, other = ("left", "right") if higher > 0.0 else ("right", "left")
-                found.append(f"your {one} foot is {abs(higher):.2f} m above your {other} one")
         bent = [
             float(at[f"{s}_knee"][0] - at[f"{s}_ankle"][0]) for s in "lr" if {f"{s}_knee", f"{s}_ankle"} <= at.keys()
         ]

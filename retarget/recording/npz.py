@@ -119,7 +119,7 @@ def _held(record: Record, tracks: FloatArray) -> FloatArray:
 # The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is refused at once.
 
 MAX_BYTES = 2**30
-"""Largest content that is unpacked, of an NPZ or an MCAP file. `MAX_TICKS` of a robot with 50 servos are less."""
+"""Largest content that is unpacked, of an NPZ or an MCAP file. `MAX_KEPT` ticks of a robot with 50 servos are less."""
 NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
 NO_RUN = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
 BROKEN = (

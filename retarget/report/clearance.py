@@ -18,6 +18,7 @@ from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_
 from retarget.model.observers import Observers, placed
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState
+from retarget.report.blocks import blocks
 from retarget.report.report import Clearances, DeepReport
 from retarget.rotations import to_matrix
 from retarget.run.run_result import RunResult
@@ -30,8 +31,6 @@ Distances = Callable[[IntArray, IntArray], FloatArray]
 Bounds = Callable[[IntArray], FloatArray]
 """What the signed distances (m, P) of all pairs in postures (m,) are never below, m."""
 
-BLOCK = 1024
-"""So many postures are looked at together, which bounds the memory."""
 ROUND_OFF_M = 1e-9
 """The distance of two balls may be below its own bound by less than this."""
 
@@ -46,25 +45,44 @@ class Closest:
     deeper: tuple[int, ...]
 
 
-def closest_pairs(distances: Distances, bounds: Bounds, count: int, *, tolerances: tuple[float, ...]) -> Closest:
-    """The pair that comes nearest in `count` postures, the first where several do. tolerances: depths, m."""
-    smallest, at = np.inf, (0, 0)
-    nearest = np.full(count, np.inf)  # (T,) [m]
-    for begin in range(0, count, BLOCK):
-        postures = np.arange(begin, min(begin + BLOCK, count))
+class ClosestPairs:
+    """Finds the pair that comes nearest, the first where several do, over blocks of postures that come one after the
+    other. tolerances: depths, m."""
+
+    def __init__(self, tolerances: tuple[float, ...]) -> None:
+        self._tolerances, self._deeper = tolerances, [0] * len(tolerances)
+        self._smallest, self._at, self._seen = np.inf, (0, 0), 0
+
+    def look(self, distances: Distances, bounds: Bounds, count: int) -> None:
+        """Look at the next `count` postures, which both functions number from 0."""
+        for rows in blocks(count):
+            self._look(distances, bounds, np.arange(count)[rows])
+        self._seen += count
+
+    @property
+    def found(self) -> Closest:
+        """The nearest pair so far."""
+        return Closest(self._smallest, *self._at, tuple(self._deeper))
+
+    def _look(self, distances: Distances, bounds: Bounds, postures: IntArray) -> None:
+        if not len(postures):
+            return
         bound = bounds(postures) - ROUND_OFF_M
         # First the pair of each posture that may be nearest; then all that may be nearer, or deep.
         which = bound.argmin(axis=1)
         found = distances(postures, which)
-        least = min(smallest, float(found.min()))
-        rows, others = np.nonzero(bound < max([least, *(-depth for depth in tolerances)]))
+        least = min(self._smallest, float(found.min()))
+        rows, others = np.nonzero(bound < max([least, *(-depth for depth in self._tolerances)]))
         found = np.append(found, distances(postures[rows], others))
-        rows, which = np.append(postures, postures[rows]), np.append(which, others)
+        rows, which = np.append(np.arange(len(postures)), rows), np.append(which, others)
+        nearest = np.full(len(postures), np.inf)  # [m]
         np.minimum.at(nearest, rows, found)
+        for number, depth in enumerate(self._tolerances):
+            self._deeper[number] += int(np.count_nonzero(nearest < -depth))
         best = np.lexsort((which, rows, found))[0]
-        if found[best] < smallest:
-            smallest, at = float(found[best]), (int(rows[best]), int(which[best]))
-    return Closest(smallest, *at, tuple(int(np.count_nonzero(nearest < -depth)) for depth in tolerances))
+        if found[best] < self._smallest:
+            self._smallest = float(found[best])
+            self._at = (self._seen + int(postures[rows[best]]), int(which[best]))
 
 
 # The geoms of a body over many postures, and MuJoCo's distance between two of them.
@@ -127,17 +145,12 @@ class MovingGeoms:
 
         return distances
 
-    def closest(self, pairs: IntArray, *, tolerances: tuple[float, ...]) -> Closest:
-        """The nearest of pairs (P, 2)."""
-        return closest_pairs(self.distances(pairs), self.bounds(pairs), len(self.position), tolerances=tolerances)
-
 
 def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
     """The geoms of every link of a compiled body, but not those of the world, in postures (T, nq)."""
     import mujoco
 
-    data = mujoco.MjData(model)
-    chosen = np.flatnonzero(np.asarray(model.geom_bodyid) > 0)
+    data, chosen = mujoco.MjData(model), geoms_of_links(model)
     position, matrix = np.empty((len(postures), model.ngeom, 3)), np.empty((len(postures), model.ngeom, 9))
     q, at, turned, kinematics = data.qpos, data.geom_xpos, data.geom_xmat, mujoco.mj_kinematics
     for row, posture in enumerate(postures):
@@ -148,15 +161,22 @@ def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
     return MovingGeoms(model, chosen, position[:, chosen], matrix[:, chosen])
 
 
+def geoms_of_links(model: Any) -> IntArray:
+    """Numbers (g,) of the geoms of every link of a compiled body, but not those of the world."""
+    return np.flatnonzero(np.asarray(model.geom_bodyid) > 0)
+
+
 # Obstacles of a scene among the geoms of a body, in one MuJoCo model.
 
 LINE_M = 1e-12
 """Radius, m, of a segment: MuJoCo has no shapes without thickness."""
 
 
-def among_obstacles(body: BodyFile, geoms: MovingGeoms, scene: SceneState, times: FloatArray) -> MovingGeoms:
-    """The k obstacles of a scene, then the geoms (g,) of a body, at times (T,) s on the clock of the scene."""
-    model, obstacles = scene_model(body, scene.shapes)
+def among_obstacles(
+    model: Any, obstacles: IntArray, geoms: MovingGeoms, scene: SceneState, times: FloatArray
+) -> MovingGeoms:
+    """The k obstacles of a scene, then the geoms (g,) of a body, at times (T,) s on the clock of the scene. model,
+    obstacles: of `scene_model`."""
     count = len(obstacles)
     position, quat = np.empty((len(times), count, 3)), np.empty((len(times), count, 4))
     for row, time in enumerate(times):
@@ -268,10 +288,13 @@ class Clearance:
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A body in T postures, to be looked at in more than one way. rows (T,): their numbers among those given."""
+    """A body in T postures (T, nq), to be looked at in more than one way. rows (T,): their numbers among those given.
+
+    Its geoms are placed for a block of postures at a time: of all of them they need 100 bytes for each geom and tick.
+    """
 
     file: BodyFile
-    geoms: MovingGeoms
+    postures: FloatArray
     rows: IntArray
 
     @property
@@ -279,39 +302,60 @@ class PlacedBody:
         """The compiled `mujoco.MjModel`."""
         return self.file.model
 
+    @property
+    def geoms(self) -> IntArray:
+        """Numbers (g,) of the geoms that are looked at."""
+        return geoms_of_links(self.model)
+
+    @property
+    def links(self) -> IntArray:
+        """Numbers (g,) of the links that they are on."""
+        return np.asarray(self.model.geom_bodyid)[self.geoms].astype(np.int64)
+
     def to_itself(self, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()) -> Clearance:
         """Measure the clearance (m) of the body to itself. `compared_pairs` says which links are compared."""
-        geoms = self.geoms
-        pairs = compared_pairs(self.model, geoms.links, geoms.geoms, neutral=neutral, ignored=ignored)
+        pairs = compared_pairs(self.model, self.links, self.geoms, neutral=neutral, ignored=ignored)
         if not len(self.rows) or not len(pairs):
             return Clearance(None, 0, None)
-        found = geoms.closest(pairs, tolerances=(TOUCH_M, DEEP_M))
+        found = self._closest(pairs, lambda geoms, rows: geoms)
         first, second = (self._name(geom) for geom in pairs[found.pair])
         return _clearance(found, (first, second), self.rows)
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
         """Measure the clearance (m) between every geom and every obstacle of a scene but the ground, at times (T,) s on
         its clock: one for every posture that was given."""
-        return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.geoms.links), 1)))
+        return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.links), 1)))
 
     def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
         """Measure the clearance (m) between the ground of the scene and all links but those named in `soles`."""
         standing = [self.model.body(name).id for name in soles]
-        return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.geoms.links, standing)[:, None])
+        return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.links, standing)[:, None])
 
     def _to_obstacles(self, scene: SceneState, times: FloatArray, looks: NDArray[np.bool_]) -> Clearance:
         """looks (g, k): which geom is compared with which obstacle."""
         if not len(self.rows) or not looks.any():
             return Clearance(None, 0, None)
         pairs, names = np.argwhere(looks), scene.shapes.names
-        both = among_obstacles(self.file, self.geoms, scene, times[self.rows])
-        found = both.closest(pairs + np.array([len(names), 0]), tolerances=(TOUCH_M, DEEP_M))
+        model, obstacles = scene_model(self.file, scene.shapes)
+
+        def both(geoms: MovingGeoms, rows: slice) -> MovingGeoms:
+            return among_obstacles(model, obstacles, geoms, scene, times[self.rows[rows]])
+
+        found = self._closest(pairs + np.array([len(names), 0]), both)
         link, obstacle = pairs[found.pair]
         return _clearance(found, (self._name(link), names[obstacle]), self.rows)
 
+    def _closest(self, pairs: IntArray, seen: Callable[[MovingGeoms, slice], MovingGeoms]) -> Closest:
+        """The nearest of pairs (P, 2) of what is `seen` of the body's geoms in some of the postures."""
+        closest = ClosestPairs((TOUCH_M, DEEP_M))
+        for rows in blocks(len(self.rows)):
+            geoms = seen(moving_geoms(self.model, self.postures[rows]), rows)
+            closest.look(geoms.distances(pairs), geoms.bounds(pairs), len(geoms.position))
+        return closest.found
+
     def _name(self, geom: int) -> str:
         """Name of the geom's link."""
-        return str(self.model.body(int(self.geoms.links[geom])).name)
+        return str(self.model.body(int(self.links[geom])).name)
 
 
 def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:
@@ -325,7 +369,7 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
     else:
         file = compile_body_text(body, source="the body", root=root)
     rows = np.flatnonzero(np.isfinite(postures).all(axis=1))
-    return PlacedBody(file, moving_geoms(file.model, postures[rows]), rows)
+    return PlacedBody(file, postures if len(rows) == len(postures) else postures[rows], rows)
 
 
 def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray) -> Clearance:
@@ -354,10 +398,8 @@ class MovingShapes:
         sides = [(self.kinds[of], self.sizes[of], self.position[rows, of], self.quat[rows, of]) for of in pairs.T]
         return measure(*sides[0], *sides[1])
 
-    def smallest(self, pairs: IntArray) -> float | None:
-        """The smallest distance, m, of pairs (P, 2) over all postures; None without pairs."""
-        if not len(pairs):
-            return None
+    def look(self, closest: ClosestPairs, pairs: IntArray) -> None:
+        """Look at the distances of pairs (P, 2) in all T postures."""
 
         def distances(rows: IntArray, which: IntArray) -> FloatArray:
             return np.asarray(self.measured(_solver.shape_distances, rows, pairs[which])[0])
@@ -367,7 +409,8 @@ class MovingShapes:
             found = self.measured(_solver.shape_gaps_at_least, every, pairs[which])
             return np.asarray(found).reshape(len(rows), len(pairs))
 
-        return closest_pairs(distances, bounds, len(self.position), tolerances=()).smallest
+        if len(pairs):
+            closest.look(distances, bounds, len(self.position))
 
 
 def observer_clearance(
@@ -377,19 +420,34 @@ def observer_clearance(
     obstacle, and to the ground. None: nothing to look at."""
     if not len(q):
         return None, None, None
+    own_pairs, scene_pairs, ground_pairs = observers.pairs, observers.pairs[:0], observers.pairs[:0]
+    if scene is not None and scene.shapes.names:
+        pairs, _ = observers.obstacle_pairs(scene.shapes)
+        on_ground, pairs = scene.shapes.ground[pairs[:, 1]], pairs + np.array([0, len(observers.kinds)])
+        scene_pairs, ground_pairs = pairs[~on_ground], pairs[on_ground]
+    looks = [(pairs, ClosestPairs(())) for pairs in (own_pairs, scene_pairs, ground_pairs)]
+    for rows in blocks(len(q)):
+        shapes = _shapes(body, observers, q[rows], scene=scene, times=times[rows])
+        for pairs, closest in looks:
+            shapes.look(closest, pairs)
+    own, obstacles, ground = (closest.found.smallest if len(pairs) else None for pairs, closest in looks)
+    return own, obstacles, ground
+
+
+def _shapes(
+    body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
+) -> MovingShapes:
+    """The shapes of observers in postures q (T, nq), then those of the scene at `times` (T,)."""
     own = MovingShapes(observers.kinds, observers.sizes, *placed(body, observers, q))
     if scene is None or not scene.shapes.names:
-        return own.smallest(observers.pairs), None, None
+        return own
     poses, shapes = [scene.at(max(float(time), 0.0)) for time in times], scene.shapes
-    both = MovingShapes(
+    return MovingShapes(
         np.concatenate([own.kinds, shapes.kinds]),
         np.concatenate([own.sizes, shapes.sizes]),
         np.concatenate([own.position, np.stack([pose.position for pose in poses])], axis=1),
         np.concatenate([own.quat, np.stack([pose.quat for pose in poses])], axis=1),
     )
-    pairs, _ = observers.obstacle_pairs(shapes)
-    on_ground, pairs = shapes.ground[pairs[:, 1]], pairs + np.array([0, len(own.kinds)])
-    return own.smallest(observers.pairs), both.smallest(pairs[~on_ground]), both.smallest(pairs[on_ground])
 
 
 # How near the last stage's body came to itself and to its scene in a run: on its own geoms, and on its observers.

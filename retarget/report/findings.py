@@ -52,14 +52,16 @@ def limit_use(run: RunResult) -> LimitUse:
     positions = moved.positions if sent is None else np.vstack([sent.start, sent.goals])
     if len(positions) < 3 or not names:
         return LimitUse(None, None, None)
-    step = np.diff(positions, axis=0)
-    change = np.diff(step, axis=0)
-    room = np.minimum(positions - limits.lower, limits.upper - positions).min(axis=0)
+    room, fastest, hardest = np.zeros((3, len(names)))
+    for joint, track in enumerate(positions.T):  # one by one: of a long run each step of this is as large as it
+        step = np.diff(track)
+        room[joint] = np.minimum(track - limits.lower[joint], limits.upper[joint] - track).min()
+        fastest[joint], hardest[joint] = np.abs(step).max() / dt, np.abs(np.diff(step)).max() / dt**2
     near = int(np.argmin(room))
     return LimitUse(
         room=(names[near], float(room[near])) if np.isfinite(room[near]) else None,
-        velocity=_nearest(names, np.abs(step).max(axis=0) / dt, limits.max_velocity),
-        acceleration=_nearest(names, np.abs(change).max(axis=0) / dt**2, limits.max_acceleration),
+        velocity=_nearest(names, fastest, limits.max_velocity),
+        acceleration=_nearest(names, hardest, limits.max_acceleration),
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from hardware.guard_state import StopCause
 from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
+from retarget.report.blocks import in_blocks, in_named_blocks
 from retarget.report.clearance import RunClearances, clearances, in_mm
 from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
@@ -198,7 +199,7 @@ def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
 
 def _pelvis_heights(run: RunResult, moved: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Heights (T,) m of the pelvis, asked and reached: of a robot's landmark, or of the recorded body and the human."""
-    sent, human, truth = run.record.robot, run.record.human, run.human_truth
+    sent, human, truth = run.record.robot, run.record.human, run.truth_of(("pelvis",))
     if sent is not None:
         if "pelvis" not in sent.landmark_names:
             return None
@@ -207,7 +208,7 @@ def _pelvis_heights(run: RunResult, moved: FloatArray) -> tuple[FloatArray, Floa
     if truth is None or "pelvis" not in human.joint_names:
         return None
     column = human.joint_names.index("pelvis")
-    return truth[:, column, 2], human.joints[:, column, 2]
+    return truth[:, 0, 2], human.joints[:, column, 2]
 
 
 def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
@@ -254,7 +255,8 @@ def _hands(run: RunResult, asked: Performance | None, moved: FloatArray) -> _Han
     robot, q = run.robot, run.moved_q
     found = {}
     if robot is not None and q is not None and asked is not None:
-        found = reachable_hands(robot, asked, hands_from_shoulders(robot, asked, q, moved))
+        seen = in_blocks(lambda rows: hands_from_shoulders(robot, asked.of(rows), q[rows], moved[rows]), len(moved))
+        found = reachable_hands(robot, asked, seen)
     if not found:
         return {"reachable_hands_mm": None, "reachable_share": None, "hands_away_s": None}
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
@@ -280,12 +282,12 @@ class _Likeness(TypedDict):
 
 def _likeness(run: RunResult, asked: Performance | None) -> _Likeness:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
-    robot, q, truth, rows = run.robot, run.moved_q, run.human_truth, run.record.following
+    robot, q = run.robot, run.moved_q
     if robot is None or q is None or asked is None:
         return {"likeness_deg": None, "trunk_lean_deg": None, "likeness_recorded_deg": None, "legs_away_s": None}
-    found = {name: angles[rows] for name, angles in limb_angles(robot, q, asked).items()}
-    recorded = {} if truth is None else limb_angles(robot, q, asked, recorded=truth)
-    recorded = {name: angles[rows] for name, angles in recorded.items()}
+    found = _limb_angles(run, q, asked, recorded=False)
+    known = run.truth_of(asked.joint_names, slice(0, 0)) is not None
+    recorded = _limb_angles(run, q, asked, recorded=True) if known else {}
     spreads, of_recorded = _degrees(found), _degrees(recorded)
     if set(of_recorded) != set(spreads):  # a file that knows only some of the joints
         of_recorded = {}
@@ -297,6 +299,19 @@ def _likeness(run: RunResult, asked: Performance | None) -> _Likeness:
         "likeness_recorded_deg": of_recorded or None,
         "legs_away_s": away or None,
     }
+
+
+def _limb_angles(run: RunResult, q: FloatArray, asked: Performance, *, recorded: bool) -> dict[str, FloatArray]:
+    """As `limb_angles`, at the ticks that followed. recorded: from the recorded body."""
+    robot, following = run.robot, run.record.following
+    assert robot is not None, "a robot follows"
+
+    def angles(rows: slice) -> dict[str, FloatArray]:
+        rows = slice(following.start + rows.start, following.start + rows.stop)
+        truth = run.truth_of(asked.joint_names, rows) if recorded else None
+        return limb_angles(robot, q[rows], asked.of(rows), recorded=truth)
+
+    return in_named_blocks(angles, following.stop - following.start)
 
 
 def best_likeness(run: RunResult) -> dict[str, Spread] | None:
@@ -317,15 +332,15 @@ def _degrees(angles: dict[str, FloatArray]) -> dict[str, Spread]:
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:
     """Mean error, mm, of each joint that no sensor sits on, and the mean of those; None where no truth is known."""
-    truth, human = run.human_truth, run.record.human
-    if truth is None:
-        return None
-    sensed = {sensor.joint for sensor in run.setup.performer.sensors.values()}
-    errors = tracking.distances(truth, human.joints)
+    human, sensed = run.record.human, {sensor.joint for sensor in run.setup.performer.sensors.values()}
     means = {}
     for joint in UNSENSED:
         if joint in human.joint_names and joint not in sensed:
-            known = errors[:, human.joint_names.index(joint)]
+            column = human.joint_names.index(joint)
+            truth = run.truth_of((joint,))
+            if truth is None:
+                continue
+            known = tracking.distances(truth, human.joints[:, [column]])[:, 0]
             known = known[np.isfinite(known)]
             if known.size:
                 means[joint] = MM * float(known.mean())
@@ -373,25 +388,30 @@ def _standing(run: RunResult) -> _Standing:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.stands or not len(sent.q):
         return _Standing(com_outside_support_frames=None, foot_slide_mm=None, com_margin_mm=None, soles=None)
-    stand = motion_metrics.standing_of(robot, sent.q)
+    stand = motion_metrics.soles_over(robot, sent.q)
     known = stand.margin[np.isfinite(stand.margin)]
-    height = max(float(np.abs(sole.position[:, 2]).max()) for sole in stand.soles)
-    tilt = max(float(motion_metrics.tilt(sole.orientation).max()) for sole in stand.soles)
+    slides = [motion_metrics.foot_slide(stand.place[:, sole], low) for sole, low in enumerate(stand.lowest.T)]
     return _Standing(
-        com_outside_support_frames=int(np.count_nonzero(stand.outside)),
-        foot_slide_mm=MM * max(motion_metrics.foot_slide(sole) for sole in stand.soles),
+        com_outside_support_frames=int(np.count_nonzero(motion_metrics.outside(stand.margin))),
+        foot_slide_mm=MM * max(slides),
         com_margin_mm=MM * float(known.min()) if known.size else None,
-        soles=Soles(MM * height, float(np.rad2deg(tilt))),
+        soles=Soles(MM * float(np.abs(stand.place[..., 2]).max()), float(np.rad2deg(stand.tilt.max()))),
     )
 
 
 def _servo_tracking(run: RunResult) -> dict[str, Spread] | None:
     """As `tracking_mm`, for where the servos stood."""
-    q, sent = run.present_q, run.record.robot
-    if q is None or sent is None or run.robot is None:
+    sent, robot = run.record.robot, run.robot
+    if sent is None or robot is None or not run.setup.has_bus:
         return None
-    reached = run.robot.points(q, run.robot.landmark_frames(sent.landmark_names))
-    return _spreads(sent.landmark_names, sent.landmarks_asked, reached)
+    frames, asked = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked
+
+    def off(rows: slice) -> FloatArray:
+        q = run.present_q(rows)
+        assert q is not None, "there is a bus"
+        return tracking.distances(asked[rows], robot.points(q, frames))
+
+    return _spread_of(sent.landmark_names, MM * in_blocks(off, len(asked)))
 
 
 def _servo_error(run: RunResult) -> dict[str, Spread] | None:
@@ -399,13 +419,14 @@ def _servo_error(run: RunResult) -> dict[str, Spread] | None:
     sent, robot = run.record.robot, run.robot
     if sent is None or robot is None or not run.setup.has_bus:
         return None
-    off = np.rad2deg(np.abs(sent.present[1:] - sent.q[:-1, robot.servo_columns]))
+    goals, present, columns = sent.q[:-1], sent.present[1:], robot.servo_columns
+    off = in_blocks(lambda rows: np.rad2deg(np.abs(present[rows] - goals[rows, columns])), len(present))
     return _spread_of(robot.joint_map.joints, off)
 
 
 def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:
     """Mean, 95th percentile and largest distance, mm, of each track that is known at all."""
-    return _spread_of(names, MM * tracking.distances(asked, reached))
+    return _spread_of(names, MM * in_blocks(lambda rows: tracking.distances(asked[rows], reached[rows]), len(asked)))
 
 
 def _spread_of(names: tuple[str, ...], errors: FloatArray) -> dict[str, Spread]:

@@ -9,6 +9,7 @@ from retarget import rotations
 from retarget.model.body import JointLimits
 from retarget.model.human import human_limits
 from retarget.model.robot import RobotBody
+from retarget.report.blocks import in_named_blocks
 from retarget.run.run_result import RunResult
 from retarget.types import MM, BoolArray, FloatArray
 
@@ -59,24 +60,30 @@ def limit_violations(
     to_rest: it stands still after the last row, so a motion that is cut shows as a change of speed. A joint that starts
     beyond a position limit counts only from where it has come inside.
     """
-    step = np.diff(positions, axis=0)  # (T-1, n) [rad or m]
-    before = np.zeros_like(step[:1]) if from_rest else step[:1]
-    after = np.zeros_like(step[:1] if to_rest else step[:0])
-    change = np.diff(np.vstack([before, step, after]), axis=0)
-    outside = (positions < limits.lower - TOLERANCE) | (positions > limits.upper + TOLERANCE)
-    came_in = np.logical_or.accumulate(~outside, axis=0)
-    return LimitViolations(
-        position=int(np.count_nonzero(outside & came_in)),
-        velocity=int(np.count_nonzero(np.abs(step) > limits.max_velocity * dt + TOLERANCE)),
-        acceleration=int(np.count_nonzero(np.abs(change) > limits.max_acceleration * dt**2 + 2.0 * TOLERANCE)),
-    )
+    counts = np.zeros(3, dtype=np.int64)
+    for joint, track in enumerate(positions.T):  # one by one: a run is long, and each step of this is as large as it
+        step = np.diff(track)  # (T-1,) [rad or m]
+        before = np.zeros_like(step[:1]) if from_rest else step[:1]
+        after = np.zeros_like(step[:1] if to_rest else step[:0])
+        change = np.diff(np.concatenate([before, step, after]))
+        outside = (track < limits.lower[joint] - TOLERANCE) | (track > limits.upper[joint] + TOLERANCE)
+        came_in = np.logical_or.accumulate(~outside)
+        counts += (
+            np.count_nonzero(outside & came_in),
+            np.count_nonzero(np.abs(step) > limits.max_velocity[joint] * dt + TOLERANCE),
+            np.count_nonzero(np.abs(change) > limits.max_acceleration[joint] * dt**2 + 2.0 * TOLERANCE),
+        )
+    return LimitViolations(*counts.tolist())
 
 
 def jerk_p95(positions: FloatArray, dt: float) -> float | None:
     """95th percentile of the size of the jerk of joint positions (T, n), rad/s^3; None for fewer than four ticks."""
     if len(positions) < 4 or positions.shape[1] == 0:
         return None
-    return float(np.percentile(np.abs(np.diff(positions, n=3, axis=0)), 95) / dt**3)
+    sizes = np.empty((positions.shape[1], len(positions) - 3))
+    for joint, track in enumerate(positions.T):
+        np.abs(np.diff(track, n=3), out=sizes[joint])
+    return float(np.percentile(sizes, 95, overwrite_input=True) / dt**3)
 
 
 # Whether a robot would stand, from the postures sent alone: centre of mass, support polygon, soles on the ground.
@@ -151,8 +158,13 @@ class Standing:
 
     @property
     def outside(self) -> BoolArray:
-        """Whether (T,) the centre of mass is beyond the edge; where nothing touches, nothing supports."""
-        return np.asarray(~(self.margin >= -OUTSIDE_M))
+        """Whether (T,) the centre of mass is beyond the edge."""
+        return outside(self.margin)
+
+
+def outside(margin: FloatArray) -> BoolArray:
+    """Whether (T,) the centre of mass is beyond the edge; where nothing touches, nothing supports."""
+    return np.asarray(~(margin >= -OUTSIDE_M))
 
 
 def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
@@ -163,13 +175,39 @@ def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
     return Standing(soles, corners, com, support_margin(com, corners))
 
 
-def foot_slide(sole: Sole) -> float:
-    """How far (m) a sole's centre got, at most, from where it touched the ground, while it touched."""
-    down: BoolArray = np.asarray(sole_corners(sole)[..., 2].min(axis=1) <= CONTACT_M)
+@dataclass(frozen=True, eq=False)
+class SolesOver:
+    """A robot over its k soles in T postures: margin (T,) m, see `support_margin`; place (T, k, 3) m, of the soles;
+    tilt (T, k) rad; lowest (T, k) m, height of the lowest corner."""
+
+    margin: FloatArray
+    place: FloatArray
+    tilt: FloatArray
+    lowest: FloatArray
+
+
+def soles_over(robot: RobotBody, q: FloatArray) -> SolesOver:
+    """A robot that stands on soles, in the postures (T, nq) of a run."""
+
+    def measured(rows: slice) -> dict[str, FloatArray]:
+        stand = standing_of(robot, q[rows])
+        return {
+            "margin": stand.margin,
+            "place": np.stack([sole.position for sole in stand.soles], axis=1),
+            "tilt": np.stack([tilt(sole.orientation) for sole in stand.soles], axis=1),
+            "lowest": np.stack([sole_corners(sole)[..., 2].min(axis=1) for sole in stand.soles], axis=1),
+        }
+
+    return SolesOver(**in_named_blocks(measured, len(q)))
+
+
+def foot_slide(place: FloatArray, lowest: FloatArray) -> float:
+    """How far (m) a sole's centre got, at most, from where it touched the ground, while it touched. place (T, 3) m of
+    the sole; lowest (T,) m, height of its lowest corner."""
     slide = 0.0
-    for first, last in _spans(down):
-        place = sole.position[first:last, :2]
-        slide = max(slide, float(np.linalg.norm(place - place[0], axis=1).max()))
+    for first, last in _spans(np.asarray(lowest <= CONTACT_M)):
+        on_ground = place[first:last, :2]
+        slide = max(slide, float(np.linalg.norm(on_ground - on_ground[0], axis=1).max()))
     return slide
 
 

@@ -456,7 +456,7 @@ def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns
     if run.robot is None:
         return [_Track("reached", REACHED, 1.0, reached[:, columns])]
     tracks = [_Track("sent", REACHED, 1.8, reached[:, columns])]
-    stood = run.present_q
+    stood = run.present_q(slice(None))
     if stood is not None:
         frames = run.robot.landmark_frames(tuple(names[column] for column in columns))
         tracks.append(_Track("servos", SERVOS, 0.8, run.robot.points(stood, frames)))

@@ -1,7 +1,7 @@
 """How well a run followed: errors, lag, reach of the hands, and the error of the highest level."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.report import motion_metrics
+from retarget.report.blocks import blocks, in_blocks
 from retarget.robot.arm_branches import arm_postures, chain_to_anchor, position_limits
 from retarget.robot.landmarks import PELVIS, Facing, limb_scale
 from retarget.run.run_result import RunResult
@@ -39,11 +40,20 @@ def path_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
 
     A robot that stands still shows 0.
     """
-    known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
+    known = _known(asked, reached)
     if np.count_nonzero(known) < 2:
         return None
     wanted = _path_length(asked[known])
     return None if wanted < STILL_M else _path_length(reached[known]) / wanted
+
+
+def _known(*tracks: FloatArray) -> BoolArray:
+    """Whether (T,) all tracks (T, k, 3) are known."""
+
+    def known(rows: slice) -> BoolArray:
+        return np.asarray(np.all([np.isfinite(track[rows]).all(axis=(1, 2)) for track in tracks], axis=0))
+
+    return in_blocks(known, len(tracks[0]))
 
 
 def excursion_ratio(asked: FloatArray, reached: FloatArray) -> float | None:
@@ -85,8 +95,10 @@ def lag(asked: FloatArray, reached: FloatArray, dt: float) -> float | None:
     All coordinates together, each about its mean over the ticks compared; lags from 0 to LONGEST_LAG_S, between ticks
     by a parabola. None where either stands still, or the correlation still rises at the last lag: the run is too short.
     """
-    known = np.isfinite(asked).all(axis=(1, 2)) & np.isfinite(reached).all(axis=(1, 2))
-    a, b = (track[known].reshape(np.count_nonzero(known), 3 * track.shape[1]) for track in (asked, reached))
+    known = np.flatnonzero(_known(asked, reached))
+    whole = known.size > 0 and known[-1] - known[0] + 1 == known.size  # then a view of the track, which may be long
+    rows = slice(known[0], known[-1] + 1) if whole else known
+    a, b = (track[rows].reshape(-1, 3 * track.shape[1]) for track in (asked, reached))
     steps = min(round(LONGEST_LAG_S / dt), len(a) // 2)
     if steps < 2 or _spread(a) < STILL_M or _spread(b) < STILL_M:
         return None
@@ -104,25 +116,26 @@ def _path_length(track: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(track, axis=0), axis=-1).sum())
 
 
-def _centred(track: FloatArray) -> FloatArray:
-    """Columns (T, c) about their means."""
-    return np.asarray(track - track.mean(axis=0))
-
-
 def _spread(track: FloatArray) -> float:
     """Root mean square of the distance of (T, c) from its mean, m."""
-    return float(np.sqrt(np.mean(np.sum(_centred(track) ** 2, axis=1))))
+    return float(np.sqrt(_inner(track, track)[0] / len(track)))
 
 
 def _correlation(asked: FloatArray, reached: FloatArray, step: int) -> float:
     """Normalised correlation of what was asked with what was reached `step` ticks later."""
-    a, b = _centred(asked[: len(asked) - step]), _centred(reached[step:])
-    return _inner(a, b) / float(np.sqrt(_inner(a, a) * _inner(b, b)))
+    both, a, b = _inner(asked[: len(asked) - step], reached[step:])
+    return both / float(np.sqrt(a * b))
 
 
-def _inner(a: FloatArray, b: FloatArray) -> float:
-    """Sum of products. Not by BLAS, whose threads wait for each other on a busy machine."""
-    return float(np.einsum("ij,ij->", a, b))
+def _inner(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
+    """Sums of products of (T, c) and (T, c) about their means: of both, of the first and of the second with itself. Not
+    by BLAS, whose threads wait for each other on a busy machine."""
+    means, sums = (a.mean(axis=0), b.mean(axis=0)), np.zeros(3)
+    for rows in blocks(len(a)):
+        x, y = a[rows] - means[0], b[rows] - means[1]
+        sums += [np.einsum("ij,ij->", *pair) for pair in ((x, y), (x, x), (y, y))]
+    both, first, second = sums.tolist()
+    return both, first, second
 
 
 def _vertex(score: FloatArray, best: int) -> float:
@@ -169,10 +182,11 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
         if robot is None or sent is None:
             yield run.record.human.balance_error
         elif task.mode == "support" and robot.stands:
-            yield np.maximum(task.margin - motion_metrics.standing_of(robot, sent.q).margin, 0.0)
+            yield np.maximum(task.margin - motion_metrics.soles_over(robot, sent.q).margin, 0.0)
     elif isinstance(task, PositionTask):
         names, asked, reached = run.followed
-        errors = distances(asked * _rows(task), reached * _rows(task))
+        counts = _rows(task)
+        errors = in_blocks(lambda rows: distances(asked[rows] * counts, reached[rows] * counts), len(asked))
         yield from (_locked(run, name, errors[:, names.index(name)]) for name in task.of if name in names)
     elif robot is not None and sent is not None:
         if isinstance(task, OrientationTask):
@@ -236,6 +250,12 @@ class Performance:
         """Unit vectors (T, 2) on the ground where the performer faces."""
         return headings(self.pelvis, self.joint_names, self.joints, self.dt)
 
+    def of(self, rows: slice) -> "Performance":
+        """Some of the ticks, with the headings that they have among all."""
+        part = replace(self, joints=self.joints[rows], pelvis=self.pelvis[rows], landmarks=self.landmarks[rows])
+        part.__dict__["heading"] = self.heading[rows]  # where `cached_property` keeps it: a heading follows all ticks
+        return part
+
     @property
     def standing(self) -> dict[str, FloatArray]:
         """Place (3,) m of each joint of the performer who stands upright."""
@@ -255,7 +275,7 @@ def performance_of(run: RunResult) -> Performance | None:
         dimensions=run.human.dimensions,
         joint_names=human.joint_names,
         joints=human.joints,
-        pelvis=PostureReader(run.human).orientations(human.q)[:, ORIENTED.index("pelvis")],
+        pelvis=_pelvis_turns(run, human.q),
         landmark_names=sent.landmark_names,
         landmarks=sent.landmarks_asked,
         dt=run.clip.dt,
@@ -329,16 +349,26 @@ def headings(pelvis: FloatArray, joint_names: tuple[str, ...], joints: FloatArra
 
 def _faced(pelvis: FloatArray, left: FloatArray, right: FloatArray, dt: float) -> FloatArray:
     """Headings (T, 2) by the pelvis (T, 4) wxyz and the lines (T, 3) of both feet."""
-    facing, rows = Facing(), zip(pelvis.tolist(), left.tolist(), right.tolist(), strict=True)
-    return np.array([facing.update(*row, dt) for row in rows]).reshape(-1, 2)
+    facing = Facing()
+
+    def faced(rows: slice) -> FloatArray:
+        lines = zip(pelvis[rows].tolist(), left[rows].tolist(), right[rows].tolist(), strict=True)
+        return np.array([facing.update(*line, dt) for line in lines]).reshape(-1, 2)
+
+    return in_blocks(faced, len(pelvis))
 
 
 def performer_facing(run: RunResult) -> FloatArray:
     """Heading (t, 2), unit vectors on the ground, in which a robot mirrors the performer at the ticks that followed."""
     human, following = run.record.human, run.record.following
-    pelvis = PostureReader(run.human).orientations(np.ascontiguousarray(human.q[following]))
-    turns = pelvis[:, ORIENTED.index("pelvis")]
+    turns = _pelvis_turns(run, human.q[following])
     return headings(turns, human.joint_names, human.joints[following], run.clip.dt)
+
+
+def _pelvis_turns(run: RunResult, q: FloatArray) -> FloatArray:
+    """Orientation (T, 4) wxyz of the human's pelvis in postures (T, nq)."""
+    reader, pelvis = PostureReader(run.human), ORIENTED.index("pelvis")
+    return in_blocks(lambda rows: reader.orientations(np.ascontiguousarray(q[rows]))[:, pelvis], len(q))
 
 
 def robot_headings(robot: RobotBody, q: FloatArray, dt: float) -> FloatArray:

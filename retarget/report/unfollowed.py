@@ -58,9 +58,9 @@ def unfollowed_of(run: RunResult, asked: Performance | None) -> tuple[Unfollowed
     if asked is None or run.robot is None or not run.robot.stands or run.setup.parts != "whole":
         return None
     columns = [asked.joint_names.index(name) for name in JOINTS]
-    truth, joints = run.human_truth, asked.joints[rows][:, columns]
-    if truth is not None and np.isfinite(truth[rows][:, columns]).any(axis=(0, 2)).all():
-        joints = truth[rows][:, columns]
+    truth, joints = run.truth_of(JOINTS, rows), asked.joints[rows][:, columns]
+    if truth is not None and np.isfinite(truth).any(axis=(0, 2)).all():
+        joints = truth
     time = run.record.time[rows]
     found = unfollowed(joints, leg_length(asked.dimensions), run.clip.motion_dt)
     named = [Unfollowed(what, float(time[first]), float(time[last])) for what, first, last in found]

@@ -33,9 +33,8 @@ class RecordedPerformer:
     over: ClassVar[bool] = False
 
     def __init__(self, clip: Clip) -> None:
-        """clip: one with `jumped`."""
-        assert clip.jumped is not None, "a clip in which nothing jumps is a performer itself"
-        self._clip, self._jumped = clip, clip.jumped
+        """clip: one `with_jumps`; one in which nothing jumps is a performer itself."""
+        self._clip = clip
         self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
         self._engagement = Engagement(clip.sample(0), following=True)
         self._words = ""
@@ -63,8 +62,8 @@ class RecordedPerformer:
 
     def sample(self, tick: int) -> SensorSample | None:
         """The sensors at a tick, on the grid; None: hold."""
-        sample, jumped = self._clip.sample(tick), self._jumped[tick % len(self._jumped)]
-        self._words = _jumped_words(sample.names, jumped)
+        sample = self._clip.sample(tick)
+        self._words = _jumped_words(sample.names, self._clip.jumped(tick))
         followed = self._engagement.step(tick * self.dt, sample, good=not self._words)
         return None if followed is None else on_grid(followed)
 

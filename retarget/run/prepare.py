@@ -160,9 +160,9 @@ def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perf
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
         size = calibrate(frames.mirror() if playback.mirror else frames)
         left_out = () if clip.left_out is None else (f"{frames.source} {clip.left_out}",)
-        if clip.jumped is None:
+        if clip.with_jumps is None:
             return Performance(clip, size, frames.notes + left_out)
-        names = ", ".join(name for row, name in enumerate(clip.frames.names) if clip.jumped[:, row].any())
+        names = ", ".join(clip.names_of_jumped)
         jumps = f"{frames.source}: {names} jumped farther than a human can; there the performer is not followed"
         return Performance(RecordedPerformer(clip), size, (*frames.notes, *left_out, jumps))
 

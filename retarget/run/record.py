@@ -219,6 +219,11 @@ class RecordRows:
         elif self._laps and self._oldest is None:
             self._oldest, self.row = self.row % self._approach, self._approach
 
+    @property
+    def closed(self) -> bool:
+        """Whether no more ticks are kept."""
+        return self._end is not None
+
     def close(self) -> None:
         """Keep none of the ticks that follow."""
         if self._end is None:
@@ -340,7 +345,7 @@ class TickRecorder:
         record.timing.cycle[row] = now - self._begun
         self._on_row(record, row)
         record.timing.cycle[row] = self._wall.now() - self._begun  # callbacks are part of the tick
-        if phase is Phase.FOLLOW:
+        if phase is Phase.FOLLOW and not self._rows.closed:
             self._followed_at = (self._followed_at[0] if self._followed else self._begun, now)
             self._followed += 1
         self._rows.filled(approaches=approaches)
@@ -350,7 +355,7 @@ class TickRecorder:
         self._rows.close()
 
     def finish(self) -> tuple[Record, float]:
-        """The record of the run, and the wall time of following, s."""
+        """The record of the run, and the wall time of the following that is in it, s."""
         record = self._rows.of(self._record)
         followed = record.following
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)

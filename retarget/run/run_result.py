@@ -137,8 +137,18 @@ class RunResult:
     @property
     def human_truth(self) -> FloatArray | None:
         """Recorded joint centres (T, m, 3) m, in the order of the record's; NaN or None where not known."""
-        truth = self.clip.truth(self.record.human.joint_names, self.ticks_followed)
-        return None if truth is None else self._while_following(truth)
+        return self.truth_of(self.record.human.joint_names)
+
+    def truth_of(self, names: tuple[str, ...], rows: slice | None = None) -> FloatArray | None:
+        """As `human_truth`, of some joints (T, m, 3) m and some rows, which go up one by one."""
+        of, following = range(len(self.record))[slice(None) if rows is None else rows], self.record.following
+        first, end = max(of.start, following.start), min(of.stop, following.stop)
+        known = self.clip.truth(names, range(first - following.start, max(end, first) - following.start))
+        if known is None:
+            return None
+        padded = np.full((len(of), *known.shape[1:]), np.nan)
+        padded[first - of.start : max(end, first) - of.start] = known
+        return padded
 
     @property
     def landmarks_reached(self) -> FloatArray | None:
@@ -156,16 +166,15 @@ class RunResult:
             return self.sensors, self.sensors_asked, self.sensors_reached
         return sent.landmark_names, sent.landmarks_asked, reached
 
-    @property
-    def present_q(self) -> FloatArray | None:
-        """Postures (T, nq), m, wxyz and rad, of the present positions, on the planted sole; None without servos that
-        answer."""
+    def present_q(self, rows: slice) -> FloatArray | None:
+        """Postures (T, nq), m, wxyz and rad, of the present positions in some rows, on the planted sole; None without
+        servos that answer."""
         sent = self.record.robot
         if self.robot is None or sent is None or not self.setup.has_bus:
             return None
-        q = sent.q.copy()
-        q[:, self.robot.servo_columns] = sent.present
-        plant_roots(self.robot, sent.q, q)
+        q = sent.q[rows].copy()
+        q[:, self.robot.servo_columns] = sent.present[rows]
+        plant_roots(self.robot, sent.q[rows], q)
         return q
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 from hardware.servo import ServoSpec
 from retarget.model.body_file import BodyFile, compile_body
 from retarget.model.robot import RobotBody
-from retarget.report.clearance import Clearance, PlacedBody, moving_geoms
+from retarget.report.clearance import Clearance, PlacedBody
 from retarget.types import FloatArray
 
 # The frames of protocol 2.0 that a host sent, and what they write.
@@ -284,7 +284,7 @@ def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
 def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
     """Return the clearance, m, of the body to itself in postures (T, nq), rad."""
     file = _body(str(robot.profile.body_path), robot.profile.root)
-    placed = PlacedBody(file, moving_geoms(file.model, postures), np.arange(len(postures)))
+    placed = PlacedBody(file, postures, np.arange(len(postures)))
     neutral = robot.posture(robot.profile.postures.neutral)
     return placed.to_itself(neutral=neutral, ignored=[entry.pair for entry in robot.profile.ignore_pairs])
 

@@ -83,12 +83,13 @@ def test_a_clip_says_which_sensors_have_jumped(speed: float, loop: bool) -> None
     five = load_performer("five")
     playback = Playback(speed=speed, end=4.0, loop=loop)
     clip = lay_on_ticks(jumping(2.0, 2.4), performer=five, playback=playback, rate_hz=100.0)
-    assert clip.jumped is not None and not (clip.jumped & clip.frames.valid).any()
-    ticks = np.flatnonzero(clip.jumped.any(axis=1)) * clip.motion_dt
+    jumped = np.array([clip.jumped(tick) for tick in range(len(clip.frames))])
+    assert not (jumped & clip.frames.valid).any()
+    ticks = np.flatnonzero(jumped.any(axis=1)) * clip.motion_dt
     assert 2.13 <= ticks.min() <= 2.16 and 2.38 <= ticks.max() <= 2.41
-    named = {name for row, name in enumerate(clip.frames.names) if clip.jumped[:, row].any()}
-    assert named == set(TOGETHER)
-    assert lay_on_ticks(sane(), performer=five, playback=playback, rate_hz=100.0).jumped is None
+    assert set(clip.names_of_jumped) == set(TOGETHER)
+    unmoved = lay_on_ticks(sane(), performer=five, playback=playback, rate_hz=100.0)
+    assert unmoved.with_jumps is None and unmoved.names_of_jumped == () and not unmoved.jumped(3).any()
 
 
 def is_sane(path: Path) -> bool:

@@ -327,6 +327,7 @@ def test_who_stands_upright_is_measured_within_two_percent() -> None:
         (standing() | {"head": standing()["head"] + [0.3, 0.0, -0.05]}, "your head is 0.2. m ahead of your feet"),
         (standing() | {"head": standing()["head"] - [0.0, 0.2, 0.0]}, "your head is 0.20 m to the right of your feet"),
         (standing() | {"l_ankle": standing()["l_ankle"] + [0.05, 0.0, 0.1]}, "left foot is 0.10 m above your right"),
+        (standing() | {"r_ankle": standing()["r_ankle"] + [0.0, 0.0, 0.06]}, "right foot is 0.06 m above your left"),
         (
             standing() | {name: standing()[name] + [0.55, 0.0, 0.5] for name in ("l_wrist", "r_wrist")},
             "your hands are 0.5. m ahead of your head",
@@ -336,3 +337,69 @@ def test_who_stands_upright_is_measured_within_two_percent() -> None:
 def test_who_does_not_is_told_why(at: dict[str, FloatArray], found: str) -> None:
     with pytest.raises(InputError, match=found):
         measured(at)
+
+
+def moved(at: dict[str, FloatArray], apart: float) -> dict[str, FloatArray]:
+    """The sensors `at`, with both ankles so far apart (m)."""
+    return at | {
+        name: at[name] * [1.0, 0.0, 1.0] + [0.0, side * 0.5 * apart, 0.0]
+        for name, side in (("l_ankle", 1.0), ("r_ankle", -1.0))
+    }
+
+
+def swapped(at: dict[str, FloatArray], *parts: str) -> dict[str, FloatArray]:
+    """The sensors `at`, with left and right of these parts exchanged."""
+    sides = {f"{side}_{part}": at[f"{other}_{part}"] for part in parts for side, other in ("lr", "rl")}
+    return at | sides
+
+
+def arms_crossed() -> dict[str, FloatArray]:
+    """Each hand below the other elbow: as far apart as the feet, so that all pairs together show no direction."""
+    at = standing()
+    apart = float(at["l_ankle"][1] - at["r_ankle"][1])
+    return at | {
+        name: at["head"] + np.array([0.2, -side * 0.5 * apart, -0.5])
+        for name, side in (("l_wrist", 1.0), ("r_wrist", -1.0))
+    }
+
+
+CROSSED = "left and right of the"
+
+
+@pytest.mark.parametrize("known", [None, STATURE])
+@pytest.mark.parametrize(
+    ("at", "found"),
+    [
+        (moved(standing(), 0.55), "your ankles are 0.55 m apart"),
+        (moved(standing(), 0.98), "your ankles are 0.98 m apart"),
+        (swapped(standing(), "wrist"), CROSSED),
+        (swapped(standing(), "ankle"), CROSSED),
+        (arms_crossed(), CROSSED),
+    ],
+)
+def test_wide_feet_and_what_is_crossed_or_swapped_are_refused_without_a_raised_arm(
+    at: dict[str, FloatArray], found: str, known: float | None
+) -> None:
+    with refuses(InputError, found=found):
+        measured(at, known)
+
+
+def test_the_pair_that_differs_from_all_others_is_named() -> None:
+    points = at_rest(PERSON, 0.1)
+    at = {name: points[name] for name in (*FIVE, "l_hip", "r_hip", "l_knee", "r_knee")}
+    with refuses(InputError, found="of the ankles are exchanged"):
+        measured(swapped(at, "ankle"))
+    with refuses(InputError, found="of the wrists are exchanged"):
+        measured(swapped(at, "wrist"))
+
+
+@pytest.mark.parametrize("arms", [0.05, 0.8, np.pi / 2])
+@pytest.mark.parametrize("apart", [0.0, 0.08, 0.3, 0.48])
+@pytest.mark.parametrize("ahead", [0.0, 0.12])
+def test_who_stands_with_feet_together_or_as_wide_as_a_stride_is_measured(
+    arms: float, apart: float, ahead: float
+) -> None:
+    points = at_rest(PERSON, arms)
+    at = moved({name: points[name] - [2.0, -1.0, 0.0] for name in FIVE}, apart)
+    at["l_ankle"] = at["l_ankle"] + np.array([ahead, 0.0, 0.04])
+    assert measured(at) == pytest.approx(PERSON.stature, rel=0.04)

@@ -10,6 +10,7 @@ from benchmarks.collision_placement import (
     height_scale,
     place,
     play,
+    scene_clearance,
     scene_distances,
     scene_obstacles,
     write_scene,
@@ -42,12 +43,11 @@ def test_what_is_placed_is_met_by_the_arms_alone_and_clear_at_the_start(free: Mo
     obstacles, scale = scene_obstacles(free), height_scale(free)
     assert 0.9 < scale < 1.1
     np.testing.assert_allclose(scene.shapes.influence, INFLUENCE * scale, rtol=1e-3)
-    assert len(obstacles.start.rows) == free.first + 1
-    start = obstacles.start.to_scene(scene, obstacles.start_times).smallest
-    rest = obstacles.rest.to_scene(scene, obstacles.times).smallest
-    assert start is not None and start >= 2.0 * MARGIN * scale
-    assert rest is not None and rest >= MARGIN * scale
-    assert (-scene_distances(obstacles.arms, scene, obstacles.times).min(axis=0) > 0.01).all()
+    assert len(obstacles.start.position) == free.first + 1
+    start = scene_clearance(obstacles.body, obstacles.start, scene, obstacles.start_times)
+    rest = scene_clearance(obstacles.body, obstacles.rest, scene, obstacles.times)
+    assert start >= 2.0 * MARGIN * scale and rest >= MARGIN * scale
+    assert (-scene_distances(obstacles.body, obstacles.arms, scene, obstacles.times).min(axis=0) > 0.01).all()
 
 
 @pytest.mark.long

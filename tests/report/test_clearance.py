@@ -14,8 +14,8 @@ from retarget.model.robot import load_robot
 from retarget.model.scene_state import SceneState
 from retarget.report.clearance import (
     Clearance,
+    ClosestPairs,
     MovingGeoms,
-    closest_pairs,
     compared_pairs,
     place_body,
     scene_model,
@@ -189,7 +189,7 @@ def test_every_pair_is_compared_but_those_that_may_touch() -> None:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("offset", [0.5, 0.0, -0.3])
 def test_all_is_found(seed: int, offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("retarget.report.clearance.BLOCK", 64)
+    monkeypatch.setattr("retarget.report.blocks.BLOCK", 64)
     rng = np.random.default_rng(seed)
     table = offset + np.abs(0.3 + np.cumsum(rng.normal(0.0, 0.01, (400, 12)), axis=0)) - 0.05
     bound = table - rng.uniform(0.0, 0.05, table.shape)
@@ -201,7 +201,9 @@ def test_all_is_found(seed: int, offset: float, monkeypatch: pytest.MonkeyPatch)
         assert (np.diff(rows) >= 0).all()
         return np.asarray(table[rows, pairs])
 
-    found = closest_pairs(distances, lambda rows: bound[rows], len(table), tolerances=(1e-6, 1e-3))
+    closest = ClosestPairs((1e-6, 1e-3))
+    closest.look(distances, lambda rows: bound[rows], len(table))
+    found = closest.found
     assert found.smallest == table.min()
     assert table[found.row, found.pair] == table.min()
     nearest = table.min(axis=1)

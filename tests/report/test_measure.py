@@ -1,5 +1,6 @@
 """The report of a finished run: the bus's clock as it went, every failure, and the last seconds alone."""
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,23 +10,27 @@ import pytest
 from benchmarks.physics_runs import play, stood
 from faulty_bus import FaultKind, MockFault
 from hardware.bus import ServoGoals, ServoStates
+from hardware.clock import VirtualClock
 from hardware.errors import BusError
 from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import shows
 from retarget.cli import run as follow_clip
+from retarget.human.samples import Playback
 from retarget.live.begin import LiveOptions
 from retarget.report import measure as bus
+from retarget.report.findings import findings
 from retarget.report.measure import latest_of, measure, measure_latest
 from retarget.report.outputs import Outputs
 from retarget.report.report import BusReport, ServoExtreme
 from retarget.run.loop import INTERRUPTED, Watch
 from retarget.run.options import RunOptions
-from retarget.run.prepare import Prepared
+from retarget.run.prepare import Prepared, prepare
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from rig import Rig, StubReconstructor, five, person, short_clip
 from sim.faults.sender import FakeSender
+from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 TICKS = 51
@@ -156,6 +161,51 @@ def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
     follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
     assert "last" not in " ".join(said[0])
+
+
+# A long run: what is measured of it needs little memory, and is the same in blocks of any size.
+
+
+def longer(run: RunResult, rows: int) -> RunResult:
+    """The run, as slow as fills so many rows."""
+    frames, of = run.clip.frames, np.arange(rows) * len(run.record) // rows
+    record = run.record.each(lambda array: np.ascontiguousarray(array[of]))
+    ticks = record.following.stop - record.following.start
+    at = np.arange(ticks) * len(frames) // ticks
+    clip = replace(run.clip, frames=frames.at_rows(at, np.arange(ticks) / run.clip.rate_hz), ticks=ticks, lap=0)
+    return replace(run, record=record, clip=clip)
+
+
+@pytest.fixture(scope="module")
+def clip_run() -> RunResult:
+    options = RunOptions(robot="op3", playback=Playback(end=1.0))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        return prepared.run()
+
+
+def peak_of_summary(run: RunResult) -> int:
+    """Most bytes that the summary of a run needs beside the run."""
+    tracemalloc.start()
+    try:
+        findings(run, measure(run))
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_summary_of_a_long_run_needs_less_memory_than_the_run(clip_run: RunResult) -> None:
+    few, many = 1500, 4500
+    a_row = (peak_of_summary(longer(clip_run, many)) - peak_of_summary(longer(clip_run, few))) / (many - few)
+    assert a_row < 1000.0, f"{a_row:.0f} bytes a row; a row of the run has 3300"
+
+
+def test_blocks_of_any_size_give_the_same_figures(clip_run: RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    report = measure(clip_run)
+    for block in (7, len(clip_run.record) + 1):
+        monkeypatch.setattr("retarget.report.blocks.BLOCK", block)
+        again = measure(clip_run)
+        assert again.lag_s == pytest.approx(report.lag_s, rel=1e-9)
+        assert replace(again, lag_s=report.lag_s) == report
 
 
 # Every robot that is shipped stands through the demo with mass, goes to rest, and moves.

@@ -650,6 +650,19 @@ def test_of_a_long_run_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch) ->
     assert all(after > before for before, after in pairwise(run.record.robot.bus_time.tolist()))
 
 
+def test_of_a_long_motion_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.human.samples.MAX_KEPT", 100)
+    rows = list[int]()
+    options = RunOptions(robot="op3", playback=Playback(end=2.0))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        run = prepared.run(Watch(on_row=lambda record, row: rows.append(row)))
+    report = measure(run)
+    assert run.ticks_followed == 100 and not run.record.to_end and len(run.record) < len(rows) - 150
+    assert report.duration_s == pytest.approx(99 / 125) and report.frames < report.frames_per_s * run.wall_s + 1.0
+    shows_lines([note for note in report.notes if "recorded" in note], 1)
+    assert report.limit_violations == LimitViolations(0, 0, 0)
+
+
 # What a run is asked to be, about its bus.
 
 
