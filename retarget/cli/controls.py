@@ -25,8 +25,9 @@ from hardware.clock import Clock
 from hardware.errors import HardwareError
 from hardware.guard import Torque
 from hardware.realtime import Scheduling, refuse_scheduling
-from retarget.cli.application import USUAL
+from retarget.cli.application import console
 from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
+from retarget.cli.stop import MAX_LINE, USUAL, connect_to, usual_path
 from retarget.errors import UsageError, renamed_to
 from retarget.types import Notify, RunState
 
@@ -364,14 +365,10 @@ WORDS = {
 WHERE = "--control-socket"
 MAX_PATH = 107
 """Bytes of a path that a socket can have (unix(7))."""
-MAX_LINE = 64
-"""Bytes; a client that sends a longer line is disconnected."""
 MOST_CLIENTS = 4
 """Clients that are served at once; a new client takes the place of the oldest one."""
 MOST_LINES = 8
 """Lines, at their longest, that are read from one client in one poll."""
-CONNECT_S = 1.0
-"""Most time, s, to connect to a control socket of this machine: one that takes longer serves no run."""
 
 
 def socket_path(text: str | None) -> Path:
@@ -379,35 +376,19 @@ def socket_path(text: str | None) -> Path:
 
     Raises UsageError where there is no such folder, or the path is too long.
     """
-    if text is None or text == USUAL:
-        folder = os.environ.get("XDG_RUNTIME_DIR", "")
-        if not Path(folder).is_absolute():
-            raise UsageError(
-                "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
-                where=WHERE,
-                next_step="Give a path, here and to `retarget stop`",
-            )
-        path = Path(folder) / "retarget.sock"
-    else:
-        path = Path(text)
+    path = usual_path(text)
+    if not path and text in (None, USUAL):
+        raise UsageError(
+            "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
+            where=WHERE,
+            next_step="Give a path, here and to `retarget stop`",
+        )
     length = len(os.fsencode(path))
-    if length > MAX_PATH or "\0" in str(path):
+    if length > MAX_PATH or "\0" in path:
         raise UsageError(
             "a socket cannot have this path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
         )
-    return path
-
-
-def connect_to(path: Path) -> socket.socket:
-    """Connect to a socket; blocks for CONNECT_S at most. Raises OSError."""
-    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        client.settimeout(CONNECT_S)
-        client.connect(str(path))
-    except BaseException:
-        client.close()
-        raise
-    return client
+    return Path(path)
 
 
 class ControlSocket:
@@ -780,7 +761,6 @@ def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from rich.console import Console
     from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
     from rich.text import Text
 
@@ -791,6 +771,6 @@ def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
             return Text(words())
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), Words(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as line:
+    with Progress(*columns, console=console(err=True), transient=True) as line:
         line.add_task(what, total=None)
         yield

@@ -150,6 +150,8 @@ def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root |
 def refusal(source: str, error: Exception, spec: Any = None) -> InputError:
     """The refusal of a body by MuJoCo. spec: that it refused, of which a geom of size 0 is named by link and line."""
     reason = " ".join(str(error).split())[:500]
+    if "ould not allocate memory" in reason:
+        raise MemoryError(reason) from error
     empty = _EMPTY_GEOM.search(reason)
     if spec is None or empty is None:
         return InputError("not a usable body", where=source, found=reason, next_step=BODY_HELP)
