@@ -27,7 +27,7 @@ from hardware.guard import Torque
 from hardware.realtime import Scheduling, refuse_scheduling
 from retarget.cli.application import console
 from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
-from retarget.cli.stop import MAX_LINE, USUAL, connect_to, usual_path
+from retarget.cli.stop import MAX_LINE, WHERE, connect_to
 from retarget.errors import UsageError, renamed_to
 from retarget.types import Notify, RunState
 
@@ -362,33 +362,10 @@ WORDS = {
     "hold": (Asked.HOLD, "paused by the control socket: the robot holds", "ok holding"),
 }
 """Words that ask for something: what, the reason for the operator, and the answer. `status` asks for nothing."""
-WHERE = "--control-socket"
-MAX_PATH = 107
-"""Bytes of a path that a socket can have (unix(7))."""
 MOST_CLIENTS = 4
 """Clients that are served at once; a new client takes the place of the oldest one."""
 MOST_LINES = 8
 """Lines, at their longest, that are read from one client in one poll."""
-
-
-def socket_path(text: str | None) -> Path:
-    """The path that is given; for None or "usual", `retarget.sock` in the folder of this user's session.
-
-    Raises UsageError where there is no such folder, or the path is too long.
-    """
-    path = usual_path(text)
-    if not path and text in (None, USUAL):
-        raise UsageError(
-            "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
-            where=WHERE,
-            next_step="Give a path, here and to `retarget stop`",
-        )
-    length = len(os.fsencode(path))
-    if length > MAX_PATH or "\0" in path:
-        raise UsageError(
-            "a socket cannot have this path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
-        )
-    return Path(path)
 
 
 class ControlSocket:

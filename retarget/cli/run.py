@@ -42,7 +42,6 @@ from retarget.cli.controls import (
     live_state,
     open_dead_man,
     refuse_oversight,
-    socket_path,
 )
 from retarget.cli.exit import (
     DONE,
@@ -55,6 +54,7 @@ from retarget.cli.exit import (
     stop_on_signals,
 )
 from retarget.cli.session import Session
+from retarget.cli.stop import socket_path
 from retarget.cli.view import Viewing, opened_page, viewing
 from retarget.cli.web.control import LABEL, PAGE, PageControl, WebInput, opened_web
 from retarget.errors import UsageError

@@ -9,7 +9,11 @@ import socket
 TYPE_CHECKING = False  # that of `typing`, which takes as long to import as the stop to be sent
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
+WHERE = "--control-socket"
+MAX_PATH = 107
+"""Bytes of a path that a socket can have (unix(7))."""
 USUAL = "usual"
 """What `--control-socket` means without a path."""
 MAX_LINE = 64
@@ -27,6 +31,28 @@ def usual_path(text: str | None) -> str:
         return text
     folder = os.environ.get("XDG_RUNTIME_DIR", "")
     return os.path.join(folder, "retarget.sock") if os.path.isabs(folder) else ""  # noqa: PTH117, PTH118 - see above
+
+
+def socket_path(text: str | None) -> "Path":
+    """The path of a control socket, as `usual_path` finds it. Raises UsageError where there is none, or it is too
+    long."""
+    from pathlib import Path
+
+    from retarget.errors import UsageError
+
+    path = usual_path(text)
+    if not path and text in (None, USUAL):
+        raise UsageError(
+            "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
+            where=WHERE,
+            next_step="Give a path, here and to `retarget stop`",
+        )
+    length = len(os.fsencode(path))
+    if length > MAX_PATH or "\0" in path:
+        raise UsageError(
+            "a socket cannot have this path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
+        )
+    return Path(path)
 
 
 def connect_to(path: "str | os.PathLike[str]") -> socket.socket:
@@ -94,7 +120,6 @@ def stop(path: str | None = None, torque_off: bool = False) -> None:
     Options:
         torque_off: Torque off at once, without braking: it may fall.
     """
-    from retarget.cli.controls import socket_path
     from retarget.errors import UsageError
 
     where = socket_path(path)

@@ -40,9 +40,8 @@ from retarget.cli.controls import (
     StopFile,
     open_dead_man,
     refuse_oversight,
-    socket_path,
 )
-from retarget.cli.stop import MAX_LINE, connect_to
+from retarget.cli.stop import MAX_LINE, connect_to, socket_path
 from retarget.errors import UsageError
 
 HELD_KEY_DT = 0.01
