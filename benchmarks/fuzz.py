@@ -2,7 +2,8 @@
 
 Each case follows from the seed and its number: a file of the corpus, made anew by the project itself, that is cut, bent
 or given hostile values, also inside of what is packed, with the sums that belong to it. A case fails that raises
-anything but a `RetargetError`, or that takes more than 5 s of CPU time or 1.5 GB. Its file is kept in out/fuzz.
+anything but a `RetargetError`, or that takes more than 5 s of CPU time or 1.5 GB, with the child in which a body is
+compiled. Its file is kept in out/fuzz.
 """
 
 import argparse
@@ -55,6 +56,8 @@ from retarget.schema.catalogue import shipped_folder
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
+from retarget.setup.body_draft import draft_body
+from retarget.setup.robot_file import read_source
 from retarget.sources.asf_amc import read_amc
 from retarget.sources.c3d import KNOWN_MARKERS
 from retarget.sources.open import open_source
@@ -163,6 +166,50 @@ def bent_stream(data: bytes, rng: Random, *, folder: Path) -> bytes:
     return made.read_bytes()
 
 
+SIZED = b"""<mujoco><compiler angle="radian"/><size nkey="2" nuserdata="10" nuser_geom="2" memory="20M"/>
+<option timestep="0.002" iterations="10"/><custom><numeric name="n" size="5" data="1 2"/></custom>
+<default><geom type="capsule" size="0.04 0.1"/></default>
+<asset><texture name="t" type="2d" builtin="checker" width="64" height="64"/>
+<texture name="s" type="skybox" builtin="gradient" width="16" height="96"/><material name="m" texture="t"/>
+<mesh name="cone" builtin="cone" params="12 0.5" scale="0.1 0.1 0.1"/>
+<hfield name="h" nrow="4" ncol="5" size="1 1 0.1 0.1"/></asset>
+<worldbody><geom type="hfield" hfield="h"/>
+<body name="trunk" pos="0 0 1"><freejoint/><geom user="1 2"/><camera name="c" resolution="16 12"/>
+<body name="arm" pos="0 0.2 0"><joint name="j" axis="0 1 0" range="-1 1"/><geom type="mesh" mesh="cone"/>
+<site name="p"/></body></body>
+<replicate count="3" euler="0 0 1"><body pos="1 0 0"><joint axis="0 0 1"/><geom material="m"/></body></replicate>
+<flexcomp name="f" type="grid" count="3 3 2" spacing="0.1 0.1 0.1" dim="3" mass="1" radius="0.01"/></worldbody>
+<actuator><general joint="j" dyntype="user" actdim="2"/><position joint="j" nsample="3" delay="0.01"/></actuator>
+<sensor><user name="u" dim="3"/><contact num="2"/><jointpos joint="j" nsample="3" delay="0.01"/></sensor></mujoco>"""
+"""An MJCF that tells sizes, of which more than a robot needs are refused."""
+TELLS = re.compile(
+    rb'\b(nkey|nuser\w+|memory|nrow|ncol|count|width|height|size|dim|num|nsample|actdim|params|resolution)="[^"]*"'
+)
+LARGE = (b"1 1 1", *b"1 9 99 500 999 4000 5000 20000 90000 2000000000 99999999999 1e9 -1 inf 3G 0x7fffffff".split())
+
+
+def bent_body(data: bytes, rng: Random) -> bytes:
+    """A body in which sizes are changed, a part is repeated or an element of another body is put in; or as any file."""
+    if rng.random() < 0.3:
+        return bent(data, rng)
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        kind, ends = rng.randrange(4), [found.end() for found in re.finditer(rb">", data)][:-1]
+        told, at = list(TELLS.finditer(data)), rng.choice(ends or [0])
+        if kind < 2 and told:
+            one = rng.choice(told)
+            value = b" ".join(rng.choice(LARGE) for _ in range(rng.choice((1, 1, 2, 3))))
+            data = data[: one.start()] + one[1] + b'="' + value + b'"' + data[one.end() :]
+        elif kind == 2:
+            part = rng.choice(re.findall(rb"<[a-z]+ [^<>]*/>", SIZED))
+            data = data[:at] + part * rng.choice((1, 1, 1, 20)) + data[at:]
+        elif kind == 3:
+            times = rng.choice((1, 2, 3))
+            inside = rb'<body><joint/><geom size="0.1"/></body>' * rng.choice((1, 1, 30))
+            opened = b'<replicate count="%s">' % rng.choice(LARGE)
+            data = data[:at] + opened * times + inside + b"</replicate>" * times + data[at:]
+    return data
+
+
 def made_runs(folder: Path, clip: Path) -> dict[str, list[bytes]]:
     """Short runs of a human and of a robot, by suffix."""
     for robot in ("human", "op3"):
@@ -219,6 +266,7 @@ def corpus(folder: Path) -> list[Kind]:
         shutil.copyfile(configs / "robots/op3/body.xml", path.with_name("body.xml"))
         return load_profile(path)
 
+    mjcf, urdf = ((configs / "robots/op3/body.xml").read_bytes(), SIZED), write_urdf(bench_human()).encode()
     return [
         Kind(".mcap", 10, lambda path: played(read_recording(path)), tuple(runs[".mcap"][:1]), bent_mcap),
         Kind(".mcap", 2, lambda path: played(read_recording(path)), tuple(runs[".mcap"]), bent_mcap),
@@ -230,14 +278,21 @@ def corpus(folder: Path) -> list[Kind]:
         Kind(".yaml", 10, load_performer, yamls("performers"), bent),
         Kind(".yaml", 10, load_scene, yamls("scenes"), bent),
         Kind(".yaml", 1, lambda path: session_options(path, command_of(run)), yamls("sessions"), bent),
-        Kind(".xml", 4, load_body, ((configs / "robots/op3/body.xml").read_bytes(),), bent),
-        Kind(".urdf", 8, load_body, (write_urdf(bench_human()).encode(),), bent),
+        Kind(".xml", 6, load_body, mjcf, bent_body),
+        Kind(".xml", 2, import_body, mjcf, bent_body),
+        Kind(".urdf", 4, load_body, (urdf,), bent_body),
+        Kind(".urdf", 4, import_body, (urdf,), bent_body),
         Kind(".bvh", 10, open_source, (bvh,), bent),
         Kind(".amc", 6, lambda path: read_amc(path, skeleton=folder / "good.asf"), (amc,), bent),
         Kind(".asf", 6, lambda path: read_amc(folder / "good.amc", skeleton=path), (asf,), bent),
         Kind(".c3d", 8, open_source, (made_c3d(),), bent),
         Kind(".raw", 6, _read_stream, tuple(streams), partial(bent_stream, folder=folder)),
     ]
+
+
+def import_body(path: Path) -> object:
+    """The body that `retarget import` writes."""
+    return draft_body(read_source(path))
 
 
 def _read_stream(path: Path) -> object:
@@ -267,7 +322,7 @@ def try_case(kinds: list[Kind], number: int, *, seed: int, folder: Path) -> Outc
     (kind,) = rng.choices(kinds, [kind.share for kind in kinds])
     path, name, why, refused = folder / f"case{kind.suffix}", f"{seed}-{number}{kind.suffix}", "", False
     path.write_bytes(kind.bend(rng.choice(kind.files), rng))
-    began, before = thread_cpu(), _memory()
+    began, before = _cpu(), _memory()
     try:
         with np.errstate(all="ignore"):
             kind.read(path)
@@ -276,7 +331,7 @@ def try_case(kinds: list[Kind], number: int, *, seed: int, folder: Path) -> Outc
     except Exception as error:  # noqa: BLE001 - any is what is looked for
         last = traceback.extract_tb(error.__traceback__)[-1]
         why = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}: {str(error)[:80]!r}"
-    took, memory = thread_cpu() - began, _memory()
+    took, memory = _cpu() - began, _memory()
     if took > CPU_S or memory > max(MEMORY, before):
         why = why or f"{took:.1f} s, {memory / 1e9:.1f} GB"
     if why:
@@ -286,25 +341,32 @@ def try_case(kinds: list[Kind], number: int, *, seed: int, folder: Path) -> Outc
 
 
 def _memory() -> int:
-    """Most that this process had, bytes."""
-    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    """Most that this process or a child of it had, bytes."""
+    return 1024 * max(resource.getrusage(whose).ru_maxrss for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
+def _cpu() -> float:
+    """Time of a processor that this thread and children that have ended took, s."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return thread_cpu() + children.ru_utime + children.ru_stime
 
 
 @cache
-def _at_work() -> tuple[list[Kind], Path]:
-    """The corpus of this process and its folder; from then on its memory is limited."""
+def _at_work(only: str | None) -> tuple[list[Kind], Path]:
+    """The corpus of this process, or its kinds of these suffixes, and its folder; from then on its memory is
+    limited."""
     folder = KEPT / f"process-{os.getpid()}"
     folder.mkdir(parents=True)
-    kinds = corpus(folder)
+    kinds = [kind for kind in corpus(folder) if only is None or kind.suffix in only.split(",")]
     warnings.simplefilter("ignore")
     used = 4096 * int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (used + round(2 * MEMORY),) * 2)
     return kinds, folder
 
 
-def try_cases(numbers: range, *, seed: int) -> Outcome:
+def try_cases(numbers: range, *, seed: int, only: str | None = None) -> Outcome:
     """Read the files of some cases in this process, which ends with a case that takes a minute."""
-    kinds, folder = _at_work()
+    kinds, folder = _at_work(only)
     outcome = Outcome()
     for number in numbers:
         signal.alarm(60)
@@ -319,13 +381,14 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--only", help="kinds by their suffix, with commas: .xml,.urdf")
     asked = parser.parse_args()
     batches = [range(first, min(first + BATCH, asked.cases)) for first in range(0, asked.cases, BATCH)]
     shutil.rmtree(KEPT, ignore_errors=True)
     total, seen = Outcome(), Counter[str]()
     with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn")) as pool:
         try:
-            for done in pool.map(partial(try_cases, seed=asked.seed), batches):
+            for done in pool.map(partial(try_cases, seed=asked.seed, only=asked.only), batches):
                 total += done
                 for name, why in done.failed:
                     seen[why.partition(": ")[0]] += 1

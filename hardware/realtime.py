@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from hardware.errors import HardwareError
+from hardware.errors import HardwareError, printable
 
 USUAL_PRIORITY = 40
 """Priority of SCHED_FIFO, 1 to 99: below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick
@@ -101,5 +101,5 @@ def _command(process: Path) -> str:
         words[0] = Path(words[0]).name or (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return ""
-    text = "".join(letter if letter.isprintable() else "?" for letter in " ".join(words))
+    text = printable(" ".join(words), one_line=True)
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

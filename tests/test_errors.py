@@ -40,3 +40,11 @@ def test_a_message_says_what_where_found_allowed_and_what_next() -> None:
 
 def test_empty_parts_are_left_out() -> None:
     assert errors.describe(what="no servo answers") == "no servo answers."
+
+
+def test_no_name_acts_on_a_terminal_or_begins_a_line() -> None:
+    assert errors.printable("a\x1b[31m\u202eb\r\x9b\udcff é°½\u00a0x\n\tc") == (
+        "a\\x1b[31m\\u202eb\\r\\x9b\\udcff é°½\u00a0x\n\tc"
+    )
+    error = InputError("not a file", where="a\nerror: forged\x1b[2J", found="\x07\t", next_step="Check the path")
+    assert str(error) == r"a\nerror: forged\x1b[2J: not a file; found \x07\t. Check the path."

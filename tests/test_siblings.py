@@ -34,9 +34,11 @@ def test_a_shadow_is_named(name: str, file: str, tmp_path: Path, root: Path) -> 
 def test_a_missing_sibling_is_named(root: Path) -> None:
     code = (
         "import sys; sys.path.insert(0, '')\n"
-        "from importlib.util import find_spec as real\n"
-        "import importlib.util as util\n"
-        "util.find_spec = lambda name: None if name == 'sim' else real(name)\n"
+        "from importlib.machinery import PathFinder\n"
+        "class NoSim:\n"
+        "    find_spec = lambda name, path=None, target=None: None if name == 'sim' else real(name, path, target)\n"
+        "real = PathFinder.find_spec\n"
+        "sys.meta_path[:] = [NoSim]\n"
         "import retarget"
     )
     result = run_python(code, cwd=root)

@@ -2,16 +2,17 @@
 -). A folder is a group of commands, built in the same way.
 
 Only the command that is asked for is imported, so that `--help` and `--version` answer at once. Nothing of weight is
-imported before `main`, so that Ctrl-C at any moment is one line.
+imported before `main`, so that Ctrl-C at any moment is one line, and before `retarget stop` has sent its word.
 """
 
 import atexit
 import gc
 import os
 import sys
-from collections.abc import Sequence
 
-from retarget.cli.exit import exit_code_of
+TYPE_CHECKING = False  # see `stop`
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 COMMANDS = {
     "demo": "See it work: no data and no hardware needed.",
@@ -40,18 +41,38 @@ _GARBAGE = 100_000
 """New objects after which garbage is collected: more than imports and a short run make."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: "Sequence[str] | None" = None) -> None:
     """Run the command line with `arguments` (those of the process by default) and leave with its exit code."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    chosen = [word for word in words if not word.startswith("-")][:2]
+    stops = _begun_stop(words[1:]) if words[:1] == ["stop"] else None
+    from retarget.cli.exit import exit_code_of
+
     if arguments is None:
         _start_fast()
-    sys.exit(exit_code_of(lambda: _call(chosen, words)))
+    sys.exit(exit_code_of(stops or (lambda: _call(words))))
 
 
-def _call(chosen: list[str], words: list[str]) -> None:
+def _begun_stop(words: list[str]) -> "Callable[[], None] | None":
+    """Send the word of `retarget stop` before anything else is imported. Returns the rest of the command; None where
+    nothing was sent, and the command begins as any other."""
+    from retarget.cli.stop import confirm, sent
+
+    try:
+        client = sent(words)
+    except KeyboardInterrupt as interrupt:
+        pressed = interrupt
+
+        def leave() -> None:
+            raise pressed
+
+        return leave
+    return None if client is None else lambda: confirm(client)
+
+
+def _call(words: list[str]) -> None:
     from retarget.cli.application import application, called, refuse_renamed, with_values
 
+    chosen = [word for word in words if not word.startswith("-")][:2]
     refuse_renamed(words)
     sys.exit(called(application(chosen), with_values(words)))
 

@@ -17,7 +17,10 @@ import typer
 from typer.core import TyperCommand
 
 import retarget
+from hardware.errors import printable
 from hardware.realtime import USUAL_PRIORITY
+from retarget.cli.exit import echo
+from retarget.cli.stop import USUAL
 from retarget.errors import UsageError, renamed_to, suggest
 from retarget.viewer.server import PORT
 
@@ -67,7 +70,7 @@ def _refused_words(error: typer.TyperException) -> int:
     from retarget.schema.strict_models import expected_by
 
     if context is not None and text == context.get_help():
-        typer.echo(text, err=True)
+        echo(text, err=True)
         return 2
     where, parameter = getattr(error, "option_name", ""), getattr(error, "param", None)
     if where:
@@ -147,7 +150,7 @@ def _not_chosen() -> None:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"retarget {retarget.__version__}")
+        echo(f"retarget {retarget.__version__}")
         raise typer.Exit
 
 
@@ -161,8 +164,6 @@ def _options(
 
 # Options that may stand alone or with a value: typer knows only the second, so the usual value is put in here.
 
-USUAL = "usual"
-"""What `--control-socket` means without a path."""
 USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(PORT)}
 
 
@@ -341,7 +342,7 @@ def refuse_given(options: Sequence[str], whose: str) -> None:
 
 def log(text: str) -> None:
     """Print a line for the operator that says what happens."""
-    typer.echo(text, err=True)
+    echo(text, err=True)
 
 
 def note(text: str) -> None:
@@ -349,11 +350,21 @@ def note(text: str) -> None:
     log(f"note: {text}")
 
 
-def console() -> "Console":
-    """Make the console on which tables are printed. In a pipe it wraps no line."""
-    from rich.console import Console
+def console(*, err: bool = False) -> "Console":
+    """Make the console on which tables and progress are printed, on stdout or stderr. In a pipe it wraps no line. What
+    acts on a terminal in the texts that it is given is spelled out, as `echo` does."""
+    from rich.console import Console, ConsoleOptions, RenderableType
+    from rich.segment import Segment
 
-    return Console() if sys.stdout.isatty() else Console(width=UNWRAPPED)
+    class PlainConsole(Console):
+        """A console whose own control codes alone reach the terminal."""
+
+        def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+            for text, style, control in super().render(renderable, options):
+                yield Segment(text if control else printable(text), style, control)
+
+    shown = (sys.stderr if err else sys.stdout).isatty()
+    return PlainConsole(stderr=err, width=None if shown else UNWRAPPED)
 
 
 # A question to the operator at the terminal.
@@ -367,9 +378,9 @@ def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
     answers = {"": enter, "y": True, "yes": True, "n": False, "no": False}
     while True:
         try:
-            answer = answers.get(input(f"{question} [{'Y/n' if enter else 'y/N'}] ").strip().lower())
+            answer = answers.get(input(printable(f"{question} [{'Y/n' if enter else 'y/N'}] ")).strip().lower())
         except EOFError as error:
-            typer.echo()
+            echo()
             raise UsageError(
                 "the question has no answer: the input has ended", where=where, next_step="Run it in a terminal"
             ) from error
@@ -386,11 +397,10 @@ def progress_bar(what: str, total: int | None) -> Iterator[Callable[[int], None]
     if not sys.stderr.isatty():
         yield lambda done: None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     percentage = TextColumn("{task.percentage:3.0f} %")
     columns = (TextColumn("{task.description}"), BarColumn(), percentage, TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=console(err=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done: bar.update(task, completed=done)

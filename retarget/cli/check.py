@@ -9,6 +9,7 @@ import typer
 from hardware.bus import BusSpec
 from hardware.errors import counted
 from hardware.servo import DEFAULT_P_GAIN, p_gain
+from retarget.cli.exit import echo
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
 from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
@@ -44,10 +45,10 @@ def check(files: list[str]) -> None:
     for name in files:
         try:
             for kind, path in _targets(name):
-                typer.echo(_REPORTS[kind](path))
+                echo(_REPORTS[kind](path))
         except RefusedError as error:
             refused = True
-            typer.echo(f"error: {error}", err=True)
+            echo(f"error: {error}", err=True)
     if refused:
         raise typer.Exit(2)
 

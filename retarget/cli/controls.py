@@ -26,8 +26,9 @@ from hardware.errors import HardwareError
 from hardware.guard import Torque
 from hardware.guard_state import Stop
 from hardware.realtime import Scheduling, refuse_scheduling
-from retarget.cli.application import USUAL
+from retarget.cli.application import console
 from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
+from retarget.cli.stop import MAX_LINE, WHERE, connect_to
 from retarget.errors import UsageError, renamed_to
 from retarget.types import Notify, RunState
 
@@ -362,53 +363,10 @@ WORDS = {
     "hold": (Asked.HOLD, "paused by the control socket: the robot holds", "ok holding"),
 }
 """Words that ask for something: what, the reason for the operator, and the answer. `status` asks for nothing."""
-WHERE = "--control-socket"
-MAX_PATH = 107
-"""Bytes of a path that a socket can have (unix(7))."""
-MAX_LINE = 64
-"""Bytes; a client that sends a longer line is disconnected."""
 MOST_CLIENTS = 4
 """Clients that are served at once; a new client takes the place of the oldest one."""
 MOST_LINES = 8
 """Lines, at their longest, that are read from one client in one poll."""
-CONNECT_S = 1.0
-"""Most time, s, to connect to a control socket of this machine: one that takes longer serves no run."""
-
-
-def socket_path(text: str | None) -> Path:
-    """The path that is given; for None or "usual", `retarget.sock` in the folder of this user's session.
-
-    Raises UsageError where there is no such folder, or the path is too long.
-    """
-    if text is None or text == USUAL:
-        folder = os.environ.get("XDG_RUNTIME_DIR", "")
-        if not Path(folder).is_absolute():
-            raise UsageError(
-                "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
-                where=WHERE,
-                next_step="Give a path, here and to `retarget stop`",
-            )
-        path = Path(folder) / "retarget.sock"
-    else:
-        path = Path(text)
-    length = len(os.fsencode(path))
-    if length > MAX_PATH or "\0" in str(path):
-        raise UsageError(
-            "a socket cannot have this path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
-        )
-    return path
-
-
-def connect_to(path: Path) -> socket.socket:
-    """Connect to a socket; blocks for CONNECT_S at most. Raises OSError."""
-    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        client.settimeout(CONNECT_S)
-        client.connect(str(path))
-    except BaseException:
-        client.close()
-        raise
-    return client
 
 
 class ControlSocket:
@@ -794,7 +752,6 @@ def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from rich.console import Console
     from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
     from rich.text import Text
 
@@ -805,6 +762,6 @@ def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
             return Text(words())
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), Words(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as line:
+    with Progress(*columns, console=console(err=True), transient=True) as line:
         line.add_task(what, total=None)
         yield

@@ -11,6 +11,7 @@ import typer
 
 from hardware.clock import Clock, MonotonicClock, VirtualClock
 from retarget.cli.application import log
+from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.live.address import StreamAddress, is_address
 from retarget.schema.files import write_atomic
@@ -51,9 +52,9 @@ def doctor(
     else:
         found = _machine(MonotonicClock())
     for finding in found:
-        typer.echo(finding.render())
+        echo(finding.render())
     wrong = sum(finding.level is Level.FIX for finding in found)
-    typer.echo("nothing is wrong" if not wrong else f"{wrong} to fix")
+    echo("nothing is wrong" if not wrong else f"{wrong} to fix")
     if file is not None:
         _write(file, found)
     raise typer.Exit(1 if wrong else 0)
@@ -89,7 +90,7 @@ def _stream(text: str, name: str | None, seconds: float | None) -> list[Finding]
     clock: Clock = VirtualClock() if recorded else MonotonicClock()
     listen = (LONGEST_S if recorded else LISTEN_S) if seconds is None else seconds
     if not recorded:
-        typer.echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
+        echo(f"listening for {listen:g} s: move every sensor, walk and turn", err=True)
     return stream_findings(address, performer, clock=clock, seconds=listen)
 
 

@@ -10,12 +10,10 @@ from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
-import typer
-
 from hardware.bus import BusSpec
 from hardware.clock import Clock, MonotonicClock
 from retarget.cli.buses import posture_ticks
-from retarget.cli.exit import stop_on_signals
+from retarget.cli.exit import echo, stop_on_signals
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_robot
 from sim.emulator.conversation import Conduct
@@ -116,7 +114,7 @@ def _serve(
         for bus, terminal in zip(buses, terminals, strict=True):
             stack.callback(terminal.close)
             terminal.open()
-            typer.echo(
+            echo(
                 f"{body.profile.name}, bus {bus.name}: {len(terminal.line.devices)} devices answer on "
                 f"{terminal.link.path} (protocol {bus.protocol}.0, {bus.baud} baud). Ctrl-C ends it."
             )
@@ -131,7 +129,7 @@ def _say(text: str) -> None:
     """Answer a typed line on stderr; a lost terminal stops nothing."""
     if text:
         with suppress(OSError):
-            typer.echo(text, err=True)
+            echo(text, err=True)
 
 
 # Lines that are typed, or written by another program, while a command waits for other things too.

@@ -2,6 +2,8 @@
 
 import io
 import os
+import re
+import resource
 import select
 import signal
 import sys
@@ -18,7 +20,7 @@ from types import FrameType
 from typing import TextIO, cast
 
 from hardware.clock import Clock, MonotonicClock
-from hardware.errors import RetargetError, TorqueError
+from hardware.errors import RetargetError, TorqueError, describe, printable
 
 # stdout and stderr through the queue listener of `logging`: a stream that is gone, full or slow costs no run its files,
 # and a robot never waits for a terminal.
@@ -167,6 +169,12 @@ def detached_screens() -> Iterator[None]:
                 screen.drain(patience)
             else:
                 screen.end(patience)
+
+
+def echo(text: str = "", *, err: bool = False, end: str = "\n", file: TextIO | None = None) -> None:
+    """Print a text of the command on stdout, on stderr, or into another stream. Names of files, robots and senders in
+    it cannot act on a terminal, whatever they are made of: see `printable`."""
+    print(printable(text), end=end, file=file or (sys.stderr if err else sys.stdout), flush=True)
 
 
 # Whether a key was pressed twice. A held key repeats, which does not count.
@@ -331,7 +339,7 @@ def exit_code_of(command: Callable[[], object]) -> int:
         code = _code_of(command)
     if not screen.reason:
         return code
-    _say(f"error: stdout: cannot print: {screen.reason}. Files that were asked for are written all the same.")
+    echo(f"error: stdout: cannot print: {screen.reason}. Files that were asked for are written all the same.", err=True)
     return code or REFUSED
 
 
@@ -346,7 +354,7 @@ def _code_of(command: Callable[[], object]) -> int:
     else:
         return DONE
     if code == INTERRUPTED:  # also typer's exit code for Ctrl-C inside a command
-        _say("interrupted")
+        echo("interrupted", err=True)
     return code
 
 
@@ -358,13 +366,52 @@ def _code_of_error(error: BaseException) -> int:
     """The exit code; what went wrong is printed."""
     if not isinstance(error, TorqueError) and _was_interrupted(error):
         return INTERRUPTED
+    if out_of_memory(error):
+        echo(f"error: {memory_message()}", err=True)
+        return REFUSED
     code = next((code for kind, code in CODES.items() if isinstance(error, kind)), DEFECT)
     if code == DEFECT:
-        traceback.print_exception(error)
-        _say("error: this is a defect of ours; please report it with the lines above")
+        echo("".join(traceback.format_exception(error)), err=True, end="")
+        echo("error: this is a defect of ours; please report it with the lines above", err=True)
     else:
-        _say(f"error: {error}")
+        echo(f"error: {error}", err=True)
     return code
+
+
+NO_MEMORY = re.compile("cannot allocate memory|failed to map segment|can't start new thread", re.IGNORECASE)
+"""What loaders of libraries and threads say where the system gave them no memory."""
+
+
+def out_of_memory(error: BaseException | None) -> bool:
+    """Whether an error comes from memory that the system did not give, also while a library was imported."""
+    while error is not None:
+        if isinstance(error, MemoryError) or (
+            isinstance(error, ImportError | OSError | RuntimeError) and NO_MEMORY.search(str(error))
+        ):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+LEAST_MEMORY = 700_000_000
+"""Address space, bytes, without which no run begins: a short one takes 500 MB, 200 of them for numbers and texts. One
+that ends in the middle of a run would leave the robot to the watchdogs of its servos."""
+
+
+def memory_message() -> str:
+    """Why a command ends that the system gives too little memory."""
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    found = "the system gave no more" if limit == resource.RLIM_INFINITY else f"a limit of {limit / 1e6:.0f} MB"
+    step = "Close other programs, or give the process more (ulimit -v unlimited)"
+    allowed = f"{LEAST_MEMORY / 1e6:.0f} MB or more"
+    return describe(what="too little memory", found=found, allowed=allowed, then=step)
+
+
+def refuse_little_memory() -> None:
+    """Raise MemoryError where a limit of the process (`ulimit -v`) leaves less than a run needs."""
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
+        raise MemoryError
 
 
 def _was_interrupted(error: BaseException | None) -> bool:
@@ -372,7 +419,3 @@ def _was_interrupted(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr)  # noqa: T201

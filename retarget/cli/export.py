@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-import typer
 
 from hardware.errors import counted
 from retarget.cli.application import note
+from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
 from retarget.recording.export import export_motion, export_place, format_named
 from retarget.recording.lerobot import DEFAULT_TASK
@@ -57,8 +57,8 @@ def export(
     if fps is not None:
         motion = resampled(motion, fps)
     export_motion(motion, form, place, task=task)
-    typer.echo(f"{to}: {place}")
-    typer.echo(_summary(whole, motion, phase, fps))
+    echo(f"{to}: {place}")
+    echo(_summary(whole, motion, phase, fps))
 
 
 def _chosen(motion: Motion, phase: str) -> Motion:

@@ -8,6 +8,7 @@ import typer
 from rich.table import Table
 
 from retarget.cli.application import console
+from retarget.cli.exit import echo
 from retarget.errors import UsageError, suggest
 
 if TYPE_CHECKING:
@@ -83,9 +84,9 @@ def _run(work: "list[Case]", jobs: int) -> int:
             results = stack.enter_context(pool).imap(judged_case, work)
         for result in results:
             took = "" if result.took is None else f", after {result.took:.3f} s"
-            typer.echo(f"{'BAD' if result.wrong else 'ok '} {result.name}{took}")
+            echo(f"{'BAD' if result.wrong else 'ok '} {result.name}{took}")
             for line in result.wrong[:MOST_LINES]:
-                typer.echo(f"    {line}")
+                echo(f"    {line}")
             bad += bool(result.wrong)
-    typer.echo(f"{bad} of {len(work)} bad" if bad else f"all {len(work)} as it has to be")
+    echo(f"{bad} of {len(work)} bad" if bad else f"all {len(work)} as it has to be")
     return 1 if bad else 0

@@ -2,13 +2,13 @@
 
 import math
 
-import typer
 from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
 from hardware.errors import counted
 from retarget.cli.application import FileOptions, console, given, refuse_given
+from retarget.cli.exit import echo
 from retarget.frames import SensorFrames
 from retarget.live.address import is_address, parse_address
 from retarget.report.motion_summary import MotionSummary, summarise
@@ -28,7 +28,7 @@ def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:
     """
     summary = summarise(_opened(source, file), streamed=is_address(source))
     if as_json:
-        typer.echo(TypeAdapter(MotionSummary).dump_json(summary, indent=2).decode())  # what is not finite is null
+        echo(TypeAdapter(MotionSummary).dump_json(summary, indent=2).decode())  # what is not finite is null
     else:
         show(summary, console())
 

@@ -4,10 +4,9 @@ propose collision observers and pairs to ignore from its body."""
 import shlex
 from pathlib import Path
 
-import typer
-
 from hardware.errors import counted
 from retarget.cli.application import Overwrite, progress_bar
+from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
 from retarget.setup.fit_observers import DEFAULT_SAMPLES as FIT_SAMPLES
@@ -49,7 +48,7 @@ def import_body(
             samples=samples,
             progress=lambda share: show(int(STEPS * share)),
         )
-    typer.echo(_drafted(done))
+    echo(_drafted(done))
 
 
 def _drafted(done: Imported) -> str:
@@ -119,10 +118,10 @@ def fit_observers(
     with progress_bar("looking at postures", STEPS) as show:
         found = fit(subject, zones, samples=samples, seed=seed, progress=lambda share: show(int(STEPS * share)))
     if out is None:
-        typer.echo(found.text, nl=False)
+        echo(found.text, end="")
         return
     write_atomic(out, found.text.encode(), option="--out")
-    typer.echo(f"{out}: {_proposed(found)}")
+    echo(f"{out}: {_proposed(found)}")
 
 
 def _check_out(out: Path, subject: Subject) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from retarget.cli.application import Overwrite, log, note, progress_bar
-from retarget.cli.exit import DONE, STOPPED
+from retarget.cli.exit import DONE, STOPPED, echo
 from retarget.errors import UsageError
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.record import Phase
@@ -88,19 +88,19 @@ def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
     with as_recorded(recording, robot=robot) as configs:
         again = _run(found, configs)
         if again.result.reason:
-            typer.echo(f"it stops again: {again.result.reason}")
+            echo(f"it stops again: {again.result.reason}")
         problems: tuple[str, ...] = ()
         if outputs.report or outputs.save:
             result = again.result if outputs.save is None else _with_its_body(again.result, configs, outputs.save)
             written = outputs.write(result, measure(result))
             problems = written.problems
             for line in written.lines:
-                typer.echo(line)
+                echo(line)
     compared = again.difference.compared
     if not found.whole:
         problems = (f"{recording.path}: only {compared} goals are in it and were compared: it is not whole", *problems)
     for problem in problems:
-        typer.echo(f"error: {problem}", err=True)
+        echo(f"error: {problem}", err=True)
     return DONE if again.difference.none and not problems else STOPPED
 
 
@@ -114,9 +114,9 @@ def _run(found: "Played", configs: "Configs") -> "Replayed":
         again = run_again(found, configs, watch=Watch(show))
     for changed in again.changed:
         note(changed)
-    typer.echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
+    echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
     for line in again.difference.lines():
-        typer.echo(line)
+        echo(line)
     return again
 
 
@@ -171,9 +171,9 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
         gated = int(sent.gated.sum())
         phases = [int((run.record.phase == phase).sum()) for phase in (Phase.APPROACH, Phase.BRAKE)]
         more = "{} during the approach and {} while braking and going to rest".format(*phases)
-        typer.echo(f"{run.ticks_followed} goals sent along the recording to --bus {options.bus}, {more}")
-        typer.echo(f"the gate changed {gated} of these {len(run.record)}")
-        typer.echo(f"end: {run.state}" + (f": {run.reason}" if run.reason else ""))
+        echo(f"{run.ticks_followed} goals sent along the recording to --bus {options.bus}, {more}")
+        echo(f"the gate changed {gated} of these {len(run.record)}")
+        echo(f"end: {run.state}" + (f": {run.reason}" if run.reason else ""))
         return DONE if run.reason is None else STOPPED
 
 

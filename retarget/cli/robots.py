@@ -2,10 +2,10 @@
 
 import shlex
 
-import typer
 from rich.table import Table
 
 from retarget.cli.application import console
+from retarget.cli.exit import echo
 from retarget.errors import RefusedError
 from retarget.schema.catalogue import HUMAN, Entry, Kind, entries, user_folder
 from retarget.schema.profile import read_profile
@@ -19,8 +19,8 @@ def robots() -> None:
     for entry in entries(Kind.ROBOT):
         table.add_row(*_row(entry))
     console().print(table)
-    typer.echo(f"\n--robot {HUMAN} drives none: it only reconstructs the performer.")
-    typer.echo(f"Your own: {user_folder() / Kind.ROBOT.value}/NAME/robot.yaml, or give --robot a path.")
+    echo(f"\n--robot {HUMAN} drives none: it only reconstructs the performer.")
+    echo(f"Your own: {user_folder() / Kind.ROBOT.value}/NAME/robot.yaml, or give --robot a path.")
 
 
 def _row(entry: Entry) -> tuple[str, ...]:

@@ -43,10 +43,19 @@ from retarget.cli.controls import (
     live_state,
     open_dead_man,
     refuse_oversight,
-    socket_path,
 )
-from retarget.cli.exit import DONE, STOPPED, StopRequest, detached_screens, stop_on_signals
+from retarget.cli.exit import (
+    DONE,
+    STOPPED,
+    StopRequest,
+    detached_screens,
+    echo,
+    memory_message,
+    refuse_little_memory,
+    stop_on_signals,
+)
 from retarget.cli.session import Session
+from retarget.cli.stop import socket_path
 from retarget.cli.view import Viewing, opened_page, viewing
 from retarget.cli.web.control import LABEL, PAGE, PageControl, WebInput, opened_web
 from retarget.errors import UsageError
@@ -247,6 +256,7 @@ def follow_clip(
     read: opens the source, which a recording calls `source`. scheduling: of the ticks. Raises RetargetError for what
     cannot be run; then nothing has moved and nothing is written.
     """
+    refuse_little_memory()
     refuse_scheduling(scheduling)
     run = CommandRun(options, outputs, recorded=True)
     with detached_screens(), ExitStack() as signals:
@@ -266,7 +276,16 @@ def follow_clip(
 
 def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> int:
     """Write the files of a run, show its summary without the notes that were said, return the exit code. A run that was
-    asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon."""
+    asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon. So does
+    one that finds too little memory for it."""
+    try:
+        return _finished(run, outputs, said=said)
+    except MemoryError:
+        echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
+        return STOPPED
+
+
+def _finished(run: RunResult, outputs: Outputs, *, said: Sequence[str]) -> int:
     soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     report = measure_latest(run) if soon else measure(run)
     if outputs.best_likeness:
@@ -275,9 +294,9 @@ def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> i
     show_summary(run, replace(report, notes=tuple(note for note in report.notes if note not in said)), console())
     # Last of all, because a terminal may be gone or full.
     for line in written.lines:
-        typer.echo(line)
+        echo(line)
     for problem in written.problems:
-        typer.echo(f"error: {problem}", err=True)
+        echo(f"error: {problem}", err=True)
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
 
 
@@ -383,6 +402,7 @@ def follow_live(source: str, options: RunOptions, outputs: Outputs, live: Stream
     Raises RetargetError for what cannot be run; then nothing has moved and nothing is written. KeyboardInterrupt:
     stopped before anything moved.
     """
+    refuse_little_memory()
     begins = live.begins(source, options.playback)
     address = parse_address(source)
     run = CommandRun(options, outputs, recorded=address.kind == "replay")

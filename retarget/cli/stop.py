@@ -1,15 +1,112 @@
-"""`retarget stop`: stop a live run through its `--control-socket`."""
+"""`retarget stop`: stop a live run through its `--control-socket`.
 
-from contextlib import suppress
+The word is sent before anything of weight is imported: this module and what leads to it need `os` and `socket` alone.
+"""
 
-import typer
+import os
+import socket
 
-from retarget.cli.controls import MAX_LINE, connect_to, socket_path
-from retarget.cli.exit import DONE, STOPPED
-from retarget.errors import UsageError
+TYPE_CHECKING = False  # that of `typing`, which takes as long to import as the stop to be sent
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
 
+WHERE = "--control-socket"
+MAX_PATH = 107
+"""Bytes of a path that a socket can have (unix(7))."""
+USUAL = "usual"
+"""What `--control-socket` means without a path."""
+MAX_LINE = 64
+"""Bytes of a line of the control socket; a client that sends a longer line is disconnected."""
+CONNECT_S = 1.0
+"""Most time, s, to connect to a control socket of this machine: one that takes longer serves no run."""
 PATIENCE_S = 2.0
 """Most time, s, to wait for the answer of a run, which reads its socket in every tick."""
+
+
+def usual_path(text: str | None) -> str:
+    """The path that is given; for None or "usual", `retarget.sock` in the folder of this user's session; "" where there
+    is no such folder."""
+    if text is not None and text != USUAL:
+        return text
+    folder = os.environ.get("XDG_RUNTIME_DIR", "")
+    return os.path.join(folder, "retarget.sock") if os.path.isabs(folder) else ""  # noqa: PTH117, PTH118 - see above
+
+
+def socket_path(text: str | None) -> "Path":
+    """The path of a control socket, as `usual_path` finds it. Raises UsageError where there is none, or it is too
+    long."""
+    from pathlib import Path
+
+    from retarget.errors import UsageError
+
+    path = usual_path(text)
+    if not path and text in (None, USUAL):
+        raise UsageError(
+            "XDG_RUNTIME_DIR is not set, so the socket has no usual path",
+            where=WHERE,
+            next_step="Give a path, here and to `retarget stop`",
+        )
+    length = len(os.fsencode(path))
+    if length > MAX_PATH or "\0" in path:
+        raise UsageError(
+            "a socket cannot have this path", where=WHERE, found=f"{length} bytes", allowed=f"{MAX_PATH} bytes"
+        )
+    return Path(path)
+
+
+def connect_to(path: "str | os.PathLike[str]") -> socket.socket:
+    """Connect to a socket; blocks for CONNECT_S at most. Raises OSError."""
+    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        client.settimeout(CONNECT_S)
+        client.connect(os.fspath(path))
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+def sent(words: "Sequence[str]") -> socket.socket | None:
+    """Send the stop that the words behind `stop` ask for. Returns the connection; None where nothing was sent, because
+    no run listens, or because the words are no single path with or without `--torque-off`."""
+    paths = [word for word in words if word != "--torque-off"]
+    if len(paths) > 1 or any(path.startswith("-") for path in paths):
+        return None
+    try:
+        return _sent(usual_path(paths[0] if paths else None), torque_off=len(words) > len(paths))
+    except (OSError, ValueError):  # ValueError: a path that no system can have
+        return None
+
+
+def _sent(path: "str | os.PathLike[str]", *, torque_off: bool) -> socket.socket:
+    client = connect_to(path)
+    try:
+        client.sendall(b"torque_off\n" if torque_off else b"stop\n")
+    except OSError:
+        client.close()
+        raise
+    return client
+
+
+def confirm(client: socket.socket) -> None:
+    """Wait for the answer of the run, print it, and leave with the exit code: 0 confirmed, 1 not."""
+    from contextlib import suppress
+
+    from retarget.cli.exit import DONE, STOPPED, echo
+
+    answer = b""
+    with client:
+        client.settimeout(PATIENCE_S)
+        with suppress(OSError):
+            answer = client.makefile("rb").readline(MAX_LINE)
+
+    text = answer.decode("ascii", errors="replace").strip()
+    if not text.startswith("ok"):
+        echo(f"error: the run did not confirm it ({text or 'no answer'}): cut the power", err=True)
+        raise SystemExit(STOPPED)
+    echo(text)
+    raise SystemExit(DONE)
 
 
 def stop(path: str | None = None, torque_off: bool = False) -> None:
@@ -23,24 +120,15 @@ def stop(path: str | None = None, torque_off: bool = False) -> None:
     Options:
         torque_off: Torque off at once, without braking: it may fall.
     """
+    from retarget.errors import UsageError
+
     where = socket_path(path)
     try:
-        client = connect_to(where)
+        client = _sent(where, torque_off=torque_off)
     except OSError as error:
         raise UsageError(
             f"no live run listens there: {error.strerror or error}",
             where=str(where),
             next_step="Start the run with --control-socket, and give the same path here; in a hurry cut the power",
         ) from error
-    answer = b""
-    with client:
-        client.settimeout(PATIENCE_S)
-        with suppress(OSError):
-            client.sendall(b"torque_off\n" if torque_off else b"stop\n")
-            answer = client.makefile("rb").readline(MAX_LINE)
-    text = answer.decode("ascii", errors="replace").strip()
-    if not text.startswith("ok"):
-        typer.echo(f"error: the run did not confirm it ({text or 'no answer'}): cut the power", err=True)
-        raise typer.Exit(STOPPED)
-    typer.echo(text)
-    raise typer.Exit(DONE)
+    confirm(client)

@@ -10,7 +10,7 @@ import typer
 
 from hardware.clock import MonotonicClock
 from retarget.cli.application import note
-from retarget.cli.exit import StopRequest, stop_on_signals
+from retarget.cli.exit import StopRequest, echo, stop_on_signals
 from retarget.live.performer import LivePerformer
 from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import SERVOLESS, RunOptions
@@ -51,7 +51,7 @@ def view(
     server, address = open_server(port, title=f"retarget: {file.name}")
     try:
         page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
-        typer.echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")
+        echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")
         with stop_on_signals() as stop:
             while not stop():
                 page.tick()

@@ -3,27 +3,22 @@
 MuJoCo is imported inside the functions: it costs a quarter of a second, and commands that read no body must not pay it.
 """
 
-import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache, partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
-from xml.etree import ElementTree
 
 from retarget.errors import ConfigError, InputError
+from retarget.model.body_xml import BODY_HELP, body_xml, read_body
+from retarget.model.compile_limits import try_in_child
+from retarget.schema.catalogue import shipped_folder
 
 Root = Literal["free", "fixed", "suspended"]
 """How the body stands in the world: `free` floats, `fixed` is bolted down, `suspended` hangs bolted to a stand."""
 
-MAX_BYTES = 64 * 1024 * 1024
-"""Largest body file that is read."""
-
-BODY_HELP = "Give an MJCF (<mujoco>) or URDF (<robot>) file that MuJoCo can compile"
-MAX_LINKS = 500
-"""Most links of a body; a humanoid has less than 100."""
-
-_LINK = re.compile(rb"<(?:link|body)[\s/>]")
 _EMPTY_GEOM = re.compile(r"size \d must be positive in geom Element name '.*', id (\d+)")
 
 
@@ -52,72 +47,53 @@ def engine() -> Any:
     return mujoco
 
 
-def read_body(path: Path) -> bytes:
-    """The bytes of a body file. Raises InputError for what is no regular file of a usable size, or has too many links:
-    compiling 1,000 of them in a row takes seconds, 3,000 minutes."""
-    try:
-        if path.exists() and not path.is_file():
-            found = "a folder" if path.is_dir() else "not a regular file"
-            raise InputError("cannot read the body", where=str(path), found=found, next_step=BODY_HELP)
-        size = path.stat().st_size
-        if not 0 < size <= MAX_BYTES:
-            allowed = f"1 to {MAX_BYTES} bytes"
-            raise InputError("cannot read the body", where=str(path), found=f"{size} bytes", allowed=allowed)
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a path that no system can have
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=BODY_HELP) from error
-    links = len(_LINK.findall(content.replace(b"\0", b"")))  # of UTF-16 as well
-    if links > MAX_LINKS:
-        raise InputError(
-            "too many links for a robot",
-            where=str(path),
-            found=str(links),
-            allowed=f"at most {MAX_LINKS}",
-            next_step="Give the body of one robot, without its surroundings",
-        )
-    return content
-
-
 def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:
     """Read and compile an MJCF or URDF file; the content decides which of the two it is.
 
     Every link is kept (no static fusing). `root` "free" adds the free joint where the file has none, "fixed" and
-    "suspended" remove it; None takes the file as it is. Raises InputError: missing, too large, not a body, no root.
+    "suspended" remove it; None takes the file as it is. A file that is not shipped is compiled in a child process
+    first, see `try_in_child`. Raises InputError: missing, too large, not a body, no root.
     """
-    mujoco = engine()
-
-    urdf = _is_urdf(read_body(path), source=str(path))
+    mujoco, urdf, content = engine(), *_checked(path)
+    if not path.resolve().is_relative_to(shipped_folder()):
+        _try(path, sha256(content).digest(), urdf=urdf)
     return _compile(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
 
 
 def body_spec(path: Path, *, root: Root) -> Any:
     """The `mujoco.MjSpec` of a file that `compile_body` has read, for callers that build a world around the body."""
-    mujoco = engine()
-
-    urdf = _is_urdf(read_body(path), source=str(path))
+    mujoco, urdf, _ = engine(), *_checked(path)
     spec, _, _ = _prepared(lambda: mujoco.MjSpec.from_file(str(path)), urdf=urdf, source=str(path), root=root)
     return spec
 
 
-def compile_body_text(text: str, *, source: str, root: Root | None = None) -> BodyFile:
-    """Compile a body as `compile_body` does, from MJCF or URDF text; `source` names it in messages."""
+def compile_body_text(text: str, *, source: str, root: Root | None = None, own: bool = False) -> BodyFile:
+    """Compile a body as `compile_body` does, from MJCF or URDF text; `source` names it in messages. own: this program
+    has made the text."""
     mujoco = engine()
-
     content = text.encode(errors="replace")  # half of a surrogate pair is no text
-    urdf = _is_urdf(content, source=source)
-    return _compile(lambda: mujoco.MjSpec.from_string(content.decode()), urdf=urdf, source=source, root=root)
+    urdf = body_xml(content, source=source, folder=Path()).kind == "urdf"
+
+    def compiled(root: Root | None = None) -> BodyFile:
+        return _compile(lambda: mujoco.MjSpec.from_string(content.decode()), urdf=urdf, source=source, root=root)
+
+    if not own:
+        try_in_child(compiled, source=source)
+    return compiled(root)
 
 
-def _is_urdf(content: bytes, *, source: str) -> bool:
-    """Whether the outermost element is a URDF's. Reads no further than that element."""
-    try:
-        _, element = next(iter(ElementTree.iterparse(io.BytesIO(content), events=("start",))))
-    except (ElementTree.ParseError, StopIteration, ValueError) as error:
-        raise refusal(source, error) from error
-    if element.tag not in ("mujoco", "mujocoinclude", "robot"):
-        raise refusal(source, ValueError(f"the outermost element is <{element.tag}>"))
-    return bool(element.tag == "robot")
+def _checked(path: Path) -> tuple[bool, bytes]:
+    """True for a URDF, and the content. Raises InputError."""
+    content = read_body(path)
+    return body_xml(content, source=str(path), folder=path.parent).kind == "urdf", content
+
+
+@lru_cache(maxsize=64)
+def _try(path: Path, digest: bytes, *, urdf: bool) -> None:
+    """Compile a file in a child process; once for a content. Its root adds nothing to it. Raises InputError."""
+    mujoco, source = engine(), str(path)
+    parse = partial(mujoco.MjSpec.from_file, source)
+    try_in_child(partial(_compile, parse, urdf=urdf, source=source, root=None), source=source)
 
 
 def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | None) -> BodyFile:
@@ -150,6 +126,8 @@ def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root |
 def refusal(source: str, error: Exception, spec: Any = None) -> InputError:
     """The refusal of a body by MuJoCo. spec: that it refused, of which a geom of size 0 is named by link and line."""
     reason = " ".join(str(error).split())[:500]
+    if "ould not allocate memory" in reason or "unknown exception" in reason:  # that of C++ for no memory
+        raise MemoryError(reason) from error
     empty = _EMPTY_GEOM.search(reason)
     if spec is None or empty is None:
         return InputError("not a usable body", where=source, found=reason, next_step=BODY_HELP)

@@ -13,7 +13,8 @@ import numpy as np
 from retarget._solver import Probe
 from retarget.arithmetic import norm
 from retarget.errors import ConfigError, suggest
-from retarget.model.body import BodyModel, JointLimits, joint_weights, load_body_text
+from retarget.model.body import BodyModel, JointLimits, body_from_file, joint_weights
+from retarget.model.body_file import compile_body_text
 from retarget.model.human_dimensions import (
     ENDS,
     FRACTIONS,
@@ -218,7 +219,7 @@ class Human:
 def build_human(dimensions: HumanDimensions) -> Human:
     """The virtual human of this size. About 5 ms, after MuJoCo's own import."""
     mjcf = human_mjcf(dimensions)
-    body = load_body_text(mjcf, source=f"virtual human ({dimensions.origin})")
+    body = body_from_file(compile_body_text(mjcf, source=f"virtual human ({dimensions.origin})", own=True))
     locked = {f"{joint.name}_{hinge.motion}": hinge.locked for joint in HUMAN_JOINTS for hinge in joint.hinges}
     return Human(dimensions, body, np.array([locked.get(name, False) for name in body.dof_names]), mjcf)
 

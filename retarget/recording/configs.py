@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
 from retarget.errors import InputError, RefusedError, UsageError
-from retarget.model.body_file import MAX_BYTES
+from retarget.model.body_xml import MAX_BYTES
 from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.recording.reading import Recording
 from retarget.recording.session import config_content, config_files

@@ -275,7 +275,7 @@ def _with_human(run: RecordedRun, whole: Played, cycles: Cycles, rows: NDArray[n
     """The run with its human, which was kept in some rows of the cycles (T,)."""
     recording, session = whole.recording, whole.recording.session
     source, q, index = str(recording.path), cycles.human_q[rows], cycles.index[rows]
-    compiled = compile_body_text(build_human(session.size).mjcf, source=f"{source}: the human", root="free")
+    compiled = compile_body_text(build_human(session.size).mjcf, source=f"{source}: the human", root="free", own=True)
     model = body_from_file(compiled)
     if q.shape[1] != model.nq:
         raise InputError("the human has another tree now", where=source, found=f"q of {q.shape[1]}")

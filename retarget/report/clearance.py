@@ -359,15 +359,15 @@ class PlacedBody:
 
 
 def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = None) -> PlacedBody:
-    """Place the body of a file, or of MJCF text, in postures (T, nq), m, wxyz and rad; those that are not finite take
-    no part.
+    """Place the body of a file, or of MJCF text that this program has made, in postures (T, nq), m, wxyz and rad; those
+    that are not finite take no part.
 
     root: as in `compile_body`. Raises InputError.
     """
     if isinstance(body, Path):
         file = compile_body(body, root=root)
     else:
-        file = compile_body_text(body, source="the body", root=root)
+        file = compile_body_text(body, source="the body", root=root, own=True)
     rows = np.flatnonzero(np.isfinite(postures).all(axis=1))
     return PlacedBody(file, postures if len(rows) == len(postures) else postures[rows], rows)
 

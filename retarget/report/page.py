@@ -12,7 +12,7 @@ import jinja2
 import matplotlib
 from matplotlib.figure import Figure
 
-from hardware.errors import counted
+from hardware.errors import counted, printable
 from retarget.report.animation import animation_of
 from retarget.report.findings import NOT_FOLLOWED, findings, moments
 from retarget.report.report import Report, Spread
@@ -38,7 +38,7 @@ def drawn(figure: Figure, name: str) -> str:
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify_threshold": 0.3}):
         figure.savefig(stream, format="svg", transparent=True)
     figure.set_layout_engine("none")
-    text = _LEFT_OUT.sub("", stream.getvalue())
+    text = _LEFT_OUT.sub("", printable(stream.getvalue()))
     text = _OPENING.sub(rf'<svg viewBox="\1" role="img" aria-label="{name}" class="picture">', text, count=1)
     # Only what stands in tags: the texts of a figure stay as they are.
     return _TAG.sub(lambda tag: _own_ids(tag.group(), name), text).strip()
@@ -74,7 +74,11 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
     limits = [finding for finding in found if finding.kept is not None and finding.name != "following"]
     animation, tracking, script = animation_of(run), _tracking(report), _script()
     pages = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+        loader=jinja2.FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        finalize=lambda value: printable(value) if type(value) is str else value,  # what is marked safe is our own
     )
     pages.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     return pages.get_template("page.html").render(

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine, refusal
+from retarget.model.compile_limits import try_in_child
 from retarget.model.scene_shapes import ShapeKind
 from retarget.setup.robot_file import Source, listed, ready_urdf
 from retarget.setup.shape_fit import NAME, LinkGeometry, Zones, canonical_shape, link_geometries, propose
@@ -61,8 +63,15 @@ class BodyDraft:
 def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
     """The body that is written next to the profile. no_meshes: leave out meshes that cannot be read.
 
-    Raises InputError: the body cannot be used.
+    Raises InputError: the body cannot be used, or takes too much to be compiled, see `try_in_child`.
     """
+    engine()
+    work = partial(_drafted, source, no_meshes=no_meshes)
+    try_in_child(work, source=str(source.path))
+    return work()
+
+
+def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
     mujoco = engine()
     notes: list[str] = []
     spec = None

@@ -20,7 +20,7 @@ from serial.tools.list_ports import comports
 import retarget
 from hardware.clock import Clock, thread_cpu
 from hardware.dynamixel import serial_port
-from hardware.errors import HardwareError
+from hardware.errors import HardwareError, printable
 from hardware.realtime import HOW_TO_PERMIT, PROCESSES, USUAL_PRIORITY, Scheduling, refuse_scheduling
 from retarget.errors import Problem
 from retarget.live.receivers import RECEIVE_BUFFER
@@ -51,7 +51,7 @@ class Finding:
         """One line, printable whatever a sender's names are made of."""
         step = self.then + "." if self.then and self.then[-1] not in ".?" else self.then
         line = f"{self.level:<4} {self.subject}: {self.what}" + (f". {step}" if step else "")
-        return "".join(letter if letter.isprintable() else "?" for letter in line)
+        return printable(line, one_line=True)
 
 
 @cache

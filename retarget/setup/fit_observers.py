@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from hardware.errors import printable
 from retarget.errors import UsageError
 from retarget.model.body import BodyModel, body_from_file
 from retarget.model.body_file import BodyFile, compile_body
@@ -134,7 +135,8 @@ def wrapped(line: str, indent: int) -> str:
 
 def comment(text: str, indent: str = "") -> str:
     """A paragraph as lines of comment."""
-    lines = wrap(" ".join(text.split()), WIDTH - len(indent) - 1, break_long_words=False, break_on_hyphens=False)
+    text = " ".join(printable(text).split())
+    lines = wrap(text, WIDTH - len(indent) - 1, break_long_words=False, break_on_hyphens=False)
     return "\n".join(f"{indent}# {line}" for line in lines)
 
 

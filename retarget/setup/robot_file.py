@@ -8,17 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from retarget.errors import InputError, Problem
-from retarget.model.body_file import BODY_HELP, MAX_BYTES, read_body
+from retarget.model.body_xml import MAX_BYTES, body_xml, read_body
 from retarget.schema import strict_models
-
-MAX_DEPTH = 100
-"""Elements inside each other: more overflows the stack of parsers."""
-MAX_ELEMENTS = 500_000
-"""Elements of a file with all that it includes: a hundred times those of a large robot."""
-MAX_INCLUDES = 50
-"""Files that one body includes: more is a circle, or no robot."""
-KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
-XACRO = "of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,74 +31,8 @@ class Source:
 def read_source(path: Path) -> Source:
     """Read a body file, and look at every file that it includes. Raises InputError."""
     content = read_body(path)
-    root = _parsed(path, content)
-    kind = KINDS.get(root.tag)
-    if kind is None:
-        found = f"the outermost element is <{root.tag[:80]}>"
-        raise InputError("neither URDF nor MJCF", where=str(path), found=found, next_step=BODY_HELP)
-    return Source(path, kind, content, root, _look_at_includes(path, root, []))
-
-
-class _Refused(Exception):
-    """What is found in XML that is no robot's."""
-
-
-class _Builder(ElementTree.TreeBuilder):
-    """Elements of XML without entities, of a bounded depth and number."""
-
-    depth = count = 0
-
-    def doctype(self, *_: object) -> None:
-        """Called before anything that it defines is read."""
-        raise _Refused("a document type (<!DOCTYPE ...>), which may define entities, and which no robot needs")
-
-    def start(self, tag: str, attributes: dict[str, str]) -> ElementTree.Element:
-        self.depth, self.count = self.depth + 1, self.count + 1
-        if self.depth > MAX_DEPTH or self.count > MAX_ELEMENTS:
-            deep = self.depth > MAX_DEPTH
-            raise _Refused(f"elements more than {MAX_DEPTH} deep" if deep else f"more than {MAX_ELEMENTS} elements")
-        return super().start(tag, attributes)
-
-    def end(self, tag: str) -> ElementTree.Element:
-        self.depth -= 1
-        return super().end(tag)
-
-
-def _parsed(path: Path, content: bytes) -> ElementTree.Element:
-    """The outermost element of valid XML without entities. Raises InputError for other XML, and for xacro."""
-    parser = ElementTree.XMLParser(target=_Builder())
-    try:
-        parser.feed(content)
-        root: ElementTree.Element = parser.close()
-    except _Refused as error:
-        raise InputError("not a usable body", where=str(path), found=str(error)) from error
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        step = f"Correct the XML; {XACRO}"
-        raise InputError("not XML that can be read", where=str(path), found=str(error), next_step=step) from error
-    for element in root.iter():
-        space, _, tag = element.tag.rpartition("}")
-        if "xacro" in space:
-            raise InputError(
-                "xacro, from which the URDF has yet to be made",
-                where=str(path),
-                found=f"<xacro:{tag[:80]}>",
-                next_step=f"Give the URDF; {XACRO}",
-            )
-    return root
-
-
-def _look_at_includes(path: Path, root: ElementTree.Element, seen: list[Path]) -> bool:
-    """Scan every file that an MJCF includes, and those that these include. Raises InputError."""
-    names = [element.get("file", "") for element in root.iter("include")]
-    for name in names:
-        other = path.parent / name
-        if len(seen) >= MAX_INCLUDES or other in seen:
-            raise InputError(
-                "includes that never end", where=str(path), found=name[:200], allowed=f"{MAX_INCLUDES} files, each once"
-            )
-        seen.append(other)
-        _look_at_includes(path, _parsed(other, read_body(other)), seen)
-    return bool(names)
+    xml = body_xml(content, source=str(path), folder=path.parent)
+    return Source(path, xml.kind, content, xml.root, xml.included)
 
 
 # The files of meshes that a URDF names: where they are, and what of them MuJoCo reads.

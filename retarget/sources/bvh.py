@@ -242,7 +242,7 @@ def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, 
             allowed="seconds above 0",
             next_step="Correct it, for 120 Hz to 0.008333",
         )
-    return int(count), check_rate(_tidy_rate(1.0 / seconds), interval_place), filled[1] + 1
+    return int(count), _tidy_rate(check_rate(1.0 / seconds, interval_place)), filled[1] + 1
 
 
 def _tidy_rate(rate: float) -> float:

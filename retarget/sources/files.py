@@ -48,7 +48,7 @@ def _read(path: Path, count: int, *, missing: str = "Check the path") -> bytes:
                 next_step="Cut the recording into parts",
             )
         with path.open("rb") as file:
-            content = file.read(count)
+            content = file.read(min(count, status.st_size + 1))  # memory is taken for as much as may come
     except FileNotFoundError:
         raise InputError("no such motion file", where=where, next_step=missing) from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL character

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError
-from retarget.model.body import load_body_text
+from retarget.model.body import body_from_file
+from retarget.model.body_file import compile_body_text
 from retarget.model.meshes import solid_body
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
@@ -138,8 +139,9 @@ def serve(link: socket.socket, page: LivePage) -> None:
 def cast_of(setup: PageSetup) -> Cast:
     """Robot and performer of a run. Raises RetargetError for a robot or scene that cannot be read."""
     robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
+    human = compile_body_text(setup.human_mjcf, source="human of the run", root="free", own=True)
     return Cast(
-        human=solid_body(load_body_text(setup.human_mjcf, source="human of the run", root="free")),
+        human=solid_body(body_from_file(human)),
         robot=None if robot is None else robot.solid,
         profile=robot,
         joints=() if robot is None else robot.joint_map.joints,

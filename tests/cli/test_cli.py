@@ -1,8 +1,12 @@
 """The command line's frame: help, version, exit codes and the boundary where errors become messages."""
 
+import errno
+import importlib
 import json
+import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -16,11 +20,13 @@ from command_line import code_of
 from command_line import code_of as leave
 from hardware.clock import MonotonicClock
 from hardware.errors import RetargetError, TorqueError
-from messages import shows
+from messages import mentions, shows
 from retarget import cli
 from retarget.cli import controls, main
+from retarget.cli.application import console, log, progress_bar
 from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
-from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, REFUSED, STOPPED, exit_code_of
+from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, LEAST_MEMORY, REFUSED, STOPPED, exit_code_of
+from retarget.cli.stop import sent
 from sim.performer import synthetic_performer
 
 
@@ -65,6 +71,69 @@ def test_a_refusal_is_one_message_without_traceback(capsys: pytest.CaptureFixtur
 
     assert exit_code_of(refuse) == REFUSED
     assert capsys.readouterr().err == "error: robot.yaml:3: limits inverted\n"
+
+
+EVIL = "a\x1b[31m\x9b\u202e.bvh"
+SPELLED = r"a\x1b[31m\x9b\u202e.bvh"
+
+
+def test_no_name_of_a_file_acts_on_the_terminal(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / EVIL).write_text("HIERARCHY")
+    for words in (["inspect", tmp_path / EVIL], ["check", EVIL], ["run", "--robot", EVIL, "--source", "sample"]):
+        assert leave(*words) == REFUSED
+        shown = capfd.readouterr().err
+        assert SPELLED in shown and shown.replace("\n", "").isprintable()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.stderr, "isatty", lambda: True)
+        patch.setattr(sys.stdout, "isatty", lambda: True)
+        patch.setenv("TERM", "xterm")
+        console().print(EVIL, highlight=False)
+        with progress_bar(EVIL, 10) as show:
+            show(5)
+            log(EVIL)
+    out, err = capfd.readouterr()
+    assert SPELLED in out and SPELLED in err and err.count(SPELLED[:9]) > 2, "the bar is cut where it is too wide"
+    assert not any(code in out + err for code in (EVIL[:6], "\x9b", "\u202e"))
+    assert "\x1b" in err, "the codes of the bar itself pass"
+
+
+def test_a_defect_that_names_a_file_does_not_either(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        raise AssertionError(EVIL)
+
+    assert exit_code_of(fail) == DEFECT
+    shown = capsys.readouterr().err
+    assert SPELLED in shown and "\x1b" not in shown
+
+
+def test_too_little_memory_is_one_message(capsys: pytest.CaptureFixture[str]) -> None:
+    def take() -> None:
+        bytearray(1 << 60)
+
+    def load() -> None:
+        raise ImportError("libmujoco.so: failed to map segment from shared object")
+
+    def allocate() -> None:
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+    for lacking in (take, load, allocate):
+        assert exit_code_of(lacking) == REFUSED
+        shown = capsys.readouterr().err
+        mentions(shown, "too little memory", "700 MB or more", "ulimit -v unlimited")
+        assert len(shown.splitlines()) == 1
+    assert exit_code_of(lambda: importlib.import_module("no_such_module")) == DEFECT
+
+
+def test_a_run_does_not_begin_on_too_little_memory(tmp_path: Path) -> None:
+    """The limit is far above what the command needs to say so, and below what a run may take."""
+    limit = LEAST_MEMORY - 1_000_000
+    code = f"import resource; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit}))\n"
+    code += "from retarget.cli import main; main()"
+    words = ["run", "--robot", "op3", "--source", "sample", "--end", "1", "--save", str(tmp_path / "a.npz")]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60)
+    assert done.returncode == REFUSED and not [*tmp_path.iterdir()], done.stderr
+    assert "Traceback" not in done.stderr and len(done.stderr.splitlines()) == 1
+    mentions(done.stderr, "too little memory", "699 MB", "700 MB", "ulimit -v")
 
 
 def test_torque_that_is_still_on_is_no_refusal(capsys: pytest.CaptureFixture[str]) -> None:
@@ -228,3 +297,43 @@ def test_a_run_receives_the_word(
     server.close()
     assert found[0] == code and said in found[1]
     assert asked == ([Asked.TORQUE_OFF if words else Asked.STOP] if known else [])
+
+
+@pytest.mark.parametrize("words", [("{}",), ("{}", "--torque-off"), ("--torque-off",)])
+def test_a_stop_needs_nothing_that_takes_time_to_import(tmp_path: Path, words: tuple[str, ...]) -> None:
+    """Where none of these can be imported, the run still receives the word, and its answer is printed."""
+    place = tmp_path / "retarget.sock"
+    code = (
+        "import os, sys\n"
+        f"sys.modules |= dict.fromkeys({('typer', 'rich', 'numpy', 'pydantic', 'mujoco')!r})\n"
+        "sys.argv = ['retarget', 'stop', *sys.argv[1:]]\n"
+        "import retarget.cli as cli\n"
+        "assert not {'logging', 'typing', 'pathlib'} & set(sys.modules) - before\n"
+        "cli.main()"
+    )
+    code = "import sys; before = set(sys.modules)\n" + code
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        listener.bind(str(place))
+        listener.listen(1)
+        listener.settimeout(30.0)
+        given = [word.format(place) for word in words]
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, *given],
+            env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        client, _ = listener.accept()
+        with client, client.makefile("rwb") as lines:
+            word = lines.readline()
+            lines.write(b"ok stopping\n")
+            lines.flush()
+            out, err = process.communicate(timeout=30.0)
+    assert word == (b"torque_off\n" if "--torque-off" in words else b"stop\n")
+    assert (process.returncode, out) == (DONE, "ok stopping\n"), err
+
+
+@pytest.mark.parametrize("words", [("a", "b"), ("--torque", "a"), ("-x",), ("--help",)])
+def test_words_that_are_no_plain_stop_send_nothing(words: tuple[str, ...]) -> None:
+    assert sent(words) is None

@@ -27,7 +27,6 @@ from retarget.cli import main
 from retarget.cli.controls import (
     EVENT,
     LET_GO_S,
-    MAX_LINE,
     MOST_CLIENTS,
     NEEDED,
     Asked,
@@ -39,11 +38,10 @@ from retarget.cli.controls import (
     Oversight,
     Pedal,
     StopFile,
-    connect_to,
     open_dead_man,
     refuse_oversight,
-    socket_path,
 )
+from retarget.cli.stop import MAX_LINE, connect_to, socket_path
 from retarget.errors import UsageError
 
 HELD_KEY_DT = 0.01

@@ -26,9 +26,9 @@ from retarget.cli.controls import (
     LiveControls,
     StopFile,
     announced,
-    connect_to,
 )
 from retarget.cli.exit import StopRequest
+from retarget.cli.stop import connect_to
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.run.loop import Machine, Watch

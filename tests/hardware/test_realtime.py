@@ -47,7 +47,7 @@ def _process(folder: Path, cmdline: bytes, comm: bytes = b"short\n") -> str:
         (b"/usr/bin/screen\0/dev/ttyUSB0\0", "process 12 (screen /dev/ttyUSB0)"),
         (b"python3\0", "process 12 (python3)"),
         (b"", "process 12 (short)"),
-        (b"a\x1b[2J\xff\0\nb\0", "process 12 (a?[2J\N{REPLACEMENT CHARACTER} ?b)"),
+        (b"a\x1b[2J\xff\0\nb\0", "process 12 (a\\x1b[2J\N{REPLACEMENT CHARACTER} \\nb)"),
     ],
 )
 def test_a_process_is_named_by_what_was_typed(tmp_path: Path, cmdline: bytes, said: str) -> None:

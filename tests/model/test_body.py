@@ -1,5 +1,12 @@
 """A body as arrays and files: what is accepted, names, limits and addresses, and the same motion as MuJoCo."""
 
+import os
+import resource
+import shutil
+import signal
+import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -11,7 +18,7 @@ from followers import DT, op3
 from messages import Facts, refuses, shows
 from observed import ALL_JOINTS_MJCF, TWO_LINK_URDF
 from retarget import _solver
-from retarget.errors import ConfigError, InputError
+from retarget.errors import ConfigError, InputError, Problem
 from retarget.model.body import (
     BodyModel,
     JointType,
@@ -21,11 +28,14 @@ from retarget.model.body import (
     load_body_text,
     low_inertia_joints,
 )
-from retarget.model.body_file import MAX_BYTES, MAX_LINKS, compile_body_text
+from retarget.model.body_file import compile_body_text
+from retarget.model.body_xml import MAX_BYTES, MAX_LINKS
+from retarget.model.compile_limits import MEMORY, try_in_child
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.robot import load_robot
 from retarget.robot.landmarks import robot_frames
+from retarget.schema.catalogue import shipped_folder
 from retarget.types import FloatArray
 
 
@@ -258,3 +268,128 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
         with refuses(InputError, facts) as error:
             load_body(path)
         assert str(path) in str(error.value)
+
+
+# Sizes told in a few bytes, and what a child process finds.
+
+SIZED = """<mujoco>{size}<asset>{asset}</asset><worldbody>
+<body name="link"><joint/><geom size="0.1"/>{link}</body>{world}
+</worldbody>{rest}</mujoco>"""
+WHOLE = {"size": "", "asset": "", "link": "", "world": "", "rest": ""}
+
+
+@pytest.mark.parametrize(
+    ("part", "text", "line", "facts"),
+    [
+        ("asset", '<hfield name="h" nrow="40000" ncol="40" size="1 1 1 1"/>', 1, ("nrow", "40000")),
+        ("asset", '<texture name="t" type="2d" builtin="flat" width="9000" height="9"/>', 1, ("width", "9000")),
+        ("asset", '<mesh name="m" builtin="cone" params="100000000 0.1"/>', 1, "params"),
+        ("size", '<size nkey="2000000000"/>', 1, ("nkey", "2000000000")),
+        ("size", '<size nkey="2000000000 keys"/>', 1, "nkey"),
+        ("size", '<size nuser_geom="1000000"/>', 1, "nuser_geom"),
+        ("size", '<size nuserdata="1e400"/>', 1, "nuserdata"),
+        ("size", '<size memory="900G"/>', 1, ("memory", "900G")),
+        ("world", '<replicate count="100000000"><geom size="0.1"/></replicate>', 2, "<replicate>"),
+        ("world", '<replicate count="90">' * 3 + '<geom size="1"/>' + "</replicate>" * 3, 2, "<replicate>"),
+        ("world", '<flexcomp name="f" type="grid" count="40 40 40" dim="3" mass="1"/>', 2, ("count", "40 40 40")),
+        ("link", '<composite type="cable" count="90000 1 1"/>', 2, "count"),
+        ("link", '<camera name="c" resolution="90000 90000"/>', 2, "resolution"),
+        ("rest", '<sensor><user name="u" dim="1000000000"/></sensor>', 3, "dim"),
+        ("rest", '<size xmlns="elsewhere" nkey="2000000000"/>', 3, "nkey"),
+    ],
+)
+def test_a_size_that_no_robot_needs_is_refused_with_its_line(
+    part: str, text: str, line: int, facts: Facts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before MuJoCo sees it, which takes all memory for some of these."""
+    monkeypatch.setattr("retarget.model.body_file.engine", lambda: None)
+    mjcf = SIZED.format(**{**WHOLE, part: text})
+    with refuses(InputError, facts, where=f"robot.xml:{line}"):
+        load_body_text(mjcf, source="robot.xml")
+    (tmp_path / "main.xml").write_text('<mujoco><include file="part.xml"/></mujoco>')
+    (tmp_path / "part.xml").write_text(mjcf)
+    with refuses(InputError, where=f"part.xml:{line}"):
+        load_body(tmp_path / "main.xml")
+
+
+def test_links_are_counted_as_often_as_they_are_repeated(tmp_path: Path) -> None:
+    (tmp_path / "main.xml").write_text(
+        '<mujoco><worldbody><replicate count="600"><include file="leg.xml"/></replicate></worldbody></mujoco>'
+    )
+    (tmp_path / "leg.xml").write_text('<mujocoinclude><body><joint/><geom size="1"/></body></mujocoinclude>')
+    with refuses(InputError, 600, MAX_LINKS):
+        load_body(tmp_path / "main.xml")
+
+
+def test_sizes_that_robots_have_are_read() -> None:
+    few = '<size nkey="3" nuserdata="10" nuser_geom="2" memory="20M"/>'
+    texture = '<texture name="t" type="skybox" builtin="gradient" width="512" height="3072"/>'
+    legs = '<replicate count="3" euler="0 0 60"><body pos="1 0 0"><joint/><geom size="0.1"/></body></replicate>'
+    body = load_body_text(SIZED.format(**{**WHOLE, "size": few, "asset": texture, "world": legs}), source="robot.xml")
+    assert len(body.body_names) == 1 + 1 + 3
+
+
+def take_memory() -> None:
+    bytearray(2 * MEMORY)
+
+
+def take_time() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (0, 0))
+    while True:
+        pass
+
+
+def refuse() -> None:
+    raise InputError.from_problems([Problem("one", "a:1", line=1), Problem("two", "a:2", line=2)], title="2 problems")
+
+
+@pytest.mark.parametrize(
+    ("work", "facts"),
+    [
+        (take_memory, "1000 MB"),
+        (take_time, "10 s"),
+        (refuse, ("a:1", "a:2")),
+        (partial(signal.raise_signal, signal.SIGTERM), "(-15)"),
+        (partial(os._exit, 5), "(5)"),
+    ],
+)
+def test_what_takes_too_much_or_ends_the_process_does_no_harm(work: Callable[[], None], facts: Facts) -> None:
+    with refuses(InputError, facts):
+        try_in_child(work, source="body.xml")
+
+
+def test_what_fits_is_done_and_prints_nothing(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A defect of ours is left to show where the work is done again."""
+
+    def work() -> None:
+        sys.stdout.write("said")
+        os.write(2, b"said")
+        (tmp_path / "done").touch()
+
+    try_in_child(work, source="body.xml")
+    try_in_child(lambda: 1 // 0, source="body.xml")
+    assert (tmp_path / "done").exists() and capfd.readouterr() == ("", "")
+
+
+def test_only_what_is_not_shipped_is_tried_in_a_child_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[str] = []
+    monkeypatch.setattr("retarget.model.body_file.try_in_child", lambda work, source: tried.append(source))
+    shipped = shipped_folder() / "robots/op3/body.xml"
+    copy = tmp_path / "body.xml"
+    load_body(shipped)
+    assert tried == []
+    shutil.copyfile(shipped, copy)
+    load_body(copy)
+    load_body(copy, root="fixed")
+    assert tried == [str(copy)]
+    copy.write_bytes(copy.read_bytes() + b"\n")
+    load_body(copy)
+    assert tried == [str(copy)] * 2
+
+
+def test_a_body_that_takes_all_memory_by_sizes_that_are_allowed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.model.compile_limits.MEMORY", 100_000_000)
+    pictures = '<texture name="t{}" type="2d" builtin="flat" width="4096" height="4096"/>'
+    text = SIZED.format(**{**WHOLE, "asset": "".join(map(pictures.format, range(9)))})
+    with refuses(InputError):
+        load_body_text(text, source="robot.xml")

@@ -33,7 +33,7 @@ from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
-EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & $\\frac$ </title>"
+EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & $\\frac$ </title>\x1b[31m"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -141,6 +141,7 @@ def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) 
     assert set(tags) - set(usual) <= {"ul", "li"} and "img" not in tags  # notes are a list that was not there
     assert not any(name.startswith("on") for _, attributes in page.elements for name in attributes)
     assert page.text.count("<script>alert(1)</script>") >= 5
+    assert r"\x1b[31m" in page.text and "\x1b" not in page.text
 
 
 def test_the_drawings_are_well_formed_and_their_ids_are_their_own(html: str) -> None:

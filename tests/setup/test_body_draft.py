@@ -11,8 +11,9 @@ import pytest
 from messages import Facts, refuses, shows
 from retarget.errors import InputError
 from retarget.model.body import load_body
+from retarget.model.body_xml import MAX_DEPTH
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
-from retarget.setup.robot_file import MAX_DEPTH, find_mesh, read_source, stated_speeds
+from retarget.setup.robot_file import find_mesh, read_source, stated_speeds
 from unknown_robots import HUMANOID, Part, humanoid
 
 

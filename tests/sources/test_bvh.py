@@ -141,6 +141,7 @@ def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: 
         ("OFFSET 9 -9 0", "OFSET 9 -9 0", ()),
         ("MOTION", "}\nMOTION", "'}'"),
         ("MOTION", "ROOT second\n{\nOFFSET 0 0 0\n}\nMOTION", "ROOT"),
+        ("Frame Time: 0.008333", "Frame Time: 1e-320", "10000 Hz"),  # its inverse is infinite
     ],
 )
 def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:

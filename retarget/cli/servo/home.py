@@ -15,6 +15,7 @@ from hardware.clock import MonotonicClock, VirtualClock, today
 from hardware.dynamixel.serial_port import is_pseudo_terminal
 from retarget.cli.application import Overwrite, ask, console
 from retarget.cli.buses import make_bus
+from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 from retarget.run.options import RunOptions
@@ -100,17 +101,17 @@ class HomedFile:
     def write(self, calibration: ServoCalibration, agree: Callable[[str], bool]) -> None:
         """Write the file if the operator agrees, and print the result. Raises UsageError."""
         if self.path is None:
-            typer.echo("nothing was kept: these servos are simulated; --out FILE keeps it in a file")
+            echo("nothing was kept: these servos are simulated; --out FILE keeps it in a file")
             return
         doubt = f", although {self.looks}" if self.looks and self.own else ""
         there = self.path.exists()
         replaced = ", which is there already" if there and not self.own else ""
         if not agree(f"Write this to {self.path}{replaced}{doubt}?"):
-            typer.echo("nothing was written")
+            echo("nothing was written")
             return
-        typer.echo(f"calibration: {write_calibration(calibration, None if self.own else self.path)}")
+        echo(f"calibration: {write_calibration(calibration, None if self.own else self.path)}")
         if there and self.own:
-            typer.echo(f"the one before: {previous_path(self.path)}")
+            echo(f"the one before: {previous_path(self.path)}")
 
 
 def _pseudo_terminal(port: str) -> str:
@@ -164,17 +165,17 @@ def home(
         return ask(question, enter=enter, where="servo home")
 
     if file.notice:
-        typer.echo(file.notice)
+        echo(file.notice)
     opening = [] if options.simulated else [f"The bus is opened: {_opening(body)}. Go on?"]
     if not all(agree(question, False) for question in [*file.doubts, *opening]):
-        typer.echo("nothing was written")
+        echo("nothing was written")
         return
     clock = VirtualClock() if options.simulated else MonotonicClock()
     with closing(make_bus(bus, body, clock, posture=pose)) as servos:
         servos.open()
         homing = home_servos(servos, body.joint_map, posture, agree, typer.echo, clock=clock, chosen=chosen, name=pose)
     if homing is None:
-        typer.echo("nothing was written")
+        echo("nothing was written")
         return
     console().print(_table(body, homing))
     new = calibration_of(body.profile.name, body.joint_map, homing, posture, name=pose, date=today())
@@ -188,10 +189,10 @@ def _say_all(
     body: RobotBody, posture: FloatArray, chosen: BoolArray, options: RunOptions, file: HomedFile, pose: str
 ) -> None:
     """Print what would be done."""
-    typer.echo(f"would open the bus {options.bus!r}: {_opening(body)};")
-    typer.echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
-    typer.echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {_angles(body, posture)},")
-    typer.echo(file.promise)
+    echo(f"would open the bus {options.bus!r}: {_opening(body)};")
+    echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
+    echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {_angles(body, posture)},")
+    echo(file.promise)
 
 
 def _opening(body: RobotBody) -> str:

@@ -3,7 +3,6 @@
 import math
 from typing import Literal
 
-import typer
 from rich.console import Group
 from rich.live import Live
 from rich.table import Table
@@ -16,7 +15,7 @@ from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.readings import Torque
 from hardware.servo import ServoSpec
 from retarget.cli.application import console
-from retarget.cli.exit import stop_on_signals
+from retarget.cli.exit import echo, stop_on_signals
 from retarget.cli.servo.places import Only, Where, find_places, ids_of, look_at, opened
 from retarget.errors import UsageError
 
@@ -45,7 +44,7 @@ def monitor(
     once = once or not screen.is_terminal
     places = find_places(where, clock=None if once else MonotonicClock())
     if dry_run:
-        typer.echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
+        echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
         return
     with opened(places):
         lines = [one.line for one in look_at(places, only, ids=wanted) if one.line.servos]

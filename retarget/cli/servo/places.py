@@ -5,8 +5,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import typer
-
 from hardware.bus import BAUDS, BusSpec
 from hardware.clock import Clock, MonotonicClock, VirtualClock
 from hardware.dynamixel.checks import Span, needed_ticks
@@ -28,6 +26,7 @@ from hardware.errors import BusError, RetargetError
 from hardware.servo import ServoSpec
 from retarget.cli.application import ask, progress_bar
 from retarget.cli.buses import posture_ticks
+from retarget.cli.exit import echo
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
 from sim.emulator.fault_state import load_fault_plan
@@ -270,7 +269,7 @@ def look_at(
         speeds = chosen_speeds(place, only)
         if ids is None and len(speeds) > 1:
             text = f"looking at {len(speeds)} speeds on {place.where}: up to a minute; --baud and --protocol shorten it"
-            typer.echo(text, err=True)
+            echo(text, err=True)
         seen = search(place, speeds, ids)
         if seen.sightings:
             first = sum(len(one.line.servos) for one in looks)
@@ -287,7 +286,7 @@ def look_at(
         )
     for one in looks:
         for note in (*one.wrong, *one.notes):
-            typer.echo(f"note: bus {one.line.spec.name}: {note}", err=True)
+            echo(f"note: bus {one.line.spec.name}: {note}", err=True)
     return looks
 
 
@@ -339,5 +338,5 @@ def agreed(question: str, *, yes: bool) -> bool:
     ended."""
     if yes or ask(question, enter=False, where="servo (--yes agrees beforehand)"):
         return True
-    typer.echo("nothing was done")
+    echo("nothing was done")
     return False

@@ -9,7 +9,7 @@ from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.found_servos import Look
 from hardware.dynamixel.torque import restart
 from hardware.errors import BusError, counted
-from retarget.cli.exit import stop_on_signals
+from retarget.cli.exit import echo, stop_on_signals
 from retarget.cli.servo.places import (
     Only,
     Where,
@@ -56,7 +56,7 @@ def reboot(
     if dry_run:
         who = "all servos" if wanted is None else f"ids {', '.join(map(str, wanted))}"
         for place in places:
-            typer.echo(f"would read errors and torque of {who} on {place.where}, and after a question restart them")
+            echo(f"would read errors and torque of {who} on {place.where}, and after a question restart them")
         return
     with opened(places):
         looks = look_at(places, only, ids=wanted)
@@ -64,14 +64,14 @@ def reboot(
         _refuse(chosen, wanted, yes=yes)
         for one, some in chosen:
             for device in some:
-                typer.echo(_said(one, device))
+                echo(_said(one, device))
         count = sum(len(some) for _, some in chosen)
         if not agreed(f"Restart {counted(count, 'servo')}? Their torque goes off.", yes=yes):
             return
         problems = _restart(chosen)
     if problems:
         raise BusError("\n  ".join(["problems after the restart:", *problems]))
-    typer.echo(f"{count} servo{'s are' if count > 1 else ' is'} back, without errors, torque off")
+    echo(f"{count} servo{'s are' if count > 1 else ' is'} back, without errors, torque off")
 
 
 def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
@@ -87,9 +87,9 @@ def _restart(chosen: Sequence[tuple[Look, list[int]]]) -> list[str]:
             done += [names(one, [device]) for device in restarted.ids]
             left += [names(one, [device]) for device in some if device not in restarted.ids]
         if left:
-            typer.echo(f"interrupted; restarted: {', '.join(done) or 'no servo'}; not: {', '.join(left)}", err=True)
+            echo(f"interrupted; restarted: {', '.join(done) or 'no servo'}; not: {', '.join(left)}", err=True)
             for problem in problems:
-                typer.echo(problem, err=True)
+                echo(problem, err=True)
             raise typer.Exit(1 if done else 130)
     return problems
 

@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 from contextlib import suppress
 
-import typer
-
 from hardware.dynamixel.found_servos import Look, broadcast_torque_off
 from hardware.dynamixel.line_scan import Speed
 from hardware.dynamixel.torque import not_limp, off_everywhere
 from hardware.errors import BusError, TorqueError
-from retarget.cli.exit import stop_on_signals
+from retarget.cli.exit import echo, stop_on_signals
 from retarget.cli.servo.places import Only, Place, Where, agreed, chosen_speeds, find_places, look_at, names, opened
 
 UNCONFIRMED = (
@@ -34,10 +32,8 @@ def rest(where: Where, only: Only, yes: bool = False, dry_run: bool = False) -> 
     speeds = [chosen_speeds(place, Only(only.baud, own)) for place, own in zip(places, protocols, strict=True)]
     if dry_run:
         for place in places:
-            typer.echo(
-                f"would send torque off to all on {place.where} after a question, at all speeds, and look for servos"
-            )
-        typer.echo("torque_enable := 0 and bus_watchdog := 0, and read torque_enable back")
+            echo(f"would send torque off to all on {place.where} after a question, at all speeds, and look for servos")
+        echo("torque_enable := 0 and bus_watchdog := 0, and read torque_enable back")
         return
     with opened(places):
         sent = yes
@@ -66,7 +62,7 @@ def rest(where: Where, only: Only, yes: bool = False, dry_run: bool = False) -> 
             _say_missing(looks)
         with stop_on_signals():  # signals wait: a robot half of whose servos have torque is the worst case
             _switch_off(looks)
-    typer.echo(f"torque is off on all {count} servos")
+    echo(f"torque is off on all {count} servos")
 
 
 def _broadcast(places: Sequence[Place], speeds: Sequence[Sequence[Speed]]) -> None:
@@ -76,16 +72,16 @@ def _broadcast(places: Sequence[Place], speeds: Sequence[Sequence[Speed]]) -> No
             with suppress(BusError):  # the servos are read back afterwards
                 broadcast_torque_off(place.port, own)
                 place.port.set_baud(own[0].baud)
-    typer.echo("torque off was sent to all servos; now each is looked for and read back")
+    echo("torque off was sent to all servos; now each is looked for and read back")
 
 
 def _is_due(looks: Sequence[Look], count: int) -> bool:
     """Whether any servo has torque or does not answer; prints which."""
     driven = [names(one, on) for one in looks if (on := not_limp(one.line, _answering(one)))]
     if not driven and not any(one.missing for one in looks):
-        typer.echo(f"torque is off already on all {count} servos")
+        echo(f"torque is off already on all {count} servos")
         return False
-    typer.echo(f"torque is on: {', '.join(driven) or 'no servo that answers'}")
+    echo(f"torque is on: {', '.join(driven) or 'no servo that answers'}")
     _say_missing(looks)
     return True
 
@@ -93,7 +89,7 @@ def _is_due(looks: Sequence[Look], count: int) -> bool:
 def _say_missing(looks: Sequence[Look]) -> None:
     for one in looks:
         if one.missing:
-            typer.echo(f"no answer: {names(one, one.missing)}")
+            echo(f"no answer: {names(one, one.missing)}")
 
 
 def _answering(one: Look) -> list[int]:

@@ -4,12 +4,11 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-import typer
-
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.line_scan import LIKELY_IDS, LineScan, Sighting, Speed, likely_speeds
 from hardware.dynamixel.serial_port import ECHOES
 from hardware.errors import BusError
+from retarget.cli.exit import echo
 from retarget.cli.servo.places import (
     Only,
     Place,
@@ -48,7 +47,7 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
         speeds, whose = [likely_speeds(some) for some in speeds], USUAL_IDS
     if dry_run:
         for place, some in zip(places, speeds, strict=True):
-            typer.echo(f"would ping {whose} on {place.where} at {_speeds_text(some)}; nothing is written")
+            echo(f"would ping {whose} on {place.where} at {_speeds_text(some)}; nothing is written")
         return
     rows = Rows()
     scans: list[LineScan] = []
@@ -58,7 +57,7 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
                 show = partial(rows.add, place)
                 scans.append(quick_search(place, some, show) if quick else search(place, some, wanted, show))
             except KeyboardInterrupt:  # what ends the command says "interrupted"
-                typer.echo(f"not all was looked at; found so far: {rows.count}")
+                echo(f"not all was looked at; found so far: {rows.count}")
                 raise
             _conclude(place, scans[-1], wanted)
     if not rows.count:
@@ -68,7 +67,7 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
         then = f"{CHECK}. {LOOK_EVERYWHERE}" if quick else CHECK
         raise BusError("no servo answers", where="servo scan", found=f"silence of {tried}", then=then)
     if quick:
-        typer.echo(f"note: looked at the usual speeds; {LOOK_EVERYWHERE}", err=True)
+        echo(f"note: looked at the usual speeds; {LOOK_EVERYWHERE}", err=True)
 
 
 class Rows:
@@ -83,8 +82,8 @@ class Rows:
     def add(self, place: Place, sighting: Sighting) -> None:
         """Print one servo, after a heading where its port is a new one."""
         if place is not self._place:
-            typer.echo(f"{place.where}:", file=self._out)
-            typer.echo(_row("protocol", "baud", "id", "model", "firmware", "remarks"), file=self._out)
+            echo(f"{place.where}:", file=self._out)
+            echo(_row("protocol", "baud", "id", "model", "firmware", "remarks"), file=self._out)
             self._place = place
         self.count += 1
         found, speed = sighting.found, sighting.speed
@@ -92,7 +91,7 @@ class Rows:
         clash = "two servos with this id" if found.clash else ""
         remarks = "; ".join(text for text in (known_as(place, sighting), clash, sighting.alert) if text)
         numbers = (f"{speed.protocol}.0", str(speed.baud), str(found.id))
-        typer.echo(_row(*numbers, sighting.model, firmware, remarks), file=self._out)
+        echo(_row(*numbers, sighting.model, firmware, remarks), file=self._out)
 
 
 def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remarks: str) -> str:
@@ -102,12 +101,12 @@ def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remar
 def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None:
     """Print notes, skipped speeds and missing servos of a port."""
     if one.echoes:
-        typer.echo(f"note: {place.where}: {ECHOES}", err=True)
+        echo(f"note: {place.where}: {ECHOES}", err=True)
     for text in one.skipped:
-        typer.echo(f"not tried on {place.where}: {text}")
+        echo(f"not tried on {place.where}: {text}")
     missing = _missing(place, one, wanted) if one.sightings else []
     if missing:
-        typer.echo(f"missing on {place.where}: {', '.join(missing)}")
+        echo(f"missing on {place.where}: {', '.join(missing)}")
 
 
 def known_as(place: Place, sighting: Sighting) -> str:

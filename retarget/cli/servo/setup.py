@@ -22,7 +22,7 @@ from hardware.dynamixel.settings import (
 )
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError, HardwareError
-from retarget.cli.exit import stop_on_signals
+from retarget.cli.exit import echo, stop_on_signals
 from retarget.cli.servo.places import (
     Only,
     Place,
@@ -160,17 +160,17 @@ def setup(
             raise BusError(what, where=place.where, then="See `retarget servo scan`")
         place.port.set_baud(seen.speed.baud)
         image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
-        typer.echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
+        echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
         wanted = wanted_of(target, asked, seen, image)
         due = plan(image, settings_of(image.table, wanted))
         if not due:
-            typer.echo("it has all of this already: nothing to write")
+            echo("it has all of this already: nothing to write")
             return
         _preview(image, due)
         new_id = target.device if wanted.new_id is None else wanted.new_id
         _refuse_taken(place, seen, new_id, wanted.baud or seen.speed.baud)
         if dry_run:
-            typer.echo("dry run: nothing was written")
+            echo("dry run: nothing was written")
         elif agreed("Write this?", yes=yes):
             _write(place, seen, due)
 
@@ -198,7 +198,7 @@ def _preview(image: ServoImage, due: list[Setting]) -> None:
     for one in due:
         name = one.register.name
         meaning = in_units(image.table, name, one.value)
-        typer.echo(f"  {name}: {image.value(name)} -> {one.value}" + (f" ({meaning})" if meaning else ""))
+        echo(f"  {name}: {image.value(name)} -> {one.value}" + (f" ({meaning})" if meaning else ""))
 
 
 def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
@@ -216,15 +216,15 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
     if asked.registers.get(name, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
         then = f"Add --register {name}={ANSWER_ALL}: that is written without its answer, and read back"
         raise BusError(f"id {device} {PINGS_ONLY}", where=place.where, then=then)
-    typer.echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
-    typer.echo(f"  {name}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
+    echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
+    echo(f"  {name}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
     if dry_run:
-        typer.echo("dry run: nothing was written")
+        echo("dry run: nothing was written")
         return None
     if not agreed("Write this?", yes=yes):
         return None
     client.write(device, LEVEL[client.protocol], ANSWER_ALL, verify=True)
-    typer.echo(f"written and read back: {name}")
+    echo(f"written and read back: {name}")
     return _find(place, device, seen.speed.protocol)
 
 
@@ -264,10 +264,10 @@ def _write(place: Place, seen: Sighting, due: list[Setting]) -> None:
             for one in due:
                 if stop():
                     left = ", ".join(later.register.name for later in due[len(done) :])
-                    typer.echo(f"interrupted; written: {', '.join(done) or 'nothing'}; not written: {left}", err=True)
+                    echo(f"interrupted; written: {', '.join(done) or 'nothing'}; not written: {left}", err=True)
                     raise typer.Exit(1 if done else 130)
                 device, speed = write_setting(place.port, seen.table, device, speed, one)
                 done.append(one.register.name)
     except BusError as error:
         raise BusError(f"{error} Written before: {', '.join(done) or 'nothing'}.") from error
-    typer.echo(f"written and read back: {', '.join(done)}; it answers as id {device}, {speed}")
+    echo(f"written and read back: {', '.join(done)}; it answers as id {device}, {speed}")

@@ -9,7 +9,7 @@ import typer
 from hardware.guard_state import StopCause
 from hardware.servo import DEFAULT_P_GAIN, p_gain
 from retarget.cli.application import progress_bar
-from retarget.cli.exit import detached_screens, stop_on_signals
+from retarget.cli.exit import detached_screens, echo, stop_on_signals
 from retarget.cli.servo.places import agreed
 from retarget.errors import InputError, UsageError
 from retarget.human.samples import Playback
@@ -54,9 +54,9 @@ def stiffness(
     hung = _hung(body, weight, at)
     held = held_goals(body, joint, hung, dt=1.0 / body.profile.safety.rate_hz)
     for line in _plan(held):
-        typer.echo(line)
+        echo(line)
     if dry_run:
-        typer.echo("dry run: nothing was moved")
+        echo("dry run: nothing was moved")
         return
     if not options.simulated and not agreed(
         "The robot hangs, its trunk is upright and held still, its limbs are free, a power cut is within reach. Go on?",
@@ -68,17 +68,17 @@ def stiffness(
     if run.reason is not None or sent is None:
         soft = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
         lighter = f". {joint} may be softer than expected: take a joint that carries less" if soft else ""
-        typer.echo(f"no measurement: {run.reason}{lighter}", err=True)
+        echo(f"no measurement: {run.reason}{lighter}", err=True)
         raise typer.Exit(1)
     rows = record.phase == Phase.FOLLOW
     goals = body.joint_map.to_radians(sent.goal_ticks[rows])
     found = measured(body, held, goals, sent.present[rows], hung, dt=1.0 / body.profile.safety.rate_hz)
     if found is None:
-        typer.echo("no measurement: the shaft does not stay behind its goals in proportion to the load", err=True)
+        echo("no measurement: the shaft does not stay behind its goals in proportion to the load", err=True)
         raise typer.Exit(1)
     voltage = float(sent.voltage[rows, held.column].mean())
     for line in _result(body, held, found, voltage):
-        typer.echo(line)
+        echo(line)
 
 
 def _options(robot: str, bus: str) -> RunOptions:

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-import typer
-
 from retarget.cli.application import log
+from retarget.cli.exit import echo
 from retarget.web import runtime
 
 
@@ -18,6 +17,6 @@ def install(archives: tuple[Path, ...] = ()) -> None:
         archives [FILE.tgz]...: The two packages, as `npm pack` writes them, for a machine that is offline.
     """
     if not archives and (there := runtime.runtime_folder()):
-        typer.echo(f"it is there: {there}")
+        echo(f"it is there: {there}")
         return
-    typer.echo(f"installed: {runtime.install(archives or None, log)}")
+    echo(f"installed: {runtime.install(archives or None, log)}")

@@ -1,0 +1,242 @@
+"""MJCF and URDF as XML, read before MuJoCo sees it: elements without entities, of a bounded depth and number, and no
+sizes told in a few bytes that would take all memory."""
+
+import re
+from dataclasses import dataclass, field
+from math import prod
+from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+from retarget.errors import InputError, Problem
+
+MAX_BYTES = 64 * 1024 * 1024
+"""Largest body file that is read."""
+MAX_LINKS = 500
+"""Most links of a body; a humanoid has less than 100. Compiling 1,000 of them in a row takes seconds, 3,000 minutes."""
+MAX_DEPTH = 100
+"""Elements inside each other: more overflows the stack of parsers."""
+MAX_ELEMENTS = 500_000
+"""Elements of a file with all that it includes: a hundred times those of a large robot."""
+MAX_REPLICATED = 5000
+"""Elements that <replicate> makes: those of a large robot. Its time grows with their square, 0.9 s for so many."""
+MAX_INCLUDES = 50
+"""Files that one body includes: more is a circle, or no robot."""
+KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
+
+BODY_HELP = "Give an MJCF (<mujoco>) or URDF (<robot>) file that MuJoCo can compile"
+XACRO = "of a .xacro file, first make URDF: xacro robot.xacro > robot.urdf"
+
+USERS = ("body", "jnt", "geom", "site", "cam", "tendon", "actuator", "sensor")
+SIZES: dict[str, dict[str, float]] = {
+    "size": {
+        **dict.fromkeys((f"nuser_{kind}" for kind in USERS), 100),
+        "nkey": 1000,
+        "nuserdata": 100_000,
+        "njmax": 100_000,
+        "nconmax": 100_000,
+        "nstack": 10_000_000,
+        "memory": 500e6,
+    },
+    "hfield": {"nrow": 1000, "ncol": 1000},
+    "texture": {"width": 4096, "height": 3 * 4096},
+    "mesh": {"params": 100},
+    "user": {"dim": 1000},
+    "contact": {"num": 1000},
+    "": {"actdim": 1000, "nsample": 10_000},
+}
+"""The most that an attribute of an element may tell, each of its numbers; "": of any element. MuJoCo makes tables,
+pictures and meshes of these sizes: far more than a robot needs, and some 10 MB each. memory: bytes."""
+PRODUCTS: dict[str, dict[str, float]] = {
+    "composite": {"count": MAX_LINKS},
+    "flexcomp": {"count": MAX_LINKS, "cellcount": MAX_LINKS},
+    "camera": {"resolution": 4e6},
+}
+"""The same of the product of its numbers: bodies of a composite or flexcomp, pixels of a camera."""
+_BYTES = re.compile(r"\s*(-?\d+)\s*([KMGTPE]?)\s*")
+_UNITS = {letter: 1024.0**power for power, letter in enumerate(("", *"KMGTPE"))}
+"""Bytes of what follows a number in `memory`, as MuJoCo reads it."""
+
+
+@dataclass(frozen=True)
+class BodyXml:
+    """A body file as elements. kind: urdf or mjcf; included: True if it names other MJCF files."""
+
+    root: Element
+    kind: str
+    included: bool
+
+
+def read_body(path: Path) -> bytes:
+    """The bytes of a body file. Raises InputError for what is no regular file of a usable size."""
+    try:
+        if path.exists() and not path.is_file():
+            found = "a folder" if path.is_dir() else "not a regular file"
+            raise InputError("cannot read the body", where=str(path), found=found, next_step=BODY_HELP)
+        size = path.stat().st_size
+        if not 0 < size <= MAX_BYTES:
+            allowed = f"1 to {MAX_BYTES} bytes"
+            raise InputError("cannot read the body", where=str(path), found=f"{size} bytes", allowed=allowed)
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a path that no system can have
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("cannot read the body", where=str(path)[:200], found=reason, next_step=BODY_HELP) from error
+
+
+def body_xml(content: bytes, *, source: str, folder: Path) -> BodyXml:
+    """The elements of a body file, and a look at every file that it includes. folder: of the file, for includes.
+
+    Raises InputError: XML that cannot be read, no body, too many links or elements, or sizes too large, all with their
+    lines.
+    """
+    counts = _Counts()
+    root = _elements(content, source, counts, times=1)
+    kind = KINDS.get(root.tag)
+    if kind is None:
+        found = f"the outermost element is <{root.tag[:80]}>"
+        raise InputError("neither URDF nor MJCF", where=source, found=found, next_step=BODY_HELP)
+    seen: set[Path] = set()
+    for include in counts.includes:  # grows while it is walked
+        path = next((place for place in (include.folder(folder) / include.name, folder / include.name)
+                     if place.exists()), folder / include.name)  # fmt: skip
+        if path in seen or len(seen) >= MAX_INCLUDES:
+            allowed = f"{MAX_INCLUDES} files, each once"
+            raise InputError("includes that never end", where=include.source, found=include.name[:200], allowed=allowed)
+        seen.add(path)
+        _elements(read_body(path), str(path), counts, times=include.times)
+    if counts.problems:
+        raise InputError.from_problems(counts.problems, title=f"{source}: {len(counts.problems)} problems")
+    if counts.links > MAX_LINKS:
+        raise InputError(
+            "too many links for a robot",
+            where=source,
+            found=str(counts.links),
+            allowed=f"at most {MAX_LINKS}",
+            next_step="Give the body of one robot, without its surroundings",
+        )
+    return BodyXml(root, kind, bool(seen))
+
+
+@dataclass(frozen=True)
+class _Include:
+    """An MJCF file that is included. source: by which file; times: how often, inside of <replicate>."""
+
+    name: str
+    source: str
+    times: int
+
+    def folder(self, main: Path) -> Path:
+        """The folder of the file that includes it; main: that of the body."""
+        return Path(self.source).parent if Path(self.source).is_file() else main
+
+
+@dataclass
+class _Counts:
+    """Of a body with all that it includes."""
+
+    elements: int = 0
+    links: int = 0
+    replicated: int = 0
+    includes: list[_Include] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+
+
+class _RefusedXmlError(Exception):
+    """What is found in XML that is no robot's."""
+
+
+def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> Element:
+    """The outermost element. times: how often the file is included."""
+    builder, parser = TreeBuilder(), expat.ParserCreate(namespace_separator="}")
+    repeats = [times]
+
+    def refuse_types(*_: object) -> None:
+        raise _RefusedXmlError("a document type (<!DOCTYPE ...>), which may define entities, and which no robot needs")
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        space, _, tag = name.rpartition("}")
+        if "xacro" in space:
+            raise InputError(
+                "xacro, from which the URDF has yet to be made",
+                where=source,
+                found=f"<xacro:{tag[:80]}>",
+                next_step=f"Give the URDF; {XACRO}",
+            )
+        line, here = parser.CurrentLineNumber, repeats[-1]
+        counts.elements += 1
+        if len(repeats) > MAX_DEPTH or counts.elements > MAX_ELEMENTS:
+            deep = len(repeats) > MAX_DEPTH
+            raise _RefusedXmlError(
+                f"elements more than {MAX_DEPTH} deep" if deep else f"more than {MAX_ELEMENTS} elements"
+            )
+        counts.problems += _told(tag, attributes, source, line)
+        counts.links += here * (tag in ("link", "body"))
+        before, counts.replicated = counts.replicated, counts.replicated + here * (here > 1)
+        if before <= MAX_REPLICATED < counts.replicated:
+            counts.problems.append(_too_much("<replicate> makes too many elements", source, line, MAX_REPLICATED))
+        if tag == "include":
+            counts.includes.append(_Include(attributes.get("file", ""), source, here))
+        repeats.append(here * _count(attributes) if tag == "replicate" else here)
+        builder.start(tag, attributes)
+
+    def end(name: str) -> None:
+        repeats.pop()
+        builder.end(name.rpartition("}")[2])
+
+    parser.StartDoctypeDeclHandler = refuse_types
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(content, True)
+        return builder.close()
+    except _RefusedXmlError as error:
+        raise InputError("not a usable body", where=source, found=str(error)) from error
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        step = f"Correct the XML; {XACRO}"
+        raise InputError("not XML that can be read", where=source, found=str(error), next_step=step) from error
+
+
+def _count(attributes: dict[str, str]) -> int:
+    """How often <replicate> repeats what it holds; what is no number counts as too often."""
+    try:
+        return max(int(attributes.get("count", "1")), 0)
+    except ValueError:
+        return MAX_REPLICATED + 1
+
+
+def _told(tag: str, attributes: dict[str, str], source: str, line: int) -> list[Problem]:
+    """Sizes that are too large, or no numbers."""
+    most = {**SIZES[""], **SIZES.get(tag, {}), **PRODUCTS.get(tag, {})}
+    problems = []
+    for name in filter(most.__contains__, attributes):
+        text, allowed = attributes[name], most[name]
+        values = _numbers(text) if name != "memory" else _memory(text)
+        size = prod(map(abs, values)) if name in PRODUCTS.get(tag, {}) else max(values, default=0.0)
+        if not size <= allowed:
+            problems.append(_too_much(f"{name} of <{tag}> is too large", source, line, allowed, found=text))
+    return problems
+
+
+def _numbers(text: str) -> list[float]:
+    """The numbers of an attribute; what is none counts as infinite."""
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return [float("inf")]
+
+
+def _memory(text: str) -> list[float]:
+    """Bytes, with a letter of their unit."""
+    found = _BYTES.fullmatch(text)
+    return [float("inf") if found is None else int(found[1]) * _UNITS[found[2]]]
+
+
+def _too_much(what: str, source: str, line: int, most: float, *, found: str = "") -> Problem:
+    return Problem(
+        what,
+        f"{source}:{line}",
+        found[:80] and repr(found[:80]),
+        f"at most {most:.12g}",
+        "A robot needs no more: make it smaller, or remove it",
+        line,
+    )

@@ -1,0 +1,115 @@
+"""Work on files of others, tried first in a child process with limits of memory and time."""
+
+import json
+import os
+import resource
+import select
+import signal
+import sys
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import NoReturn
+
+from retarget.errors import InputError, Problem, RefusedError
+
+MEMORY = 1_000_000_000
+"""Most memory, bytes, that compiling a body may take, beyond what the process has: ten times what large meshes take."""
+CPU_S = 10
+"""Most time of a processor, s: a robot with large meshes takes 1 to 2 s on a laptop, and five times that on a small
+board."""
+PATIENCE_S = 120.0
+"""Most time, s, that the child may take on a busy machine."""
+MOST = 1 << 20
+"""Bytes of a child's answer that are read."""
+DONE, REFUSED, MEMORY_ERROR, DEFECT = 0, 10, 11, 12
+"""How the child ends; by a signal, or with another code, it was ended by MuJoCo or by a limit."""
+HELP = "Give the body of one robot, with simpler meshes"
+
+
+def try_in_child(work: Callable[[], object], *, source: str) -> None:
+    """Do some work in a child process first, so that a file that takes all memory or time, or ends the process, does no
+    harm here. It is forked from this one (5 ms, where a new one would take 200 to load MuJoCo), and starts no thread.
+
+    Raises InputError: the work takes too much, or refuses the file. A defect of ours passes: it shows when the work is
+    done here. source: names the file.
+    """
+    reading, writing = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child needs no lock of theirs
+        child = os.fork()
+    if not child:
+        os.close(reading)
+        _work_and_leave(work, writing)
+    os.close(writing)
+    try:
+        answer = _answer(reading)
+    finally:
+        os.close(reading)
+        with suppress(ProcessLookupError):
+            os.kill(child, signal.SIGKILL)  # it has ended, or it is too late, or Ctrl-C was pressed
+        _, status = os.waitpid(child, 0)
+    if answer is not None:
+        _judge(answer, os.waitstatus_to_exitcode(status), source)
+    else:
+        raise _too_much(source, f"more than {PATIENCE_S:g} s")
+
+
+def _judge(answer: bytes, code: int, source: str) -> None:
+    """Raise what the child found."""
+    problems = [Problem(**problem) for problem in json.loads(answer)] if answer else []
+    if problems:
+        raise InputError.from_problems(problems, title=f"{source}: {len(problems)} problems")
+    if code == MEMORY_ERROR:
+        raise _too_much(source, f"more than {MEMORY / 1e6:g} MB")
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+        raise _too_much(source, f"more than {CPU_S} s of a processor")
+    if code not in (DONE, DEFECT):
+        raise InputError("not a usable body", where=source, found=f"it ends MuJoCo ({code})", next_step=HELP)
+
+
+def _too_much(source: str, found: str) -> InputError:
+    allowed = f"{MEMORY / 1e6:g} MB and {CPU_S} s"
+    return InputError("compiling the body takes too much", where=source, found=found, allowed=allowed, next_step=HELP)
+
+
+def _answer(reading: int) -> bytes | None:
+    """All that the child writes until it ends; None where it does not end in time."""
+    answer = b""
+    while select.select((reading,), (), (), PATIENCE_S)[0]:
+        part = os.read(reading, MOST)
+        answer += part
+        if not part or len(answer) > MOST:
+            return answer
+    return None
+
+
+def _work_and_leave(work: Callable[[], object], writing: int) -> NoReturn:
+    """The child: never returns, prints nothing, and runs nothing at its exit."""
+    code = DEFECT
+    try:
+        sys.stdout = sys.stderr = nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+        for stream in (1, 2):
+            os.dup2(nowhere.fileno(), stream)
+        _limit()
+        work()
+        code = DONE
+    except RefusedError as error:
+        code = REFUSED
+        with suppress(BaseException):
+            os.write(writing, json.dumps([asdict(problem) for problem in error.problems]).encode()[:MOST])
+    except MemoryError:
+        code = MEMORY_ERROR
+    finally:
+        os._exit(code)
+
+
+def _limit() -> None:
+    used = resource.getpagesize() * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    for kind, most in ((resource.RLIMIT_AS, used + MEMORY), (resource.RLIMIT_CPU, CPU_S)):
+        _, hard = resource.getrlimit(kind)
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (most, most))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
