@@ -21,6 +21,7 @@ from retarget.run.controllers import RobotMotion, Target, rest_joints
 from retarget.run.record import Phase, Record, TickRecorder
 from retarget.run.supervisor import (
     AT_RISK,
+    BUS_SILENT,
     LONGEST_BRAKE_S,
     LONGEST_STOP_S,
     Event,
@@ -340,7 +341,7 @@ class Loop:
         if not may_go_on:
             situation.hold_reason = NOT_FOLLOWABLE.format(samples.hold_reason)
         elif machine.guard.is_silent:
-            situation.hold_reason = "the bus is silent"
+            situation.hold_reason = BUS_SILENT
         elif motion.refused:
             situation.hold_reason = f"the gate refuses {motion.refused}"
         elif machine.supervisor.state is RunState.FOLLOW and motion.follow.lost:
