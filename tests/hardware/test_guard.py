@@ -258,7 +258,7 @@ def test_a_process_that_is_suspended_before_it_writes_is_named() -> None:
     goal = rig.faster()
     rig.clock.sleep_until(rig.clock.now() + 5.0)
     rig.guard.write(goal)
-    assert "suspended for 5.0 s" in reason(rig)
+    shows(reason(rig))
 
 
 def test_a_busy_process_is_not_said_to_be_suspended() -> None:
