@@ -31,6 +31,10 @@ def alert_names(bits: int, meanings: Mapping[ServoAlert, str] | None = None) -> 
     return [*names, *([f"0x{rest:02x}"] if rest else [])]
 
 
+UNREAD_AFTER_S = 3.0
+"""Age, s, at which a voltage or temperature that was read is forgotten. A motor heats up by a degree in that time."""
+
+
 @dataclass(frozen=True)
 class ServoStates:
     """What the servos reported, one entry per servo in the profile's servo order, all arrays (n,).
@@ -48,9 +52,9 @@ class ServoStates:
     current: FloatArray
     """Present current, A; NaN where the model reports no current."""
     voltage: FloatArray
-    """Input voltage, V."""
+    """Input voltage, V; NaN before it was read, and once it has not been read for UNREAD_AFTER_S."""
     temperature: FloatArray
-    """Internal temperature, degrees Celsius."""
+    """Internal temperature, degrees Celsius; NaN as for `voltage`."""
     error: ByteArray
     """Error byte of the last status packet (bit 7: alert)."""
     alert: ByteArray

@@ -14,6 +14,9 @@ class Clock(Protocol):
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline` (s on this clock), or at once when it has passed."""
 
+    def idle(self) -> float:
+        """Return the time in s, from an arbitrary origin, in which this process used no processor."""
+
 
 class MonotonicClock:
     """The machine's monotonic clock, untouched by changes of the wall clock."""
@@ -28,12 +31,17 @@ class MonotonicClock:
         if remaining > 0.0:
             time.sleep(remaining)
 
+    def idle(self) -> float:
+        """Return the idle time in s, that of a machine that slept included."""
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - time.process_time()
+
 
 class VirtualClock:
     """A clock that jumps: sleeping takes no time. For tests, and for files played as fast as the machine allows."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
+        self._busy = 0.0  # [s] that the process computed
 
     def now(self) -> float:
         """Return the virtual time in s."""
@@ -43,11 +51,17 @@ class VirtualClock:
         """Move the virtual time to `deadline` (s), never backwards."""
         self._now = max(self._now, deadline)
 
+    def idle(self) -> float:
+        """Return the virtual time in s that did not pass by `advance`."""
+        return self._now - self._busy
+
     def advance(self, seconds: float) -> None:
-        """Move the virtual time forward by `seconds`. Raises ValueError for a negative or non-finite step."""
+        """Move the virtual time forward by `seconds` of computing. Raises ValueError for a negative or non-finite
+        step."""
         if not 0.0 <= seconds < float("inf"):
             raise ValueError(f"a clock moves forward by a finite time; found {seconds} s")
         self._now += seconds
+        self._busy += seconds
 
 
 class PacedClock(VirtualClock):

@@ -54,6 +54,9 @@ TORQUE_OFF = " (torque is off)"
 CUT_POWER = " (torque could not be switched off: cut the power)"
 
 
+SUSPENDED_S = 0.5
+"""Idle time within a tick, s, from which on the process was suspended: a tick of the slowest robot sleeps for 0.02 s,
+and a machine that is merely busy takes the processor away for less."""
 ARMING_READS = 5
 """Cycles in which a bus that is silent when the robot is armed is read again."""
 
@@ -96,6 +99,7 @@ class Guard:
         self.sent: TickArray | None = None
         """Its ticks, (n,)."""
         self._read_at: float | None = None  # [s] when the present tick began
+        self._idle = 0.0  # [s] idle time then
 
     @property
     def is_silent(self) -> bool:
@@ -104,9 +108,8 @@ class Guard:
 
     @property
     def may_go_to_rest(self) -> bool:
-        """Whether the robot may go to rest: nothing is wrong with its servos and its bus."""
-        stop = self.stop
-        return stop is None or (stop.cause in BEARABLE and (stop.then is None or stop.then in BEARABLE))
+        """Whether the robot may go to rest: nothing is wrong with what carries it."""
+        return self.stop is None or self.stop.is_bearable
 
     def present(self) -> FloatArray:
         """The present posture of servos that can be armed, rad (n,).
@@ -150,10 +153,8 @@ class Guard:
         torque goes off. A pause between two ticks is latched, too: the servos stand by then, and the goals have moved
         on. Raises BusError when the bus fails."""
         now = self._clock.now()
-        pause = 0.0 if self._read_at is None else now - self._read_at
-        self._read_at = now
-        if pause > self.limits.max_pause:
-            self.latch(StopCause.STALE_GOAL, f"no tick for {pause:.3g} s, allowed {self.limits.max_pause:g} s")
+        self._refuse_pause(now, "no tick for")
+        self._read_at, self._idle = now, self._clock.idle()
         self.states = states = self._bus.read()
         goal = self.goal
         deflected = None if goal is None or goal.posture.tobytes() == goal.joints.tobytes() else goal.posture
@@ -173,9 +174,7 @@ class Guard:
         self._refuse_copy(goal)
         if self.torque is not Torque.ON:
             raise self._impossible("writing")
-        age = 0.0 if self._read_at is None else self._clock.now() - self._read_at
-        if age > self.limits.max_pause:
-            self.latch(StopCause.STALE_GOAL, f"the goal took {age:.3g} s, allowed {self.limits.max_pause:g} s")
+        self._refuse_pause(self._clock.now(), "the goal took")
         self._send(goal)
 
     @staticmethod
@@ -184,11 +183,14 @@ class Guard:
             raise GuardError("only the goal that the gate made last is written", where="guard", found="another goal")
 
     def latch(self, cause: StopCause, reason: str) -> None:
-        """Latch a stop. The first reason stays; the first fault of the robot after it is added."""
+        """Latch a stop. The first reason stays; the first fault of the robot after it is added, and so are those
+        before it with which the robot still goes to rest."""
         stop = self.stop
         if stop is None:
             self.stop = Stop(cause, reason, self._clock.now())
-        elif cause not in (*FAULTLESS, stop.cause, stop.then) and (stop.then is None or stop.then in BEARABLE):
+            return
+        known = cause in FAULTLESS or (cause in (stop.cause, stop.then) and cause is not StopCause.LIMB_LOST)
+        if not known and (stop.then is None or stop.then in BEARABLE):
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:
@@ -216,6 +218,17 @@ class Guard:
                 self.switch_off(StopCause.BUS, text_of(error))
             raise
 
+    def _refuse_pause(self, now: float, what: str) -> None:
+        """Latch a tick, begun by `_read_at`, that has lasted too long by `now`, s."""
+        if self._read_at is None:
+            return
+        pause, idle, most = now - self._read_at, self._clock.idle() - self._idle, self.limits.max_pause
+        if idle > max(SUSPENDED_S, most):
+            why = f"this process was suspended for {idle:.1f} s (SIGSTOP, or a machine that sleeps)"
+            self.latch(StopCause.STALE_GOAL, why)
+        elif pause > most:
+            self.latch(StopCause.STALE_GOAL, f"{what} {pause:.3g} s, allowed {most:g} s")
+
     @contextmanager
     def _arming(self) -> Iterator[None]:
         """After a failure torque is off; a servo that answers may have had it from before."""
@@ -233,6 +246,8 @@ class Guard:
 
     def _send(self, goal: CheckedGoal) -> None:
         ticks = self._map.to_ticks(goal.joints)
+        if self.sent is not None and self.health.lost.any():  # one that is back would jump
+            ticks = np.where(self.health.lost, self.sent, ticks)
         self._bus.write(ServoGoals(ticks))
         self.goal, self.sent = goal, ticks
 

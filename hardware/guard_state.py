@@ -23,6 +23,10 @@ class StopCause(Enum):
     BUS = "bus"
     BUS_SILENT = "bus silent"
     SERVO_LOST = "servo lost"
+    LIMB_LOST = "limb lost"
+    """Only servos that carry nothing are silent: of arms or head."""
+    NOT_READ = "not read"
+    """Temperature or supply is not read any more: nothing is known to be wrong with the servo."""
     SERVO_ALERT = "servo alert"
     SERVO_LIMP = "servo limp"
     TEMPERATURE = "temperature"
@@ -38,7 +42,7 @@ class StopCause(Enum):
 
 FAULTLESS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
 """Causes that are no fault of the robot."""
-BEARABLE = (*FAULTLESS, StopCause.FILTER)
+BEARABLE = (*FAULTLESS, StopCause.LIMB_LOST, StopCause.NOT_READ, StopCause.FILTER)
 """Causes with which the robot may still go to rest."""
 
 
@@ -56,6 +60,11 @@ class Stop:
     powered: bool = False
     then: StopCause | None = None
 
+    @property
+    def is_bearable(self) -> bool:
+        """Whether the robot may still go to rest."""
+        return self.cause in BEARABLE and (self.then is None or self.then in BEARABLE)
+
 
 @dataclass(frozen=True)
 class GuardLimits:
@@ -67,7 +76,8 @@ class GuardLimits:
     present position and the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s.
     max_current: A, for current_time, s. lag: s by which each servo's loop follows its goal, in servo order: errors are
     measured from the response that such a loop has; none: from the goal. The fields named warn_ are warning levels, in
-    the same units. Beyond those of temperature and current the robot moves at slow_share of its speed.
+    the same units. Beyond those of temperature and current the robot moves at slow_share of its speed. limbs: whether
+    each servo, in servo order, carries nothing, so that the robot goes to rest without it; none: all are needed.
     """
 
     max_age: float = 0.1
@@ -87,3 +97,4 @@ class GuardLimits:
     warn_following_error: float = math.inf
     slow_share: float = 0.5
     lag: tuple[float, ...] = ()
+    limbs: tuple[bool, ...] = ()

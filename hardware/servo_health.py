@@ -3,15 +3,15 @@
 Also the health of the buses: whether any servo answers, and how many answers come damaged.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import inf, isnan
+from math import inf
 
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoStates, alert_names
+from hardware.bus import UNREAD_AFTER_S, ServoStates, alert_names
 from hardware.errors import BusError, GuardError, HardwareError
 from hardware.guard_state import GuardLimits, StopCategory, StopCause
 from hardware.joint_map import JointMap
@@ -39,7 +39,8 @@ class Watched:
 
     warn: bounds beyond which there is a warning, after the same patience; ease: how far within them the warning ends;
     slows: the warning slows the robot too. text: what is wrong beyond bounds {0} to {1}, before the names of the
-    servos; value: the format of a value, "" where only the servo's name says anything.
+    servos; value: the format of a value, "" where only the servo's name says anything. quantity: its name, of one that
+    must go on being read.
     """
 
     cause: StopCause
@@ -50,12 +51,13 @@ class Watched:
     warn: Bounds = ANYTHING
     ease: float = 0.0
     slows: bool = False
+    quantity: str = ""
 
     def in_words(self, value: float) -> str:
         """A value in words."""
         if self.cause is StopCause.SERVO_ALERT:
             return "+".join(alert_names(int(value)))
-        return "not known" if isnan(value) and self.value else self.value.format(value)
+        return self.value.format(value)
 
 
 def watched(limits: GuardLimits) -> tuple[Watched, ...]:
@@ -81,6 +83,7 @@ def watched(limits: GuardLimits) -> tuple[Watched, ...]:
             value="{:.0f}",
             ease=COOLER,
             slows=True,
+            quantity="temperature",
         ),
         Watched(
             cause=StopCause.VOLTAGE,
@@ -89,6 +92,7 @@ def watched(limits: GuardLimits) -> tuple[Watched, ...]:
             text="has a supply outside {0:g} to {1:g} V:",
             value="{:.1f} V",
             ease=STEADIER,
+            quantity="voltage",
         ),
         *_load(limits),
     )
@@ -277,6 +281,8 @@ class ServoWarnings:
 
 # The health of a bus: whether any servo on it answers, and the share of cycles with damaged answers.
 
+APART_S = 0.5
+"""Silent cycles that are farther apart, s, are not counted together."""
 HIGHEST_ERROR_RATE = 0.6
 """Share of cycles with damaged answers at which the robot stops (see `ServoStates.error_rate`)."""
 
@@ -285,15 +291,27 @@ class BusHealth:
     """Judges the buses of one robot. A bus with one servo cannot be distinguished from that servo: the servo's age
     counts instead.
 
-    max_silence: s without a valid answer from any servo of a bus, within which the robot can hold.
+    max_silence: s without a valid answer from any servo of a bus, within which the robot can hold. limbs (n,): servos
+    that the robot goes to rest without; a bus of these alone is no lost bus. answered: share of the cycles in which all
+    buses answered, since the first of those silent cycles that are not APART_S from the next.
     """
 
-    def __init__(self, joint_map: JointMap, max_silence: float) -> None:
+    def __init__(self, joint_map: JointMap, max_silence: float, limbs: BoolArray | None = None) -> None:
         buses = np.array([servo.bus for servo in joint_map.servos])
         groups = {str(name): np.flatnonzero(buses == name) for name in buses}
         self._columns = {name: columns for name, columns in groups.items() if columns.size > 1}
+        self._needed = {name for name, columns in self._columns.items() if limbs is None or not limbs[columns].all()}
         self._max_silence = max_silence
         self._silent_since = inf  # [s] the first cycle in which a bus was silent; infinite: none is
+        self._silent_at = -inf  # [s] the last
+        self._cycles = self._silent = 0  # since the first of those silent cycles
+        self.lost: BoolArray = np.zeros(len(joint_map), dtype=np.bool_)
+        """Servos (n,) that are given up: a bus of these alone is not waited for."""
+
+    @property
+    def answered(self) -> float:
+        """Share of the cycles, see the class; 1 before any was silent."""
+        return 1.0 - self._silent / max(self._cycles, 1)
 
     def silence(self, states: ServoStates) -> "ServoFault | None":
         """What a silent bus asks for: hold the robot, and switch its torque off after max_silence; None: no silence.
@@ -303,10 +321,16 @@ class BusHealth:
         """
         age, name = self.quietest(states)
         first, self._silent_since = self._silent_since, inf if age == 0.0 else min(self._silent_since, states.time)
+        if age > 0.0 and states.time - self._silent_at > APART_S:
+            self._cycles = self._silent = 0
+        self._cycles += 1
         if age == 0.0:
             return None
+        self._silent_at, self._silent = states.time, self._silent + 1
+        needed, its_name = self.quietest(states, self._needed)
+        lost = self._max_silence < needed < inf and first < states.time
+        age, name = (needed, its_name) if lost else (age, name)
         reason = f"the bus is silent: no valid answer from any servo of bus {name} for {age:.3f} s"
-        lost = self._max_silence < age < inf and first < states.time
         return ServoFault(StopCategory.TORQUE_OFF if lost else StopCategory.HOLD, StopCause.BUS_SILENT, reason)
 
     def error_rate(self, states: ServoStates) -> "ServoFault | None":
@@ -317,12 +341,16 @@ class BusHealth:
         reason = f"answers came damaged or incomplete {share}: a noisy line, or a computer that is too slow or too busy"
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.BUS, reason)
 
-    def quietest(self, states: ServoStates) -> tuple[float, str]:
+    def quietest(self, states: ServoStates, buses: Collection[str] | None = None) -> tuple[float, str]:
         """The longest time, s, for which no servo of a bus has given a valid answer, and the name of the bus; 0: all
-        answer. Of a bus that never answered it is infinite."""
+        answer. Of a bus that never answered it is infinite. buses: names of those that count; None: all."""
         if states.valid.all():
             return 0.0, ""
-        ages = ((float(states.age[columns].min()), name) for name, columns in self._columns.items())
+        ages = (
+            (float(states.age[columns].min()), name)
+            for name, columns in self._columns.items()
+            if (buses is None or name in buses) and not self.lost[columns].all()
+        )
         return max(ages, default=(0.0, ""))
 
 
@@ -331,14 +359,21 @@ CHECK_BUS = "Check power, wiring and the bus of the profile, or whether the host
 
 class ServoHealth:
     """Judges the states of one robot's servos. A temperature or voltage that is no longer known (NaN) is a fault.
-    One that never was known is none, since some buses do not report it; nor is an unknown current."""
+    One that never was known is none, since some buses do not report it; nor is an unknown current.
+
+    lost (n,): servos of limbs that were found silent, with the other one of a coupled pair. Nothing more is asked of
+    them, even if they answer again.
+    """
 
     def __init__(self, joint_map: JointMap, limits: GuardLimits) -> None:
         self._joint_map = joint_map
         self._rows = watched(limits)
-        self.buses = BusHealth(joint_map, limits.max_silence)
-        self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * len(joint_map)))
         count = len(joint_map)
+        self._limbs = np.array(limits.limbs or (False,) * count)
+        self._max_age = limits.max_age
+        self.buses = BusHealth(joint_map, limits.max_silence, self._limbs)
+        self.lost: BoolArray = np.zeros(count, dtype=np.bool_)
+        self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * count))
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
         self._seen = np.zeros((len(self._rows), count))
@@ -359,7 +394,12 @@ class ServoHealth:
             return noise
         self.warnings.look(self._seen, states.time)
         wrong = self._wrong(states.time)
-        return next(self._faults(wrong), silence) if wrong.any() else silence
+        if not wrong.any():
+            return silence
+        late = wrong[Row.AGE]
+        if late.any() and not (late & ~self._limbs).any():
+            return self._give_up(states)
+        return next(self._faults(wrong), silence)
 
     def refuse_unhealthy(self, states: ServoStates) -> None:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""
@@ -375,6 +415,16 @@ class ServoHealth:
             raise GuardError(
                 "not every servo is well", where="arming", found="; ".join(problems), then="It was not armed"
             )
+
+    def _give_up(self, states: ServoStates) -> ServoFault:
+        """Give up the servos of limbs that are silent: those on one cable fall silent within some cycles."""
+        silent = self._limbs & ~self.lost & (states.age > 0.5 * self._max_age)
+        self.lost = self.lost | ~self._joint_map.known_joints(~silent)
+        self.buses.lost = self.lost
+        row = self._rows[Row.AGE]
+        names = name_servos(self._joint_map.servos, row, silent, states.age)
+        reason = f"servo of a limb {row.text.format(*row.stop)} {names}"
+        return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.LIMB_LOST, reason)
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
         """Ticks (n,) at which the shafts are to be: `held`, or `sent` where both agree within a tick."""
@@ -404,20 +454,29 @@ class ServoHealth:
             seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(known, far, seen[Row.FAR])
 
     def _wrong(self, now: float) -> BoolArray:
-        """Which servos (rows, n) are beyond which bound, or no longer report what they did."""
+        """Which servos (rows, n) are beyond which bound, or no longer report what they did (NaN); none that is lost."""
         beyond = self._levels.beyond(self._seen, now)
         unknown = np.isnan(self._seen)
         if not unknown.any():
             self._reported = self._limited
-            return beyond
+            return beyond & ~self.lost
         wrong = beyond | (unknown & self._reported)
         self._reported = self._reported | (self._limited & ~unknown)
-        return np.asarray(wrong)
+        return np.asarray(wrong & ~self.lost)
 
     def _faults(self, wrong: BoolArray) -> Iterator[ServoFault]:
-        """All faults of the servos (rows, n), in order of the rows."""
-        for row, which, values in zip(self._rows, wrong, self._seen, strict=True):
+        """All faults of the servos (rows, n), in order of the rows; then values that are no longer read."""
+        unread = np.isnan(self._seen) & wrong
+        for row, which, values in zip(self._rows, wrong & ~unread, self._seen, strict=True):
             if which.any():
                 names = name_servos(self._joint_map.servos, row, which, values)
                 reason = f"servo {row.text.format(*row.stop)} {names}"
                 yield ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, row.cause, reason)
+        if unread.any():
+            servos: BoolArray = np.asarray(unread.any(axis=0))
+            names = name_servos(self._joint_map.servos, self._rows[Row.AGE], servos, self._zeros)
+            quantities = [row.quantity for row, which in zip(self._rows, unread, strict=True) if which.any()]
+            have = "has" if len(quantities) == 1 else "have"
+            why = "the bus is too slow, or too many answers come damaged or late"
+            reason = f"{' and '.join(quantities)} {have} not been read for {UNREAD_AFTER_S:g} s: {why}: {names}"
+            yield ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.NOT_READ, reason)

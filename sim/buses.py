@@ -13,7 +13,8 @@ from hardware.errors import BusError
 from retarget.errors import ConfigError
 from retarget.model.robot import RobotBody
 from retarget.schema.scene import Scene
-from sim.emulator.fault_state import load_fault_plan
+from sim.emulator.fault_state import EVERY_KIND, load_fault_plan
+from sim.emulator.faults import FaultKind
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.physics.bus import PhysicsBus, drive_shafts
@@ -25,6 +26,10 @@ from sim.physics.world import build_world
 
 SETTLE_S = 1.0
 """Time, s, for a robot to settle on its servos, after the hand that holds it first has let go (0.6 s)."""
+
+
+WITH_MASS = EVERY_KIND - {FaultKind.OVERLOAD}
+"""Faults that can be played where simulated mechanics turn the shafts: nothing there blocks a shaft."""
 
 
 def emulated_bus(
@@ -39,10 +44,11 @@ def emulated_bus(
     """The bus of a robot whose emulated servos begin at `start`, ticks (n,). simulation: what turns their
     shafts, begun at the same ticks; None: the emulator's own motion.
 
-    Raises ConfigError for a bad file of faults.
+    Raises ConfigError for a bad file of faults, or one that the bus cannot play.
     """
     servos, buses = robot.joint_map.servos, robot.profile.bus_specs()
-    plan = None if faults is None else load_fault_plan(faults, {bus.name: bus.ids for bus in buses})
+    ids, kinds = {bus.name: bus.ids for bus in buses}, EVERY_KIND if simulation is None else WITH_MASS
+    plan = None if faults is None else load_fault_plan(faults, ids, kinds=kinds)
     lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan)
     if simulation is not None:
         drive_shafts(simulation, servos, lines, now=clock.now())

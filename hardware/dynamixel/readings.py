@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoAlert, ServoStates
+from hardware.bus import UNREAD_AFTER_S, ServoAlert, ServoStates
 from hardware.dynamixel.codec import ALERT, Error1
 from hardware.dynamixel.control_table import ControlTable
 
 SLOW_PERIOD = 0.2
 """[s] Between two reads of voltage and temperature."""
-SLOW_AGE = 3.0
-"""[s] After which their values are forgotten."""
 UNKNOWN_ALERT = 0x80
 """Alert bits of a servo that reports an error, until it is read which."""
 
@@ -93,8 +91,8 @@ class SlowValues:
         return bool((old & valid).any()) or not np.isfinite(self._at).any()
 
     def values(self, now: float) -> tuple[FloatArray, FloatArray]:
-        """Voltages, V, and temperatures, degrees Celsius, (n,); NaN beyond SLOW_AGE."""
-        known = self._at >= now - SLOW_AGE
+        """Voltages, V, and temperatures, degrees Celsius, (n,); NaN beyond UNREAD_AFTER_S."""
+        known = self._at >= now - UNREAD_AFTER_S
         return np.where(known, self._voltage * self._unit, np.nan), np.where(known, self._temperature, np.nan)
 
 

@@ -50,6 +50,10 @@ class ReplayedClock:
         """The next tick is due."""
         self._cursor.before()
 
+    def idle(self) -> float:
+        """Idle times are not recorded: a suspension is replayed as a pause."""
+        return 0.0
+
 
 class ReplayedBus:
     """A `ServoBus` whose servos are as far from their goals as they were. sent: rows of the recording and goals (n,).

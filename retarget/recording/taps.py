@@ -170,6 +170,10 @@ class TappedClock:
         self._note.before()
         self.inner.sleep_until(deadline)
 
+    def idle(self) -> float:
+        """The idle time in s."""
+        return self.inner.idle()
+
 
 class TappedBus:
     """A `ServoBus` whose servo states and goals are noted."""

@@ -43,7 +43,7 @@ from retarget.types import MM, FloatArray
 LATE = 1.5
 """Periods between two ticks from which on one is missing between them."""
 BUS_CAUSES = (StopCause.BUS, StopCause.BUS_SILENT)
-SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.SERVO_ALERT, StopCause.SERVO_LIMP)
+SERVO_CAUSES = (StopCause.SERVO_LOST, StopCause.LIMB_LOST, StopCause.SERVO_ALERT, StopCause.SERVO_LIMP)
 
 
 def fault_count(run: RunResult) -> int:

@@ -20,6 +20,7 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
+from retarget.run.supervisor import BUS_SILENT
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
@@ -552,7 +553,7 @@ class RobotMotion:
         if not may_go_on:
             return sample, NOT_FOLLOWABLE.format(performer.hold_reason)
         if bus_is_silent:
-            return sample, "the bus is silent"
+            return sample, BUS_SILENT
         if self.refused:
             return sample, f"the gate refuses {self.refused}"
         if state is RunState.FOLLOW and self.follow.lost:

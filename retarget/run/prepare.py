@@ -22,11 +22,12 @@ from retarget.human.sensor_intake import IntakeTimes
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.human import Human, build_human
 from retarget.model.observers import Observers, contacts
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import TRUNK, RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.robot.balance import moving_share, support_tasks
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
+from retarget.robot.landmarks import standing_dofs
 from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
@@ -358,9 +359,20 @@ def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, sam
     refuse_contact(contacts(human.body, without_self, scene, start), where="human, first posture")
 
 
+def limbs_of(robot: RobotBody) -> tuple[bool, ...]:
+    """Whether each servo, in servo order, moves arms or head alone, so that the robot stands without it. None where the
+    robot does not stand: without torque it does not fall. A coupled servo belongs to both joints."""
+    if not robot.stands:
+        return ()
+    carrying = standing_dofs(robot, TRUNK)
+    servos = robot.joint_map.servos
+    moved = [(servo.joint,) if servo.coupling is None else servo.coupling.joints for servo in servos]
+    return tuple(not any(carrying[robot.body.dof_index(joint)] for joint in joints) for joints in moved)
+
+
 def _limits(robot: RobotBody, *, has_deadlines: bool) -> GuardLimits:
     """The limits of the guard, from the profile and the lags of its servos."""
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos)
-    limits = replace(robot.profile.guard_limits(), lag=lag)
+    limits = replace(robot.profile.guard_limits(), lag=lag, limbs=limbs_of(robot))
     return limits if has_deadlines else replace(limits, max_pause=inf)

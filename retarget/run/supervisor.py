@@ -150,6 +150,8 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
 }
 """All transitions. An event that a state has no row for changes nothing."""
 
+BUS_SILENT = "the bus is silent"
+"""Why the robot holds for a cycle in which no servo of a bus has answered."""
 AT_RISK = (RunState.APPROACH, RunState.FOLLOW, RunState.HOLD)
 """States in which the robot moves with the performer."""
 
@@ -299,7 +301,9 @@ class Supervisor:
 
     def _latch(self, event: Event, now: float, situation: Situation, guard: Guard) -> None:
         """Latch why, where a transition stops the robot."""
-        held = f"{self.hold_reason} for {now - self._held_since:.3g} s, allowed {LONGEST_HOLD_S:g} s"
+        answered = f"the bus answered in only {guard.health.buses.answered:.0%} of the cycles"
+        why = answered if self.hold_reason == BUS_SILENT else self.hold_reason
+        held = f"{why} for {now - self._held_since:.3g} s, allowed {LONGEST_HOLD_S:g} s"
         if event is Event.TORQUE_OFF:
             if situation.torque_off is not None:
                 guard.switch_off(StopCause.REQUESTED, situation.torque_off)

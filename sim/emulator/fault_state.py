@@ -176,19 +176,29 @@ class FaultPlan(Schema):
         return tuple(fault for fault in self.faults if fault.bus in (None, name))
 
 
-def load_fault_plan(path: Path, buses: Buses) -> FaultPlan:
-    """Read a fault file for a robot with these buses. Raises ConfigError with all its problems."""
-    plan, _ = read_model(FaultPlan, path, check=lambda _, document: _problems(document, buses))
+EVERY_KIND = frozenset(FaultKind)
+"""Faults that an emulated line has, where its servos turn their shafts themselves."""
+
+
+def load_fault_plan(path: Path, buses: Buses, *, kinds: Collection[FaultKind] = EVERY_KIND) -> FaultPlan:
+    """Read a fault file for a robot with these buses. kinds: those that can be played. Raises ConfigError with all its
+    problems."""
+    plan, _ = read_model(FaultPlan, path, check=lambda _, document: _problems(document, buses, kinds))
     return plan
 
 
-def _problems(document: Document, buses: Buses) -> list[Problem]:
+def _problems(document: Document, buses: Buses, kinds: Collection[FaultKind] = EVERY_KIND) -> list[Problem]:
     """Cross checks of every entry that is valid by itself."""
     entries = document.data.get("faults")
     problems: list[Problem] = []
     for index, data in enumerate(entries if isinstance(entries, list) else []):
         with suppress(ValidationError):
-            problems += _entry_problems(Fault.model_validate(data), document, ("faults", index), buses)
+            entry, at = Fault.model_validate(data), ("faults", index)
+            problems += _entry_problems(entry, document, at, buses)
+            if entry.kind not in kinds:
+                allowed = ", ".join(kind.value for kind in FaultKind if kind in kinds)
+                what = "a fault that this bus cannot play"
+                problems.append(document.problem((*at, "fault"), what, found=entry.kind.value, allowed=allowed))
     return problems
 
 

@@ -56,8 +56,6 @@ STILL_WITHIN_S = 0.3
 SETTLED = (*STOPPING, *STOPPED)
 STANDING = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST, *STOPPED)
 """States of a robot that has braked, or has no torque any more."""
-ORDINARY_STOPS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)
-"""Stops of a robot without a fault: it goes to rest before its torque goes off."""
 AT_REST_RAD = 0.01
 """A robot this near to posture `rest` is at rest, rad."""
 
@@ -136,18 +134,20 @@ def _stop_violations(
     wrong += late("at rest", braking[-1].time, begun, REST_S) if braking else []
     # With mass, goals lead the postures by the servos' deflection.
     shafts = posture_tracks(trace.postures, bench.robot.joint_map.servos) if bench.mass else goal_tracks
-    if ended is not None and trace.stop is not None and trace.stop.cause in ORDINARY_STOPS and trace.stop.then is None:
+    if ended is not None and trace.stop is not None and trace.stop.is_bearable:
         wrong += _not_at_rest(bench, shafts)
     to_rest = trace.first((RunState.GO_TO_REST,), begun)
     return wrong[:8] + detours(shafts, begun + REST_S if to_rest is None else to_rest, trace.ended)
 
 
 def _not_at_rest(bench: Bench, shafts: list[Track]) -> list[str]:
-    """Return the servos that did not go to posture `rest` in the end."""
+    """Return the servos that did not go to posture `rest` in the end, but for those that were lost."""
     robot = bench.robot
     rest = robot.posture(robot.profile.postures.rest)[robot.servo_columns]
     rest_angles = dict(zip(robot.joint_map.joints, rest.tolist(), strict=True))
-    off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in shafts}
+    lost = {servo.id for servo, gone in zip(robot.joint_map.servos, bench.guard.health.lost, strict=True) if gone}
+    kept = [track for track in shafts if track.servo.id not in lost]
+    off = {track.servo.label: float(track.angle[-1]) - rest_angles[track.servo.joint] for track in kept}
     return [f"{label} is not at rest, {by:.3f} rad off" for label, by in off.items() if abs(by) > AT_REST_RAD]
 
 
@@ -541,7 +541,7 @@ def _stopping(row: Row, bench: Bench) -> Judged:
 # Several faults in one run: the reaction to the first, and after two the stronger one, each in time.
 
 SOON_S = 2.0
-"""A stop that has more time than this is preceded by a hold."""
+"""A stop for a performer who cannot be followed that has more time than this is preceded by a hold."""
 LONGER_S = 0.7
 """Following after the second fault, s, at least."""
 CUED_S = 0.05
@@ -566,7 +566,8 @@ def strength(row: Row) -> tuple[int, float]:
 def least(row: Row) -> Row:
     """The row with the least reaction that its fault requires beside another one."""
     reaction, limit = row.reaction, row.limit
-    if reaction in (Reaction.RESUME, Reaction.STAND) or (reaction is Reaction.STOP and limit > SOON_S):
+    waits = reaction is Reaction.STOP and limit > SOON_S and row.cause is StopCause.STALE_GOAL
+    if reaction in (Reaction.RESUME, Reaction.STAND) or waits:
         reaction, limit = Reaction.HOLD, limit if reaction is Reaction.STAND else row.held
     return replace(row, reaction=reaction, limit=limit * row.chance)
 

@@ -294,7 +294,7 @@ ACTS: dict[str, Act] = {
     "wall_clock": _wall_clock,
     "raising": _raising,
     "signal": _signal,
-    "suspended": lambda bench, length: bench.clock.advance(length),
+    "suspended": lambda bench, length: bench.clock.sleep_until(bench.clock.now() + length),
     "kill": Bench.kill,
     "line": _line,
     "unwritable": _unwritable,

@@ -187,6 +187,87 @@ def test_the_robot_goes_to_rest_only_if_it_has_no_fault(cause: StopCause) -> Non
     assert rig.guard.may_go_to_rest == (cause in BEARABLE)
 
 
+ARM = GuardLimits(max_age=0.055, sustained_error=0.05, limbs=(True, True, False, False))
+"""Shoulder and elbow carry nothing."""
+
+
+def silent(*servos: int, first: int = 20, cycles: int = 1000) -> list[MockFault]:
+    return [MockFault(FaultKind.MISSING, first, cycles, servo=servo) for servo in servos]
+
+
+def test_servos_of_a_limb_that_fall_silent_are_named_once_and_the_robot_may_go_to_rest() -> None:
+    rig = moving(*silent(0), *silent(1, first=22), limits=ARM)
+    rig.run(200)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.LIMB_LOST and rig.guard.may_go_to_rest
+    shows(reason(rig))
+    assert rig.guard.health.lost.tolist() == [True, True, False, False] and rig.bus.torque_on
+
+
+def test_a_lost_servo_is_asked_for_nothing_and_stands_when_it_is_back() -> None:
+    alert = MockFault(FaultKind.ALERT, first=60, cycles=1, servo=1, alert=ServoAlert.OVERLOAD)
+    rig = moving(*silent(0, 1, cycles=30), alert, limits=ARM)
+    rig.run(10)
+    kept, lost = rig.bus.goals[-1], rig.stopped()
+    assert lost is not None
+    for _ in range(60):
+        rig.clock.advance(DT)
+        rig.guard.read()
+        rig.guard.write(rig.faster())  # the gate leads all joints to rest
+    assert rig.bus.read().valid.all() and rig.stopped() == lost
+    assert rig.gate.goal is not None and abs(rig.gate.goal.joints[0] - kept[0]) > 0.1
+    assert rig.bus.goals[-1][0] == kept[0], "one that is back must not jump"
+
+
+@pytest.mark.parametrize("other", [MockFault(FaultKind.HOT, 60, 99, servo=3, value=90.0), *silent(2, first=60)])
+def test_a_fault_of_another_servo_ends_the_way_to_rest(other: MockFault) -> None:
+    rig = moving(*silent(0, 1), other, limits=replace(ARM, max_temperature=65.0))
+    rig.run(30)
+    before = rig.stopped()
+    assert before is not None and before.is_bearable and before.then is None
+    rig.run(30)
+    stop = rig.stopped()
+    assert stop is not None and stop.cause is StopCause.LIMB_LOST and not rig.guard.may_go_to_rest
+    assert stop.then is (StopCause.TEMPERATURE if other.kind is FaultKind.HOT else StopCause.SERVO_LOST)
+
+
+def test_a_servo_that_carries_the_robot_is_no_limb_whatever_else_is_lost() -> None:
+    rig = moving(*silent(0, 2), limits=ARM)
+    rig.run(30)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LOST
+    assert not rig.guard.may_go_to_rest
+
+
+def test_a_second_limb_that_is_lost_is_added_to_the_reason() -> None:
+    rig = moving(*silent(0), *silent(1, first=60), limits=ARM)
+    rig.run(100)
+    assert "shoulder (id 1), then: " in reason(rig) and "elbow (id 2)" in reason(rig) and rig.guard.may_go_to_rest
+
+
+def test_a_suspended_process_is_named() -> None:
+    rig = moving()
+    rig.clock.sleep_until(rig.clock.now() + 5.0)
+    rig.run(1)
+    assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
+    shows(reason(rig))
+
+
+def test_a_process_that_is_suspended_before_it_writes_is_named() -> None:
+    rig = moving()
+    rig.clock.advance(DT)
+    rig.guard.read()
+    goal = rig.faster()
+    rig.clock.sleep_until(rig.clock.now() + 5.0)
+    rig.guard.write(goal)
+    shows(reason(rig))
+
+
+def test_a_busy_process_is_not_said_to_be_suspended() -> None:
+    rig = moving()
+    rig.clock.advance(5.0)
+    rig.run(1)
+    assert "suspended" not in reason(rig)
+
+
 def test_a_latched_stop_keeps_the_robot_from_being_armed_again() -> None:
     rig = moving()
     rig.guard.latch(StopCause.REQUESTED, "space bar")

@@ -29,7 +29,7 @@ from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
 from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch
 from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
-from retarget.run.prepare import make_gate, prepare
+from retarget.run.prepare import limbs_of, make_gate, prepare
 from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
 from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
@@ -41,6 +41,20 @@ from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 TICKS = 51
+
+
+@pytest.mark.parametrize(("name", "count"), [("op3", 8), ("poppy", 10), ("toddlerbot", 16), ("wolfgang", 8)])
+def test_arms_and_head_are_limbs_and_legs_and_trunk_are_none(name: str, count: int) -> None:
+    robot = load_robot(name)
+    limbs = [servo.joint for servo, is_limb in zip(robot.joint_map.servos, limbs_of(robot), strict=True) if is_limb]
+    assert len(limbs) == count
+    carries = ("hip", "knee", "ank", "waist", "abs", "bust")
+    assert not [joint for joint in limbs if any(part in joint.lower() for part in carries)]
+    assert [joint for joint in limbs if "head" in joint.lower() or "neck" in joint]
+
+
+def test_a_robot_that_does_not_stand_has_no_limbs_to_lose() -> None:
+    assert limbs_of(load_robot("op3", root="suspended")) == ()
 
 
 def still() -> FloatArray:

@@ -1,8 +1,10 @@
 """The state machine of a run: its table, its time limits, and what it latches."""
 
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +16,7 @@ from hardware.guard_state import StopCategory, StopCause
 from messages import shows
 from retarget.run.supervisor import (
     AT_RISK,
+    BUS_SILENT,
     COMMANDED_S,
     LONGEST_BRAKE_S,
     LONGEST_HOLD_S,
@@ -126,6 +129,29 @@ def test_a_hold_ends_in_a_stop_with_its_reason() -> None:
     assert supervisor.step(1.1 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.STOPPING
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
     shows(rig.guard.stop.reason)
+
+
+def test_a_hold_for_a_bus_that_answers_now_and_then_says_how_often() -> None:
+    supervisor, rig = running()
+    health, states, waits = rig.guard.health.buses, rig.bus.read(), Situation(hold_reason=BUS_SILENT, approached=True)
+    quiet = replace(states, valid=np.zeros(4, dtype=np.bool_), age=np.full(4, 0.01))
+    for tick in range(600):
+        is_silent, now = tick % 2 == 0, 1.0 + 0.01 * tick
+        health.silence(replace(quiet if is_silent else states, time=now))
+        supervisor.step(now, waits if is_silent else FOLLOWED, rig.guard)
+    assert supervisor.state is RunState.STOPPING and rig.guard.stop is not None
+    shows(rig.guard.stop.reason)
+
+
+def test_a_robot_that_has_lost_a_limb_goes_by_the_stance_to_rest() -> None:
+    supervisor, rig = running()
+    rig.guard.latch(StopCause.LIMB_LOST, "an arm is silent")
+    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.STOPPING
+    assert supervisor.step(1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    assert supervisor.step(1.3, Situation(arrived=True), rig.guard) is RunState.GO_TO_REST
+    rig.guard.latch(StopCause.SERVO_LOST, "a leg is silent")
+    assert supervisor.step(1.4, Situation(), rig.guard) is RunState.STOPPING
+    assert supervisor.step(1.6, STANDS, rig.guard) is RunState.FAULT
 
 
 @pytest.mark.parametrize(("between", "ends"), [(0.9 * COMMANDED_S, True), (1.1 * COMMANDED_S, False)])

@@ -1,5 +1,8 @@
 """A robot's own driver above its emulated servos."""
 
+from contextlib import suppress
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from hardware.servo import loop_lag
 from messages import refuses, shows
 from physics_rig import DT, PhysicsRig, op3, standing
 from retarget.cli.buses import posture_ticks
+from retarget.errors import ConfigError
 from retarget.human.samples import Playback
 from retarget.model.robot import RobotBody, load_robot
 from retarget.run.options import RunOptions
@@ -21,7 +25,9 @@ from retarget.run.run_result import RunResult
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray
 from rig import Rig, short_clip
-from sim.buses import emulated_bus, physics_wire_bus, simulation_of
+from sim.buses import WITH_MASS, emulated_bus, physics_wire_bus, simulation_of
+from sim.emulator.fault_state import EVERY_KIND
+from sim.emulator.faults import FaultKind as LineFault
 from sim.emulator.shaft import Shaft
 from sim.performer import synthetic_performer
 from sim.physics.bus import SimulatedShafts
@@ -153,6 +159,51 @@ def test_what_it_refuses() -> None:
             call()
 
 
+def test_a_fault_that_mechanics_cannot_play_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    faults = tmp_path / "faults.yaml"
+    faults.write_text("faults:\n  - {fault: late, start: 1}\n  - {fault: overload, ids: [13]}\n")
+    emulated_bus(op3(), VirtualClock(), start=standing(), faults=faults)
+    with refuses(ConfigError):
+        physics_wire_bus(simulation_of(op3(), start=standing()), VirtualClock(), faults=faults)
+
+
+@pytest.mark.parametrize("mass", [False, True])
+def test_every_fault_that_a_bus_takes_changes_something(tmp_path: Path, mass: bool) -> None:
+    healthy = seen_through(tmp_path, None, mass=mass)
+    kinds = WITH_MASS if mass else EVERY_KIND
+    unseen = [kind for kind in kinds if seen_through(tmp_path, kind, mass=mass) == healthy]
+    assert unseen == [LineFault.ECHO], "the driver takes its own bytes away"
+
+
+def seen_through(folder: Path, kind: LineFault | None, *, mass: bool) -> list[tuple[object, ...]]:
+    """What the host sees of a robot on an emulated wire that moves an elbow, with this fault from 1.6 s on."""
+    faults, clock, start = folder / "faults.yaml", VirtualClock(), standing()
+    faults.write_text(f"faults: [{'' if kind is None else f'{{fault: {kind.value}, start: 1.6}}'}]\n")
+    bus: ServoBus
+    if mass:
+        bus = physics_wire_bus(simulation_of(op3(), start=start), clock, faults=faults)
+    else:
+        bus = emulated_bus(op3(), clock, start=start, faults=faults)
+    seen: list[tuple[object, ...]] = []
+    try:
+        bus.open()
+        bus.write(ServoGoals(bus.read().position))
+        bus.torque(True)
+        for tick in range(300):
+            clock.advance(DT)
+            states = bus.read()
+            shown = np.nan_to_num([states.temperature, states.voltage]).tolist()
+            seen.append((states.position.tolist(), states.valid.tolist(), states.alert.tolist(), states.retries, shown))
+            goal = start.copy()
+            goal[5] += round(400 * min(tick / 100, 1.0))
+            bus.write(ServoGoals(goal))
+    except BusError as error:
+        seen.append((str(error),))
+    with suppress(BusError):
+        bus.close()
+    return seen
+
+
 # Physics below the bytes: the robot's own driver, emulated registers, simulated shafts.
 
 
@@ -200,7 +251,7 @@ def sag(*, softer: float = 1.0, drive_limit: float = 1.0) -> float:
         shaft.lag = softer * loop_lag(spec)
         shaft.drive_limit = drive_limit
         shaft.refresh()
-    for tick in range(250):
+    for tick in range(300):
         for shaft in shafts:
             shaft.advance(10.0 + tick * DT)
     knee = [spec.joint for spec in specs].index("l_knee")

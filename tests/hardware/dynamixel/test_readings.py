@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hardware.bus import ServoAlert
+from hardware.bus import UNREAD_AFTER_S, ServoAlert
 from hardware.dynamixel.codec import Status, side_by_side
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import block_of
-from hardware.dynamixel.readings import SLOW_AGE, UNKNOWN_ALERT, Readings, names_of
+from hardware.dynamixel.readings import UNKNOWN_ALERT, Readings, names_of
 
 TABLE = find_table("XM430-W350", 2)
 NAMES = names_of(TABLE)
@@ -58,8 +58,8 @@ def test_what_was_given_is_nobodys_to_change_and_not_changed_later() -> None:
         take(readings, 0, answer(1), 2.0 + k)
         calm.append(readings.states(2.0 + k))
     readings.begin()
-    late = readings.states(2.0 + 2.5 * SLOW_AGE)
-    assert not late.valid.any() and late.age.tolist() == [2.5 * SLOW_AGE - 2.0] and np.isnan(late.voltage).all()
+    late = readings.states(2.0 + 2.5 * UNREAD_AFTER_S)
+    assert not late.valid.any() and late.age.tolist() == [2.5 * UNREAD_AFTER_S - 2.0] and np.isnan(late.voltage).all()
     for name, value in kept.items():
         np.testing.assert_array_equal(getattr(first, name), value)
     for states in calm:
