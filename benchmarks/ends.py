@@ -50,7 +50,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class End:
+class Ended:
     """How it ended. state: of the run; after_s: from the stop, or the end of the motion, to the end of the run; how: it
     went down or why it was refused, "" where it did not."""
 
@@ -59,7 +59,7 @@ class End:
     how: str
 
 
-def run_case(case: Case) -> End:
+def run_case(case: Case) -> Ended:
     """Play one."""
     physics = PhysicsOptions(seed=case.seed, perturbations=CONDITIONS[case.condition])
     options = RunOptions(
@@ -69,12 +69,12 @@ def run_case(case: Case) -> End:
     try:
         run = play(motion(case.source), options, stop_s=stop_s)
     except RetargetError as error:
-        return End("refused", 0.0, str(error))
+        return Ended("refused", 0.0, str(error))
     assert run.physics is not None, "the robot has mass"
     following = run.record.time[run.record.following]
     after = float(run.record.time[-1] - following[-1]) if following.size else 0.0
     fallen = run.physics.fall or run.physics.toppled
-    return End(run.state or "", after, "" if fallen is None else f"at {fallen.time:.1f} s {fallen.how}")
+    return Ended(run.state or "", after, "" if fallen is None else f"at {fallen.time:.1f} s {fallen.how}")
 
 
 def cases(asked: argparse.Namespace) -> Iterator[Case]:

@@ -190,7 +190,7 @@ class Guard:
             self.stop = Stop(cause, reason, self._clock.now())
             return
         known = cause in FAULTLESS or (cause in (stop.cause, stop.then) and cause is not StopCause.LIMB_LOST)
-        if not known and (stop.then is None or stop.then in BEARABLE):
+        if not known and reason not in stop.reason and (stop.then is None or stop.then in BEARABLE):
             self.stop = replace(stop, reason=f"{stop.reason}, then: {reason}", then=cause)
 
     def switch_off(self, cause: StopCause, reason: str) -> None:

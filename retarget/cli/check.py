@@ -129,8 +129,7 @@ def _robot(path: Path) -> str:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
         facts["carries"] = "; ".join(map(str, heaviest_loads(robot)))
         facts["to rest"] = str(to_rest)
-        how = topples_at_rest(robot)
-        stays = profile.postures.stays_at_rest
+        how, stays = topples_at_rest(robot), profile.postures.stays_at_rest
         facts["at rest"] = f"{at_rest(robot)}; {_rests(how, stays=stays)}"
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
@@ -140,11 +139,8 @@ def _robot(path: Path) -> str:
     if marked := marked_lines(read_text(path)):
         shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
         facts["still a draft"] = f"{counted(len(marked), 'line')} marked {DRAFT}, to be corrected or confirmed: {shown}"
-    verdict = "good"
-    if to_rest is not None and not to_rest.is_safe:
-        verdict = "good, but its way to rest is not safe"
-    elif margin is not None and how is not None and stays:
-        verdict = "good, but it does not stay at rest: correct postures.rest, or take out stays_at_rest"
+    safe = to_rest is None or to_rest.is_safe
+    verdict = "good" if safe else "good, but its way to rest is not safe"
     return _paragraph("robot", profile, path, facts, verdict=verdict)
 
 

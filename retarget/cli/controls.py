@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from enum import Enum, auto
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -369,6 +370,9 @@ MOST_LINES = 8
 """Lines, at their longest, that are read from one client in one poll."""
 
 
+STANDS = "error: the robot stands already, with torque: hold it, then send torque_off (retarget stop --torque-off)"
+
+
 class ControlSocket:
     """The listener: other programs stop or hold the run, and cannot make it move. Only its owner may connect, and its
     file is removed at the end. Memory is bounded."""
@@ -394,7 +398,9 @@ class ControlSocket:
         self._accept()
         for client in [*self._clients]:
             for word in self._received(client):
-                if word in WORDS:
+                if word in ("stop", "hold") and self._status().state == RunState.STANDING.value:
+                    answer = STANDS
+                elif word in WORDS:
                     asked, reason, answer = WORDS[word]
                     yield asked, f"{reason}; {self._goes_on}" if asked is Asked.HOLD else reason
                 elif word == "status":
@@ -675,6 +681,9 @@ class LiveControls:
             self._since = self._clock.now()
 
 
+REMINDER_S = 30.0
+"""Time, s, between two reminders of a robot that stands with torque at the end of its run: its servos get warm."""
+TORQUE_OFF_COMMAND = "retarget stop --torque-off, where there is a control socket"
 TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Once more switches it off"
 TORQUE_WORDS = {
     Torque.OFF: "torque is off",
@@ -695,10 +704,10 @@ def announced(
     """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
     summary; once how a robot that stands at the end gets its torque switched off; and once that a stop key was pressed
     too soon (`too_soon`: how often) to count."""
-    said = ignored = stands = False
+    said, ignored, reminded = False, False, -inf
 
     def asked() -> bool:
-        nonlocal said, ignored, stands
+        nonlocal said, ignored, reminded
         forced, stop = torque_off_asked(), machine.guard.stop
         if too_soon() and not (ignored or forced):
             ignored = True
@@ -711,10 +720,11 @@ def announced(
             next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {again}: torque off at once)"
             with suppress(OSError):  # a lost terminal must not keep a second press from being received
                 notify(f"stopping: {stop.reason}: {next_step}")
-        if machine.supervisor.state is RunState.STANDING and machine.waits and not stands:
-            stands = True
+        stands = machine.supervisor.state is RunState.STANDING and machine.waits
+        if stands and machine.clock.now() - reminded >= REMINDER_S:
+            reminded = machine.clock.now()
             with suppress(OSError):
-                notify(f"hold the robot, then press Ctrl-C {_again(stop)}: torque goes off")
+                notify(f"torque is on: hold the robot, then press Ctrl-C {_again(stop)} (or: {TORQUE_OFF_COMMAND})")
         return forced
 
     return asked

@@ -174,7 +174,7 @@ def detached_screens() -> Iterator[None]:
 def echo(text: str = "", *, err: bool = False, end: str = "\n", file: TextIO | None = None) -> None:
     """Print a text of the command on stdout, on stderr, or into another stream. Names of files, robots and senders in
     it cannot act on a terminal, whatever they are made of: see `printable`."""
-    print(printable(text), end=end, file=file or (sys.stderr if err else sys.stdout), flush=True)
+    print(printable(text) + end, end="", file=file or (sys.stderr if err else sys.stdout), flush=True)
 
 
 # Whether a key was pressed twice. A held key repeats, which does not count.

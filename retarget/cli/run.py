@@ -122,7 +122,6 @@ class CommandRun:
             outputs.record,
             options,
             clock=self.clock,
-            goes_to_rest=True,
             notify=log,
             overwrite=outputs.overwrite,
             truth=self.bench.truth,

@@ -148,17 +148,14 @@ def without_jumps(frames: SensorFrames) -> SensorFrames:
 
     Recordings are looked at before they are laid on ticks, where a jump from one frame to the next is a ramp.
     """
-    jumps, found = JumpDetection(frames.names), list[SensorSample]()
-    whole = True
+    jumps, sane = JumpDetection(frames.names), frames
     for row, time in enumerate(frames.time.tolist()):
         sample = SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row])
-        found.append(jumps.step(time, sample))
-        whole = whole and found[-1] is sample
-    if whole:
-        return frames
-    return replace(
-        frames,
-        position=np.array([one.position for one in found]),
-        orientation=np.array([one.orientation for one in found]),
-        valid=np.array([one.valid for one in found]),
-    )
+        kept = jumps.step(time, sample)
+        if kept is sample:
+            continue
+        if sane is frames:
+            arrays = (frames.position.copy(), frames.orientation.copy(), frames.valid.copy())
+            sane = replace(frames, position=arrays[0], orientation=arrays[1], valid=arrays[2])
+        sane.position[row], sane.orientation[row], sane.valid[row] = kept.position, kept.orientation, kept.valid
+    return sane

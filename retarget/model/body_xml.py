@@ -54,7 +54,7 @@ PRODUCTS: dict[str, dict[str, float]] = {
 }
 """The same of the product of its numbers: bodies of a composite or flexcomp, pixels of a camera."""
 _BYTES = re.compile(r"\s*(-?\d+)\s*([KMGTPE]?)\s*")
-_UNITS = {letter: 1024.0**power for power, letter in enumerate(("", *"KMGTPE"))}
+_UNITS = {letter: float(1 << 10 * power) for power, letter in enumerate(("", *"KMGTPE"))}
 """Bytes of what follows a number in `memory`, as MuJoCo reads it."""
 
 

@@ -193,6 +193,11 @@ class Cursor:
         return int(self.cycles.index[self.row]) == self._wanted
 
     @property
+    def over(self) -> bool:
+        """True after the last cycle that was recorded."""
+        return self._wanted > int(self.cycles.index[-1])
+
+    @property
     def follows(self) -> bool:
         """Whether the replayed run has begun to follow."""
         return self._begun is not None

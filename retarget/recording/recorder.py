@@ -39,7 +39,6 @@ class Recorder:
         options: RunOptions,
         *,
         clock: Clock,
-        goes_to_rest: bool,
         notify: Notify,
         overwrite: bool = False,
         truth: Callable[[], FloatArray | None] = lambda: None,
@@ -53,7 +52,7 @@ class Recorder:
             if not overwrite:
                 refuse_existing(path, option=OPTION)
         self._overwrite = overwrite
-        self._path, self._options, self._goes_to_rest, self._notify = path, options, goes_to_rest, notify
+        self._path, self._options, self._notify = path, options, notify
         self._note = Note(truth)
         self._clock = clock
         self._thread: WritingThread | None = None
@@ -125,7 +124,7 @@ class Recorder:
             return
         started = self._clock.now()
         begun_ns = round(MonotonicClock().now() * 1e9) - wall_to_monotonic()
-        session = session_of(prepared, self._options, source=source, goes_to_rest=self._goes_to_rest, begun_ns=begun_ns)
+        session = session_of(prepared, self._options, source=source, begun_ns=begun_ns)
         robot = None if prepared.machine is None else prepared.machine.robot
         if self._overwrite:
             remove(self._path, option=OPTION)

@@ -327,7 +327,7 @@ def replay(
         configs.options,
         clock=clock,
         make_bus=lambda robot, clock: bus,
-        goes_to_rest=session.goes_to_rest,
+        end_plan=None if robot is None else session.end_plan(robot),
         notify=notify,
         robot=robot,
     ) as prepared:
@@ -377,7 +377,7 @@ def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> 
 
     def torque_off_asked() -> bool:
         cursor.before()
-        return cursor.asked(Asked.TORQUE_OFF)
+        return cursor.asked(Asked.TORQUE_OFF) or cursor.over  # a run that was killed, or stands for ever, ends there
 
     def on_row(record: Record, row: int) -> None:
         if guard is None:

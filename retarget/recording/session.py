@@ -14,26 +14,15 @@ from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import RobotBody
 from retarget.run.options import PhysicsOptions, RunOptions, priority_names
 from retarget.run.prepare import Prepared
+from retarget.run.rest_trajectory import EndPlan
+from retarget.run.supervisor import End
 from retarget.schema.catalogue import Kind, calibration_path, find
 from retarget.schema.priorities import Steps, self_contained
 
 FORMAT: Final = 3
 """Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
-ENDS = ("stand_at_end", "torque_off_at_end")
-OPTIONS = (
-    "robot",
-    "bus",
-    "performer",
-    "priorities",
-    "iterations",
-    "parts",
-    "steps",
-    "gate",
-    "scene",
-    "allow_contact",
-    *ENDS,
-)
+OPTIONS = ("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "gate", "scene", "allow_contact")
 OF_PHYSICS = ("mount", "hook", "seed", "perturbations")
 """Fields of a session that are those of `RunOptions` and of `PhysicsOptions`."""
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -79,13 +68,13 @@ class Session(_Strict):
     gate: bool
     scene: str | None
     allow_contact: bool
-    stand_at_end: bool = False  # in recordings of before there was a choice
-    torque_off_at_end: bool = True  # as all did then
     mount: str | None
     hook: str | None
     seed: int
     perturbations: tuple[str, ...]
     goes_to_rest: bool
+    end: str | None = None  # in recordings of before there was a choice: at rest
+    keyframes: tuple[str, ...] = ()
     ticks: Annotated[int, Field(ge=1)]
     dt: Annotated[float, Field(ge=1e-4, le=1.0)]
     motion_dt: Annotated[float, Field(ge=1e-6, le=10.0)]
@@ -103,6 +92,13 @@ class Session(_Strict):
         """What the run was asked to be."""
         physics = PhysicsOptions(**{name: getattr(self, name) for name in OF_PHYSICS})
         return RunOptions(**{name: getattr(self, name) for name in OPTIONS}, physics=physics)
+
+    def end_plan(self, robot: RobotBody) -> EndPlan:
+        """The end of the run as it was planned. robot: of it."""
+        if self.end is not None:
+            end = End[self.end]
+            return EndPlan(end, self.keyframes, "as in the recorded run" if end is End.STANDING else "")
+        return EndPlan(End.AT_REST, robot.profile.postures.to_rest) if self.goes_to_rest else EndPlan()
 
     @property
     def size(self) -> HumanDimensions:
@@ -127,10 +123,11 @@ def machine_name() -> str:
     return platform.machine() + (f" ({processor})" if processor else "")
 
 
-def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_rest: bool, begun_ns: int) -> Session:
+def session_of(prepared: Prepared, options: RunOptions, *, source: str, begun_ns: int) -> Session:
     """The session of a run that can start. begun_ns: unix time."""
     size, samples, intake = prepared.human.dimensions, prepared.samples, prepared.intake
-    robot = None if prepared.machine is None else prepared.machine.robot
+    machine = prepared.machine
+    robot, end_plan = (None, EndPlan()) if machine is None else (machine.robot, machine.end_plan)
     offset = [(float(x), float(y), float(z)) for x, y, z in size.offset]
     return Session(
         format=FORMAT,
@@ -140,7 +137,9 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, goes_to_
         source=source.encode(errors="replace").decode(),  # of a file whose name is not UTF-8
         **{name: getattr(options, name) for name in OPTIONS} | {"performer": options.performer_name},
         **{name: getattr(options.physics, name) for name in OF_PHYSICS},
-        goes_to_rest=goes_to_rest,
+        goes_to_rest=end_plan.end is not End.BRAKED,
+        end=end_plan.end.name,
+        keyframes=end_plan.keyframes,
         ticks=samples.ticks,
         dt=samples.dt,
         motion_dt=samples.motion_dt,

@@ -81,13 +81,15 @@ class Watch:
 @dataclass(frozen=True, eq=False)
 class Ending:
     """The end of a run. wall_s: of the ticks that followed. state: of the supervisor, None without a robot; reason: why
-    it stopped early. late_ticks: ticks that began late."""
+    it stopped early. late_ticks: ticks that began late. standing: why the robot stood at the end, "" where it did
+    not."""
 
     record: Record
     wall_s: float
     state: RunState | None
     reason: str | None
     late_ticks: int = 0
+    standing: str = ""
 
     @property
     def too_slow(self) -> tuple[str, ...]:
@@ -116,26 +118,21 @@ class Machine:
     notify: Notify = lambda text: None
     goals: FloatArray | None = None
 
-    @property
-    def why_standing(self) -> str:
-        """The reason for which the robot stands with torque at the end, in words; "" where it does not."""
-        if self.supervisor.state is not RunState.STANDING:
-            return ""
-        return self.end_plan.why or f"it did not get to rest: {self.refused or 'the way there failed'}"
-
-    def not_at_rest(self) -> tuple[str, ...]:
-        """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it."""
+    def not_at_rest(self, standing: str) -> tuple[str, ...]:
+        """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it. standing:
+        why it stood at the end, "" where it did not."""
         states, robot, state = self.guard.states, self.robot, self.supervisor.state
-        if state is RunState.STANDING:
-            return (f"it ended standing, with torque: {self.why_standing}",)
+        if standing:
+            until = ", until the operator switched torque off" if state is RunState.OFF else ""
+            return (f"it ended standing, with torque{until}: {standing}",)
         if states is None or state is not RunState.OFF or self.end_plan.end is End.BRAKED or not robot.stands:
             return ()
         off = np.abs(robot.joint_map.to_radians(states.position) - rest_joints(robot))
+        off[self.guard.health.lost] = 0.0
         worst = int(off.argmax())
         if off[worst] <= NEAR_REST:
             return ()
-        where = f"{robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it"
-        return (f"not at rest: the operator switched torque off with {where}",)
+        return (f"not at rest: torque went off with {robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it",)
 
     @property
     def refused(self) -> str:
@@ -181,7 +178,9 @@ class Loop:
         self._sample: SensorSample | None = first
         self._tick = 0  # of the performance
         self._due, self._late_ticks = machine.clock.now(), 0
-        self._refused_ways = 0  # goals on the way to rest that were refused
+        self._refused = self._standing = (
+            ""  # why goals on the way to rest were refused; why the robot stands at the end
+        )
         self._part = StopCause.SOURCE  # what runs now: the cause of a stop if it fails
 
     def run(self) -> Ending:
@@ -203,7 +202,8 @@ class Loop:
         stop, state = self._machine.guard.stop, self._machine.supervisor.state
         with suppress(Exception):  # who looks on must not lose the run
             self._watch.on_tick(self._samples.ticks)
-        return Ending(*self._recorder.finish(), state, None if stop is None else stop.reason, self._late_ticks)
+        reason = None if stop is None else stop.reason
+        return Ending(*self._recorder.finish(), state, reason, self._late_ticks, self._standing)
 
     @property
     def _over(self) -> bool:
@@ -223,6 +223,7 @@ class Loop:
                 return
             except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
                 self._fail(error, may_brake=attempt == self._run_tick or guard.goal is not written)
+                self._tell_standing()
             if supervisor.over or guard.goal is not written:  # a second goal in a tick would double its step
                 return
 
@@ -234,11 +235,9 @@ class Loop:
         with self._looking():
             self._samples.poll()
         self._read()
-        before, state = machine.supervisor.state, self._change_state(asked)
+        state = self._change_state(asked)
         if machine.supervisor.over:
             return
-        if state is RunState.STANDING and before is not state:
-            machine.tell(STANDS.format(machine.why_standing))
         goal, target, wanted = self._unwritten(), None, None
         if goal is None:
             wanted = self._target(state)
@@ -263,10 +262,20 @@ class Loop:
 
     def _tell_refused(self) -> None:
         """Say once that the robot holds on its way to rest, and why."""
-        self._refused_ways += 1
-        if self._refused_ways == 1:
-            why = self._machine.refused or "the gate refuses the goal"
-            self._machine.tell(f"on its way to rest the robot holds, and tries again: {why}")
+        told, self._refused = self._refused, self._machine.refused or "the gate refuses the goal"
+        if not told:
+            self._machine.tell(f"on its way to rest the robot holds, and tries again: {self._refused}")
+
+    def _tell_standing(self) -> None:
+        """Say once that the run ends with a robot that stands, and why."""
+        machine = self._machine
+        if machine.supervisor.state is not RunState.STANDING or self._standing:
+            return
+        stop = machine.guard.stop
+        failed = "" if stop is None else stop.reason
+        why = machine.end_plan.why or f"it did not get to rest: {self._refused or failed}"
+        self._standing = why
+        machine.tell(STANDS.format(why))
 
     @contextmanager
     def _looking(self) -> Iterator[None]:
@@ -347,7 +356,9 @@ class Loop:
         if machine.supervisor.state in AT_RISK:
             with self._looking():
                 self._look_at_performer(situation)
-        return machine.supervisor.step(machine.clock.now(), situation, machine.guard)
+        state = machine.supervisor.step(machine.clock.now(), situation, machine.guard)
+        self._tell_standing()
+        return state
 
     def _look_at_performer(self, situation: Situation) -> None:
         """Take the sample of this tick, and see whether the performer can be followed."""
@@ -414,7 +425,7 @@ class Loop:
         try:
             if machine.supervisor.torque:
                 machine.guard.latch(StopCause.REQUESTED, text_of(error))
-            while machine.supervisor.torque:
+            while machine.supervisor.torque and not self._over:
                 self.tick()
         finally:  # a second interrupt does not wait for the robot to stand
             if machine.guard.torque is not Torque.OFF:

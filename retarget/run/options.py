@@ -123,8 +123,8 @@ class RunOptions:
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
         allow_contact: Begin also where the body touches the scene.
-        stand_at_end: End standing, with torque, until you hold the robot and switch torque off.
-        torque_off_at_end: Go to rest and switch torque off also where the robot may not stay at rest.
+        stand_at_end: End standing, with torque.
+        torque_off_at_end: End at rest, even if it topples there.
         parts whole|upper: What follows; 'upper' keeps the legs still.
         steps WAY: When the performer lifts a foot: planted, shift (steps in place), follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.

@@ -157,5 +157,9 @@ def _is_repeated(before: SensorSample | None, sample: SensorSample) -> bool:
     """Whether a sample is the one before, to the bit."""
     return before is not None and all(
         np.array_equal(one, other, equal_nan=True)
-        for one, other in ((before.position, sample.position), (before.valid, sample.valid))
+        for one, other in (
+            (before.position, sample.position),
+            (before.orientation, sample.orientation),
+            (before.valid, sample.valid),
+        )
     )

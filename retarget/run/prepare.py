@@ -135,7 +135,7 @@ class Prepared:
             state=None if ending.state is None else ending.state.value,
             reason=ending.reason,
             wall_s=ending.wall_s,
-            notes=notes if machine is None else notes + machine.not_at_rest(),
+            notes=notes if machine is None else notes + machine.not_at_rest(ending.standing),
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
@@ -176,7 +176,7 @@ def prepare(
     *,
     clock: Clock,
     make_bus: MakeBus,
-    goes_to_rest: bool = False,
+    goes_to_rest: bool | None = None,
     notify: Notify = _ignore,
 ) -> AbstractContextManager[Prepared]:
     """Prepare a run of a recorded performance, see `prepare_for`."""
@@ -191,7 +191,8 @@ def prepare_for(
     *,
     clock: Clock,
     make_bus: MakeBus,
-    goes_to_rest: bool = False,
+    goes_to_rest: bool | None = None,
+    end_plan: EndPlan | None = None,
     notify: Notify = _ignore,
     robot: RobotBody | None = None,
     has_deadlines: bool | None = None,
@@ -199,10 +200,11 @@ def prepare_for(
 ) -> Iterator[Prepared]:
     """Load and check everything, small files first; the bus is open while the context lasts, and closed after it.
 
-    goes_to_rest: a run, and a stop, ends at rest, or standing (see `plan_end`); else where the robot has braked.
-    notify: receives notes, each as soon as it is known, and warnings about servos. robot: replaces the one that the
-    options name. has_deadlines: whether a late tick stops the robot; None: where the bus is real, for simulated servos
-    wait for a slow host. supervisor: of a run whose performer is waited for and measured first; None: a new one.
+    goes_to_rest: a run, and a stop, ends at rest, or standing (see `plan_end`); else where the robot has braked; None:
+    at rest where it has mass. end_plan: of a run that was planned already. notify: receives notes, each as soon as it
+    is known, and warnings about servos. robot: replaces the one that the options name. has_deadlines: whether a late
+    tick stops the robot; None: where the bus is real, for simulated servos wait for a slow host. supervisor: of a run
+    whose performer is waited for and measured first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer_name)
@@ -220,8 +222,8 @@ def prepare_for(
     dt = human.samples.dt
     bus = make_bus(robot, clock)
     follower, gate = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
-    end = EndPlan()
-    if goes_to_rest:
+    end = end_plan or EndPlan()
+    if end_plan is None and (options.has_mass if goes_to_rest is None else goes_to_rest):
         tried = make_gate(robot, follower, for_robot, checks=options.gate, dt=dt)
         end = plan_end(robot, follower.stance, tried, options, dt=dt)
     of_follower = tuple(filter(None, (follower.note, end.note)))

@@ -31,8 +31,8 @@ LONGEST_S = 30.0
 
 @dataclass(frozen=True)
 class RestTrajectory:
-    """A way to rest, tried from the stance. keyframes: names of postures, the last is `rest`. refused: parts that the
-    gate keeps apart on it, in words; "" where it passes. margin: least distance, m, of the centre of mass to the edge
+    """A way to rest, tried from the stance. keyframes: names of postures, the last is `rest`. refused: why it is not
+    taken to its end, in words; "" where it is. margin: least distance, m, of the centre of mass to the edge
     of the soles, from inside; infinite for a robot without planted soles."""
 
     keyframes: tuple[str, ...]
@@ -48,7 +48,7 @@ class RestTrajectory:
         *by, _ = self.keyframes
         text = f"to rest by {' and '.join(by)}" if by else "straight to rest"
         if self.refused:
-            return f"{text}: {self.refused} come too near to each other"
+            return f"{text}: {self.refused}"
         if self.margin <= 0.0:
             return f"{text}: it would tip, with its centre of mass {-MM * self.margin:.0f} mm outside the soles"
         return f"{text}, centre of mass {MM * self.margin:.0f} mm inside the edge of the soles at worst"
@@ -56,7 +56,7 @@ class RestTrajectory:
 
 @dataclass(frozen=True)
 class EndPlan:
-    """How a run is to end. keyframes: of its way to rest. why: it ends standing, in words."""
+    """The planned end of a run. keyframes: of its way to rest. why: it ends standing, in words."""
 
     end: End = End.BRAKED
     keyframes: tuple[str, ...] = ("rest",)
@@ -143,9 +143,9 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
         postures.append(commanded.q)
         if moves.arrived:
             return RestTrajectory(keyframes, "", _margin(robot, stance, np.array(postures)))
-    names = robot_observers(robot).names
-    refused = "" if clearance is None else clearance.in_the_way(names)
-    return RestTrajectory(keyframes, refused or "goals beyond the limits", _margin(robot, stance, np.array(postures)))
+    near = "" if clearance is None else clearance.in_the_way(robot_observers(robot).names)
+    refused = f"{near} come too near to each other" if near else "a goal is beyond the limits, or it takes too long"
+    return RestTrajectory(keyframes, refused, _margin(robot, stance, np.array(postures)))
 
 
 def _margin(robot: RobotBody, stance: Stance, postures: FloatArray) -> float:

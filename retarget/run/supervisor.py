@@ -29,7 +29,7 @@ LONGEST_HOLD_S = 4.8
 LONGEST_BRAKE_S = 2.0
 """Twice the longest stop trajectory that the whole-body stop admits (100 ticks at 100 Hz)."""
 LONGEST_RETURN_S = 15.0
-"""Longest return to stance; then the robot goes to rest from where it is."""
+"""Longest return to stance; then the robot goes on from where it is."""
 LONGEST_TO_REST_S = 24.0
 """Longest way to rest from there; then the robot holds where it is."""
 LONGEST_STOP_S = 2.0 * LONGEST_BRAKE_S + LONGEST_RETURN_S + LONGEST_TO_REST_S
@@ -257,12 +257,12 @@ class Supervisor:
             self.take(Event.FAILED, now)
             self._give_up_return(error)
         else:
-            guard.latch(StopCause.FILTER if self.state is RunState.GO_TO_REST else cause, error)
+            guard.latch(cause, error)
             self.take(Event.FAILED, now)
 
     def _give_up_return(self, why: str) -> None:
         with suppress(Exception):  # a lost terminal must not keep the robot from going to rest
-            self._notify(f"return to stance: {why}; the robot goes to rest from where it is")
+            self._notify(f"return to stance: {why}; the robot goes on from where it is")
 
     def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
         """What is the case now, in the order of `Event`."""

@@ -70,8 +70,7 @@ class FakeSender:
         found = []
         while (due := self._begun + self._sent / self.rate_hz) <= now:
             time = self._sent / self.rate_hz
-            poses = self.poses(time)
-            payload = None if poses is None else encoded(self.stamp(time), poses)
+            payload = self.encoded(time)
             self._sent += 1
             for datagram in self._garbled(time, payload):
                 arrival = min(due + self._chance.uniform(0.0, JITTER_S), now)
@@ -86,6 +85,11 @@ class FakeSender:
 
     def close(self) -> None:
         """Do nothing: no socket is open."""
+
+    def encoded(self, time: float) -> bytes | None:
+        """The datagram that is sent at a time, s of the sender; None: nothing is."""
+        poses = self.poses(time)
+        return None if poses is None else encoded(self.stamp(time), poses)
 
     def poses(self, time: float) -> Poses | None:
         """What is sent at a time, s of the sender, with its faults; None: nothing is."""

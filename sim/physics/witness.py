@@ -282,15 +282,19 @@ class WitnessedBus:
             self.witness.switched(on)
 
     def close(self) -> None:
-        """Close it, then watch for AFTERMATH_S whether a robot without torque falls; one that has it still stands, and
-        is not looked at any more. Raises BusError as it does."""
-        stands = self.witness.powered
+        """Close it, and watch for AFTERMATH_S whether the robot falls: one that still has torque before that, as it
+        would keep it. Raises BusError as it does."""
+        if self.witness.powered:
+            self._see_out()
         try:
             self._bus.close()
         finally:
-            if not (self._seen_out or stands):
-                self._seen_out = True
-                self.witness.see_it_out()
+            self._see_out()
+
+    def _see_out(self) -> None:
+        if not self._seen_out:
+            self._seen_out = True
+            self.witness.see_it_out()
 
 
 # From the witness of a simulated robot to the result of a run.

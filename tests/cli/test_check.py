@@ -11,7 +11,6 @@ from command_line import code_of, copy_of_op3
 from command_line import said_by as run
 from messages import shows, shows_lines
 from retarget.cli import run as run_module
-from retarget.cli.buses import HOLD_IT
 from retarget.cli.exit import DONE, REFUSED
 from retarget.model.robot import load_robot
 from retarget.schema.catalogue import Kind, entries, shipped_folder
@@ -33,10 +32,10 @@ def test_shipped_robot_is_good(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("robot", ["op3", "poppy", "wolfgang", "toddlerbot"])
-def test_a_robot_that_does_not_stay_at_rest_is_to_be_held(robot: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_says_which_robots_stay_at_rest(robot: str, capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = run(capsys, "check", robot)
     (at_rest,) = re.findall(r"at rest: .*", out)
-    assert (HOLD_IT in at_rest) is (robot == "toddlerbot")
+    assert ("it goes down" in at_rest) is (robot == "toddlerbot")
     robot_body = load_robot(robot)
     hanging = robot_body.profile.model_copy(update={"root": "suspended"})
     assert topples_at_rest(replace(robot_body, profile=hanging)) is None, "only who stands can go down"

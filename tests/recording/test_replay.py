@@ -226,9 +226,7 @@ def test_who_was_held_is_held_again(tmp_path: Path) -> None:
 def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
     """Sensors are those that were followed: what the stream, its clocks and the validity checks made of it is over."""
     rig = LiveRig(FakeSender(faults=[silent(6.2, 6.6)]), options=LiveOptions(countdown=0.5, duration=2.5))
-    recorder = Recorder(
-        tmp_path / "run.mcap", rig.run_options, clock=rig.clock, goes_to_rest=True, notify=rig.said.append
-    )
+    recorder = Recorder(tmp_path / "run.mcap", rig.run_options, clock=rig.clock, notify=rig.said.append)
     with rig.prepared(recorder) as prepared, recorder.recording(prepared, source="json://") as recorded:
         result = recorded.run(recorder.watch(Watch(), prepared))
     found = played(read_recording(tmp_path / "run.mcap"))

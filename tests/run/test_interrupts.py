@@ -464,7 +464,7 @@ def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_
     assert rig.bus.torque_on is not waits
     assert ending.reason is not None, "which is no success"
     shows(ending.reason)
-    (note,) = rig.machine.not_at_rest()
+    (note,) = rig.machine.not_at_rest(ending.standing)
     shows(note)
 
 
@@ -568,4 +568,4 @@ def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None
     assert np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2 and ending.state is RunState.FAULT
     assert rig.guard.stop is not None and not rig.gate.displacement.any()
     assert rig.guard.stop.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
-    assert rig.machine.not_at_rest() == (), "it stays, and the reason says so"
+    assert rig.machine.not_at_rest(ending.standing) == (), "it stays, and the reason says so"

@@ -115,7 +115,7 @@ class Controllers(FakeSender):
         left = {name: hanging[name] + share * (out[name] - hanging[name]) for name in ("l_elbow", "l_wrist")}
         return hanging | left
 
-    def _payload(self, time: float) -> bytes | None:
+    def encoded(self, time: float) -> bytes | None:
         share = float(np.clip(time - self.raised_s, 0.0, 1.0))
         points, poses = self.joints(time), {}
         for name in TEN:

@@ -301,7 +301,7 @@ def test_every_key_arrives_at_the_guard() -> None:
     assert (limits.max_current, limits.warn_current, limits.current_time) == (2.0, 1.5, 0.7)
     assert limits.slow_share == 0.4
     plain, given = vars(safety().guard_limits()), vars(limits)
-    guards_own = {"lag", "max_pause", "max_silence"}
+    guards_own = {"lag", "limbs", "max_pause", "max_silence"}
     same = {key for key in given if plain[key] == given[key]} - guards_own
     assert same == {"max_age", "max_temperature", "voltage", "following_error"}
 

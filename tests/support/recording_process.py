@@ -17,7 +17,7 @@ from sim.performer import synthetic_performer
 def main(path: Path, seconds: float) -> None:
     """Print when the robot moves, and at the end what writing cost."""
     clock, options = MonotonicClock(), RunOptions(robot="op3")
-    recorder = Recorder(path, options, clock=clock, goes_to_rest=False, notify=say)
+    recorder = Recorder(path, options, clock=clock, notify=say)
 
     def mock(robot: RobotBody, clock: Clock) -> ServoBus:
         return make_bus("mock", robot, clock)

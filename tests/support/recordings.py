@@ -75,7 +75,7 @@ def record(
 ) -> Recorded:
     """Run a synthetic performer, and record it; without a path only run. truth: as if there were physics."""
     chosen, clock, notes = options or RunOptions(robot="op3"), VirtualClock(), list[str]()
-    recorder = Recorder(path, chosen, clock=clock, goes_to_rest=False, notify=notes.append, truth=truth)
+    recorder = Recorder(path, chosen, clock=clock, notify=notes.append, truth=truth)
 
     def make(robot: RobotBody, clock: Clock) -> ServoBus:
         return mock_bus(robot, clock, faults=faults)
