@@ -148,14 +148,16 @@ def without_jumps(frames: SensorFrames) -> SensorFrames:
 
     Recordings are looked at before they are laid on ticks, where a jump from one frame to the next is a ramp.
     """
-    jumps, sane = JumpDetection(frames.names), frames
+    jumps = JumpDetection(frames.names)
+    position, orientation, valid = frames.position, frames.orientation, frames.valid
     for row, time in enumerate(frames.time.tolist()):
         sample = SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row])
         kept = jumps.step(time, sample)
         if kept is sample:
             continue
-        if sane is frames:
-            arrays = (frames.position.copy(), frames.orientation.copy(), frames.valid.copy())
-            sane = replace(frames, position=arrays[0], orientation=arrays[1], valid=arrays[2])
-        sane.position[row], sane.orientation[row], sane.valid[row] = kept.position, kept.orientation, kept.valid
-    return sane
+        if position is frames.position:
+            position, orientation, valid = position.copy(), orientation.copy(), valid.copy()
+        position[row], orientation[row], valid[row] = kept.position, kept.orientation, kept.valid
+    if position is frames.position:
+        return frames
+    return replace(frames, position=position, orientation=orientation, valid=valid)

@@ -133,9 +133,9 @@ class RunOptions:
     Playback:
         speed X: 1 is the performer's speed.
         start S: Begin at this time of the recording.
-        end S: End at this time of the recording; live: after so long.
+        end S: End at this time; live: after so long.
         loop: Again and again until Ctrl-C, 10 minutes at most.
-        keep_calibration_frame: Play a single T, A or N pose before the motion, too.
+        keep_calibration_frame: Play a T, A or N pose before the motion, too.
         mirror: Swap left and right.
     """
 

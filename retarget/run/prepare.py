@@ -222,28 +222,17 @@ def prepare_for(
     dt = human.samples.dt
     bus = make_bus(robot, clock)
     follower, gate = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
-    end = end_plan or EndPlan()
     if end_plan is None and (options.has_mass if goes_to_rest is None else goes_to_rest):
         tried = make_gate(robot, follower, for_robot, checks=options.gate, dt=dt)
-        end = plan_end(robot, follower.stance, tried, options, dt=dt)
-    of_follower = tuple(filter(None, (follower.note, end.note)))
+        end_plan = plan_end(robot, follower.stance, tried, options, dt=dt)
+    end_plan = end_plan or EndPlan()
+    of_follower = tuple(filter(None, (follower.note, end_plan.note)))
     _say(of_follower, notify)
-    late = not options.simulated if has_deadlines is None else has_deadlines
-    limits = _limits(robot, has_deadlines=late)
+    real = not options.simulated
+    limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
     guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
     supervisor = supervisor or Supervisor(notify=notify)
-    machine = Machine(
-        robot,
-        follower,
-        gate,
-        guard,
-        supervisor,
-        clock,
-        dt,
-        end_plan=end,
-        waits=not options.simulated,
-        notify=notify,
-    )
+    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify)
     prepared = replace(
         human,
         machine=machine,

@@ -256,6 +256,17 @@ def test_a_word_is_carried_out_and_then_answered(server: ControlSocket) -> None:
     assert asked(server) == [Asked.STOP], "of a client that left at once"
 
 
+def test_a_robot_that_stands_at_the_end_is_only_asked_for_its_torque(tmp_path: Path) -> None:
+    server = ControlSocket(tmp_path / "control", status=lambda: LiveStatus("standing", False, False, None))
+    with connect_to(server.path) as client:
+        client.sendall(b"stop\nhold\ntorque_off\n")
+        assert asked(server) == [Asked.TORQUE_OFF]
+        stop, hold, off, _ = client.recv(1000).decode().split("\n")
+        assert stop == hold and off == "ok torque off"
+        shows(stop, "torque_off")
+    server.close()
+
+
 def test_only_its_owner_may_connect_and_it_is_gone_afterwards(tmp_path: Path) -> None:
     before, place = os.umask(0), tmp_path / "control"
     try:

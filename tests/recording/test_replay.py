@@ -418,3 +418,24 @@ def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note)
     assert taps_note.now == 5.0 + READINGS + 2
     tapped.sleep_until(99.0)
     assert clock.now() == 99.0
+
+
+def test_a_run_whose_robot_still_stood_on_a_real_bus_is_over_with_its_last_cycle(tmp_path: Path) -> None:
+    """As one that was killed while it waited for the operator; and it ends as was planned then."""
+    run = record(tmp_path / "run.mcap", options=RunOptions(robot="toddlerbot"), goes_to_rest=True)
+    found = run.played()
+    session = found.recording.session
+    assert (session.end, run.result.state) == ("STANDING", RunState.STANDING.value)
+    real = replace(found.recording, session=session.model_copy(update={"bus": "/dev/ttyUSB0"}))
+    again = replay(replace(found, recording=real))
+    assert again.difference.none and len(again.result.record) - len(run.result.record) in (0, 1)
+
+
+def test_a_recording_of_before_ends_were_planned_goes_to_rest_untried(tmp_path: Path) -> None:
+    """Its session has no plan, and its profile does not say that the robot stays at rest."""
+    options = RunOptions(robot="toddlerbot", torque_off_at_end=True)
+    run = record(tmp_path / "run.mcap", options=options, goes_to_rest=True)
+    found = run.played()
+    before = found.recording.session.model_copy(update={"end": None, "keyframes": ()})
+    again = replay(replace(found, recording=replace(found.recording, session=before)))
+    assert again.result.state == run.result.state == RunState.OFF.value and again.difference.none

@@ -17,7 +17,8 @@ from retarget.human.samples import Clip
 from retarget.run.controllers import RETRY_S, Target
 from retarget.run.loop import INTERRUPTED, STOOD_S, Loop, Watch
 from retarget.run.record import Phase
-from retarget.run.supervisor import LONGEST_TO_REST_S
+from retarget.run.rest_trajectory import EndPlan
+from retarget.run.supervisor import LONGEST_TO_REST_S, End
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from rig import Rig, play, short_clip
 
@@ -569,3 +570,26 @@ def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None
     assert rig.guard.stop is not None and not rig.gate.displacement.any()
     assert rig.guard.stop.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
     assert rig.machine.not_at_rest(ending.standing) == (), "it stays, and the reason says so"
+
+
+WHY = "for this test"
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_an_interrupted_run_that_is_to_end_standing_stands_and_is_over(waits: bool) -> None:
+    """A simulated robot for a moment, a real one until the next interrupt."""
+    rig = Rig(still(), goes_to_rest=True)
+    rig.machine = replace(rig.machine, waits=waits, end_plan=EndPlan(End.STANDING, why=WHY))
+    ticks, stood = 0, 0
+
+    def interrupts() -> bool:
+        nonlocal ticks, stood
+        ticks, stood = ticks + 1, stood + (rig.supervisor.state is RunState.STANDING)
+        if ticks == 60 or (waits and stood == 2000):
+            raise KeyboardInterrupt
+        return False
+
+    with pytest.raises(KeyboardInterrupt):
+        play(rig, Watch(stop_asked=interrupts, torque_off_asked=interrupts))
+    assert stood == (2000 if waits else pytest.approx(STOOD_S / rig.dt, abs=2)) and not rig.bus.torque_on
+    assert len([note for note in rig.notes if WHY in note]) == 1

@@ -303,7 +303,8 @@ def test_only_the_operator_a_servo_or_the_bus_take_the_torque_of_a_robot_that_ca
     supervisor.fail(1.05, "it broke again", StopCause.FILTER, rig.guard, may_brake=True)
     for now in (1.1, 1e3, 1e6):
         assert supervisor.step(now, STANDS, rig.guard) is RunState.STANDING
-    assert rig.guard.torque is Torque.ON and rig.guard.stop is not None and rig.guard.stop.reason == "it broke"
+    assert rig.guard.torque is Torque.ON and rig.guard.stop is not None
+    assert rig.guard.stop.reason == "it broke, then: it broke again"
     assert supervisor.step(2e6, Situation(released=True), rig.guard) is RunState.OFF
     supervisor, rig = running(state=RunState.STANDING)
     rig.guard.latch(StopCause.TEMPERATURE, "hot")

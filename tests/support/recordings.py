@@ -72,6 +72,7 @@ def record(
     watch: Callable[[Prepared], Watch] = lambda prepared: Watch(),
     samples: Callable[[Samples], Samples] = lambda samples: samples,
     truth: Callable[[], FloatArray | None] = lambda: None,
+    goes_to_rest: bool = False,
 ) -> Recorded:
     """Run a synthetic performer, and record it; without a path only run. truth: as if there were physics."""
     chosen, clock, notes = options or RunOptions(robot="op3"), VirtualClock(), list[str]()
@@ -80,7 +81,8 @@ def record(
     def make(robot: RobotBody, clock: Clock) -> ServoBus:
         return mock_bus(robot, clock, faults=faults)
 
-    with prepare(performer(seconds), chosen, clock=recorder.clock, make_bus=recorder.make_bus(make)) as loaded:
+    bus, time = recorder.make_bus(make), recorder.clock
+    with prepare(performer(seconds), chosen, clock=time, make_bus=bus, goes_to_rest=goes_to_rest) as loaded:
         prepared = replace(loaded, samples=samples(loaded.samples))
         with recorder.recording(prepared, source="synthetic") as recorded:
             result = recorded.run(recorder.watch(watch(prepared), prepared))
