@@ -22,11 +22,12 @@ from multiprocessing import get_context
 import numpy as np
 
 from benchmarks.physics_runs import play
-from benchmarks.robustness import SYNTHETIC, motion
+from benchmarks.robustness import motion
 from benchmarks.table import add_docs, print_table, show_table
 from retarget.errors import RetargetError
 from retarget.human.samples import Playback
 from retarget.run.options import PhysicsOptions, RunOptions
+from retarget.sources.open import SAMPLE
 from retarget.types import RunState
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
@@ -90,7 +91,7 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ends", description=__doc__)
     parser.add_argument("--robot", nargs="*", default=ROBOTS, help="by name or path")
-    parser.add_argument("--source", default=SYNTHETIC, help=f"a motion file [{SYNTHETIC}]")
+    parser.add_argument("--source", default=SAMPLE, help=f"a motion file [{SAMPLE}]")
     parser.add_argument("--end", type=float, default=6.0, help="end of the motion, s")
     parser.add_argument("--ends", type=int, default=1, help="runs of each kind that end with the motion")
     parser.add_argument("--stops", type=int, default=2, help="runs of each kind that are stopped")

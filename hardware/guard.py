@@ -108,7 +108,7 @@ class Guard:
 
     @property
     def may_go_to_rest(self) -> bool:
-        """Whether the robot may go to rest: nothing is wrong with what carries it."""
+        """True if the robot may go to rest: nothing is wrong with what carries it."""
         return self.stop is None or self.stop.is_bearable
 
     def present(self) -> FloatArray:
@@ -224,7 +224,7 @@ class Guard:
             return
         pause, idle, most = now - self._read_at, self._clock.idle() - self._idle, self.limits.max_pause
         if idle > max(SUSPENDED_S, most):
-            why = f"this process was suspended for {idle:.1f} s (SIGSTOP, or a machine that sleeps)"
+            why = f"this process did not run for {idle:.1f} s: it was suspended, or blocked by a port or a disk"
             self.latch(StopCause.STALE_GOAL, why)
         elif pause > most:
             self.latch(StopCause.STALE_GOAL, f"{what} {pause:.3g} s, allowed {most:g} s")

@@ -62,7 +62,7 @@ class Stop:
 
     @property
     def is_bearable(self) -> bool:
-        """Whether the robot may still go to rest."""
+        """True if the robot may still go to rest."""
         return self.cause in BEARABLE and (self.then is None or self.then in BEARABLE)
 
 

@@ -379,11 +379,11 @@ def _code_of_error(error: BaseException) -> int:
 
 
 NO_MEMORY = re.compile("cannot allocate memory|failed to map segment|can't start new thread", re.IGNORECASE)
-"""What loaders of libraries and threads say where the system gave them no memory."""
+"""Messages of loaders of libraries and threads to which the system gave no memory."""
 
 
 def out_of_memory(error: BaseException | None) -> bool:
-    """Whether an error comes from memory that the system did not give, also while a library was imported."""
+    """True if an error comes from memory that the system did not give, also while a library was imported."""
     while error is not None:
         if isinstance(error, MemoryError) or (
             isinstance(error, ImportError | OSError | RuntimeError) and NO_MEMORY.search(str(error))

@@ -273,7 +273,7 @@ def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
     if not ways:
         return
     widest = max(ways.values(), key=norm)
-    # How far each left sensor is to the left of its right one, as the pair sees it that is widest apart.
+    # The distance of each left sensor to the left of its right one, as the pair sees it that is widest apart.
     left = {part: dot(way, widest) / max(norm(widest), NARROWEST_M) for part, way in ways.items()}
     other = [f"{part}s" for part, by in left.items() if by < -NARROWEST_M]
     same = [f"{part}s" for part, by in left.items() if by > NARROWEST_M]

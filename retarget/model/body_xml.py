@@ -132,7 +132,7 @@ class _Include:
 
 @dataclass
 class _Counts:
-    """Of a body with all that it includes."""
+    """The sizes of a body with all that it includes."""
 
     elements: int = 0
     links: int = 0
@@ -142,7 +142,7 @@ class _Counts:
 
 
 class _RefusedXmlError(Exception):
-    """What is found in XML that is no robot's."""
+    """The problems of XML that is no robot's."""
 
 
 def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> Element:
@@ -197,7 +197,7 @@ def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> El
 
 
 def _count(attributes: dict[str, str]) -> int:
-    """How often <replicate> repeats what it holds; what is no number counts as too often."""
+    """The times that <replicate> repeats what it holds; what is no number counts as too many."""
     try:
         return max(int(attributes.get("count", "1")), 0)
     except ValueError:

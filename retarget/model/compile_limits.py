@@ -24,8 +24,11 @@ PATIENCE_S = 120.0
 """Most time, s, that the child may take on a busy machine."""
 MOST = 1 << 20
 """Bytes of a child's answer that are read."""
+MOST_PROBLEMS = 50
+"""Problems of a file that are passed on."""
 DONE, REFUSED, MEMORY_ERROR, DEFECT = 0, 10, 11, 12
-"""How the child ends; by a signal, or with another code, it was ended by MuJoCo or by a limit."""
+"""Exit codes of the child; with another one, or by a signal, it was ended by MuJoCo or by a limit."""
+BUSY = "End other programs, or raise the limit of processes (ulimit -u)"
 HELP = "Give the body of one robot, with simpler meshes"
 
 
@@ -39,7 +42,14 @@ def try_in_child(work: Callable[[], object], *, source: str) -> None:
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child needs no lock of theirs
-        child = os.fork()
+        try:
+            child = os.fork()
+        except OSError as error:
+            os.close(reading)
+            os.close(writing)
+            raise InputError(
+                "no process can be made in which the body is compiled", where=source, found=str(error), next_step=BUSY
+            ) from error
     if not child:
         os.close(reading)
         _work_and_leave(work, writing)
@@ -64,7 +74,9 @@ def _judge(answer: bytes, code: int, source: str) -> None:
         raise InputError.from_problems(problems, title=f"{source}: {len(problems)} problems")
     if code == MEMORY_ERROR:
         raise _too_much(source, f"more than {MEMORY / 1e6:g} MB")
-    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+    if code == -signal.SIGKILL:  # of the kernel where memory is short, or of the limit of time
+        raise _too_much(source, "it was killed")
+    if code == -signal.SIGXCPU:
         raise _too_much(source, f"more than {CPU_S} s of a processor")
     if code not in (DONE, DEFECT):
         raise InputError("not a usable body", where=source, found=f"it ends MuJoCo ({code})", next_step=HELP)
@@ -99,7 +111,7 @@ def _work_and_leave(work: Callable[[], object], writing: int) -> NoReturn:
     except RefusedError as error:
         code = REFUSED
         with suppress(BaseException):
-            os.write(writing, json.dumps([asdict(problem) for problem in error.problems]).encode()[:MOST])
+            os.write(writing, json.dumps([asdict(problem) for problem in error.problems[:MOST_PROBLEMS]]).encode())
     except MemoryError:
         code = MEMORY_ERROR
     finally:

@@ -21,7 +21,7 @@ def blocks(count: int) -> Iterator[slice]:
 
 
 def in_blocks(measured: Callable[[slice], Array], count: int) -> Array:
-    """What `measured` says of `count` rows, (count, ...), each from itself alone. measured: takes some of the rows."""
+    """The results of `measured` for `count` rows, (count, ...), each from itself alone. measured: takes some rows."""
     return in_named_blocks(lambda rows: {"": measured(rows)}, count)[""]
 
 

@@ -19,7 +19,7 @@ from retarget.types import BoolArray
 
 
 def _jumped_words(names: tuple[str, ...], jumped: BoolArray) -> str:
-    """Which of k sensors have jumped, in a few words; "" for none."""
+    """Name those of k sensors that have jumped, in a few words; "" for none."""
     return ", ".join(f"{name}: {WORDS[ValidityState.JUMPED]}" for name in compress(names, jumped.tolist()))
 
 
@@ -130,7 +130,7 @@ class SteppedPerformer:
         return _jumped_words(self._first.names, self._jumps.jumped) or TOO_SHORT
 
     def may_approach(self) -> bool:
-        """Whether the robot may go on with its approach."""
+        """True if the robot may go on with its approach."""
         return self._approaching.step(self._now, good=self._followable is not None)
 
     def hold(self) -> None:
@@ -154,7 +154,7 @@ class SteppedPerformer:
 
 
 def _is_repeated(before: SensorSample | None, sample: SensorSample) -> bool:
-    """Whether a sample is the one before, to the bit."""
+    """True if a sample is the one before, to the bit."""
     return before is not None and all(
         np.array_equal(one, other, equal_nan=True)
         for one, other in (

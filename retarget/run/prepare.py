@@ -351,8 +351,8 @@ def _refuse_inside_obstacle(reconstructor: Reconstructor, scene: SceneState, sam
 
 
 def limbs_of(robot: RobotBody) -> tuple[bool, ...]:
-    """Whether each servo, in servo order, moves arms or head alone, so that the robot stands without it. None where the
-    robot does not stand: without torque it does not fall. A coupled servo belongs to both joints."""
+    """Mask, in servo order, of the servos that move arms or head alone, so that the robot stands without them. None
+    where the robot does not stand: without torque it does not fall. A coupled servo belongs to both joints."""
     if not robot.stands:
         return ()
     carrying = standing_dofs(robot, TRUNK)

@@ -157,7 +157,7 @@ def _margin(robot: RobotBody, stance: Stance, postures: FloatArray) -> float:
 
 
 def at_rest(robot: RobotBody) -> str:
-    """How a robot on its soles is in its posture `rest`, in words: its balance, its lowest part without a sole, and
+    """Describe a robot on its soles in its posture `rest`, in words: its balance, its lowest part without a sole, and
     what to do where it may topple; "" for another robot."""
     if not robot.stands:
         return ""
