@@ -22,7 +22,7 @@ from sim.faults.rows import APPROACHED, ROWS, Reaction
 
 HARMLESS = (Reaction.NONE, Reaction.MAY_HOLD, Reaction.REBASE, Reaction.RESUME, Reaction.OUT, Reaction.SLOW)
 """Reactions after which a run goes on. A random run has several of these, and one of the others at any time."""
-LIVE = tuple(row for row in ROWS if not row.recorded)
+LIVE = tuple(row for row in ROWS if not (row.recorded or row.alone))
 FEWEST, MOST = 2, 5
 MORE_S = 0.1
 """The run goes on for so long after the last reaction is due, s."""

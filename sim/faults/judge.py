@@ -53,8 +53,8 @@ AGAIN_SHARE, AGAIN_S = 0.25, 0.75
 """Share of the greatest speeds after following resumes, and for how long, s."""
 STILL_WITHIN_S = 0.3
 """Length, s, of a hold: after a shorter one, of single ticks, the way back need not be slow."""
-SETTLED = (*STOPPING, *STOPPED)
-STANDING = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST, *STOPPED)
+SETTLED = (*STOPPING, RunState.STANDING, *STOPPED)
+STANDING = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST, RunState.STANDING, *STOPPED)
 """States of a robot that has braked, or has no torque any more."""
 AT_REST_RAD = 0.01
 """A robot this near to posture `rest` is at rest, rad."""
@@ -121,7 +121,9 @@ def _stop_violations(
     before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
     wrong += torque_on_again(writes, before)
     off = torque_off(writes, before)
-    if off is None:
+    if since[-1].state is RunState.STANDING:
+        wrong += ["torque went off though the robot stood"] if off is not None and off < since[-1].time else []
+    elif off is None:
         if trace.gone is None and not trace.writes_fail:
             wrong.append("torque off was never commanded")
     elif off - begun > (allowed := OFF_S / min(tick.slow for tick in since) + _held_up(bench, trace, begun, off)):
@@ -332,6 +334,13 @@ def _stop(row: Row, seen: Seen) -> Judged:
     return stop, wrong
 
 
+def _stands(row: Row, seen: Seen) -> Judged:
+    wrong = late("stopped", seen.stopped, seen.onset, row.limit)
+    last = seen.trace.ticks[-1]
+    wrong += [] if last.state is RunState.STANDING and last.latched else ["it did not stand in the end, latched"]
+    return seen.stopped, wrong
+
+
 def _torque_off(row: Row, seen: Seen) -> Judged:
     torque_off_at = seen.trace.torque_off_at(seen.onset)
     wrong = late("torque off", torque_off_at, seen.onset, row.limit)
@@ -358,6 +367,7 @@ _JUDGES = {
     Reaction.GATED: _gated,
     Reaction.SLOW: _slow,
     Reaction.STOP: _stop,
+    Reaction.STANDS: _stands,
     Reaction.TORQUE_OFF: _torque_off,
     Reaction.GONE: _gone,
 }
@@ -530,6 +540,8 @@ def _stopping(row: Row, bench: Bench) -> Judged:
         return None, ["the stop was not latched"]
     if row.reaction is Reaction.GONE:
         return None, let_go(trace, onset, row)
+    if row.reaction is Reaction.STANDS:
+        return _stands(row, Seen(bench, onset))
     if trace.first(STOPPED, trace.latched) is None:
         return None, ["the stop did not come to its end"]
     if row.reaction is Reaction.TORQUE_OFF:

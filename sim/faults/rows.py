@@ -15,9 +15,10 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
+from hardware.guard import CheckedGoal
 from hardware.guard_state import StopCause
 from retarget.live.admission import Datagram
-from retarget.types import RobotPosture
+from retarget.types import FloatArray, RobotPosture, RunState
 from sim.emulator.faults import Fault, FaultKind
 from sim.faults import sender
 from sim.faults.bench import BEFORE_ARMING, Bench
@@ -39,6 +40,7 @@ class Reaction(Enum):
     STAND = "brakes and stands, torque on"
     SLOW = "goes on at half its speed"
     STOP = "stops: brakes, goes to rest, torque off, latched"
+    STANDS = "stops: brakes, cannot go to rest, stands with torque on, latched"
     TORQUE_OFF = "torque off at once, latched"
     GONE = "the servos stop by themselves"
     GATED = "what is asked is not sent"
@@ -64,7 +66,8 @@ class Row:
     from the onset until data are good again; before back + 0.5 nothing goes on. after: s of following after the onset.
     ends: s from the onset until the run has ended. performer: the performer file. mass: run on the path of a real
     port, with simulated mechanics behind the wire. recorded: the performer is a recording, and the fault is one of its
-    sensors; it is run alone. approach: it is injected on the approach too.
+    sensors. alone: it is not run beside another fault, and nor is a recorded one. approach: it is injected on the
+    approach too.
 
     Beside another fault: chance, by which factor chance may delay the reaction; stretches, by which factor long ticks
     delay the other's; suspends: the host is suspended for the limit; hides: name of a row whose fault it ends.
@@ -89,6 +92,7 @@ class Row:
     performer: str = "five"
     mass: bool = False
     recorded: bool = False
+    alone: bool = False
     approach: bool = False
     chance: float = 1.0
     stretches: float = 1.0
@@ -177,6 +181,17 @@ def _raising(bench: Bench) -> None:
         raise ArithmeticError("forced")
 
     bench.stream.read = broken  # type: ignore[method-assign, assignment]
+
+
+def _rest_refused(bench: Bench) -> None:
+    """Let the gate refuse every goal on the way to rest, as it does with something in the way."""
+    gate, supervisor = bench.machine.gate, bench.machine.supervisor
+    check = gate.check
+
+    def refusing(target: FloatArray | None) -> CheckedGoal | None:
+        return None if supervisor.state is RunState.GO_TO_REST else check(target)
+
+    gate.check = refusing  # type: ignore[method-assign]
 
 
 def _signal(bench: Bench) -> None:
@@ -307,6 +322,7 @@ ARMED_ACTS: dict[str, Act] = {
     "late": _late,
     "not_finite": lambda bench, times=np.inf: _following(bench, _not_finite, times),
     "leg_inwards": lambda bench: _following(bench, _leg_inwards),
+    "rest_refused": _rest_refused,
     "operator_stop": lambda bench: bench.guard.latch(StopCause.REQUESTED, "space bar"),
 }
 """Injections into objects that exist once the bus is open: in an idle run they act before arming."""
