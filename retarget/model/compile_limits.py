@@ -123,5 +123,5 @@ def _limit() -> None:
     for kind, most in ((resource.RLIMIT_AS, used + MEMORY), (resource.RLIMIT_CPU, CPU_S)):
         _, hard = resource.getrlimit(kind)
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (most, most))
+        resource.setrlimit(kind, (most, hard))  # at a hard limit of time the kernel kills, as it does without memory
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -334,7 +334,7 @@ def take_memory() -> None:
 
 
 def take_time() -> None:
-    resource.setrlimit(resource.RLIMIT_CPU, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CPU, (0, resource.getrlimit(resource.RLIMIT_CPU)[1]))
     while True:
         pass
 
@@ -347,7 +347,7 @@ def refuse() -> None:
     ("work", "facts"),
     [
         (take_memory, "1000 MB"),
-        (take_time, "10 s"),
+        (take_time, "10 s of a processor"),
         (refuse, ("a:1", "a:2")),
         (partial(signal.raise_signal, signal.SIGTERM), "(-15)"),
         (partial(os._exit, 5), "(5)"),

@@ -72,6 +72,7 @@ def test_robots_that_stay_at_rest_end_there_beside_table_and_wall(name: str, sce
     assert planned(load_robot(name), scene=scene).end is End.AT_REST
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_profile_says_which_robots_stay_at_rest(name: str) -> None:
     robot = load_robot(name)

@@ -167,7 +167,7 @@ def test_a_fault_that_mechanics_cannot_play_is_refused_before_anything_moves(tmp
         physics_wire_bus(simulation_of(op3(), start=standing()), VirtualClock(), faults=faults)
 
 
-@pytest.mark.parametrize("mass", [False, True])
+@pytest.mark.parametrize("mass", [pytest.param(True, marks=pytest.mark.long), False])
 def test_every_fault_that_a_bus_takes_changes_something(tmp_path: Path, mass: bool) -> None:
     healthy = seen_through(tmp_path, None, mass=mass)
     kinds = WITH_MASS if mass else EVERY_KIND
