@@ -702,8 +702,8 @@ def announced(
     too_soon: Callable[[], int],
 ) -> Callable[[], bool]:
     """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
-    summary; once how a robot that stands at the end gets its torque switched off; and once that a stop key was pressed
-    too soon (`too_soon`: how often) to count."""
+    summary; every `REMINDER_S` how a robot that stands at the end gets its torque switched off; and once that a stop
+    key was pressed too soon (`too_soon`: how often) to count."""
     said, ignored, reminded = False, False, -inf
 
     def asked() -> bool:

@@ -178,9 +178,8 @@ class Loop:
         self._sample: SensorSample | None = first
         self._tick = 0  # of the performance
         self._due, self._late_ticks = machine.clock.now(), 0
-        self._refused = self._standing = (
-            ""  # why goals on the way to rest were refused; why the robot stands at the end
-        )
+        self._refused = ""  # why goals on the way to rest were refused
+        self._standing = ""  # why the robot stands at the end
         self._part = StopCause.SOURCE  # what runs now: the cause of a stop if it fails
 
     def run(self) -> Ending:
@@ -262,12 +261,12 @@ class Loop:
 
     def _tell_refused(self) -> None:
         """Say once that the robot holds on its way to rest, and why."""
-        told, self._refused = self._refused, self._machine.refused or "the gate refuses the goal"
-        if not told:
+        before, self._refused = self._refused, self._machine.refused or "the gate refuses the goal"
+        if not before:
             self._machine.tell(f"on its way to rest the robot holds, and tries again: {self._refused}")
 
     def _tell_standing(self) -> None:
-        """Say once that the run ends with a robot that stands, and why."""
+        """Notify the operator once that the run ends with a robot that stands, and why."""
         machine = self._machine
         if machine.supervisor.state is not RunState.STANDING or self._standing:
             return

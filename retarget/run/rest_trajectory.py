@@ -33,7 +33,7 @@ LONGEST_S = 30.0
 class RestTrajectory:
     """A way to rest, tried from the stance. keyframes: names of postures, the last is `rest`. refused: why it is not
     taken to its end, in words; "" where it is. margin: least distance, m, of the centre of mass to the edge
-    of the soles, from inside; infinite for a robot without planted soles."""
+    of the soles, from inside."""
 
     keyframes: tuple[str, ...]
     refused: str
@@ -121,8 +121,6 @@ def rest_trajectories(robot: RobotBody, stance: Stance, gate: Gate, *, dt: float
 
 def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, ...], *, dt: float) -> RestTrajectory:
     q = robot.posture(stance_angles(robot))
-    if robot.profile.root == "free":
-        q[:7] = stance.q[:7]
     plant_root(robot, stance.q, q)
     commanded, clearance = Commanded(robot, dt=dt), gate.clearance
     commanded.begin(q, q[robot.servo_columns])
@@ -150,8 +148,6 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
 
 def _margin(robot: RobotBody, stance: Stance, postures: FloatArray) -> float:
     """Least distance, m, of the centre of mass to the edge of the soles in postures (T, nq), from inside."""
-    if not stance.soles:
-        return float("inf")
     edges = stance.edges(0.0)
     return min(float(support_distance(com, edges)) for com in robot.kinematics.centre_of_mass(postures))
 
