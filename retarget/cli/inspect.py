@@ -1,36 +1,62 @@
-"""`retarget inspect SOURCE`: what is in a motion file or a recorded stream, before a robot follows it."""
+"""`retarget inspect SOURCE`: what is in a motion file or a recorded stream, and whether a run would accept it."""
 
+import json
 import math
 
 from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
-from hardware.errors import counted
+from hardware.clock import VirtualClock
+from hardware.errors import RetargetError, counted
 from retarget.cli.application import FileOptions, console, given, refuse_given
 from retarget.cli.exit import echo
 from retarget.frames import SensorFrames
 from retarget.live.address import is_address, parse_address
 from retarget.report.motion_summary import MotionSummary, summarise
+from retarget.run.options import RunOptions
+from retarget.schema.catalogue import HUMAN
 
 SHOWN_JUMPS = 8
 """Jumps that are listed, so that a broken file does not fill the terminal; the others are counted."""
 
 
-def inspect(source: str, file: FileOptions, as_json: bool = False) -> None:
-    """Say what is in a motion file or recording: frames, rate, sensors, size of the body, speeds and impossible jumps.
+def inspect(source: str, file: FileOptions, performer: str | None = None, as_json: bool = False) -> None:
+    """Say what is in a motion file or recording: frames, rate, sensors, size of the body, speeds and impossible jumps;
+    and whether a run would accept a motion file, by preparing one of the virtual human.
 
     Arguments:
         source: A motion file: AMC, BVH or C3D; 'sample', which comes with the program; or replay://FILE, a stream.
 
     Options:
+        performer NAME|FILE: The sensors of the run that is prepared, usually five.
         as_json (--json): Machine-readable, one object.
     """
-    summary = summarise(_opened(source, file), streamed=is_address(source))
-    if as_json:
-        echo(TypeAdapter(MotionSummary).dump_json(summary, indent=2).decode())  # what is not finite is null
+    streamed = is_address(source)
+    if streamed:
+        refuse_given(["--performer"] if performer else [], "motion file")
+    frames = _opened(source, file)
+    summary = summarise(frames, streamed=streamed)
+    refused = None if streamed else _refused(frames, RunOptions(robot=HUMAN, performer=performer))
+    if as_json:  # what is not finite is null
+        shown = json.loads(TypeAdapter(MotionSummary).dump_json(summary))
+        echo(json.dumps(shown | {"refused": None if refused is None else str(refused)}, indent=2))
     else:
         show(summary, console())
+    if refused is not None:
+        raise refused
+
+
+def _refused(frames: SensorFrames, options: RunOptions) -> RetargetError | None:
+    """Why a run with these options would refuse a recording; None where it would begin."""
+    from retarget.run.prepare import prepare
+    from sim.mock_bus import mock_bus
+
+    try:
+        with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=mock_bus):
+            return None
+    except RetargetError as error:
+        return error
 
 
 def _opened(source: str, file: FileOptions) -> SensorFrames:

@@ -301,14 +301,23 @@ def _arms(points: FloatArray) -> FloatArray:
 def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
     """Frames most like a rest pose, best first, at most `MAX_CANDIDATES`: the person tall and the sensors slow.
 
-    Raises InputError if head and wrists are never valid together.
+    Raises InputError if head and wrists, and the ankles that there are, are never valid together.
     """
     needed = [name for name in (*REQUIRED, *_ANKLES) if name in frames.names]
     columns = np.array([frames.index(name) for name in needed])
+    seen = frames.valid[:, columns]
     rows = np.unique(np.linspace(0, len(frames) - 1, _LOOKED_AT).astype(int))
-    rows = rows[frames.valid[np.ix_(rows, columns)].all(axis=1)]
+    rows = rows[seen[rows].all(axis=1)]
     if rows.size == 0 or not set(REQUIRED) <= set(needed):
-        raise InputError("no frame shows head and both wrists", where=frames.source, next_step="Record a rest pose")
+        never = [name for name in REQUIRED if name not in needed]
+        never += [name for name, ever in zip(needed, np.any(seen, axis=0), strict=True) if not ever]
+        raise InputError(
+            "no frame in which the size of the performer shows",
+            where=frames.source,
+            found=f"{', '.join(never)} never seen" if never else f"{', '.join(needed)} never seen together",
+            allowed="head, both wrists and the ankles that the source has, at once",
+            next_step="Record a rest pose with all of them in view",
+        )
     # Speed by central differences; where a neighbour is invalid it is NaN, and taken as fast.
     before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(frames) - 1)
     moved = frames.position[np.ix_(after, columns)] - frames.position[np.ix_(before, columns)]

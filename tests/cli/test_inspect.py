@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -26,9 +27,16 @@ def test_the_text_has_size_sensors_and_notes(tmp_path: Path, capsys: pytest.Capt
 def test_a_program_gets_one_json_object_without_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.c3d"
     path.write_bytes(c3d_bytes(3, lost=[(i, "LANK") for i in range(3)]))
-    code, out, _ = said_by(capsys, "inspect", str(path), "--json")
+    code, out, err = said_by(capsys, "inspect", str(path), "--json")
     data = json.loads(out)
-    assert code == 0 and data["frames"] == 3 and data["rate_hz"] == 100.0 and data["joints"] == []
+    assert (
+        code == 2
+        and data["refused"] in err
+        and data["frames"] == 3
+        and data["rate_hz"] == 100.0
+        and data["joints"] == []
+    )
+    shows(data["refused"].replace(str(path), "FILE"), "l_ankle never seen")
     ankle = next(sensor for sensor in data["sensors"] if sensor["name"] == "l_ankle")
     assert ankle["valid"] == 0.0 and ankle["highest_m"] is None and ankle["oriented"] == 0.0
     assert data["jumps"] == [] and data["stature_m"] is None
@@ -59,3 +67,51 @@ def test_a_recorded_stream_is_shown_by_the_names_of_its_sender(
         code, out, err = said_by(capsys, "inspect", *words)
         assert code == 2 and out == ""
         shows(err.replace(str(path), "FILE").replace(str(tmp_path), "FOLDER"))
+
+
+# What a run of the virtual human says: `inspect` says the same, accepted or refused, and why.
+
+
+def _agree(capsys: pytest.CaptureFixture[str], path: Path) -> int:
+    """Assert that both say the same; the exit code."""
+    code, _, err = said_by(capsys, "inspect", path)
+    ran, _, said = said_by(
+        capsys, "run", "--robot", "human", "--performer", "five", "--source", path, "--bus", "none", "--end", "0.05"
+    )
+    refusal, refused = (text[text.index("error:") :] if "error:" in text else "" for text in (err, said))
+    assert (code, refusal) == (ran, refused), path
+    return code
+
+
+def _bent_motion(rng: Random) -> str:
+    """A BVH with up to three numbers or names exchanged, scaled, zeroed or lost."""
+    lines = bvh_text(3, z_up=rng.random() < 0.3).splitlines()
+    lines = [line for line in lines if rng.random() > 0.003]
+    for _ in range(rng.randint(1, 3)):
+        at = rng.randrange(len(lines))
+        words = lines[at].split()
+        place = rng.randrange(len(words))
+        change = rng.choice(("0", "-1", "1e4", f"{rng.gauss(0.0, 60.0):g}", "x", ""))
+        lines[at] = " ".join([*words[:place], change, *words[place + 1 :]])
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 200), marks=pytest.mark.long)], ids=str)
+def test_inspect_and_run_say_the_same_of_damaged_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], seeds: range
+) -> None:
+    path = tmp_path / "bent.bvh"
+    codes = set()
+    for seed in seeds:
+        path.write_text(_bent_motion(Random(seed)))
+        codes.add(_agree(capsys, path))
+    assert codes == {0, 2}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("folder", ["mocap", "cases"])
+def test_inspect_and_run_say_the_same_of_recordings(
+    shared: Path, capsys: pytest.CaptureFixture[str], folder: str
+) -> None:
+    files = [path for suffix in ("bvh", "amc", "c3d") for path in sorted((shared / folder).rglob(f"*.{suffix}"))]
+    assert 0 in {_agree(capsys, path) for path in files}
