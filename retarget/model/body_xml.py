@@ -20,6 +20,13 @@ MAX_ELEMENTS = 500_000
 """Elements of a file with all that it includes: a hundred times those of a large robot."""
 MAX_REPLICATED = 5000
 """Elements that <replicate> makes: those of a large robot. Its time grows with their square, 0.9 s for so many."""
+MAX_DOUBLED = 8
+"""Copies that <replicate> makes of a body with a sensor of no object, such as <clock/>: MuJoCo doubles that with each
+copy, 4 ms for so many, hours for 30."""
+NO_OBJECT = ("clock", "e_potential", "e_kinetic", "user", "contact")
+"""Sensors that need no object."""
+OBJECTS = frozenset(("objname", "site", "body1", "body2", "geom1", "geom2", "subtree1", "subtree2"))
+"""Attributes that give them one."""
 MAX_INCLUDES = 50
 """Files that one body includes: more is a circle, or no robot."""
 KINDS = {"robot": "urdf", "mujoco": "mjcf", "mujocoinclude": "mjcf"}
@@ -104,6 +111,8 @@ def body_xml(content: bytes, *, source: str, folder: Path) -> BodyXml:
             raise InputError("includes that never end", where=include.source, found=include.name[:200], allowed=allowed)
         seen.add(path)
         _elements(read_body(path), str(path), counts, times=include.times)
+    if counts.copies > MAX_DOUBLED:
+        counts.problems += counts.doubled
     if counts.problems:
         raise InputError.from_problems(counts.problems, title=f"{source}: {len(counts.problems)} problems")
     if counts.links > MAX_LINKS:
@@ -137,6 +146,9 @@ class _Counts:
     elements: int = 0
     links: int = 0
     replicated: int = 0
+    copies: int = 0
+    doubled: list[Problem] = field(default_factory=list)
+    """Sensors that MuJoCo doubles with each copy."""
     includes: list[_Include] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
 
@@ -148,7 +160,7 @@ class _RefusedXmlError(Exception):
 def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> Element:
     """The outermost element. times: how often the file is included."""
     builder, parser = TreeBuilder(), expat.ParserCreate(namespace_separator="}")
-    repeats = [times]
+    repeats, outer = [times], [""]
 
     def refuse_types(*_: object) -> None:
         raise _RefusedXmlError("a document type (<!DOCTYPE ...>), which may define entities, and which no robot needs")
@@ -174,13 +186,20 @@ def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> El
         before, counts.replicated = counts.replicated, counts.replicated + here * (here > 1)
         if before <= MAX_REPLICATED < counts.replicated:
             counts.problems.append(_too_much("<replicate> makes too many elements", source, line, MAX_REPLICATED))
+        if tag == "replicate":
+            counts.copies += here * _count(attributes)
+        if outer[-1] == "sensor" and tag in NO_OBJECT and not OBJECTS & attributes.keys():
+            what = f"MuJoCo doubles <{tag}>, a sensor without an object, with each copy that <replicate> makes"
+            counts.doubled.append(_too_much(what, source, line, MAX_DOUBLED))
         if tag == "include":
             counts.includes.append(_Include(attributes.get("file", ""), source, here))
         repeats.append(here * _count(attributes) if tag == "replicate" else here)
+        outer.append(tag)
         builder.start(tag, attributes)
 
     def end(name: str) -> None:
         repeats.pop()
+        outer.pop()
         builder.end(name.rpartition("}")[2])
 
     parser.StartDoctypeDeclHandler = refuse_types

@@ -275,6 +275,7 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
 SIZED = """<mujoco>{size}<asset>{asset}</asset><worldbody>
 <body name="link"><joint/><geom size="0.1"/>{link}</body>{world}
 </worldbody>{rest}</mujoco>"""
+COPIED = '<worldbody><replicate count="9"><site/></replicate></worldbody>'
 WHOLE = {"size": "", "asset": "", "link": "", "world": "", "rest": ""}
 
 
@@ -295,6 +296,12 @@ WHOLE = {"size": "", "asset": "", "link": "", "world": "", "rest": ""}
         ("link", '<composite type="cable" count="90000 1 1"/>', 2, "count"),
         ("link", '<camera name="c" resolution="90000 90000"/>', 2, "resolution"),
         ("rest", '<sensor><user name="u" dim="1000000000"/></sensor>', 3, "dim"),
+        (
+            "rest",
+            '<sensor><clock/></sensor><worldbody><replicate count="9"><site/></replicate></worldbody>',
+            3,
+            "<clock>",
+        ),
         ("rest", '<size xmlns="elsewhere" nkey="2000000000"/>', 3, "nkey"),
     ],
 )
