@@ -124,7 +124,7 @@ NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
 NO_RUN = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
 BROKEN = (
     *(OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, OverflowError),
-    *(tokenize.TokenError, zlib.error),
+    *(tokenize.TokenError, SyntaxError, TypeError, zlib.error),
 )
 
 

@@ -124,6 +124,7 @@ HEADERS = {
     "texts of no width": b"{'descr': '<U0', 'fortran_order': False, 'shape': (3000000000,), }",
     "a negative size": b"{'descr': '<f8', 'fortran_order': False, 'shape': (-3,), }",
     "a number of many digits": b"{'descr': '<f8', 'fortran_order': False, 'shape': (" + b"9" * 5000 + b",), }",
+    "no repeats": b"{'descr': ',f8', 'fortran_order': False, 'shape': (3,), }",
     "deep": b"(" * 9000,
     "objects": b"{'descr': '|O', 'fortran_order': False, 'shape': (3,), }",
 }
