@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from math import isinf
 
 import numpy as np
 
@@ -57,6 +58,7 @@ CUT_POWER = " (torque could not be switched off: cut the power)"
 SUSPENDED_S = 0.5
 """Idle time within a tick, s, from which on the process was suspended: a tick of the slowest robot sleeps for 0.02 s,
 and a machine that is merely busy takes the processor away for less."""
+DID_NOT_RUN = "this process did not run for {:.1f} s: it was suspended, or blocked by a port or a disk"
 ARMING_READS = 5
 """Cycles in which a bus that is silent when the robot is armed is read again."""
 
@@ -154,7 +156,10 @@ class Guard:
         on. Raises BusError when the bus fails."""
         now = self._clock.now()
         self._refuse_pause(now, "no tick for")
-        self._read_at, self._idle = now, self._clock.idle()
+        idle = self._clock.idle()
+        if self._read_at is not None and isinf(self.limits.max_pause) and idle - self._idle > SUSPENDED_S:
+            self.health.warnings.add(f"warning: {DID_NOT_RUN.format(idle - self._idle)}; real servos would stop")
+        self._read_at, self._idle = now, idle
         self.states = states = self._bus.read()
         goal = self.goal
         deflected = None if goal is None or goal.posture.tobytes() == goal.joints.tobytes() else goal.posture
@@ -224,8 +229,7 @@ class Guard:
             return
         pause, idle, most = now - self._read_at, self._clock.idle() - self._idle, self.limits.max_pause
         if idle > max(SUSPENDED_S, most):
-            why = f"this process did not run for {idle:.1f} s: it was suspended, or blocked by a port or a disk"
-            self.latch(StopCause.STALE_GOAL, why)
+            self.latch(StopCause.STALE_GOAL, DID_NOT_RUN.format(idle))
         elif pause > most:
             self.latch(StopCause.STALE_GOAL, f"{what} {pause:.3g} s, allowed {most:g} s")
 

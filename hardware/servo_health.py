@@ -254,6 +254,10 @@ class ServoWarnings:
             self._notify(ended, seen, "over: servo {warning} {names} now")
         self._change_speed(now)
 
+    def add(self, text: str) -> None:
+        """Add a warning about something else than a servo's values."""
+        self._news = [*self._news, text][-MOST_NEWS:]
+
     def take_news(self) -> list[str]:
         """Return the warnings that began and ended since the last call, a sentence each."""
         news, self._news = self._news, []

@@ -74,6 +74,8 @@ class SensorReader:
         self._base = [self.names.index(name) for name in base_sensors(self.names)]
         self._given: tuple[str, ...] = ()
         self._columns: list[int] = []
+        self.lost: tuple[str, ...] = ()
+        """The base sensors that were not valid in the sample that was read last."""
 
     def read(self, sample: SensorSample) -> SensorSample | None:
         """The sample, in which what is no pose in a room is not valid; None where a base sensor is not valid.
@@ -89,7 +91,8 @@ class SensorReader:
         turns[np.isnan(turns[:, 0])] = IDENTITY  # not known, which is no fault
         valid = sample.valid.take(columns) & ~unusable(position, turns)
         usable = valid.tolist()
-        if not any(usable) or not all(usable[row] for row in self._base):
+        self.lost = tuple(self.names[row] for row in self._base if not usable[row])
+        if self.lost or not any(usable):
             return None
         position[~valid], orientation[~valid] = np.nan, np.nan
         weight = None if sample.weight is None else sample.weight.take(columns)
@@ -258,7 +261,8 @@ class Pipeline:
             )
         seen = None if sample is None else self._sensors.read(sample)
         self._now += self.dt
-        self._samples.take(self._now, seen)
+        lost = "no sample" if sample is None else f"no valid {', '.join(self._sensors.lost) or 'sensor'}"
+        self._samples.take(self._now, seen, lost=lost)
         if self._motion is None:
             return self._without_robot(self._reconstructor)
         return self._moved(self._motion)

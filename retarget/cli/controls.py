@@ -715,7 +715,7 @@ def announced(
                 notify(TOO_SOON)
         if stop is not None and not said:
             said = True
-            then = machine.end_plan.end.value if machine.guard.may_go_to_rest else "it brakes"
+            then = machine.end_plan.end.value if machine.guard.may_go_to_rest else "it brakes, and torque goes off"
             again = _again(stop)
             next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {again}: torque off at once)"
             with suppress(OSError):  # a lost terminal must not keep a second press from being received

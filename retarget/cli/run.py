@@ -199,9 +199,14 @@ class CommandRun:
         if recorded.machine is None and (live or self.outputs.view is not None):
             look = in_time(look, recorded.samples.dt, self.clock)
         asked = self.bench.watching(look, recorded, live=live)
-        forced = operator.forced_stop
+        forced, said = operator.forced_stop, list[str]()
+
+        def say(text: str) -> None:
+            said.append(text)
+            log(text)
+
         if recorded.machine is not None:
-            forced = announced(forced, recorded.machine, notify=log, too_soon=operator.too_soon)
+            forced = announced(forced, recorded.machine, notify=say, too_soon=operator.too_soon)
         forced = self.bench.warning(forced)
         forced = self.bench.watching(forced, recorded, live=live)
         watch = Watch(show, asked, forced, operator.why)
@@ -210,10 +215,15 @@ class CommandRun:
             watch = _timed(watch, recorded.samples, self.clock)
         if type(self.clock) is not VirtualClock:  # an operator watches; a run in virtual time has its report at once
             watch = _naming(watch, recorded, self.notify)
+        if recorded.machine is not None and look():  # since the robot was made ready: torque is not on yet
+            raise KeyboardInterrupt
         result = recorded.run(watch)
         if recorded.machine is not None and recorded.has_bus:
             stands = recorded.machine.supervisor.state is RunState.STANDING
-            log(STILL_STANDS if stands else TORQUE_WORDS[recorded.machine.guard.torque])
+            ended = STILL_STANDS if stands else TORQUE_WORDS[recorded.machine.guard.torque]
+            stop = recorded.machine.guard.stop
+            is_news = stop is not None and not any(stop.reason in text for text in said)
+            log(f"{ended}: {stop.reason}" if stop is not None and is_news else ended)
         real_time = not isinstance(self.clock, VirtualClock)
         return replace(result, setup=replace(result.setup, real_time=real_time))
 

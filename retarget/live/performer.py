@@ -18,7 +18,7 @@ from retarget.frames import (
     mirrored_name,
     on_grid,
 )
-from retarget.human.pose_validation import ValidityState
+from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
 from retarget.human.sensor_intake import IntakeTimes
@@ -109,7 +109,7 @@ WORDS = {
     ValidityState.NOT_IN_USE: "not received",
     ValidityState.OUT_OF_RANGE: "outside the room",
 }
-TOO_SHORT = "not for long enough at a time"
+TOO_SHORT = f"good data for less than {LIMITS.healthy:g} s at a time"
 
 
 class SampleRecord:

@@ -218,7 +218,7 @@ def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> El
 def _count(attributes: dict[str, str]) -> int:
     """The times that <replicate> repeats what it holds; what is no number counts as too many."""
     try:
-        return max(int(attributes.get("count", "1")), 0)
+        return max(int(attributes.get("count", "1")), 1)  # MuJoCo refuses less, once it has read what is inside
     except ValueError:
         return MAX_REPLICATED + 1
 

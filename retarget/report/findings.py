@@ -433,7 +433,7 @@ def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
     seen = counted(faults, "fault") if faults else "none"
     yield Finding("faults", seen, "all servos answer, none is alarmed", not faults)
     if bus.missed_ticks is not None and run.setup.real_time:
-        missed = f"{bus.missed_ticks} of {ticks}" if bus.missed_ticks else "none"
+        missed = f"{bus.missed_ticks} of {ticks + bus.missed_ticks}" if bus.missed_ticks else "none"
         longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
         advice = ", see retarget doctor" if bus.missed_ticks else ""
         allowed = f"none, {1e3 * run.clip.dt:.3g} ms each"

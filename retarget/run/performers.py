@@ -13,7 +13,7 @@ from retarget._solver import PoseFilter
 from retarget.frames import SensorSample, on_grid
 from retarget.human.pose_validation import JumpDetection, ValidityState
 from retarget.human.samples import Clip
-from retarget.live.performer import TOO_SHORT, WORDS, base_sensors
+from retarget.live.performer import TOO_SHORT, WORDS
 from retarget.live.sensor_validity import Debounce, Engagement
 from retarget.types import BoolArray
 
@@ -91,14 +91,15 @@ class SteppedPerformer:
         self._jumps, self._smooth = JumpDetection(first.names), smooth
         if smooth is not None:
             smooth.reset(np.ones(len(first.names), dtype=bool))
+        self._lost = ""  # what is missing while there is no valid sample
         self._now, self._changed = 0.0, 0.0  # [s] of the last sample, and of the last one that was another
         self._given: SensorSample | None = first  # the last one, and without what jumps
         self._judged = self._jumps.step(0.0, first)
         self.seen: SensorSample | None = first
 
-    def take(self, now: float, sample: SensorSample | None) -> None:
-        """Take the sample of the tick at `now`, s; None: there is no valid one."""
-        self._now = now
+    def take(self, now: float, sample: SensorSample | None, *, lost: str = "no sample") -> None:
+        """Take the sample of the tick at `now`, s; None: there is no valid one. lost: then says what is missing."""
+        self._now, self._lost = now, lost
         if sample is not None and (now - self._changed > REPEATED_S or not _is_repeated(self._given, sample)):
             self._judged, self._changed = self._jumps.step(now, sample), now
         self._given = sample
@@ -126,7 +127,7 @@ class SteppedPerformer:
     def hold_reason(self) -> str:
         """Why the performer is not followed, in a few words."""
         if self.seen is None:
-            return f"no valid sample of {', '.join(base_sensors(self._first.names))}"
+            return self._lost
         return _jumped_words(self._first.names, self._jumps.jumped) or TOO_SHORT
 
     def may_approach(self) -> bool:

@@ -167,7 +167,17 @@ def test_simulated_servos_wait_for_a_slow_host() -> None:
     rig = moving(limits=GuardLimits(max_pause=np.inf))
     rig.clock.advance(5.0)
     rig.run(1)
+    assert rig.guard.stop is None and not rig.guard.health.warnings.take_news()
+
+
+def test_a_suspension_is_named_where_simulated_servos_wait() -> None:
+    rig = moving(limits=GuardLimits(max_pause=np.inf))
+    rig.clock.sleep_until(rig.clock.now() + 5.0)
+    rig.run(1)
     assert rig.guard.stop is None
+    shows(rig.guard.health.warnings.take_news(), "5.0 s", "suspended")
+    rig.run(3)
+    assert not rig.guard.health.warnings.take_news()
 
 
 def test_the_first_reason_stays_and_one_later_fault_is_added() -> None:

@@ -19,7 +19,7 @@ from retarget.errors import InputError
 from retarget.live.address import StreamAddress, parse_address
 from retarget.live.admission import TOO_LONG, TOO_MANY, Admission, Datagram, Source, admission_for
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.live.performer import LivePerformer
+from retarget.live.performer import TOO_SHORT, LivePerformer
 from retarget.live.raw_recording import RawTap
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.stream import LiveStream
@@ -108,10 +108,10 @@ def flying(name: str, first: float) -> SenderFault:
     ("fault", "cause"),
     [
         (frozen("r_ankle", 6.0, 60.0), "r_ankle: frozen"),
-        (now_and_then(6.0, 9.7), "not for long enough at a time, at last: nothing arrived"),
+        (now_and_then(6.0, 9.7), f"{TOO_SHORT}, at last: nothing arrived"),
         pytest.param(
             flying("l_wrist", 7.0),
-            "not for long enough at a time, at last: l_wrist: jumped",
+            f"{TOO_SHORT}, at last: l_wrist: jumped",
             marks=pytest.mark.long,
         ),
     ],

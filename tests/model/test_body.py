@@ -292,6 +292,7 @@ WHOLE = {"size": "", "asset": "", "link": "", "world": "", "rest": ""}
         ("size", '<size memory="900G"/>', 1, ("memory", "900G")),
         ("world", '<replicate count="100000000"><geom size="0.1"/></replicate>', 2, "<replicate>"),
         ("world", '<replicate count="90">' * 3 + '<geom size="1"/>' + "</replicate>" * 3, 2, "<replicate>"),
+        ("world", '<replicate count="-1"><replicate count="9000"><site/></replicate></replicate>', 2, "<replicate>"),
         ("world", '<flexcomp name="f" type="grid" count="40 40 40" dim="3" mass="1"/>', 2, ("count", "40 40 40")),
         ("link", '<composite type="cable" count="90000 1 1"/>', 2, "count"),
         ("link", '<camera name="c" resolution="90000 90000"/>', 2, "resolution"),
