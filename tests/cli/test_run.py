@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.application import given, refuse_given
 from retarget.cli.controls import TORQUE_WORDS, Asked, LiveControls
-from retarget.cli.exit import DONE, REFUSED, STOPPED, StopRequest
+from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
 from retarget.cli.run import StreamOptions, _wait_until_engaged
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions
@@ -53,6 +54,24 @@ def test_a_real_left_arm_to_the_side_is_not_enough(slimevr: str, capsys: pytest.
     code, said = run(capsys, "--source", slimevr, "--check-sides")
     assert code == 2
     shows(said)
+
+
+def test_a_stop_that_is_asked_for_before_torque_is_on_ends_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A signal that comes while the last of a run is prepared, with signals handled already."""
+
+    @contextmanager
+    def asked(*_: object, **__: object) -> Iterator[StopRequest]:
+        request = StopRequest()
+        request.ask("interrupted by the user")
+        yield request
+
+    monkeypatch.setattr("retarget.cli.run.stop_on_signals", asked)
+    path = tmp_path / "run.json"
+    code = code_of("run", "--robot", "op3", "--source", "sample", "--end", "1", "--report", path)
+    said = capsys.readouterr().err
+    assert code == INTERRUPTED and "interrupted" in said and "torque" not in said and not path.exists()
 
 
 @pytest.mark.long
