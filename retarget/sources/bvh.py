@@ -16,7 +16,7 @@ import numpy as np
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
-from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
+from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
 from retarget.sources.skeletons import Channel, JointTree, Pose, posed
 from retarget.types import FloatArray
 
@@ -176,12 +176,14 @@ LOST_LENGTHS = (
 class BvhMotion:
     """What a file holds, in its own axes and units, angles in degrees.
 
-    hierarchy: skeleton and channels. values (T, d): all channels of every frame. rate_hz: frames per second.
+    hierarchy: skeleton and channels. values (T, d): all channels of every frame. rate_hz: frames per second. notes:
+    to the user about this file.
     """
 
     hierarchy: BvhHierarchy
     values: FloatArray
     rate_hz: float
+    notes: tuple[str, ...] = ()
 
 
 def read_bvh(path: Path, *, unit: str | None = None, rate: float | None = None) -> SensorFrames:
@@ -206,10 +208,11 @@ def read_motion(path: Path) -> BvhMotion:
     """Read and check a whole file. Raises InputError with file and line."""
     lines = read_lines(path)
     hierarchy, motion_line = read_hierarchy(lines, path)
-    frames, rate, first = _read_motion_header(lines, motion_line, path)
-    return BvhMotion(
-        hierarchy, _read_values(lines[first:], frames, sum(map(len, hierarchy.channels)), path, first), rate
-    )
+    declared, place, rate, first = _read_motion_header(lines, motion_line, path)
+    values = _read_values(lines[first:], sum(map(len, hierarchy.channels)), path, first)
+    check_frame_count(len(values), str(path))
+    notes = frames_held(len(values), declared, place)
+    return BvhMotion(hierarchy, values, rate, notes)
 
 
 def pose_of(motion: BvhMotion) -> Pose:
@@ -217,8 +220,8 @@ def pose_of(motion: BvhMotion) -> Pose:
     return posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
 
 
-def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, float, int]:
-    """Number of frames, rate (Hz), and the index of the first line of data."""
+def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, str, float, int]:
+    """Number of frames, the line that declares it, rate (Hz), and the index of the first line of data."""
     filled = [index for index in range(start, min(start + 100, len(lines))) if lines[index].strip()][:2]
     pairs = [lines[index].partition(":") for index in filled]
     keys = [" ".join(key.lower().split()) for key, _, _ in pairs]
@@ -242,7 +245,8 @@ def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, 
             allowed="seconds above 0",
             next_step="Correct it, for 120 Hz to 0.008333",
         )
-    return int(count), _tidy_rate(check_rate(1.0 / seconds, interval_place)), filled[1] + 1
+    rate = _tidy_rate(check_rate(1.0 / seconds, interval_place))
+    return int(count), count_place, rate, filled[1] + 1
 
 
 def _tidy_rate(rate: float) -> float:
@@ -251,31 +255,18 @@ def _tidy_rate(rate: float) -> float:
     return float(whole) if abs(rate - whole) < 2e-4 * rate else rate
 
 
-def _read_values(lines: list[str], frames: int, width: int, path: Path, before: int) -> FloatArray:
+def _read_values(lines: list[str], width: int, path: Path, before: int) -> FloatArray:
     """All channel values (T, d), one frame per line. before: number of lines that precede these in the file."""
     if width == 0:
         raise InputError("a skeleton without channels", where=f"{path}:{before}", next_step="Export it with motion")
     rows: list[list[float]] = []
     for index, line in enumerate(lines):
-        words = line.split()
-        if not words:
+        if not (words := line.split()):
             continue
-        where = f"{path}:{before + index + 1}"
-        if len(rows) == frames:
-            allowed = f"{frames}, as 'Frames:' says"
-            raise InputError("more frames than declared", where=where, allowed=allowed, next_step="Correct 'Frames:'")
         try:
-            rows.append(_row(words, width, where))
+            rows.append(_row(words, width, f"{path}:{before + index + 1}"))
         except InputError as error:
             raise cut_short(error, lines[index + 1 :]) from None
-    if len(rows) < frames:
-        raise InputError(
-            "fewer frames than declared",
-            where=f"{path}:{before + len(lines)}",
-            found=len(rows),
-            allowed=f"{frames}, as 'Frames:' says",
-            next_step="The file is cut short: get it again",
-        )
     return np.array(rows)
 
 
@@ -294,7 +285,7 @@ def _row(words: list[str], width: int, where: str) -> list[float]:
 
 def _notes(motion: BvhMotion) -> tuple[str, ...]:
     """Messages to the user about this export."""
-    notes = []
+    notes = [*motion.notes]
     tree = motion.hierarchy.tree
     # The conversion of the CMU database by B. Hahne is known by its joints without length.
     converted = {"LHipJoint", "LowerBack", "LeftFingerBase", "Neck"} <= set(tree.names)
