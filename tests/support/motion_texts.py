@@ -189,6 +189,32 @@ C3D_PROCESSORS = {"intel": 84, "dec": 85, "mips": 86}
 """Byte of a C3D file that says its byte order and floats."""
 
 
+def c3d_floats(values: object, processor: str) -> bytes:
+    """Floats in the format of a processor."""
+    array = np.asarray(values, np.float32).ravel()
+    if processor != "dec":
+        return array.astype(">f4" if processor == "mips" else "<f4").tobytes()
+    words = (array * np.float32(4.0)).view(np.uint32)
+    return np.stack([words >> 16, words & 0xFFFF], axis=1).astype("<u2").tobytes()
+
+
+def c3d_parameter(group: int, name: str, value: object, processor: str) -> bytes:
+    """One parameter of a C3D. Lists of texts have two dimensions; integers and floats as many as the array."""
+    order = ">" if processor == "mips" else "<"
+    if isinstance(value, str | list):
+        rows = [value] if isinstance(value, str) else value
+        width = max(map(len, rows))
+        shape = [width] if isinstance(value, str) else [width, len(rows)]
+        kind, data = -1, b"".join(row.ljust(width).encode() for row in rows)
+    else:
+        array = np.asarray(value)
+        shape = list(array.shape)
+        kind = 4 if array.dtype.kind == "f" else 2
+        data = c3d_floats(array, processor) if kind == 4 else array.ravel().astype(f"{order}u2").tobytes()
+    body = struct.pack("bB", kind, len(shape)) + bytes(shape) + data + b"\0"
+    return struct.pack("bb", len(name), group) + name.encode() + struct.pack(f"{order}H", len(body) + 2) + body
+
+
 def c3d_bytes(
     frames: int = 4,
     *,
@@ -212,28 +238,6 @@ def c3d_bytes(
     order = ">" if processor == "mips" else "<"
     gone, moved = set(lost), at or {}
 
-    def floats(values: object) -> bytes:
-        array = np.asarray(values, np.float32).ravel()
-        if processor != "dec":
-            return array.astype(f"{order}f4").tobytes()
-        words = (array * np.float32(4.0)).view(np.uint32)
-        return np.stack([words >> 16, words & 0xFFFF], axis=1).astype("<u2").tobytes()
-
-    def parameter(group: int, name: str, value: object) -> bytes:
-        """Lists of texts have two dimensions; integers and floats as many as the array."""
-        if isinstance(value, str | list):
-            rows = [value] if isinstance(value, str) else value
-            width = max(map(len, rows))
-            shape = [width] if isinstance(value, str) else [width, len(rows)]
-            kind, data = -1, b"".join(row.ljust(width).encode() for row in rows)
-        else:
-            array = np.asarray(value)
-            shape = list(array.shape)
-            kind = 4 if array.dtype.kind == "f" else 2
-            data = floats(array) if kind == 4 else array.ravel().astype(f"{order}u2").tobytes()
-        body = struct.pack("bB", kind, len(shape)) + bytes(shape) + data + b"\0"
-        return struct.pack("bb", len(name), group) + name.encode() + struct.pack(f"{order}H", len(body) + 2) + body
-
     scale = steps or -1.0
     labels = [prefix + (names or {}).get(name, name) for name in markers]
     values: dict[str, object] = {
@@ -246,12 +250,16 @@ def c3d_bytes(
         [*dict.fromkeys(key.split(":")[0] for key in values)],
     )
     for key, value in values.items():
-        section += parameter(1 + groups.index(key.split(":")[0]), key.split(":")[1], value)
+        section += c3d_parameter(1 + groups.index(key.split(":")[0]), key.split(":")[1], value, processor)
     for number, name in enumerate(groups, start=1):  # groups may stand behind their parameters
         section += struct.pack("bb", len(name), -number) + name.encode() + struct.pack(f"{order}HB", 3, 0)
     blocks = -(-(len(section) + 2) // 512)
     header = bytes((2, 0x50)) + struct.pack(f"{order}4H", len(markers), analog, first, first + frames - 1) + bytes(2)
-    header += floats([scale]) + struct.pack(f"{order}HH", 2 + blocks, 1 if analog else 0) + floats([rate])
+    header += (
+        c3d_floats([scale], processor)
+        + struct.pack(f"{order}HH", 2 + blocks, 1 if analog else 0)
+        + c3d_floats([rate], processor)
+    )
     data = b""
     for frame in range(frames):
         points = np.zeros((len(markers), 4))
@@ -261,6 +269,6 @@ def c3d_bytes(
             if (frame, name) in gone:
                 points[row] = (0.0, 0.0, 0.0, -1.0)
         whole = np.round(points / np.array([steps or 1.0] * 3 + [1.0]))
-        data += whole.astype(f"{order}i2").tobytes() if steps else floats(points)
+        data += whole.astype(f"{order}i2").tobytes() if steps else c3d_floats(points, processor)
         data += bytes((2 if steps else 4) * analog)
     return header.ljust(512, b"\0") + section.ljust(512 * blocks, b"\0") + data.ljust(-(-len(data) // 512) * 512, b"\0")
