@@ -18,7 +18,8 @@ import numpy as np
 from retarget.arithmetic import matmul
 from retarget.errors import InputError
 from retarget.frames import SENSORS, SensorFrames
-from retarget.sources.canonical import UNITS, axes_with_up, named_unit
+from retarget.sources.axes import axes_with_up
+from retarget.sources.canonical import UNITS, named_unit
 from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, frame_times, read_bytes
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
