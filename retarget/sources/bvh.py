@@ -2,21 +2,23 @@
 
 Rotations multiply in the order in which a joint lists its channels; orders may differ inside one file. The root's
 position channels are absolute, and position channels of any other joint replace its OFFSET too. Neither unit nor axes
-are stated: the unit is guessed from the size of the body, and y is up unless the rest pose or the frames say otherwise.
-Sensors and joints as in `canonical`; heading and ground stay where the file has them.
+are stated: the unit is guessed from the size of the body, and the body decides which way is up. A file may hold several
+performers, each with a ROOT. Sensors and joints as in `canonical`; heading and ground stay where the file has them.
 """
 
 import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from retarget.errors import InputError, suggest
+from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
 from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
+from retarget.sources.rest_skeleton import true_offsets
 from retarget.sources.skeletons import Channel, JointTree, Pose, posed
 from retarget.types import FloatArray
 
@@ -122,18 +124,16 @@ def _assembled(joints: list[_Joint]) -> BvhHierarchy:
 def _announced(keyword: str, name: str, joints: list[_Joint], blocks: list[_Joint], where: str) -> _Joint:
     """The joint whose block comes next, kept in `joints`; or an End Site."""
     if (keyword == "ROOT") != (not blocks) or (blocks and not blocks[-1].name):
-        allowed = "one ROOT, with JOINTs and End Sites inside"
+        allowed = "a ROOT for each performer, with JOINTs and End Sites inside"
         raise InputError(f"{keyword} at the wrong place", where=where, allowed=allowed)
-    if keyword == "ROOT" and joints:
-        step = "Split the file: one performer per file"
-        raise InputError("a second ROOT", where=where, found=repr(name)[:80], next_step=step)
     if len(blocks) >= MAX_DEPTH or len(joints) >= MAX_JOINTS:
         allowed = f"up to {MAX_JOINTS} joints, nested up to {MAX_DEPTH} deep"
         raise InputError("skeleton too large", where=where, allowed=allowed)
     parent = joints.index(blocks[-1]) if blocks else -1
     if keyword == "END":
         return _Joint("", parent)
-    if name in [joint.name for joint in joints]:
+    own = joints[joints.index(blocks[0]) :] if blocks else []  # performers may have joints of the same names
+    if name in [joint.name for joint in own]:
         raise InputError("joint defined twice", where=where, found=repr(name)[:80])
     joints.append(_Joint(name, parent))
     return joints[-1]
@@ -186,33 +186,82 @@ class BvhMotion:
     notes: tuple[str, ...] = ()
 
 
-def read_bvh(path: Path, *, unit: str | None = None, rate: float | None = None) -> SensorFrames:
-    """Read a motion. unit: a name of `units.UNITS` instead of the guess. rate: frames per second instead of the file's.
+def read_bvh(
+    path: Path,
+    *,
+    unit: str | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    up: FloatArray | None = None,
+    performer_root: str | None = None,
+) -> SensorFrames:
+    """Read a motion. unit: a name of `UNITS` instead of the guess. rate: frames per second instead of the file's.
+    stature: m, of the performer, which gives the unit. up (3,): the up axis. performer_root: the ROOT that is read of
+    a file with several.
 
     Raises InputError with file and line.
     """
-    motion = read_motion(path)
-    pose = pose_of(motion)
+    motion = read_motion(path, root=performer_root)
+    tree, values, notes = true_offsets(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
     return canonical_frames(
-        motion.hierarchy.tree,
-        pose,
+        tree,
+        posed(tree, motion.hierarchy.channels, values),
         unit=named_unit(unit),
         rate=motion.rate_hz if rate is None else check_rate(rate, "--rate"),
         source=str(path),
-        detect_up=True,
-        notes=_notes(motion),
+        stature=stature,
+        up=up,
+        notes=(*_notes(motion), *notes),
     )
 
 
-def read_motion(path: Path) -> BvhMotion:
-    """Read and check a whole file. Raises InputError with file and line."""
+def read_motion(path: Path, *, root: str | None = None) -> BvhMotion:
+    """Read and check a whole file. root: the name of the ROOT of which the motion is taken; it may be left out where
+    there is one. Raises InputError with file and line, and UsageError for a root that the file does not have."""
     lines = read_lines(path)
     hierarchy, motion_line = read_hierarchy(lines, path)
     declared, place, rate, first = _read_motion_header(lines, motion_line, path)
     values = _read_values(lines[first:], sum(map(len, hierarchy.channels)), path, first)
     check_frame_count(len(values), str(path))
     notes = frames_held(len(values), declared, place)
-    return BvhMotion(hierarchy, values, rate, notes)
+    return _of_root(BvhMotion(hierarchy, values, rate, notes), root, path)
+
+
+def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
+    """The joints below one ROOT of a motion, and their columns."""
+    tree, channels = motion.hierarchy.tree, motion.hierarchy.channels
+    roots: dict[str, int] = {}
+    for joint in (joint for joint, parent in enumerate(tree.parents) if parent < 0):
+        name = tree.names[joint]
+        roots[name if name not in roots else f"{name} ({len(roots) + 1})"] = joint
+    if root is not None and root not in roots:
+        raise UsageError(
+            "no such ROOT in the file",
+            where=f"{path}, --performer-root",
+            found=repr(root)[:80],
+            allowed=", ".join(roots),
+            next_step=suggest(root, roots),
+        )
+    if root is None and len(roots) > 1:
+        raise InputError(
+            f"{len(roots)} performers in the file",
+            where=str(path),
+            found=f"ROOT {', ROOT '.join(roots)}",
+            next_step=f"Say whom to follow, for example --performer-root {shlex.quote(next(iter(roots)))}",
+        )
+    if len(roots) == 1:
+        return motion
+    own = [joint for joint in range(len(tree.names)) if tree.path(joint)[0] == roots[str(root)]]
+    part = JointTree(
+        names=tuple(tree.names[joint] for joint in own),
+        parents=tuple(own.index(tree.parents[joint]) if tree.parents[joint] in own else -1 for joint in own),
+        offsets=tree.offsets[own],
+        ends=tuple(tree.ends[joint] for joint in own),
+    )
+    starts = np.cumsum([0, *map(len, channels)])
+    columns = [column for joint in own for column in range(starts[joint], starts[joint + 1])]
+    hierarchy = BvhHierarchy(part, tuple(channels[joint] for joint in own))
+    return BvhMotion(hierarchy, motion.values[:, columns], motion.rate_hz, motion.notes)
 
 
 def pose_of(motion: BvhMotion) -> Pose:

@@ -22,7 +22,8 @@ from retarget.errors import InputError, Problem, suggest
 from retarget.frames import SENSORS, SensorFrames
 from retarget.schema.strict_models import Name, Schema, Text, listed, read_model, unknown_name
 from retarget.schema.strict_yaml import Document
-from retarget.sources.canonical import UNITS, axes_with_up, named_unit
+from retarget.sources.axes import UP_AXES, world_axes
+from retarget.sources.canonical import UNITS, named_unit
 from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, frame_times, frames_held, read_bytes
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
@@ -287,17 +288,23 @@ most are farther, or nearer than the first, the unit is another one."""
 
 
 def read_c3d(
-    path: Path, *, unit: str | None = None, rate: float | None = None, markers: Path | None = None
+    path: Path,
+    *,
+    unit: str | None = None,
+    rate: float | None = None,
+    up: FloatArray | None = None,
+    markers: Path | None = None,
 ) -> SensorFrames:
     """Read the sensors that the markers of a file allow.
 
-    unit, rate: instead of the file's. markers: the user's own table of markers. Raises InputError if the file is
-    damaged, or holds no known marker, ConfigError for the table.
+    unit, rate, up (3,): instead of the file's. markers: the user's own table of markers. Raises InputError if the file
+    is damaged, or holds no known marker, ConfigError for the table.
     """
     groups = MARKER_GROUPS if markers is None else read_marker_table(markers)
     file = read_c3d_file(path)
+    rate = check_rate(file.rate_hz, str(path)) if rate is None else check_rate(rate, "--rate")
     labels = _labels(file, path)
-    columns, notes = _one_subject(labels, groups)
+    columns, subject_note = _one_subject(labels, groups)
     if markers is not None:
         _refuse_missing(groups, columns, labels, markers)
     chosen = groups_in(columns, groups)
@@ -305,37 +312,37 @@ def read_c3d(
         raise _no_marker(labels, path)
     sensors = tuple(sensor for sensor in SENSORS if sensor in chosen)
     used = sorted({columns[name] for sensor in sensors for name in chosen[sensor]})
-    position, seen, count_notes = _points(file, used, path)
-    metres, unit_note = _metres(file.texts("POINT:UNITS"), unit, path)
+    metres, unit, unit_note = _metres(file.texts("POINT:UNITS"), unit, path)
+    position, seen, count_note = _points(file, used, path)
     position *= metres
-    far_note = _lose_far(position, seen, path, unit or " ".join(file.texts("POINT:UNITS")[:1]) or "mm")
+    far_note = _lose_far(position, seen, path, unit)
     rows = [[used.index(columns[name]) for name in chosen[sensor]] for sensor in sensors]
     valid = np.stack([seen[:, group].all(axis=1) for group in rows], axis=1)
     position = np.stack([position[:, group].mean(axis=1) for group in rows], axis=1)
-    position = matmul(np.where(valid[..., None], position, np.nan), axes_with_up(_up_axis(file)).T)
-    counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
+    position[~valid] = np.nan
+    axes, axes_note = world_axes(
+        dict(zip(sensors, np.moveaxis(position, 1, 0), strict=True)),
+        declared=_declared_up(file),
+        declared_by="its Y_SCREEN",
+        usual=UP_AXES["z"],
+        asked=up,
+    )
+    notes = [*subject_note, *count_note, *unit_note, *axes_note, *far_note]
     without = [sensor for sensor in MARKER_GROUPS if sensor not in chosen]
     others = [label for column, label in enumerate(labels) if column not in used]
     if without and others:
-        count_notes += (f"no markers of {', '.join(without)}; the other labels are {_shown(others)} (see --markers)",)
-    lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
-    rate = check_rate(file.rate_hz, str(path)) if rate is None else check_rate(rate, "--rate")
+        notes.append(f"no markers of {', '.join(without)}; the other labels are {_shown(others)} (see --markers)")
+    counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
+    notes += [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
     return SensorFrames(
         time=frame_times(len(position), rate),
         names=sensors,
-        position=position,
+        position=matmul(position, axes.T),
         orientation=np.full((*valid.shape, 4), np.nan),
         valid=valid,
         source=str(path),
         rate_hz=rate,
-        notes=(
-            *notes,
-            *count_notes,
-            *unit_note,
-            *far_note,
-            *lost,
-            "sensors are means of skin markers, not joint centres",
-        ),
+        notes=(*notes, "sensors are means of skin markers, not joint centres"),
     )
 
 
@@ -411,17 +418,18 @@ _UNIT_NAMES = {
 """Unit names in lower case without a plural s -> ours."""
 
 
-def _metres(texts: tuple[str, ...], unit: str | None, path: Path) -> tuple[float, tuple[str, ...]]:
-    """Metres per unit, and a note where the file states none. texts: of POINT:UNITS, one for all points or one each."""
-    if (named := named_unit(unit)) is not None:
-        return named, ()
+def _metres(texts: tuple[str, ...], unit: str | None, path: Path) -> tuple[float, str, tuple[str, ...]]:
+    """Metres per unit, its name, and a note where the file states none. texts: of POINT:UNITS, one for all points or
+    one each."""
+    if unit is not None and (named := named_unit(unit)) is not None:
+        return named, unit, ()
     words = [word for text in texts for word in re.findall(r"\w+", text.lower())]
     if not words:
-        return UNITS["mm"], ("unit not stated: taken as mm (change it with --unit)",)
+        return UNITS["mm"], "mm", ("unit not stated: taken as mm (change it with --unit)",)
     name = words[0].rstrip("s")
     name = _UNIT_NAMES.get(name, name)
     if name in UNITS:
-        return UNITS[name], ()
+        return UNITS[name], name, ()
     raise InputError(
         "unknown unit in the file",
         where=str(path),
@@ -454,10 +462,7 @@ def _lose_far(position: FloatArray, seen: BoolArray, path: Path, unit: str) -> t
     return (f"{count} marker positions more than {FAR_M:g} m from the others: taken as lost",) if count else ()
 
 
-def _up_axis(file: C3dFile) -> FloatArray:
-    """Up as the file's screen has it (Y_SCREEN, such as +Z); z where it says nothing."""
-    text = next(iter(file.texts("POINT:Y_SCREEN")), "")
-    axis = "XYZ".find(text[-1:].upper()) if text else 2
-    up = np.zeros(3)
-    up[axis if axis >= 0 else 2] = -1.0 if text.startswith("-") else 1.0
-    return up
+def _declared_up(file: C3dFile) -> FloatArray | None:
+    """Up as the file's screen has it (Y_SCREEN, such as +Z); None where it says nothing."""
+    text = next(iter(file.texts("POINT:Y_SCREEN")), "").lower().removeprefix("+")
+    return UP_AXES.get(text)

@@ -138,6 +138,22 @@ def test_unit_and_rate_may_be_said_by_the_user(tmp_path: Path, plain: SensorFram
     assert unstated.notes[0] == "unit not stated: taken as mm (change it with --unit)"
 
 
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("screen", ["+Z", "-Z", "Y", "-x", None, "?"])
+def test_the_body_decides_which_axis_is_up(
+    tmp_path: Path, plain: SensorFrames, turned: bool, screen: str | None
+) -> None:
+    away = {name: (x + 1000.0, y + 2000.0, z) for name, (x, y, z) in MARKERS.items()}
+    path = write(tmp_path, c3d_bytes(markers=away, y_up=turned, more={"POINT:Y_SCREEN": screen}))
+    frames = read_c3d(path)
+    np.testing.assert_allclose(frames.position, plain.position + [1.0, 2.0, 0.0], atol=1e-6)
+    agrees = screen == ("Y" if turned else "+Z")
+    assert any("up axis" in note for note in frames.notes) is not agrees
+    said = read_c3d(path, up=np.array([0.0, 0.0, -1.0]))
+    head, ankle = (said.position[0, said.index(name), 2] for name in ("head", "l_ankle"))
+    assert head - ankle == pytest.approx(0.0 if turned else -1.55, abs=0.05)
+
+
 def test_a_lost_marker_takes_its_sensor_for_that_frame_and_is_counted(tmp_path: Path) -> None:
     frames = read_c3d(write(tmp_path, c3d_bytes(lost=[(1, "LWRA"), (2, "LWRB"), (2, "RANK")])))
     np.testing.assert_array_equal(frames.valid[:, frames.index("l_wrist")], [True, False, False, True])
