@@ -146,7 +146,7 @@ def test_the_body_decides_which_axis_is_up(
     away = {name: (x + 1000.0, y + 2000.0, z) for name, (x, y, z) in MARKERS.items()}
     path = write(tmp_path, c3d_bytes(markers=away, y_up=turned, more={"POINT:Y_SCREEN": screen}))
     frames = read_c3d(path)
-    np.testing.assert_allclose(frames.position, plain.position + [1.0, 2.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(frames.position, np.add(plain.position, [1.0, 2.0, 0.0]), atol=1e-6)
     agrees = screen == ("Y" if turned else "+Z")
     assert any("up axis" in note for note in frames.notes) is not agrees
     said = read_c3d(path, up=np.array([0.0, 0.0, -1.0]))
