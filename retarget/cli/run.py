@@ -327,6 +327,7 @@ class StreamOptions:
         record_raw FILE: Keep every datagram, for replay://.
         listen: web:// for the network, over HTTPS.
         use_generated_legs: web:// uses legs that a headset makes up.
+        mirrored_camera: The camera shows a mirror image: its left is right.
     """
 
     countdown: float | None = None
@@ -340,6 +341,7 @@ class StreamOptions:
     record_raw: Path | None = None
     listen: bool = False
     use_generated_legs: bool = False
+    mirrored_camera: bool = False
     oversight: Oversight = field(default_factory=Oversight)
 
     def begins(self, source: str, playback: Playback) -> LiveOptions:
@@ -363,6 +365,7 @@ class StreamOptions:
             mirror=playback.mirror,
             smoothing=self.smoothing,
             use_generated_legs=self.use_generated_legs,
+            mirrored_camera=self.mirrored_camera,
             latest=self.latest,
             person=self.person,
             recalibrate=self.recalibrate,
@@ -460,6 +463,7 @@ def _performing(
             smoothing=begins.smoothing,
             latest=begins.latest,
             use_generated_legs=begins.use_generated_legs,
+            mirrored_camera=begins.mirrored_camera,
         )
         stack.callback(stream.receiver.close)
         return begin_live(

@@ -168,9 +168,10 @@ class StreamProblems:
     def why(self, now: float) -> str:
         """Return what is wrong, also where it was reported before; "" for nothing."""
         silence = now - self._stream.last
-        # What has arrived instead is only known from then on.
-        watched = self._before is not None and now - self._noted >= 0.5 * self._patience
-        return self._cause(silence, now, *self._before) if watched and silence >= self._patience else ""
+        # What arrives instead is only known of the time since it was noted.
+        if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
+            return ""
+        return self._cause(silence, now, *self._before)
 
     def _seen(self) -> tuple[int, Counter[str]]:
         return self._stream.arrived, _refused(self._stream)

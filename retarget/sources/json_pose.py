@@ -32,7 +32,7 @@ MAX_NAME = 64
 """Characters of the longest name of a pose."""
 MAX_TIME = 1e11
 MAX_FRAME = 2**63 - 1
-"""Largest time, s (the year 5138; in milliseconds, 1973), and frame (a signed 64-bit integer): larger ones are no counters."""
+"""Largest time, s (the year 5138), and frame (a signed 64-bit integer): larger ones are no counters."""
 
 _POSE_KEYS = {"p", "q", "tracked"}
 NUMBER = frozenset((float, int))

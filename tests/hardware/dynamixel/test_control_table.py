@@ -165,7 +165,7 @@ FIRST = {
 
 @pytest.mark.parametrize("model", FIRST)
 def test_first_values_are_the_manuals(model: str) -> None:
-    names = ("model_number", "current_limit", "velocity_limit", "velocity_i_gain", "velocity_p_gain", "position_d_gain")
+    names = ["model_number", "current_limit", "velocity_limit", "velocity_i_gain", "velocity_p_gain", "position_d_gain"]
     names += ("position_i_gain", "position_p_gain", "shutdown", "max_voltage_limit")
     table = find_table(model, 2)
     assert tuple(table[name].initial for name in names) == FIRST[model]
