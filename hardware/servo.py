@@ -173,9 +173,15 @@ _MODELS = (
     _turn("2XL430-W250", 61.0, 1.5, 12.0, None),
     _turn("2XC430-W250", 64.0, 1.8, 12.0, None),
     _turn("XL330-M288", 103.0, 0.52, 5.0, 1.0e-3, 0.481),
+    _turn("XL330-M077", 383.0, 0.215, 5.0, 1.0e-3),
+    _turn("XC330-M288", 81.0, 0.93, 5.0, 1.0e-3),
+    _turn("XC330-M181", 129.0, 0.60, 5.0, 1.0e-3),
     _turn("XC330-T288", 71.0, 1.0, 12.0, 1.0e-3),
     _turn("XC330-T181", 113.0, 0.80, 12.0, 1.0e-3),
     _turn("XH540-W270", 46.0, 11.7, 14.8, 2.69e-3),
+    _turn("XH540-W150", 86.0, 8.5, 14.8, 2.69e-3),
+    _turn("XM540-W270", 30.0, 10.6, 12.0, 2.69e-3),
+    _turn("XM540-W150", 53.0, 7.3, 12.0, 2.69e-3),
     _turn("MX-28", 55.0, 2.5, 12.0, None),
     _turn("MX-64", 63.0, 6.0, 12.0, 3.36e-3, 4.93),
     _turn("MX-106", 45.0, 8.4, 12.0, 3.36e-3, 8.87),
@@ -186,9 +192,24 @@ SERVO_MODELS: dict[str, ServoModel] = {model.name: model for model in _MODELS}
 """Every known model by its maker's name, without the suffix of the connector (-T, -R)."""
 
 
+UNSERVED_MODELS = {350: "XL-320"}
+"""Models that the driver does not serve, by the number that they report. The XL-320 speaks protocol 2.0, but with the
+control table of older servos (torque at 24, position at 37): what is meant for the others of its bus does not reach it,
+torque off included."""
+UNSERVED = "a servo model that this driver does not serve: its control table is no other's of its protocol"
+UNSERVED_STEP = "Use a servo of the list; do not put this one on the bus of a robot"
+
+
+def is_unserved(name: str) -> bool:
+    """Whether a name is that of a model in UNSERVED_MODELS, however it is written (XL320)."""
+    return name.upper().replace("-", "") in {known.replace("-", "") for known in UNSERVED_MODELS.values()}
+
+
 def find_model(name: str) -> ServoModel:
     """Return the model called `name`; a trailing connector suffix (-T or -R) is accepted. Raises HardwareError with the
     known names."""
+    if is_unserved(name):
+        raise HardwareError(UNSERVED, found=repr(name), allowed=", ".join(SERVO_MODELS), then=UNSERVED_STEP)
     model = SERVO_MODELS.get(name) or SERVO_MODELS.get(name.removesuffix("-T").removesuffix("-R"))
     if model is None:
         known = ", ".join(SERVO_MODELS)

@@ -14,7 +14,7 @@ import numpy as np
 from retarget import rotations
 from retarget.arithmetic import norms
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
-from retarget.sources.canonical import limb_turns
+from retarget.model.rest_skeleton import limb_turns
 from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
 from retarget.types import FloatArray
 

@@ -72,7 +72,7 @@ def test_extras_are_there_and_named_beside_the_first_commands() -> None:
         lists = re.findall(r"pip install 'retarget\[(.+?)\]'", text_of(page))
         named = {extra for one in lists for extra in one.split(",")}
         assert named <= set(project["optional-dependencies"]), page
-        assert page != "README.md" or named == {"record", "view", "c3d"}
+        assert page != "README.md" or named == {"record", "view"}
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -309,11 +309,13 @@ class FileOptions:
 
     Playback:
         skeleton FILE.asf: The ASF of an AMC that has none beside it.
+        markers FILE.yaml: Which markers of a C3D are which sensor.
         unit m|cm|mm|inch|cmu: Length unit of a file that states none.
         rate HZ: Frames per second instead of the file's.
     """
 
     skeleton: Path | None = None
+    markers: Path | None = None
     unit: str | None = None
     rate: float | None = None
 
@@ -321,7 +323,7 @@ class FileOptions:
         """Read a motion file. Raises RetargetError."""
         from retarget.sources.open import open_source
 
-        return open_source(source, skeleton=self.skeleton, unit=self.unit, rate=self.rate)
+        return open_source(source, skeleton=self.skeleton, markers=self.markers, unit=self.unit, rate=self.rate)
 
 
 def given(group: Any, *, but: Sequence[str] = ()) -> list[str]:

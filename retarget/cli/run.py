@@ -330,13 +330,14 @@ class StreamOptions:
         person NAME: Keep the performer's size under this name.
         recalibrate: Measure a --person anew who was measured before.
         stature M: The performer's stature, which is not measured then.
-        check_sides: Raise your left arm to the front first: usual, but not for replay://.
+        check_sides: Raise your left arm first: usual, not for replay://.
         yes: The sides are known to be right: no check.
-        smoothing off|light|strong: Of the sensors: by a One-Euro filter. A camera's has its own.
+        smoothing off|light|strong: One-Euro filter of the sensors.
         latest: The newest poses at once, no playout buffer.
         record_raw FILE: Keep every datagram, for replay://.
         listen: web:// for the network, over HTTPS.
         use_generated_legs: web:// uses legs that a headset makes up.
+        mirrored_camera: The camera shows a mirror image.
     """
 
     countdown: float | None = None
@@ -350,6 +351,7 @@ class StreamOptions:
     record_raw: Path | None = None
     listen: bool = False
     use_generated_legs: bool = False
+    mirrored_camera: bool = False
     oversight: Oversight = field(default_factory=Oversight)
 
     def begins(self, source: str, playback: Playback) -> LiveOptions:
@@ -373,6 +375,7 @@ class StreamOptions:
             mirror=playback.mirror,
             smoothing=self.smoothing,
             use_generated_legs=self.use_generated_legs,
+            mirrored_camera=self.mirrored_camera,
             latest=self.latest,
             person=self.person,
             recalibrate=self.recalibrate,
@@ -470,6 +473,7 @@ def _performing(
             smoothing=begins.smoothing,
             latest=begins.latest,
             use_generated_legs=begins.use_generated_legs,
+            mirrored_camera=begins.mirrored_camera,
         )
         stack.callback(stream.receiver.close)
         return begin_live(
@@ -566,7 +570,7 @@ class RunRequest:
     """The options of `retarget run`, typed or from a session file.
 
     Robot:
-        source FILE|ADDRESS: Motion file (AMC, BVH, C3D), 'sample', which comes with the program, or a live stream:
+        source FILE|ADDRESS: Motion file (AMC, BVH, C3D), 'sample' (comes with the program), or a live stream:
             vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
 

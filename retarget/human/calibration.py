@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from retarget import rotations
 from retarget.arithmetic import norm
 from retarget.errors import InputError, Problem
 from retarget.frames import SensorFrames, Skeleton
@@ -23,6 +22,7 @@ from retarget.model.human_dimensions import (
     kind_of,
     proportional_dimensions,
 )
+from retarget.model.rest_skeleton import hanging_toe, rest_faults
 from retarget.types import FloatArray
 
 _LIMB = {"elbow", "wrist", "hand", "knee", "ankle"}
@@ -72,11 +72,21 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
         for name, at in zip(skeleton.names, skeleton.position, strict=True)
         if np.isfinite(at).all()
     }
-    _check_rest(known, source=source)
+    missing = [name for name in REQUIRED if name not in known]
+    if missing:
+        raise InputError("joints missing from the skeleton", where=source, found=f"no {', '.join(missing)}")
+    faults = rest_faults(skeleton)
+    if faults:
+        raise InputError.from_problems(
+            [Problem(f"the skeleton is no body that stands and faces x: {fault}", source) for fault in faults]
+        )
     stature = _stature(known)
     usual = proportional_dimensions(stature)
     points = _completed(known, usual)
     offset = np.array([_offset(name, points) for name in POINTS])
+    for side in "lr":
+        toe = hanging_toe(skeleton, side)
+        offset[POINTS.index(f"{side}_toe")] = usual.of(f"{side}_toe") if toe is None else toe
     result = HumanDimensions(
         offset=offset,
         stature=stature,
@@ -85,21 +95,6 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
     )
     check_plausible(result, source=source)
     return result
-
-
-def _check_rest(known: dict[str, FloatArray], *, source: str) -> None:
-    missing = [name for name in REQUIRED if name not in known]
-    if missing:
-        raise InputError("joints missing from the skeleton", where=source, found=f"no {', '.join(missing)}")
-    across = known["l_hip"] - known["r_hip"]
-    up = known["head"] - 0.5 * (known["l_hip"] + known["r_hip"])
-    problems = []
-    if across[1] < 0.7 * norm(across):
-        problems.append(Problem("the skeleton does not face x in its rest pose", source))
-    if up[2] < 0.7 * norm(up):
-        problems.append(Problem("the skeleton is not upright in its rest pose", source))
-    if problems:
-        raise InputError.from_problems(problems)
 
 
 def _stature(known: dict[str, FloatArray]) -> float:
@@ -130,9 +125,6 @@ def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str
         forearm = points[side + "wrist"] - points[side + "elbow"]
         straight = forearm / max(norm(forearm), 1e-9)
         points.setdefault(side + "hand", points[side + "wrist"] + usual.length(side + "hand") * straight)
-        if side + "toe" not in points:
-            turn = _foot_turn(side, points)
-            points[side + "toe"] = points[side + "ankle"] + rotations.rotate(turn, usual.of(side + "toe"))
     return points
 
 
@@ -141,18 +133,9 @@ def _share(start: FloatArray, end: FloatArray, share: float) -> FloatArray:
 
 
 def _offset(name: str, points: dict[str, FloatArray]) -> FloatArray:
-    """Offset (3,) from the parent in the rest frame."""
+    """Offset (3,) from the parent in the rest frame; zero for toes."""
     parent = PARENTS[POINTS.index(name)]
-    if parent < 0:
+    if parent < 0 or name not in points:
         return np.zeros(3)
     offset = points[name] - points[POINTS[parent]]
-    if kind_of(name) in _LIMB:
-        return np.asarray(norm(offset) * _DOWN)
-    if kind_of(name) == "toe":
-        return rotations.rotate(rotations.conjugate(_foot_turn(name[:2], points)), offset)
-    return np.asarray(offset)
-
-
-def _foot_turn(side: str, points: dict[str, FloatArray]) -> FloatArray:
-    """Turn (4,) of a leg from hanging straight down to where the skeleton has it at rest."""
-    return rotations.shortest_arc(_DOWN, points[side + "ankle"] - points[side + "knee"])
+    return np.asarray(norm(offset) * _DOWN if kind_of(name) in _LIMB else offset)

@@ -57,6 +57,9 @@ MOST_NAMED = 16
 
 NOT_ALLOWED = "sender not on the allow-list"
 SECOND_SOURCE = "a second source"
+NEW_SOCKETS = "the sender opens a new socket for each datagram"
+MANY_PORTS = 4
+"""Ports of the owner's computer that are refused before they are taken for new sockets of one sender."""
 TOO_LONG = "datagram empty or longer than 64 KiB"
 TOO_MANY = "more datagrams than can be decoded in time"
 
@@ -82,6 +85,7 @@ class Admission:
         self.owner: Source | None = None
         """The source that owns the stream; None until one has sent a frame."""
         self._last_frame = 0.0  # [s] of the owner
+        self._ports = set[int]()  # of the owner's computer that were refused, at most MANY_PORTS
         self._named: dict[tuple[str, str], None] = {}
         self._news: list[tuple[Source, str]] = []
 
@@ -97,7 +101,7 @@ class Admission:
             if not self._allowed(source[0]):
                 return self._refuse(NOT_ALLOWED, source)
             if not self._may_own(source, now, moving):
-                return self._refuse(SECOND_SOURCE, source)
+                return self._refuse(self._second(source), source)
         if not 0 < len(datagram.payload) <= MAX_DATAGRAM:
             self.refused.note(TOO_LONG)
             return False
@@ -111,7 +115,7 @@ class Admission:
         """
         if source != self.owner:
             if not self._may_own(source, now, moving):
-                return self._refuse(SECOND_SOURCE, source)
+                return self._refuse(self._second(source), source)
             self.owner = source
         self._last_frame = now
         return True
@@ -120,6 +124,14 @@ class Admission:
         """Sources refused since the last call, with the reason, each address once per reason; for messages."""
         news, self._news = tuple(self._news), []
         return news
+
+    def _second(self, source: Source) -> str:
+        """Why a source beside the owner is refused."""
+        if self.owner is None or source[0] != self.owner[0]:
+            return SECOND_SOURCE
+        if len(self._ports) < MANY_PORTS:
+            self._ports.add(source[1])
+        return NEW_SOCKETS if len(self._ports) == MANY_PORTS else SECOND_SOURCE
 
     def _may_own(self, source: Source, now: float, moving: bool) -> bool:
         if self.owner is None or (not self._by_port and source[0] == self.owner[0]):

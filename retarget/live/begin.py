@@ -45,6 +45,7 @@ class LiveOptions:
     patience: s of waiting for data. countdown: s to get into the pose. duration: s of the run, None: until it is
     stopped. mirror: swap left and right. stature: m, of the performer, if known. smoothing: a name of
     `playout.SMOOTHINGS`. latest: use the newest poses, without a playout buffer. use_generated_legs: see `WebDecoder`.
+    mirrored_camera: the camera shows a mirror image, in which left is right.
     person: name under which the size is kept, None: it is not kept. recalibrate: measure also a person who was measured
     before. check_sides: ask for the left arm first. Raises UsageError for a countdown or a stature out of range.
     """
@@ -57,6 +58,7 @@ class LiveOptions:
     smoothing: str = LIGHT
     latest: bool = False
     use_generated_legs: bool = False
+    mirrored_camera: bool = False
     person: str | None = None
     recalibrate: bool = False
     check_sides: bool = False
@@ -98,7 +100,10 @@ WAIT_S = 10.0
 """Time, s, to raise the arm after a request: enough to hear, understand and do it."""
 
 RAISED, ASIDE = "left rose", "left rose aside"
-_SWAP = "Swap the roles of the left and right trackers, or their names in the performer's file"
+_SWAP = (
+    "If a camera shows a mirror image, give --mirrored-camera (or leave it out); else swap the roles of the left and "
+    "the right trackers, or their names in the performer's file"
+)
 REFUSALS = {
     "right rose": ("the right wrist rose: left and right are swapped", _SWAP),
     "left rose behind": (
@@ -321,7 +326,8 @@ class Beginning:
         if skeleton is None:
             return None
         try:
-            return dimensions_from_skeleton(skeleton, source=self.where)
+            size = dimensions_from_skeleton(skeleton, source=self.where)
+            return mirrored_dimensions(size) if self.stream.roles.mirrored else size
         except InputError as error:
             self.notify(f"the stream's skeleton is not used: {error}")
             return None

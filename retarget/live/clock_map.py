@@ -129,6 +129,20 @@ NUDGE_S = 1e-6
 """Time between two samples whose stamps are equal, so that order is kept."""
 REMEMBERED = 64
 """Frames that are kept to recognise a repeated one."""
+FASTER = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
+"""Units of which so many are a second."""
+RUN_S = 0.1
+"""Time, s, over which the speed of a sender's clock is taken before its unit is named."""
+
+
+def unit_of(speed: float) -> str:
+    """The unit of a sender's time, where so much of it goes by in a second; "" where it is none of FASTER."""
+    return next((unit for factor, unit in FASTER.items() if 0.5 * factor < speed < 2.0 * factor), "")
+
+
+def not_seconds(unit: str) -> str:
+    """Reason for which frames with a time in this unit are dropped."""
+    return f"the sender's time looks like {unit}, and not like seconds"
 
 
 class ClockMap:
@@ -155,6 +169,7 @@ class ClockMap:
         self._odd = OddRun()
         self._recent: OrderedDict[tuple[float | None, int | None], None] = OrderedDict()
         self._newest_number: int | None = None
+        self._began: tuple[float, float] | None = None  # [s] arrival and stamp of the first frame
 
     def map(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
         """The local time (s) at which a frame was captured, at most the arrival (but for microseconds); None: dropped.
@@ -196,6 +211,7 @@ class ClockMap:
     def _by_clock(self, arrival: float, stamp: float, *, step: float) -> float | None:
         """The time by the stamps of the sender."""
         gap = arrival - stamp
+        self._began = self._began or (arrival, stamp)
         if self.offset is None:
             self._restart(arrival, gap)
         assert self.offset is not None
@@ -218,7 +234,11 @@ class ClockMap:
             return self._in_order(arrival, stamp, step)
         if -(AHEAD_S + step) <= excess < 0.0:
             return self._deliver(arrival)
-        self.dropped.note("stamped ahead" if excess < 0.0 else "late" if excess > LATE_S else "out of order")
+        assert self._began is not None
+        since = arrival - self._began[0]
+        unit = unit_of((stamp - self._began[1]) / since) if since > RUN_S else ""
+        usual = "stamped ahead" if excess < 0.0 else "late" if excess > LATE_S else "out of order"
+        self.dropped.note(not_seconds(unit) if unit else usual)
         return None
 
     def _jump(self, arrival: float, gap: float, *, stamp: float) -> None:

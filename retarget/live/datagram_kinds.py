@@ -170,8 +170,6 @@ def _own(kind: str, got: Recognised) -> str:
         return "In MVN's network streamer choose Position + Orientation (Quaternion)"
     if kind == "json" and got.detail:
         return f'Send "axes" as one of {", ".join(CONVENTIONS)}'
-    if kind == "vmc" and got.detail == "bones only":
-        return "Such senders are followed with --performer avatar"
     if kind == "vmc" and got.detail == "no poses":
         return "Load an avatar in the sender, start its tracking, and let it send bones or trackers"
     if kind == "natnet" and got.detail in ("connect", "discovery", "definitions request", "keep alive", "command"):

@@ -81,10 +81,12 @@ def open_stream(
     smoothing: str = LIGHT,
     latest: bool = False,
     use_generated_legs: bool = False,
+    mirrored_camera: bool = False,
 ) -> LiveStream:
     """Open the port, or the recording, of an address; or read what the caller's own receiver gets, which is poses in
     JSON where there is no address. smoothing: see `playout.SMOOTHINGS`. latest: use the newest poses at once, instead
-    of a playout buffer. use_generated_legs: see `WebDecoder`.
+    of a playout buffer. use_generated_legs: see `WebDecoder`. mirrored_camera: the sender's camera shows a
+    mirror image.
 
     Raises InputError: port taken, no such interface, no such recording; UsageError: sensors that such a sender does not
     have.
@@ -95,7 +97,9 @@ def open_stream(
     elif kind == "web":
         decoder = WebDecoder(use_generated_legs=use_generated_legs)
     how = stream_kinds()[kind]
-    roles = roles_of(performer, performer.roles or how.roles, where=f"performer {performer.name}")
+    roles = roles_of(
+        performer, performer.roles or how.roles, where=f"performer {performer.name}", mirrored=mirrored_camera
+    )
     count = len(roles.sensors)
     smooth = pose_filter(smoothing, count)
     if receiver is None:  # when all else was found right

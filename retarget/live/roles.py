@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from retarget import rotations
 from retarget._solver import SensorPlan
 from retarget.errors import Problem, UsageError, suggest
-from retarget.frames import SENSORS
+from retarget.frames import REFLECT_POSITION, REFLECT_QUATERNION, SENSORS, mirrored_name
 from retarget.human.rest_pose import REQUIRED
 from retarget.schema.performer import Performer
 from retarget.sources.mvn import MVN_JOINTS
@@ -48,6 +48,12 @@ class Place:
     standing: Quaternion = _UPRIGHT
     offset: Triple = _NOWHERE
     loose: bool = False
+
+    def reflected(self) -> "Place":
+        """The place of the other side's sensor, in poses that are reflected left to right."""
+        w, x, y, z = self.standing
+        ahead, left, up = self.offset
+        return replace(self, standing=(w, -x, y, -z), offset=(ahead, -left, up))
 
 
 def _places(convention: str) -> dict[str, Place]:
@@ -117,11 +123,18 @@ class Roles:
     """The sensors of a performer in the poses of one sender."""
 
     def __init__(
-        self, sensors: Sequence[str], places: Sequence[Place], *, convention: str = "", partial: bool = False
+        self,
+        sensors: Sequence[str],
+        places: Sequence[Place],
+        *,
+        convention: str = "",
+        partial: bool = False,
+        mirrored: bool = False,
     ) -> None:
-        """partial: sensors that the sender does not have take no part, and are not waited for."""
+        """partial: sensors that the sender does not have take no part, and are not waited for. mirrored: the sender
+        sees the performer in a mirror; places are those of the other side, for poses that are reflected."""
         self.sensors, self.places, self.convention = tuple(sensors), tuple(places), convention
-        self.partial = partial
+        self.partial, self.mirrored = partial, mirrored
         self._plan = lru_cache(maxsize=MAX_KNOWN)(self._make)
 
     @property
@@ -140,7 +153,7 @@ class Roles:
         for place, by in zip(self.places, offset, strict=True):
             x, y, z = (rotations.rotate(rotations.conjugate(place.standing), by) + place.offset).tolist()
             places.append(replace(place, offset=(x, y, z)) if place.loose else place)
-        return Roles(self.sensors, places, convention=self.convention, partial=self.partial)
+        return Roles(self.sensors, places, convention=self.convention, partial=self.partial, mirrored=self.mirrored)
 
     def take(self, frame: StreamFrame) -> SensorPoses | None:
         """The sensors of a frame; None where it has none of them."""
@@ -148,6 +161,8 @@ class Roles:
         if plan is None:
             return None
         position, orientation = np.ascontiguousarray(frame.position), np.ascontiguousarray(frame.orientation)
+        if self.mirrored:
+            position, orientation = position * REFLECT_POSITION, orientation * REFLECT_QUATERNION
         rows, columns = plan
         return SensorPoses(rows, *columns.read(position, orientation, frame.tracked))
 
@@ -171,10 +186,11 @@ class Roles:
         return np.array([row for row, _ in sent]), columns
 
 
-def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
+def roles_of(performer: Performer, convention: str, *, where: str, mirrored: bool = False) -> Roles:
     """The performer's sensors by the names of the performer's file, or else by those of a convention.
 
-    where: the performer's file, for messages. Raises UsageError with every sensor that such a sender does not have. Of
+    where: the performer's file, for messages. mirrored: the sender sees the performer in a mirror, so that what it
+    calls left is right. Raises UsageError with every sensor that such a sender does not have. Of
     a partial file, only the sensors that measuring needs are refused.
     """
     if convention not in CONVENTIONS:
@@ -188,8 +204,10 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
     known, places, problems, missing = CONVENTIONS[convention], list[Place](), list[Problem](), list[str]()
     standing = {place.orientation: place.standing for place in known.values()}
     for name, sensor in performer.sensors.items():
-        role = sensor.role
-        place = known.get(name) if role is None else Place(role, role, standing.get(role, _UPRIGHT))
+        sent = mirrored_name(name) if mirrored else name
+        role = performer.sensors.get(sent, sensor).role
+        place = known.get(sent) if role is None else Place(role, role, standing.get(role, _UPRIGHT))
+        place = place.reflected() if mirrored and place is not None else place
         if place is not None and (not sensor.beside or place.position == place.orientation):
             places.append(replace(place, loose=sensor.beside))
         elif place is not None:
@@ -214,4 +232,4 @@ def roles_of(performer: Performer, convention: str, *, where: str) -> Roles:
         )
     if problems:
         raise UsageError.from_problems(problems)
-    return Roles(tuple(performer.sensors), places, convention=convention, partial=performer.partial)
+    return Roles(tuple(performer.sensors), places, convention=convention, partial=performer.partial, mirrored=mirrored)

@@ -56,7 +56,8 @@ def _newest(admitted: list[Datagram]) -> int:
 class LiveStream:
     """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; no data from outside raise.
 
-    frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived. tap:
+    frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived that has a
+    time. tap:
     records the admitted datagrams, None: they are not recorded. smooth: not used on what a camera's decoder smooths.
     """
 
@@ -120,7 +121,6 @@ class LiveStream:
             return []
         for frame in frames:
             self.frames += 1
-            self.last = datagram.arrival
             if self.frames < 1000 and len(self.names) < 256:  # only messages at the start need them
                 self.names.update(dict.fromkeys(frame.names))
             if frame.camera is not self._camera:
@@ -128,6 +128,8 @@ class LiveStream:
                 self.validity.restart(CAMERA_LIMITS if frame.camera else LIMITS)
             time = self.clock_map.map(datagram.arrival, frame.stamp, frame.number)
             poses = None if time is None else self.roles.take(frame)
+            if time is not None:
+                self.last = datagram.arrival
             if time is not None and poses is not None:
                 self._keep(poses, time, datagram.arrival)
         return frames

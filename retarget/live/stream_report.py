@@ -12,12 +12,13 @@ import numpy as np
 from retarget.errors import InputError, Problem
 from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.live.address import KINDS, for_others, parse_address
-from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
-from retarget.live.clock_map import JumpKind
+from retarget.live.admission import NEW_SOCKETS, NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
+from retarget.live.clock_map import FASTER, JumpKind, not_seconds
 from retarget.live.datagram_kinds import advice_for, reads, recognise
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
+from retarget.sources.json_pose import TIME_IN_MS
 from retarget.sources.mvn import MvnDecoder
 from retarget.sources.natnet_session import NEWEST, natnet_problems
 from retarget.sources.natnet_wire import OLDEST
@@ -41,6 +42,13 @@ OWNER_SILENT = (
     "or end this run and start it anew"
 )
 """To be filled with the owner of the stream."""
+IN_SECONDS = "Let the sender send its time in seconds"
+STEPS = {
+    NEW_SOCKETS: "Let it keep one socket for all datagrams",
+    TIME_IN_MS: IN_SECONDS,
+    **{not_seconds(unit): IN_SECONDS for unit in FASTER.values()},
+}
+"""The next step, by a reason that a sender's mistake in every datagram has."""
 QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaternion)"
 
 
@@ -58,6 +66,9 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         return InputError(
             "what arrives cannot be used", where=where, found=found, next_step=step or _step(stream, refused)
         )
+    if _commonest(refused) in STEPS:
+        step = _step(stream, refused)
+        return InputError("what arrives cannot be used", where=where, found=reasons, next_step=step)
     if silence >= 0.5 * SILENT_S and stream.receiver.finished:
         return InputError(OVER.format(silence), where=where, next_step=LONGER)
     if silence >= 0.5 * SILENT_S:
@@ -121,7 +132,8 @@ class StreamProblems:
         self._patience = NATNET_S if isinstance(stream.receiver, NatnetReceiver) else SILENT_S
         self._reported = ""
         self._before: tuple[int, Counter[str]] | None = None
-        """Counts when the silence began: datagrams, refusals by reason."""
+        """Counts when the silence began, or was first seen: datagrams, refusals by reason."""
+        self._noted = 0.0  # [s] when that was
 
     @property
     def foreign(self) -> bool:
@@ -134,7 +146,7 @@ class StreamProblems:
         if silence < NOTED_S:
             self._before = None
         elif self._before is None:
-            self._before = self._seen()
+            self._before, self._noted = self._seen(), now
         if not self.foreign and silence < 0.5 * self._patience:
             self._reported = ""
         if self._reported:
@@ -156,7 +168,10 @@ class StreamProblems:
     def why(self, now: float) -> str:
         """Return what is wrong, also where it was reported before; "" for nothing."""
         silence = now - self._stream.last
-        return "" if self._before is None or silence < self._patience else self._cause(silence, now, *self._before)
+        # What arrives instead is only known of the time since it was noted.
+        if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
+            return ""
+        return self._cause(silence, now, *self._before)
 
     def _seen(self) -> tuple[int, Counter[str]]:
         return self._stream.arrived, _refused(self._stream)
@@ -197,7 +212,7 @@ def _step(stream: LiveStream, reasons: Counter[str]) -> str:
     if commonest == NOT_ALLOWED:
         who = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
         return f"If that is the sender, name it in the address: ?allow={who}"
-    return QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER
+    return STEPS.get(commonest) or (QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER)
 
 
 def _is_foreign(stream: LiveStream) -> bool:
@@ -269,6 +284,8 @@ class StreamNews:
 
 def _refusal(source: Source, reason: str, owner: Source | None) -> str:
     who = f"{source[0]}:{source[1]}"
+    if reason == NEW_SOCKETS:
+        return f"{reason}, and all but the first are ignored. {STEPS[reason]}"
     if reason == SECOND_SOURCE and owner is not None:
         return f"{who} sends too, and is ignored: {owner[0]}:{owner[1]} was first"
     if reason == NOT_ALLOWED:

@@ -10,7 +10,15 @@ from math import pi, radians
 from hardware.bus import BAUDS, WATCHDOG_STEP, fastest_baud
 from hardware.errors import HardwareError
 from hardware.joint_map import coupling_problems
-from hardware.servo import HOMING_REACH, SERVO_MODELS, ServoModel, find_model
+from hardware.servo import (
+    HOMING_REACH,
+    SERVO_MODELS,
+    UNSERVED,
+    UNSERVED_STEP,
+    ServoModel,
+    find_model,
+    is_unserved,
+)
 from retarget.errors import Problem
 from retarget.frames import JOINTS
 from retarget.schema.profile import RobotProfile
@@ -37,6 +45,10 @@ def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]
         elif bus is not None and servo.id not in bus.ids:
             found = f"{servo.id}, which is not among the ids of bus {servo.bus!r}"
             yield document.problem((*here, "id"), "servo id not on its bus", found=found)
+        if is_unserved(servo.model):
+            path, allowed = (*here, "model"), ", ".join(SERVO_MODELS)
+            yield document.problem(path, UNSERVED, found=repr(servo.model), allowed=allowed, next_step=UNSERVED_STEP)
+            continue
         if model is None:
             yield unknown_name(document, (*here, "model"), "servo model", servo.model, SERVO_MODELS)
             continue

@@ -11,7 +11,7 @@ from retarget.errors import RefusedError
 from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.live.admission import Datagram, Source
-from retarget.live.clock_map import JumpKind
+from retarget.live.clock_map import JumpKind, unit_of
 from retarget.live.datagram_kinds import Recognised, recognise
 from retarget.live.playout import DELAY_CAP_S
 from retarget.live.roles import CONVENTIONS, Place
@@ -335,6 +335,8 @@ def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: 
     return findings(
         "clock",
         distinct=len(np.unique(stamps)),
+        fast=speed if unit_of(speed) else 0.0,
+        unit=unit_of(speed),
         skew=abs(speed - 1.0),
         second=1.0 / max(speed, 1e-9),
         local=at[-1] - at[0],

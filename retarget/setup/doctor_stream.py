@@ -14,7 +14,7 @@ import numpy as np
 from hardware.clock import Clock
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, KINDS, StreamAddress, for_others, local_interfaces
-from retarget.live.admission import NOT_ALLOWED, SECOND_SOURCE
+from retarget.live.admission import NEW_SOCKETS, NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
 from retarget.live.datagram_kinds import DAMAGED, advice_for, reads
 from retarget.live.open_stream import open_stream, stream_kinds
@@ -104,10 +104,13 @@ def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -
 def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
     """Senders that were refused."""
     found, admission = [], capture.stream.admission
-    for (host, port), reason in admission.news():
+    news = admission.news()
+    many = {host for (host, _), reason in news if reason == NEW_SOCKETS}
+    found += [finding("sender/sockets", host=host) for host in many]
+    for (host, port), reason in news:
         if reason == NOT_ALLOWED:
             found.append(finding("sender/not allowed", host=host, port=port))
-        elif reason == SECOND_SOURCE:
+        elif reason == SECOND_SOURCE and host not in many:
             owner = admission.owner
             first = f"; {owner[0]}, port {owner[1]}, was first and is followed" if owner is not None else ""
             found.append(finding("sender/second", host=host, port=port, first=first))

@@ -86,9 +86,10 @@ def _numbers(names: Iterable[str]) -> list[int]:
 
 
 def _candidates(strongest: float) -> list[ServoModel]:
-    """Models of protocol 2 of one supply: 5 V only where no joint is strong."""
-    low = 0.0 < strongest <= 0.6
-    return [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols and (entry.voltage < LOW_VOLTAGE) == low]
+    """Models of protocol 2 of one supply: that of the model which is nearest to the strongest joint, N m."""
+    known = [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols]
+    nearest = _chosen(known, strongest, 0.0)[0]
+    return [entry for entry in known if (entry.voltage < LOW_VOLTAGE) == (nearest.voltage < LOW_VOLTAGE)]
 
 
 def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[ServoModel, str]:

@@ -230,13 +230,20 @@ CMU_LENGTH_UNIT = 0.45
 
 
 def read_amc(
-    path: Path, *, skeleton: Path | None = None, unit: str | None = None, rate: float | None = None
+    path: Path,
+    *,
+    skeleton: Path | None = None,
+    unit: str | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    up: FloatArray | None = None,
 ) -> SensorFrames:
     """Read a motion and its skeleton.
 
     skeleton: the ASF; by default one in the AMC's folder, by subject number (02_06.amc: 02.asf) or by the same name.
     unit: a name of `units.UNITS`; by default CMU's for `length 0.45`, else guessed from the body's size. rate: frames
-    per second, 120 by default. Raises InputError with file and line.
+    per second, 120 by default. stature: m, of the performer, which gives the unit. up (3,): the up axis. Raises
+    InputError with file and line.
     """
     lines = read_lines(path)
     asf = read_asf(skeleton if skeleton is not None else find_skeleton(path))
@@ -254,7 +261,8 @@ def read_amc(
         unit=CMU_METRES if unit is None and is_cmu else named_unit(unit),
         rate=check_rate(rate, "--rate"),
         source=str(path),
-        detect_up=False,
+        stature=stature,
+        up=up,
         notes=notes,
     )
 

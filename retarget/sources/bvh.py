@@ -2,21 +2,23 @@
 
 Rotations multiply in the order in which a joint lists its channels; orders may differ inside one file. The root's
 position channels are absolute, and position channels of any other joint replace its OFFSET too. Neither unit nor axes
-are stated: the unit is guessed from the size of the body, and y is up unless the rest pose or the frames say otherwise.
-Sensors and joints as in `canonical`; heading and ground stay where the file has them.
+are stated: the unit is guessed from the size of the body, and the body decides which way is up. A file may hold several
+performers, each with a ROOT. Sensors and joints as in `canonical`; heading and ground stay where the file has them.
 """
 
 import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from retarget.errors import InputError, suggest
+from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
-from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
+from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
+from retarget.sources.rest_skeleton import true_offsets
 from retarget.sources.skeletons import Channel, JointTree, Pose, posed
 from retarget.types import FloatArray
 
@@ -122,18 +124,16 @@ def _assembled(joints: list[_Joint]) -> BvhHierarchy:
 def _announced(keyword: str, name: str, joints: list[_Joint], blocks: list[_Joint], where: str) -> _Joint:
     """The joint whose block comes next, kept in `joints`; or an End Site."""
     if (keyword == "ROOT") != (not blocks) or (blocks and not blocks[-1].name):
-        allowed = "one ROOT, with JOINTs and End Sites inside"
+        allowed = "a ROOT for each performer, with JOINTs and End Sites inside"
         raise InputError(f"{keyword} at the wrong place", where=where, allowed=allowed)
-    if keyword == "ROOT" and joints:
-        step = "Split the file: one performer per file"
-        raise InputError("a second ROOT", where=where, found=repr(name)[:80], next_step=step)
     if len(blocks) >= MAX_DEPTH or len(joints) >= MAX_JOINTS:
         allowed = f"up to {MAX_JOINTS} joints, nested up to {MAX_DEPTH} deep"
         raise InputError("skeleton too large", where=where, allowed=allowed)
     parent = joints.index(blocks[-1]) if blocks else -1
     if keyword == "END":
         return _Joint("", parent)
-    if name in [joint.name for joint in joints]:
+    own = joints[joints.index(blocks[0]) :] if blocks else []  # performers may have joints of the same names
+    if name in [joint.name for joint in own]:
         raise InputError("joint defined twice", where=where, found=repr(name)[:80])
     joints.append(_Joint(name, parent))
     return joints[-1]
@@ -176,40 +176,92 @@ LOST_LENGTHS = (
 class BvhMotion:
     """What a file holds, in its own axes and units, angles in degrees.
 
-    hierarchy: skeleton and channels. values (T, d): all channels of every frame. rate_hz: frames per second.
+    hierarchy: skeleton and channels. values (T, d): all channels of every frame. rate_hz: frames per second. notes:
+    to the user about this file.
     """
 
     hierarchy: BvhHierarchy
     values: FloatArray
     rate_hz: float
+    notes: tuple[str, ...] = ()
 
 
-def read_bvh(path: Path, *, unit: str | None = None, rate: float | None = None) -> SensorFrames:
-    """Read a motion. unit: a name of `units.UNITS` instead of the guess. rate: frames per second instead of the file's.
+def read_bvh(
+    path: Path,
+    *,
+    unit: str | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    up: FloatArray | None = None,
+    performer_root: str | None = None,
+) -> SensorFrames:
+    """Read a motion. unit: a name of `UNITS` instead of the guess. rate: frames per second instead of the file's.
+    stature: m, of the performer, which gives the unit. up (3,): the up axis. performer_root: the ROOT that is read of
+    a file with several.
 
     Raises InputError with file and line.
     """
-    motion = read_motion(path)
-    pose = pose_of(motion)
+    motion = read_motion(path, root=performer_root)
+    tree, values, notes = true_offsets(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
     return canonical_frames(
-        motion.hierarchy.tree,
-        pose,
+        tree,
+        posed(tree, motion.hierarchy.channels, values),
         unit=named_unit(unit),
         rate=motion.rate_hz if rate is None else check_rate(rate, "--rate"),
         source=str(path),
-        detect_up=True,
-        notes=_notes(motion),
+        stature=stature,
+        up=up,
+        notes=(*_notes(motion), *notes),
     )
 
 
-def read_motion(path: Path) -> BvhMotion:
-    """Read and check a whole file. Raises InputError with file and line."""
+def read_motion(path: Path, *, root: str | None = None) -> BvhMotion:
+    """Read and check a whole file. root: the name of the ROOT of which the motion is taken; it may be left out where
+    there is one. Raises InputError with file and line, and UsageError for a root that the file does not have."""
     lines = read_lines(path)
     hierarchy, motion_line = read_hierarchy(lines, path)
-    frames, rate, first = _read_motion_header(lines, motion_line, path)
-    return BvhMotion(
-        hierarchy, _read_values(lines[first:], frames, sum(map(len, hierarchy.channels)), path, first), rate
+    declared, place, rate, first = _read_motion_header(lines, motion_line, path)
+    values = _read_values(lines[first:], sum(map(len, hierarchy.channels)), path, first)
+    check_frame_count(len(values), str(path))
+    notes = frames_held(len(values), declared, place)
+    return _of_root(BvhMotion(hierarchy, values, rate, notes), root, path)
+
+
+def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
+    """The joints below one ROOT of a motion, and their columns."""
+    tree, channels = motion.hierarchy.tree, motion.hierarchy.channels
+    roots: dict[str, int] = {}
+    for joint in (joint for joint, parent in enumerate(tree.parents) if parent < 0):
+        name = tree.names[joint]
+        roots[name if name not in roots else f"{name} ({len(roots) + 1})"] = joint
+    if root is not None and root not in roots:
+        raise UsageError(
+            "no such ROOT in the file",
+            where=f"{path}, --performer-root",
+            found=repr(root)[:80],
+            allowed=", ".join(roots),
+            next_step=suggest(root, roots),
+        )
+    if root is None and len(roots) > 1:
+        raise InputError(
+            f"{len(roots)} performers in the file",
+            where=str(path),
+            found=f"ROOT {', ROOT '.join(roots)}",
+            next_step=f"Say whom to follow, for example --performer-root {shlex.quote(next(iter(roots)))}",
+        )
+    if len(roots) == 1:
+        return motion
+    own = [joint for joint in range(len(tree.names)) if tree.path(joint)[0] == roots[str(root)]]
+    part = JointTree(
+        names=tuple(tree.names[joint] for joint in own),
+        parents=tuple(own.index(tree.parents[joint]) if tree.parents[joint] in own else -1 for joint in own),
+        offsets=tree.offsets[own],
+        ends=tuple(tree.ends[joint] for joint in own),
     )
+    starts = np.cumsum([0, *map(len, channels)])
+    columns = [column for joint in own for column in range(starts[joint], starts[joint + 1])]
+    hierarchy = BvhHierarchy(part, tuple(channels[joint] for joint in own))
+    return BvhMotion(hierarchy, motion.values[:, columns], motion.rate_hz, motion.notes)
 
 
 def pose_of(motion: BvhMotion) -> Pose:
@@ -217,8 +269,8 @@ def pose_of(motion: BvhMotion) -> Pose:
     return posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
 
 
-def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, float, int]:
-    """Number of frames, rate (Hz), and the index of the first line of data."""
+def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, str, float, int]:
+    """Number of frames, the line that declares it, rate (Hz), and the index of the first line of data."""
     filled = [index for index in range(start, min(start + 100, len(lines))) if lines[index].strip()][:2]
     pairs = [lines[index].partition(":") for index in filled]
     keys = [" ".join(key.lower().split()) for key, _, _ in pairs]
@@ -242,7 +294,8 @@ def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, 
             allowed="seconds above 0",
             next_step="Correct it, for 120 Hz to 0.008333",
         )
-    return int(count), _tidy_rate(check_rate(1.0 / seconds, interval_place)), filled[1] + 1
+    rate = _tidy_rate(check_rate(1.0 / seconds, interval_place))
+    return int(count), count_place, rate, filled[1] + 1
 
 
 def _tidy_rate(rate: float) -> float:
@@ -251,31 +304,18 @@ def _tidy_rate(rate: float) -> float:
     return float(whole) if abs(rate - whole) < 2e-4 * rate else rate
 
 
-def _read_values(lines: list[str], frames: int, width: int, path: Path, before: int) -> FloatArray:
+def _read_values(lines: list[str], width: int, path: Path, before: int) -> FloatArray:
     """All channel values (T, d), one frame per line. before: number of lines that precede these in the file."""
     if width == 0:
         raise InputError("a skeleton without channels", where=f"{path}:{before}", next_step="Export it with motion")
     rows: list[list[float]] = []
     for index, line in enumerate(lines):
-        words = line.split()
-        if not words:
+        if not (words := line.split()):
             continue
-        where = f"{path}:{before + index + 1}"
-        if len(rows) == frames:
-            allowed = f"{frames}, as 'Frames:' says"
-            raise InputError("more frames than declared", where=where, allowed=allowed, next_step="Correct 'Frames:'")
         try:
-            rows.append(_row(words, width, where))
+            rows.append(_row(words, width, f"{path}:{before + index + 1}"))
         except InputError as error:
             raise cut_short(error, lines[index + 1 :]) from None
-    if len(rows) < frames:
-        raise InputError(
-            "fewer frames than declared",
-            where=f"{path}:{before + len(lines)}",
-            found=len(rows),
-            allowed=f"{frames}, as 'Frames:' says",
-            next_step="The file is cut short: get it again",
-        )
     return np.array(rows)
 
 
@@ -294,7 +334,7 @@ def _row(words: list[str], width: int, where: str) -> list[float]:
 
 def _notes(motion: BvhMotion) -> tuple[str, ...]:
     """Messages to the user about this export."""
-    notes = []
+    notes = [*motion.notes]
     tree = motion.hierarchy.tree
     # The conversion of the CMU database by B. Hahne is known by its joints without length.
     converted = {"LHipJoint", "LowerBack", "LeftFingerBase", "Neck"} <= set(tree.names)

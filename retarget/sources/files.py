@@ -1,6 +1,7 @@
 """Motion files as text or bytes: everything that can be wrong before a parser looks at the content."""
 
 import math
+import re
 import stat
 from collections.abc import Sequence
 from dataclasses import replace
@@ -81,7 +82,8 @@ def read_lines(path: Path) -> list[str]:
 
 
 def numbers(tokens: Sequence[str], where: str) -> list[float]:
-    """Read tokens as finite numbers of plausible size. Raises InputError that names the bad one."""
+    """Read tokens as finite numbers of plausible size, with a decimal point or comma. Raises InputError that names the
+    bad one."""
     try:
         values = list(map(float, tokens))
         # One NaN or infinity spoils the sum, so a small sum means that all are usable.
@@ -92,20 +94,21 @@ def numbers(tokens: Sequence[str], where: str) -> list[float]:
     return [_number(token, where) for token in tokens]
 
 
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+"""A number as exporters write it on machines of many countries: 0,0333."""
+
+
 def _number(token: str, where: str) -> float:
+    step = "Correct it, or export the recording again with its gaps filled"
     try:
-        value = float(token)
+        value = float(token.replace(",", ".") if _DECIMAL_COMMA.fullmatch(token) else token)
     except ValueError:
         value = math.nan
+        step = "Correct it, or export the file again with decimal points and blanks between numbers"
     if abs(value) <= MAX_VALUE:
         return value
-    raise InputError(
-        "not a usable number",
-        where=where,
-        found=repr(token[:40]),
-        allowed="a finite number up to 1e9",
-        next_step="Correct it, or export the recording again with its gaps filled",
-    )
+    allowed = "a finite number up to 1e9"
+    raise InputError("not a usable number", where=where, found=repr(token[:40]), allowed=allowed, next_step=step)
 
 
 def cut_short(error: InputError, rest: Sequence[str]) -> InputError:
@@ -115,6 +118,27 @@ def cut_short(error: InputError, rest: Sequence[str]) -> InputError:
         return error
     step = "The file ends here and seems cut short: get it again"
     return InputError.from_problems([replace(problem, next_step=step) for problem in error.problems])
+
+
+COUNT_SHARE = 0.01
+"""Share of the declared frames, and at least one frame, by which a file may hold fewer or more than it declares: common
+products count one too few."""
+
+
+def frames_held(held: int, declared: int, where: str) -> tuple[str, ...]:
+    """A note where a file holds a few frames more or fewer than it declares. Raises InputError for more than a few."""
+    if held == declared:
+        return ()
+    if abs(held - declared) <= max(1, int(COUNT_SHARE * declared)):
+        return (f"the file declares {declared} frames and holds {held}: all of these are read",)
+    fewer = held < declared
+    raise InputError(
+        f"{'fewer' if fewer else 'more'} frames than declared",
+        where=where,
+        found=held,
+        allowed=f"{declared}, give or take one frame or {COUNT_SHARE:.0%}",
+        next_step="The file is cut short: get it again" if fewer else "Correct the number of frames that it declares",
+    )
 
 
 def check_frame_count(count: int, where: str) -> None:

@@ -30,9 +30,9 @@ ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 
 MAX_NAME = 64
 """Characters of the longest name of a pose."""
-MAX_TIME = 1e12
+MAX_TIME = 1e11
 MAX_FRAME = 2**63 - 1
-"""Largest time, s (the year 33,000), and frame (a signed 64-bit integer): larger ones are no counters."""
+"""Largest time, s (the year 5138), and frame (a signed 64-bit integer): larger ones are no counters."""
 
 _POSE_KEYS = {"p", "q", "tracked"}
 NUMBER = frozenset((float, int))
@@ -122,28 +122,29 @@ _JSON = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
 """Made once: that costs as much as a pose."""
 
 
-_FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "axes": (lambda name: type(name) is str and name in CONVENTIONS, '"axes" is missing or no known convention'),
-    "quaternion": (lambda name: type(name) is str and name in ORDERS, '"quaternion" is neither "wxyz" nor "xyzw"'),
-    "time": (
-        lambda time: type(time) in (float, int) and abs(time) <= MAX_TIME,
-        '"time" is no finite number of seconds',
-    ),
-    "frame": (lambda number: type(number) is int and 0 <= number <= MAX_FRAME, '"frame" is no whole number from 0'),
-    "poses": (
+TIME_IN_MS = '"time" is too large for seconds: it looks like milliseconds, or a smaller unit'
+_CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
+    ("axes", lambda name: type(name) is str and name in CONVENTIONS, '"axes" is missing or no known convention'),
+    ("quaternion", lambda name: type(name) is str and name in ORDERS, '"quaternion" is neither "wxyz" nor "xyzw"'),
+    ("time", lambda time: type(time) in (float, int) and abs(time) < math.inf, '"time" is no finite number of seconds'),
+    ("time", lambda time: abs(time) <= MAX_TIME, TIME_IN_MS),
+    ("frame", lambda number: type(number) is int and 0 <= number <= MAX_FRAME, '"frame" is no whole number from 0'),
+    (
+        "poses",
         lambda poses: type(poses) is dict and 0 < len(poses) <= MAX_POSES,
         f'"poses" is no object of 1 to {MAX_POSES} poses',
     ),
-}
-"""Key of a message -> what its value must be, and why the message is refused otherwise."""
+)
+"""Key of a message, what its value must be, and why the message is refused otherwise."""
+_KEYS = {key for key, _, _ in _CHECKS}
 _REQUIRED = {"axes", "poses"}
 
 
 def _check(message: dict[str, Any]) -> None:
     """Raise Refused for a message with a key or a value that is not usable."""
-    if not message.keys() <= _FIELDS.keys():
+    if not message.keys() <= _KEYS:
         raise Refused("a key other than axes, quaternion, time, frame, poses")
-    for key, (is_usable, reason) in _FIELDS.items():
+    for key, is_usable, reason in _CHECKS:
         if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
             raise Refused(reason)
 

@@ -61,13 +61,23 @@ class MvnHeader:
 
 
 def read_header(data: bytes) -> MvnHeader | None:
-    """The header of a datagram, or None if it has none."""
+    """The header of a datagram, or None if it has none. Before 2018 its last seven bytes were reserved and zero: the
+    payload then has the size that is there."""
     if len(data) < HEADER_BYTES:
         return None
     magic, digits, sample, counter, items, time_ms, character, _, _, _, _, size = _HEADER.unpack_from(data)
     if magic != b"MXTP" or not digits.isdigit():
         return None
-    return MvnHeader(int(digits), sample, counter & 0x7F, counter >= 0x80, items, time_ms, character, size)
+    return MvnHeader(
+        int(digits),
+        sample,
+        counter & 0x7F,
+        counter >= 0x80,
+        items,
+        time_ms,
+        character,
+        size or len(data) - HEADER_BYTES,
+    )
 
 
 def read_scale(payload: bytes) -> tuple[tuple[str, ...], FloatArray] | None:

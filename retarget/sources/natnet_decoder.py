@@ -190,6 +190,7 @@ def rest_skeleton(group: GroupDefinition, axes: Convention) -> Skeleton | None:
             places[number] = places.get(bone.parent & 0xFFFF, np.zeros(3)) + bone.offset
     if joints is None:
         return None
+    joints = {"pelvis": 0, **joints}  # the first bone, whatever it is called
     known = {joint: places[numbers[at]] for joint, at in joints.items() if numbers[at] in places}
     if not {"pelvis", "l_hip", "r_hip"} <= set(known):
         return None

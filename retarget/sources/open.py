@@ -24,24 +24,28 @@ SAMPLE = "sample"
 _SAMPLE_FILE = Path(__file__).with_name("sample_recording.bvh")
 _SAMPLE_UNIT = "cm"
 
-_READERS = {"bvh": read_bvh, "c3d": read_c3d}
-
 _C3D_KEY = 0x50
 """Second byte of every C3D file."""
 
 
 def open_source(
-    path: str | Path, *, skeleton: str | Path | None = None, unit: str | None = None, rate: float | None = None
+    path: str | Path,
+    *,
+    skeleton: str | Path | None = None,
+    markers: str | Path | None = None,
+    unit: str | None = None,
+    rate: float | None = None,
 ) -> SensorFrames:
     """Read a motion file of any known format, or the recording that comes with the package.
 
     path: the word SAMPLE as text is that recording, also where a file of this name is there; any other text, and every
-    `Path`, is a file. skeleton: the ASF of an AMC, where it does not lie beside it. unit: m, cm, mm, inch or cmu, where
-    the file does not state it and the guess is wrong. rate: frames per second instead of the file's. Raises InputError
-    with file, line and what to do; UsageError for an unknown unit, or for a skeleton with a format that has none.
+    `Path`, is a file. skeleton: the ASF of an AMC, where it does not lie beside it. markers: the user's own table of
+    the markers of a C3D. unit: m, cm, mm, inch or cmu, where the file does not state it and the guess is wrong. rate:
+    frames per second instead of the file's. Raises InputError with file, line and what to do; ConfigError for the table
+    of markers; UsageError for an unknown unit, or for a skeleton or markers with a format that has none.
     """
     if path == SAMPLE:
-        shipped = open_source(_SAMPLE_FILE, skeleton=skeleton, unit=unit or _SAMPLE_UNIT, rate=rate)
+        shipped = open_source(_SAMPLE_FILE, skeleton=skeleton, markers=markers, unit=unit or _SAMPLE_UNIT, rate=rate)
         return replace(shipped, source=SAMPLE)
     _refuse_live(str(path))
     path = Path(path)
@@ -53,9 +57,18 @@ def open_source(
             found=f"a {kind.upper()} file, which brings its own" if kind == "bvh" else f"a {kind.upper()} file",
             next_step="Leave --skeleton out",
         )
+    if markers is not None and kind != "c3d":
+        raise UsageError(
+            "a table of markers belongs to a C3D only",
+            where=str(path),
+            found=f"a {kind.upper()} file, which has joints",
+            next_step="Leave --markers out",
+        )
+    if kind == "c3d":
+        return read_c3d(path, unit=unit, rate=rate, markers=None if markers is None else Path(markers))
     if kind == "amc":
         return read_amc(path, skeleton=None if skeleton is None else Path(skeleton), unit=unit, rate=rate)
-    return _READERS[kind](path, unit=unit, rate=rate)
+    return read_bvh(path, unit=unit, rate=rate)
 
 
 def _refuse_live(address: str) -> None:

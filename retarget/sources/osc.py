@@ -1,7 +1,8 @@
 """Open Sound Control 1.0 (opensoundcontrol.org/spec-1_0): the messages of one datagram, bundles taken apart."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from math import nan
 from struct import Struct
 from typing import Generic, TypeVar
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.sources.stream_frame import MAX_DATAGRAM
+from retarget.types import FloatArray
 
 MAX_DEPTH = 4
 """Bundles within bundles that are taken apart, the outermost counted."""
@@ -37,6 +39,14 @@ _NUMBERS = dict(zip("ifcrmhdt", (4, 4, 4, 4, 4, 8, 8, 8), strict=True))
 """Bytes by tag of a number: int32, float32, character, colour, MIDI, int64, float64, time tag."""
 _NO_BYTES = "TFNI[]"
 """Tags that take no bytes: true, false, nil, infinitum, the ends of an array."""
+_READ = {"i": Struct(">i"), "f": Struct(">f"), "h": Struct(">q"), "d": Struct(">d")}
+_TRUTH = {"T": 1.0, "F": 0.0}
+"""Numbers by tag: libraries without types send 0 and 1 as integers or truths, and others as doubles."""
+MAX_NUMBER = float(np.finfo(np.float32).max)
+"""Largest magnitude of a number: that of a float32, so that squares stay finite."""
+
+Number = tuple[str, int]
+"""Tag of a number, and the byte of the datagram where it begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +58,13 @@ class OscMessage:
     tags: str
     at: tuple[int, ...]
     text: str = ""
+
+    def numbers(self, first: int, count: int) -> tuple[Number, ...]:
+        """The arguments first to first + count; none where there are fewer, or one is no number."""
+        tags = self.tags[first : first + count]
+        if len(tags) < count or not (_READ.keys() | _TRUTH.keys()).issuperset(tags):
+            return ()
+        return tuple(zip(tags, self.at[first : first + count], strict=True))
 
 
 @dataclass(slots=True)
@@ -174,6 +191,33 @@ def _text(data: bytes, at: int, end: int) -> tuple[str, int]:
     except UnicodeDecodeError:
         raise _Unreadable(NOT_TEXT) from None
     return text, (zero + 4) & ~3  # within `end`, which is a multiple of four
+
+
+def number_in(datagram: bytes, number: Number) -> float:
+    """A number of any type; NaN beyond MAX_NUMBER."""
+    tag, at = number
+    if tag in _TRUTH:
+        return _TRUTH[tag]
+    value = float(_READ[tag].unpack_from(datagram, at)[0])
+    return value if abs(value) <= MAX_NUMBER else nan
+
+
+class OscNumbers:
+    """Numbers of any type at known places of a datagram, read together."""
+
+    def __init__(self, numbers: Iterable[Number]) -> None:
+        self._numbers = tuple(numbers)
+        self._words: NDArray[np.intp] | None = None
+        """Where all are float32, as mostly: their indices among the 32-bit words of the datagram."""
+        if all(tag == "f" for tag, _ in self._numbers):
+            self._words = np.array([at // 4 for _, at in self._numbers], np.intp)
+
+    def read(self, datagram: bytes) -> FloatArray:
+        """Return them (n,). A signalling NaN raises no warning."""
+        if self._words is None:
+            return np.array([number_in(datagram, number) for number in self._numbers])
+        with np.errstate(invalid="ignore"):
+            return np.frombuffer(datagram, ">f4").take(self._words).astype(np.float64)
 
 
 # Datagrams that differ in their numbers only are taken apart once: a sender's next one mostly looks like its last.

@@ -19,11 +19,10 @@ from retarget.schema import strict_yaml
 from retarget.types import FloatArray
 
 REQUIRED = (
-    "pelvis",
     "head",
     *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in "lr"),
 )
-"""Joints that a style must find before it counts."""
+"""Joints that a style must find before it counts. The pelvis is where legs and head part, whatever it is called."""
 
 
 def names_of_sides(section: Mapping[str, Any]) -> dict[str, Any]:
@@ -57,12 +56,16 @@ def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
     return max(found, key=len, default=None)
 
 
-def missing_joints(names: tuple[str, ...]) -> dict[str, str]:
-    """Canonical joint -> its name in the style that fits best, for those that are needed and not in `names`; empty
-    where half of them are missing, for then no style fits."""
-    style, joints = max(_matches(names), key=lambda match: len(set(REQUIRED) & set(match[1])))
-    missing = [joint for joint in REQUIRED if joint not in joints]
-    return {joint: STYLES[style][joint][0] for joint in missing} if 2 * len(missing) < len(REQUIRED) else {}
+def named_in_part(names: tuple[str, ...]) -> tuple[dict[str, int], dict[str, str]]:
+    """Where no style names all: the joints of the style that names most of those that are needed, with what it lacks
+    taken from others; and canonical joint -> its name in that style, for those that no style finds."""
+    matches = sorted(_matches(names), key=lambda match: -len(set(REQUIRED) & set(match[1])))
+    style, found = matches[0][0], dict(matches[0][1])
+    for _, joints in matches[1:]:
+        for joint, index in joints.items():
+            if joint in REQUIRED and joint not in found and index not in found.values():
+                found[joint] = index
+    return found, {joint: STYLES[style][joint][0] for joint in REQUIRED if joint not in found}
 
 
 MOST_PREFIXES = 5
@@ -90,10 +93,7 @@ def _matched(names: Mapping[str, tuple[str, ...]], index: Mapping[str, int]) -> 
     matches = {
         joint: next((index[name] for name in options if name in index), None) for joint, options in names.items()
     }
-    joints = {joint: match for joint, match in matches.items() if match is not None}
-    # The pelvis is the root whatever it is called (a Biped's own root carries no name of its own).
-    joints.setdefault("pelvis", 0)
-    return joints
+    return {joint: match for joint, match in matches.items() if match is not None}
 
 
 # A skeleton as a tree of joints, and its forward kinematics over all frames at once.
@@ -126,6 +126,13 @@ class JointTree:
     def children(self, joint: int) -> list[int]:
         """Joints directly below `joint`."""
         return [child for child, parent in enumerate(self.parents) if parent == joint]
+
+    def fork(self) -> int:
+        """The first joint from the root on that carries more than one bone: what is above only carries the body."""
+        joint = 0
+        while len(children := self.children(joint)) == 1:
+            joint = children[0]
+        return joint
 
     def rest_positions(self) -> FloatArray:
         """Joint centres (n, 3), in the length unit of the file, with all rotations zero and the root at the origin."""
@@ -212,6 +219,8 @@ MIN_SPREAD = 0.15
 MIDDLE = 0.04
 """Greatest distance of a middle leaf (the head) from the middle plane, as a share of the body's size."""
 
+STRAIGHT_UP = 0.8
+"""Least cosine between the vertical and the line from the head's joint to a leaf that is its top, and no eye."""
 SHOULDER = 0.1
 """Least distance of a shoulder from the middle plane, as a share of the body's size: nearer joints are collars."""
 
@@ -219,12 +228,14 @@ SHOULDER = 0.1
 def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     """Canonical joint -> joint of the tree, or None if the tree does not look like a body.
 
-    The mirror plane of the leaves gives the sides (left and right by the direction of the toes), the middle leaf
-    farthest from the root is the head, the lowest leaf of each side ends a leg, the farthest other one an arm; the two
-    longest bones of a limb are thigh and shank, or upper arm and forearm.
+    The mirror plane of the leaves gives the sides (left and right by the direction of the toes), a middle leaf is the
+    head, the lowest leaf of each side ends a leg, the farthest other one an arm; the two longest bones of a limb are
+    thigh and shank, or upper arm and forearm. All is measured from the fork of the body: what carries it (a root on the
+    floor) does not count.
     """
-    rest = tree.rest_positions()
-    # The outermost point (3,) of each leaf, relative to the root.
+    rest, fork = tree.rest_positions(), tree.fork()
+    rest = rest - rest[fork]
+    # The outermost point (3,) of each leaf, relative to the fork.
     leaves = {
         joint: rest[joint] + max(tree.ends[joint], key=norm, default=np.zeros(3))
         for joint in range(len(tree.names))
@@ -240,13 +251,13 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     middle = [joint for joint, off in across.items() if abs(off) < MIDDLE]
     if not middle:
         return None
-    head = max(middle, key=lambda joint: norm(leaves[joint]))
-    up = max({0, 1, 2} - {side}, key=lambda axis: abs(float(leaves[head][axis])))
-    heights = {joint: float(point[up] * np.sign(leaves[head][up])) for joint, point in leaves.items()}
+    crown = max(middle, key=lambda joint: norm(leaves[joint]))
+    up = max({0, 1, 2} - {side}, key=lambda axis: abs(float(leaves[crown][axis])))
+    heights = {joint: float(point[up] * np.sign(leaves[crown][up])) for joint, point in leaves.items()}
     limbs = []
     for sign in (1.0, -1.0):
         own = {joint: heights[joint] for joint, off in across.items() if sign * off > MIDDLE}
-        limbs.append(_limbs_of_side(tree, own, head, np.abs(rest[:, side]) / size))
+        limbs.append(_limbs_of_side(tree, own, crown, np.abs(rest[:, side]) / size))
     first, second = limbs
     if first is None or second is None:
         return None
@@ -254,17 +265,31 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     forward = 3 - side - up
     toes = fsum(_toes(tree, limb["ankle"], forward) for limb in (first, second))
     axes = np.eye(3)
-    if np.cross(axes[up] * np.sign(leaves[head][up]), axes[forward] * np.sign(toes))[side] < 0.0:
+    if np.cross(axes[up] * np.sign(leaves[crown][up]), axes[forward] * np.sign(toes))[side] < 0.0:
         first, second = second, first
     joints = {f"l_{part}": joint for part, joint in first.items()}
     joints |= {f"r_{part}": joint for part, joint in second.items()}
-    trunk = shared_path(tree, [joints["l_hip"], joints["r_hip"], head])
-    has_end = any(end.any() for end in tree.ends[head])
-    top = head if has_end else tree.parents[head]
-    if not trunk or top in (trunk[-1], -1):
+    head = _head_below(tree, crown, middle, [joints["l_shoulder"], joints["r_shoulder"]])
+    trunk = shared_path(tree, [joints["l_hip"], joints["r_hip"], crown])
+    if not trunk or head in (trunk[-1], -1):
         return None
-    joints |= {"pelvis": trunk[-1], "head": top}
-    return joints if has_end else joints | {"head_top": head}
+    joints["head"] = head
+    rise = leaves[crown] - rest[head]
+    is_top = crown != head and float(rise[up] * np.sign(leaves[crown][up])) >= STRAIGHT_UP * norm(rise)
+    return joints | {"head_top": crown} if is_top else joints
+
+
+def _head_below(tree: JointTree, crown: int, middle: list[int], arms: list[int]) -> int:
+    """The head's joint: the one that is called so on the way to the farthest middle leaf (the crown); else the last
+    joint that several middle leaves share (eyes, jaw); else the leaf, or what carries it where it is a mere end."""
+    above = tree.path(crown)[len(shared_path(tree, [crown, *arms])) :]
+    named = [joint for joint in above if re.search(r"head(?![a-z])", tree.names[joint], re.IGNORECASE)]
+    if named:
+        return named[0]
+    faces = [joint for joint in middle if joint != crown and set(above) & set(tree.path(joint))]
+    if faces:
+        return shared_path(tree, [crown, max(faces, key=lambda joint: len(shared_path(tree, [crown, joint])))])[-1]
+    return crown if any(end.any() for end in tree.ends[crown]) else tree.parents[crown]
 
 
 def _mirror_axis(points: FloatArray) -> int | None:

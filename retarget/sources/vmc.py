@@ -10,15 +10,13 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 from math import isfinite, isnan, nan, pi
-from struct import Struct
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget.arithmetic import matmul, norms
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.rotations import Quat, Vector, axis_turn, plus, product, rotated
-from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
+from retarget.sources.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket, number_in
 from retarget.sources.skeletons import TABLES
 from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
 from retarget.types import BoolArray, FloatArray
@@ -152,27 +150,24 @@ _POSES: Mapping[str, Callable[[str], str | None]] = {
 """Address of a message with a pose -> the name of the pose, by the text that it is sent with."""
 _UNUSED = ("/VMC/Ext/", "/VMC/Thru/")
 """Addresses without a world pose (raw poses, expressions, camera, keys): not used, and not counted as dropped."""
-_FLOAT = Struct(">f")
-_INT = Struct(">i")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plan:
     """Where one layout of a datagram has its poses.
 
-    words (k, 7): index of each number among the datagram's 32-bit words. bones (k,): whether a pose is a bone.
-    all_tracked, none_tracked (k,): all True and all False. stamp: byte of the time. loaded, tracking: bytes of these
-    states; None where the datagram does not have them.
+    numbers: 7 for each of the k poses. bones (k,): whether a pose is a bone. all_tracked, none_tracked (k,): all True
+    and all False. stamp, loaded, tracking: the time and these states; None where the datagram does not have them.
     """
 
     names: tuple[str, ...]
-    words: NDArray[np.intp]
+    numbers: OscNumbers
     bones: BoolArray
     all_tracked: BoolArray
     none_tracked: BoolArray
-    stamp: int | None
-    loaded: int | None
-    tracking: int | None
+    stamp: Number | None
+    loaded: Number | None
+    tracking: Number | None
     reasons: Counter[str]
 
 
@@ -200,9 +195,9 @@ class VmcDecoder:
         if plan.reasons:
             self.dropped.reasons.update(plan.reasons)
         if plan.loaded is not None:
-            self.loaded = _INT.unpack_from(datagram, plan.loaded)[0] != 0
+            self.loaded = number_in(datagram, plan.loaded) != 0.0
         if plan.tracking is not None:
-            self.tracking = _INT.unpack_from(datagram, plan.tracking)[0] != 0
+            self.tracking = number_in(datagram, plan.tracking) != 0.0
         stamp = None if plan.stamp is None else self._stamp(datagram, plan.stamp)
         if not plan.names:
             return []
@@ -212,7 +207,7 @@ class VmcDecoder:
 
     def _poses(self, datagram: bytes, plan: _Plan, tracking: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Position (k, 3), orientation (k, 4) and tracked (k,) by the plan."""
-        poses = _numbers(datagram, plan.words)
+        poses = plan.numbers.read(datagram).reshape(-1, 7)
         bad = unusable(poses[:, :3], poses[:, 3:])
         tracked = plan.all_tracked if tracking else plan.none_tracked
         if bad.any():
@@ -224,55 +219,48 @@ class VmcDecoder:
         position[plan.bones & ~position.any(axis=1)] = np.nan
         return position, orientation / norms(orientation)[:, None], tracked
 
-    def _stamp(self, datagram: bytes, at: int) -> float | None:
+    def _stamp(self, datagram: bytes, number: Number) -> float | None:
         """Seconds of the sender's clock; None if they are not finite, which is counted."""
-        stamp = float(_FLOAT.unpack_from(datagram, at)[0])
+        stamp = number_in(datagram, number)
         if not isfinite(stamp):
             self.dropped.note(BAD_STAMP)
             return None
         return stamp
 
 
-def _numbers(datagram: bytes, words: NDArray[np.intp]) -> FloatArray:
-    """The float32 at these words, as float64. A signalling NaN raises no warning."""
-    with np.errstate(invalid="ignore"):
-        return np.frombuffer(datagram, ">f4").take(words).astype(np.float64)
-
-
 def _plan(packet: OscPacket) -> _Plan:
     """Where the poses are, and what is dropped. The plan holds for every datagram of this layout."""
     reasons = Counter(packet.dropped)
-    places: dict[str, int] = {}
-    stamp: int | None = None
-    loaded: int | None = None
-    tracking: int | None = None
+    places: dict[str, tuple[Number, ...]] = {}
+    stamp: Number | None = None
+    loaded: Number | None = None
+    tracking: Number | None = None
     for message in packet.messages:
-        if message.address == "/VMC/Ext/T" and message.tags.startswith("f"):
-            stamp = message.at[0]
-        elif message.address == "/VMC/Ext/OK" and message.tags.startswith("i"):
+        if message.address == "/VMC/Ext/T" and (sent := message.numbers(0, 1)):
+            stamp = sent[0]
+        elif message.address == "/VMC/Ext/OK" and (sent := message.numbers(0, 1)):
             # Its second and third numbers, from 2.5 on, are of the calibration; the fourth came with 2.7.
-            loaded, tracking = message.at[0], message.at[3] if message.tags.startswith("iiii") else None
+            loaded, tracking = sent[0], next(iter(message.numbers(3, 1)), None)
         else:
             reason = _place(message, places)
             if reason:
                 reasons[reason] += 1
     count = len(places)
-    first = np.array(list(places.values()), np.intp).reshape(count, 1)
     all_tracked, none_tracked = np.ones(count, bool), np.zeros(count, bool)
     all_tracked.flags.writeable = none_tracked.flags.writeable = False
     bones = np.array([name.startswith("bone://") for name in places], bool)
-    return _Plan(
-        tuple(places), first + np.arange(7), bones, all_tracked, none_tracked, stamp, loaded, tracking, reasons
-    )
+    numbers = OscNumbers(number for pose in places.values() for number in pose)
+    return _Plan(tuple(places), numbers, bones, all_tracked, none_tracked, stamp, loaded, tracking, reasons)
 
 
-def _place(message: OscMessage, places: dict[str, int]) -> str:
-    """Keep the first word of a pose by its name (the last pose of a name counts); return why it is not used, or ""."""
+def _place(message: OscMessage, places: dict[str, tuple[Number, ...]]) -> str:
+    """Keep the numbers of a pose by its name (the last pose of a name counts); return why it is not used, or ""."""
     named = _POSES.get(message.address)
     if named is None:
         known = message.address.startswith(_UNUSED) and message.address not in ("/VMC/Ext/T", "/VMC/Ext/OK")
         return "" if known else WRONG_ARGUMENTS if message.address.startswith("/VMC/Ext/") else UNKNOWN_ADDRESS
-    if not message.tags.startswith("sfffffff"):
+    numbers = message.numbers(1, 7)
+    if not (numbers and message.tags.startswith("s")):
         return WRONG_ARGUMENTS
     name = named(message.text)
     if name is None:
@@ -280,7 +268,7 @@ def _place(message: OscMessage, places: dict[str, int]) -> str:
     again = name in places
     if not again and len(places) >= MAX_POSES:
         return TOO_MANY_POSES
-    places[name] = message.at[1] // 4
+    places[name] = numbers
     return SENT_TWICE if again else ""
 
 

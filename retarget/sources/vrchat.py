@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.rotations import Quat, Vector, axis_turn, product
-from retarget.sources.osc import OscLayouts, OscMessage, OscPacket
+from retarget.sources.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket
 from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, Dropped, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
@@ -37,13 +37,13 @@ _IDS = frozenset([*"12345678", "head"])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plan:
-    """Where one layout has its numbers: words (n, 3) and row of a frame (n,) of each triple, positions first, then
-    rotations, and how large they may be (n, 1)."""
+    """Where one layout has its numbers: three of each of n triples, positions first, then rotations, with their rows of
+    a frame (n,), and how large they may be (n, 1)."""
 
     names: tuple[str, ...]
     positions: int
     rows: NDArray[np.intp]
-    words: NDArray[np.intp]
+    numbers: OscNumbers
     limits: FloatArray
     reasons: Counter[str]
 
@@ -70,8 +70,7 @@ class VrchatDecoder:
         position = np.full((len(plan.names), 3), np.nan)
         orientation = np.full((len(plan.names), 4), np.nan)
         placed, turned = plan.rows[: plan.positions], plan.rows[plan.positions :]
-        with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
-            triples = np.frombuffer(datagram, ">f4").take(plan.words).astype(np.float64)
+        triples = plan.numbers.read(datagram).reshape(-1, 3)
         bad: BoolArray = np.asarray(~(np.abs(triples) <= plan.limits).all(axis=1))
         if bad.any():
             reasons = np.where(np.arange(len(bad)) < plan.positions, BAD_POSITION, BAD_ROTATION)
@@ -96,8 +95,8 @@ def _plan(packet: OscPacket) -> _Plan:
     """Where the numbers are, and what is dropped. The plan holds for every datagram of this layout."""
     reasons = Counter(packet.dropped)
     names: dict[str, int] = {}
-    positions: dict[int, int] = {}
-    rotations: dict[int, int] = {}
+    positions: dict[int, tuple[Number, ...]] = {}
+    rotations: dict[int, tuple[Number, ...]] = {}
     for message in packet.messages:
         reason, tracker, what = _kind(message)
         if reason:
@@ -107,11 +106,11 @@ def _plan(packet: OscPacket) -> _Plan:
         places = positions if what == "position" else rotations
         if row in places:
             reasons[SENT_TWICE] += 1
-        places[row] = message.at[0] // 4
+        places[row] = message.numbers(0, 3)
     rows = np.array([*positions, *rotations], np.intp)
-    first = np.array([*positions.values(), *rotations.values()], np.intp).reshape(-1, 1)
+    numbers = OscNumbers(number for places in (positions, rotations) for three in places.values() for number in three)
     limits = np.repeat([MAX_COORDINATE, MAX_DEGREES], [len(positions), len(rotations)])[:, None]
-    return _Plan(tuple(names), len(positions), rows, first + np.arange(3), limits, reasons)
+    return _Plan(tuple(names), len(positions), rows, numbers, limits, reasons)
 
 
 def _kind(message: OscMessage) -> tuple[str, str, str]:
@@ -121,6 +120,6 @@ def _kind(message: OscMessage) -> tuple[str, str, str]:
         return UNKNOWN_ADDRESS, "", ""
     if tracker not in _IDS:
         return NOT_A_TRACKER, "", ""
-    if not message.tags.startswith("fff"):
+    if not message.numbers(0, 3):
         return WRONG_ARGUMENTS, "", ""
     return "", tracker, what

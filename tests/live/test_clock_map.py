@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from retarget.live.clock_map import ClockMap, JumpKind, SlidingMinimum
+from retarget.live.clock_map import ClockMap, JumpKind, SlidingMinimum, not_seconds
 from retarget.types import FloatArray
 
 MIN_DELAY = 0.0003
@@ -48,6 +48,15 @@ def test_the_minimum_agrees_with_asking(seed: int) -> None:
             assert clock.offset is not None
             assert 0.0 <= clock.offset - 777.0 - MIN_DELAY <= 0.00042
     assert clock.jumps == 0 and clock.dropped.count == 0
+
+
+@given(st.sampled_from([(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")]), st.floats(0.0, 1e5))
+def test_a_time_that_is_not_in_seconds_is_named(unit: tuple[float, str], began: float) -> None:
+    factor, name = unit
+    capture, clock = frames(2.0, 60.0), ClockMap()
+    mapped = feed(clock, capture, delays(len(capture), 1), lambda at: (at - 1000.0 + began) * factor)
+    assert np.isfinite(mapped).sum() <= 1 and clock.jumps == 0
+    assert clock.dropped.reasons[not_seconds(name)] > 100
 
 
 @pytest.mark.parametrize("ppm", [-200.0, 200.0])

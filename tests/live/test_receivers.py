@@ -24,6 +24,7 @@ from retarget.live import receivers
 from retarget.live.address import RECORDED, StreamAddress, local_interfaces, parse_address
 from retarget.live.admission import (
     MOST_PER_POLL,
+    NEW_SOCKETS,
     NOT_ALLOWED,
     SECOND_SOURCE,
     Admission,
@@ -327,6 +328,15 @@ def test_the_first_source_that_can_be_decoded_owns_the_stream() -> None:
     assert admission.refused.reasons == {SECOND_SOURCE: 2}
 
 
+def test_a_sender_with_a_new_socket_for_each_datagram_is_told_from_a_second_one() -> None:
+    admission = owned()
+    owner = owner_of(admission)
+    assert owner is not None
+    for port in [7000] * 20 + [*range(7000, 7010)]:
+        assert not admit(admission, (owner[0], port))
+    assert admission.refused.reasons == {SECOND_SOURCE: 23, NEW_SOCKETS: 7}
+
+
 def test_motive_answers_from_one_port_and_sends_frames_from_another() -> None:
     admission = admission_for(parse_address("natnet://192.168.1.20"))
     answers, frames = (A[0], 1510), (A[0], 1511)
@@ -467,7 +477,6 @@ def test_each_at_the_address_of_each(kind: str, other: str) -> None:
         ("mvn", Recognised("mvn", "MVN", "type 05, Unity poses"), "Quaternion"),
         ("mvn", Recognised("mvn", "MVN", "type 12, names"), ""),
         ("json", Recognised("json", "poses as JSON", "no axes"), "rep103, unity"),
-        ("vmc", Recognised("vmc", "VMC", "bones only"), "--performer avatar"),
         ("vmc", Recognised("vmc", "VMC", "no poses"), "Load an avatar"),
         ("natnet", Recognised("natnet", "NatNet", "connect"), "another client"),
         ("vmc", Recognised("", "mocopi"), "MCP2VMCP"),

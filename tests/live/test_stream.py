@@ -14,6 +14,7 @@ from messages import Facts, refuses
 from rendered import performer, raising
 from retarget import rotations
 from retarget.errors import UsageError
+from retarget.frames import mirrored_name
 from retarget.human.pose_validation import ValidityState
 from retarget.live.address import parse_address
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Datagram
@@ -68,6 +69,38 @@ def polling(payloads: list[bytes], decoder: StreamDecoder) -> LiveStream:
     stream = live_stream(FakeSender(), five_sensors())
     stream.receiver, stream.decoder = Queue(payloads), decoder
     return stream
+
+
+@pytest.mark.parametrize("convention", ["slimevr", "unity_bones", "mvn", "json"])
+def test_a_mirrored_camera_is_seen_as_if_it_were_not(convention: str) -> None:
+    straight, mirrored = (roles_of(FIVE, convention, where="", mirrored=is_so) for is_so in (False, True))
+    names, chance = straight.names, np.random.default_rng(1)
+    frame = StreamFrame(
+        names,
+        chance.normal(size=(len(names), 3)),
+        rotations.normalise(chance.normal(size=(len(names), 4))),
+        chance.uniform(size=len(names)) < 0.7,
+    )
+    other = {
+        sent: across
+        for sensor, place in zip(straight.sensors, straight.places, strict=True)
+        for partner in [straight.places[straight.sensors.index(mirrored_name(sensor))]]
+        for sent, across in ((place.position, partner.position), (place.orientation, partner.orientation))
+    }
+    order = [names.index(other[name]) for name in names]  # in the mirror, what the sender calls left is right
+    seen = StreamFrame(
+        names,
+        frame.position[order] * [1.0, -1.0, 1.0],
+        frame.orientation[order] * [1.0, -1.0, 1.0, -1.0],
+        frame.tracked[order],
+    )
+    as_is, undone = straight.take(frame), mirrored.take(seen)
+    assert as_is is not None and undone is not None
+    np.testing.assert_array_equal(undone.tracked, as_is.tracked)
+    np.testing.assert_allclose(undone.position, as_is.position, atol=1e-12)
+    np.testing.assert_allclose(undone.orientation, as_is.orientation, atol=1e-12)
+    offset = np.tile([0.1, 0.2, 0.3], (len(FIVE.sensors), 1))
+    assert mirrored.shifted(offset).mirrored
 
 
 @pytest.mark.parametrize("count", [1, MOST_DECODED, 300])

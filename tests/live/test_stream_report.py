@@ -135,6 +135,30 @@ def polled(stream: LiveStream, said: list[str], *, seconds: float = 1.5) -> None
         news.look()
 
 
+NEW_PORTS = [lambda since, until: [Datagram(until, ("127.0.0.1", 1024 + round(1e3 * until)), b"{}")]]
+
+
+@pytest.mark.parametrize(
+    ("sender", "reason", "step"),
+    [
+        (FakeSender(stamp=lambda time: 1e3 * time), "looks like milliseconds", "its time in seconds"),
+        (FakeSender(faults=[lambda time, poses: poses if time < 0.1 else None]), "a new socket", "keep one socket"),
+    ],
+)
+def test_a_mistake_in_every_datagram_is_reported_with_its_step(sender: FakeSender, reason: str, step: str) -> None:
+    if "socket" in step:
+        sender.others = NEW_PORTS
+    stream, said = live_stream(sender, five()), list[str]()
+    problems = StreamProblems(stream)
+    for tick in range(300):
+        stream.poll(0.01 * tick, moving=True)
+        said.append(problems.look(0.01 * tick))
+    (text,) = filter(None, said)
+    assert reason in text and step in text
+    late = unusable(stream, ["head"], 3.0, where="json://:14150", now=3.0)
+    assert reason in str(late) and step in str(late)
+
+
 @pytest.mark.parametrize(
     ("allow", "message"),
     [

@@ -66,9 +66,15 @@ ALLOWED = "json://0.0.0.0:14150?allow=192.168.1.20"
 NO_AVATAR = bundle(message("/VMC/Ext/OK", "i", 0), pose("/VMC/Ext/Tra/Pos", "human://CHEST"))
 SECOND = sorted(steady(ONE) + [Datagram(1.0 + k / 10, OTHER, ONE) for k in range(5)])
 DAMAGED = [Datagram(one.arrival, one.source, one.payload[: -(k % 5 == 0) or None]) for k, one in enumerate(steady(ONE))]
+NEW = [Datagram(one.arrival, (HERE[0], 9000 + k), one.payload) for k, one in enumerate(steady(ONE))]
+IN_MS = [one._replace(payload=json_poses(1e3 * one.arrival, {"head": {"p": [0, 0, 1]}})) for one in steady(ONE)]
+NO_NUMBERS = steady(bundle(message("/VMC/Ext/Bone/Pos", "sssssssss", "Hips", *"0123456", "")))
 FIXES: dict[str, tuple[list[Datagram], str, Facts]] = {
     "not allowed": (steady(ONE, source=OTHER), ALLOWED, ("192.168.1.9", 5)),
     "a second source": (SECOND, JSON, ("second source", "192.168.1.9", HERE[0], HERE[1])),
+    "new sockets": (NEW, JSON, ("new socket for each datagram", HERE[0], "keep one")),
+    "a time in ms": (IN_MS, JSON, ("1000 times too fast", "milliseconds", "seconds")),
+    "no pose of the protocol": (NO_NUMBERS, "vmc://:39539", ("none holds a pose", "wrong types")),
     "damage": (DAMAGED, JSON, ("JSON", "UTF-8", 40, 200)),
     "a rate beyond what is taken": (steady(ONE, rate=9000.0, seconds=0.5), JSON, ("datagrams a second", "6400")),
     "no avatar": (steady(NO_AVATAR), "vmc://:39539", "avatar"),

@@ -114,8 +114,8 @@ def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: 
 @pytest.mark.parametrize(
     ("old", "new", "facts"),
     [
-        ("Frames: 3", "Frames: 4", (3, 4)),
-        ("Frames: 3", "Frames: 2", 2),
+        ("Frames: 3", "Frames: 5", (3, 5)),
+        ("Frames: 3", "Frames: 1", (3, 1)),
         ("Frames: 3", "Frames: 0", ()),
         ("Frames: 3", "Frames: -3", ()),
         ("Frames: 3", "Frames: 300000", ()),
@@ -152,8 +152,20 @@ def test_each_fault_has_its_line(tmp_path: Path, old: str, new: str, facts: Fact
         read_bvh(path)
     place, _, number = caught.value.problems[0].where.rpartition(":")
     assert place == str(path)
-    if new not in ("Frames: 4", "Frames: 2"):
-        assert int(number) == text[: text.index(old)].count("\n") + 1
+    assert int(number) == text[: text.index(old)].count("\n") + 1
+
+
+@pytest.mark.parametrize("declared", [2, 4])
+def test_one_frame_beside_the_declared_is_read_with_a_note(tmp_path: Path, declared: int) -> None:
+    frames = read_bvh(write(tmp_path, bvh_text().replace("Frames: 3", f"Frames: {declared}")))
+    assert len(frames) == 3 and any(f"declares {declared} frames and holds 3" in note for note in frames.notes)
+
+
+def test_decimal_commas_are_read(tmp_path: Path) -> None:
+    plain, text = read_bvh(write(tmp_path, bvh_text())), bvh_text()
+    comma = read_bvh(write(tmp_path, text.replace(".", ",")))
+    np.testing.assert_array_equal(comma.position, plain.position)
+    assert "," in text.replace(".", ",") and comma.rate_hz == plain.rate_hz
 
 
 @pytest.mark.parametrize("share", [0.5, 0.0])

@@ -108,6 +108,8 @@ def test_numbers_that_are_no_pose_cost_only_that_pose(bad: Message) -> None:
         (good(quaternion="wzyx"), '"quaternion"'),
         (good(quaternion=["xyzw"]), '"quaternion"'),
         (good(time="12"), '"time"'),
+        (b'{"axes": "unity", "time": 1e999, "poses": {}}', "no finite number"),
+        (good(time=1.7e12), "milliseconds"),
         (good(time=True), '"time"'),
         (good(time=10**400), '"time"'),
         (good(frame=1.0), '"frame"'),

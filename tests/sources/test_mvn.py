@@ -126,6 +126,9 @@ def test_a_wrong_type_is_named() -> None:
 
 def test_datagrams_that_are_none() -> None:
     assert refused(b"") == refused(GOOD[:20]) == refused(b"OSC" + GOOD) == {"not an MVN datagram": 1}
+    old = GOOD[:17] + bytes(7) + GOOD[24:]  # before 2018 the end of the header was reserved
+    assert only(MvnDecoder(), old).names == only(MvnDecoder(), GOOD).names
+    assert refused(old[:-1]) == {"items do not fill the datagram": 1}
     assert refused(GOOD[:-1]) == refused(GOOD + b"x") == {"not of the size in its header": 1}
     assert refused(mvn("02", GOOD[24:], items=22)) == {"items do not fill the datagram": 1}
     assert refused(mvn("02", b"", items=0)) == {"no body segment": 1}

@@ -40,7 +40,7 @@ def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
     for path in (amc, bvh, c3d):
         assert isinstance(open_source(str(path)), SensorFrames)
         assert open_source(path, rate=25.0).time[1] == 0.04
-        assert open_source(path, unit="cm").source == str(path)
+        assert open_source(path, unit="mm" if path == c3d else "cm").source == str(path)
         with refuses(InputError, "0.1 to 10000", where="--rate"):
             open_source(path, rate=0.0)
 
@@ -54,6 +54,8 @@ def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:
     assert len(open_source(tmp_path / "lone.amc", skeleton=str(tmp_path / "other.asf"))) == 3
     with refuses(UsageError, "AMC"):
         open_source(tmp_path / "a.bvh", skeleton=tmp_path / "other.asf")
+    with refuses(UsageError, "--markers"):
+        open_source(tmp_path / "a.bvh", markers=tmp_path / "table.yaml")
     with refuses(InputError):
         open_source(tmp_path / "lone.amc", skeleton=tmp_path / "missing.asf")
 
@@ -196,7 +198,8 @@ def test_the_head_of_a_file_is_short(tmp_path: Path) -> None:
 
 def test_numbers_are_finite_and_of_plausible_size() -> None:
     assert files.numbers(["1", "-2.5", "7.6e-016"], "here") == [1.0, -2.5, 7.6e-16]
-    for token in ("nan", "inf", "-Infinity", "1e10", "x", "", "1,5"):
+    assert files.numbers(["1", "-2,5", ",5E-1"], "here") == [1.0, -2.5, 0.05]
+    for token in ("nan", "inf", "-Infinity", "1e10", "x", "", ",", "1,234.5", "1,2,3", "1,"):
         with refuses(InputError):
             files.numbers(["1", token], "here")
 

@@ -88,9 +88,11 @@ def test_a_zero_position_is_untold_for_bones_only() -> None:
     [
         (message(TRA, "sffffff", "a", *[0.0] * 6), WRONG_ARGUMENTS),
         (message(TRA, "ifffffff", 1, *[0.0] * 7), WRONG_ARGUMENTS),
-        (message(TRA, "sdffffff", "a", *[0.0] * 7), WRONG_ARGUMENTS),
-        (message("/VMC/Ext/T", "i", 1), WRONG_ARGUMENTS),
-        (message("/VMC/Ext/OK", "f", 1.0), WRONG_ARGUMENTS),
+        (message(TRA, "sNffffff", "a", *[0.0] * 6), WRONG_ARGUMENTS),
+        (message(TRA, "sfffbfff", "a", 0.0, 0.0, 0.0, b"", 0.0, 0.0, 0.0), WRONG_ARGUMENTS),
+        (message("/VMC/Ext/T", "s", "1"), WRONG_ARGUMENTS),
+        (message("/VMC/Ext/OK", "N"), WRONG_ARGUMENTS),
+        (message("/VMC/Ext/T", "d", 1e300), BAD_STAMP),
         (message("/other", ""), UNKNOWN_ADDRESS),
         (message("/VMC/Extra", ""), UNKNOWN_ADDRESS),
         (pose(BONE, "Tail"), UNKNOWN_BONE),
@@ -108,6 +110,25 @@ def test_what_is_dropped_by_reason_leaves_the_rest(bad: bytes, reason: str) -> N
         assert frame.names == ("w", "x", "y", "z") and frame.stamp is None
     assert decoder.dropped.reasons == {reason: 2}
     assert decode(bad)[0] == []
+
+
+SENT = (0, 1, 1, 0, 0, 0, 1, 1, 1)
+"""Seven numbers of a pose, the time, and the state of the model."""
+
+
+@given(tags=st.tuples(*(st.sampled_from("fidhT" if x else "fidhF") for x in SENT)))
+def test_numbers_of_every_type_are_numbers(tags: tuple[str, ...]) -> None:
+    """Libraries without types send whole numbers as integers, truths or doubles."""
+    values = [[] if tag in "TF" else [x if tag in "ih" else float(x)] for x, tag in zip(SENT, tags, strict=True)]
+    frames, decoder = decode(
+        message(TRA, "s" + "".join(tags[:7]), "a", *[x for one in values[:7] for x in one]),
+        message("/VMC/Ext/T", tags[7], *values[7]),
+        message("/VMC/Ext/OK", tags[8], *values[8]),
+    )
+    plain = one(pose(TRA, "a", *map(float, SENT[:7])))
+    assert_array_equal(frames[0].position, plain.position)
+    assert_array_equal(frames[0].orientation, plain.orientation)
+    assert frames[0].stamp == 1.0 and decoder.loaded and decoder.dropped.count == 0
 
 
 @pytest.mark.parametrize("index", range(7))

@@ -26,6 +26,13 @@ def test_golden_bytes() -> None:
     assert np.isnan(frame.orientation).all()
 
 
+@pytest.mark.parametrize("tags", ["iff", "fid", "hhh", "ddd", "FTi"])
+def test_numbers_of_every_type_are_numbers(tags: str) -> None:
+    typed = [(int if tag in "ih" else float)(x) for tag, x in zip(tags, (0, 1, 2), strict=True) if tag not in "TF"]
+    (frame,) = VrchatDecoder().decode(message("/tracking/trackers/1/position", tags, *typed))
+    assert_allclose(frame.position, VrchatDecoder().decode(at("1", 0.0, 1.0, 2.0))[0].position)
+
+
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
@@ -36,7 +43,7 @@ def test_golden_bytes() -> None:
         (message("/tracking/trackers/1/velocity", "fff", 0.0, 0.0, 0.0), UNKNOWN_ADDRESS),
         (message("/tracking/eye/CenterPitchYaw", "ff", 0.0, 0.0), UNKNOWN_ADDRESS),
         (message("/tracking/trackers/1/position", "ff", 0.0, 0.0), WRONG_ARGUMENTS),
-        (message("/tracking/trackers/1/position", "iff", 0, 0.0, 0.0), WRONG_ARGUMENTS),
+        (message("/tracking/trackers/1/position", "sff", "0", 0.0, 0.0), WRONG_ARGUMENTS),
     ],
 )
 def test_what_is_dropped_by_reason(bad: bytes, reason: str) -> None:

@@ -1,6 +1,6 @@
 """Small motion files for tests, written here by hand: a stick figure as ASF, AMC and BVH, and markers as C3D."""
 
-import io
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -185,6 +185,36 @@ MARKERS: dict[str, tuple[float, float, float]] = {
 """Markers of a T-pose, mm, x forward, y left, z up."""
 
 
+C3D_PROCESSORS = {"intel": 84, "dec": 85, "mips": 86}
+"""Byte of a C3D file that says its byte order and floats."""
+
+
+def c3d_floats(values: object, processor: str) -> bytes:
+    """Floats in the format of a processor."""
+    array = np.asarray(values, np.float32).ravel()
+    if processor != "dec":
+        return array.astype(">f4" if processor == "mips" else "<f4").tobytes()
+    words = (array * np.float32(4.0)).view(np.uint32)
+    return np.stack([words >> 16, words & 0xFFFF], axis=1).astype("<u2").tobytes()
+
+
+def c3d_parameter(group: int, name: str, value: object, processor: str) -> bytes:
+    """One parameter of a C3D. Lists of texts have two dimensions; integers and floats as many as the array."""
+    order = ">" if processor == "mips" else "<"
+    if isinstance(value, str | list):
+        rows = [value] if isinstance(value, str) else value
+        width = max(map(len, rows))
+        shape = [width] if isinstance(value, str) else [width, len(rows)]
+        kind, data = -1, b"".join(row.ljust(width).encode() for row in rows)
+    else:
+        array = np.asarray(value)
+        shape = list(array.shape)
+        kind = 4 if array.dtype.kind == "f" else 2
+        data = c3d_floats(array, processor) if kind == 4 else array.ravel().astype(f"{order}u2").tobytes()
+    body = struct.pack("bB", kind, len(shape)) + bytes(shape) + data + b"\0"
+    return struct.pack("bb", len(name), group) + name.encode() + struct.pack(f"{order}H", len(body) + 2) + body
+
+
 def c3d_bytes(
     frames: int = 4,
     *,
@@ -194,25 +224,51 @@ def c3d_bytes(
     y_up: bool = False,
     rate: float = 100.0,
     names: Mapping[str, str] | None = None,
+    markers: Mapping[str, tuple[float, float, float]] = MARKERS,
+    at: Mapping[tuple[int, str], tuple[float, float, float]] | None = None,
+    processor: str = "intel",
+    steps: float = 0.0,
+    first: int = 1,
+    analog: int = 0,
+    more: Mapping[str, object] | None = None,
 ) -> bytes:
-    """The markers as a C3D written by the `c3d` package. lost: (frame, marker) pairs."""
-    import c3d
+    """The markers as a C3D. lost: (frame, marker) pairs; at: where a marker is instead. steps: points as whole numbers
+    of this size, 0: as floats. first: number of the first frame. analog: values per frame. more: further parameters,
+    and what replaces the usual ones, None: left out."""
+    order = ">" if processor == "mips" else "<"
+    gone, moved = set(lost), at or {}
 
-    gone = set(lost)
-    writer = c3d.Writer(point_rate=rate, analog_rate=rate, point_scale=-1.0)
+    scale = steps or -1.0
+    labels = [prefix + (names or {}).get(name, name) for name in markers]
+    values: dict[str, object] = {
+        "POINT:USED": len(markers), "POINT:SCALE": float(scale), "POINT:RATE": float(rate), "POINT:FRAMES": frames,
+        "POINT:LABELS": labels, "POINT:UNITS": unit, "POINT:X_SCREEN": "+X", "POINT:Y_SCREEN": "+Y" if y_up else "+Z",
+    }  # fmt: skip
+    values = {key: value for key, value in {**values, **(more or {})}.items() if value is not None}
+    section, groups = (
+        bytes((1, 0x50, 0, C3D_PROCESSORS[processor])),
+        [*dict.fromkeys(key.split(":")[0] for key in values)],
+    )
+    for key, value in values.items():
+        section += c3d_parameter(1 + groups.index(key.split(":")[0]), key.split(":")[1], value, processor)
+    for number, name in enumerate(groups, start=1):  # groups may stand behind their parameters
+        section += struct.pack("bb", len(name), -number) + name.encode() + struct.pack(f"{order}HB", 3, 0)
+    blocks = -(-(len(section) + 2) // 512)
+    header = bytes((2, 0x50)) + struct.pack(f"{order}4H", len(markers), analog, first, first + frames - 1) + bytes(2)
+    header += (
+        c3d_floats([scale], processor)
+        + struct.pack(f"{order}HH", 2 + blocks, 1 if analog else 0)
+        + c3d_floats([rate], processor)
+    )
+    data = b""
     for frame in range(frames):
-        points = np.zeros((len(MARKERS), 5), np.float32)
-        for i, (name, (x, y, z)) in enumerate(MARKERS.items()):
-            points[i, :3] = (y, z, x) if y_up else (x, y, z)
+        points = np.zeros((len(markers), 4))
+        for row, (name, place) in enumerate(markers.items()):
+            x, y, z = moved.get((frame, name), place)
+            points[row] = (y, z, x, 0.0) if y_up else (x, y, z, 0.0)
             if (frame, name) in gone:
-                points[i] = [0.0, 0.0, 0.0, -1.0, 0.0]
-        writer.add_frames([(points, np.zeros((0, 1), np.float32))])
-    labels = [prefix + (names or {}).get(name, name) for name in MARKERS]
-    writer.set_point_labels(labels)
-    group = writer.get("POINT")
-    writer.set_screen_axis("+X", "+Y" if y_up else "+Z")
-    if unit != "mm":
-        group.set_str("UNITS", "length unit", unit, len(unit))
-    buffer = io.BytesIO()
-    writer.write(buffer)
-    return buffer.getvalue()
+                points[row] = (0.0, 0.0, 0.0, -1.0)
+        whole = np.round(points / np.array([steps or 1.0] * 3 + [1.0]))
+        data += whole.astype(f"{order}i2").tobytes() if steps else c3d_floats(points, processor)
+        data += bytes((2 if steps else 4) * analog)
+    return header.ljust(512, b"\0") + section.ljust(512 * blocks, b"\0") + data.ljust(-(-len(data) // 512) * 512, b"\0")

@@ -148,8 +148,28 @@ def test_every_model_has_tables_for_every_firmware() -> None:
         assert usual["model_number"].initial == number
 
 
-CURRENT_LIMITS = {"XM430-W350": 1193, "XM430-W210": 1193, "XL330-M288": 1750, "XC330-T288": 910, "XC330-T181": 910}
-CURRENT_LIMITS |= {"XH540-W270": 2047, "MX-64": 1941, "MX-106": 2047}
+FIRST = {
+    # number, limits of current and velocity, velocity I and P, position D, I and P, shutdown; V at most
+    "XL330-M288": (1200, 1750, 445, 1600, 180, 0, 0, 400, 53, 70),
+    "XL330-M077": (1190, 1750, 1620, 400, 40, 0, 400, 400, 53, 70),
+    "XC330-M288": (1240, 2352, 350, 1600, 50, 500, 0, 1100, 52, 70),
+    "XC330-M181": (1230, 2352, 545, 1400, 100, 500, 0, 1200, 52, 70),
+    "XC330-T288": (1220, 910, 320, 1200, 40, 0, 0, 900, 52, 140),
+    "XH540-W270": (1100, 2047, 167, 1920, 100, 0, 0, 800, 52, 160),
+    "XH540-W150": (1110, 2047, 300, 1920, 100, 0, 0, 800, 52, 160),
+    "XM540-W270": (1120, 2047, 128, 1920, 100, 0, 0, 800, 52, 160),
+    "XM540-W150": (1130, 2047, 230, 1920, 100, 0, 0, 800, 52, 160),
+}
+"""First values of models, typed from the e-Manual a second time."""
+
+
+@pytest.mark.parametrize("model", FIRST)
+def test_first_values_are_the_manuals(model: str) -> None:
+    names = ["model_number", "current_limit", "velocity_limit", "velocity_i_gain", "velocity_p_gain", "position_d_gain"]
+    names += ("position_i_gain", "position_p_gain", "shutdown", "max_voltage_limit")
+    table = find_table(model, 2)
+    assert tuple(table[name].initial for name in names) == FIRST[model]
+    assert table["goal_current"].highest == table["current_limit"].highest == table["current_limit"].initial
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,441 @@
+"""The rest skeleton of a joint tree in motion, checked against the frames: which joint is which, the pose in which the
+tree is a body that stands, and where forward, left and up are in it.
+
+The pose with all rotations zero is that pose only where it is a body's. In many files it is not (bones along one local
+axis fold it to a stick); then the frame that stands most upright, limbs straight, takes its place. Distances between
+joints that one joint carries are the same in every frame, so lengths are exact either way.
+
+Canonical joints that the names do not give come from the tree: the pelvis is where legs and head part, the chest where
+neck and arms part, the spine joint lies half way up to it, the head's centre is half way between the head joint and the
+top of the head, and the toe joint, where a file has none, is the end of the foot.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import fsum
+
+import numpy as np
+
+from retarget import rotations
+from retarget.arithmetic import dot, matmul, norm, norms
+from retarget.errors import InputError
+from retarget.frames import JOINTS, Skeleton
+from retarget.model.rest_skeleton import ALONG, hanging_toe, rest_faults
+from retarget.sources.axes import UP_AXES, axis_name, forward_sign, world_axes
+from retarget.sources.skeletons import (
+    REQUIRED,
+    Channel,
+    JointTree,
+    Pose,
+    joints_by_name,
+    joints_by_shape,
+    named_in_part,
+    shared_path,
+)
+from retarget.types import FloatArray
+
+# Offsets of a tree, and what its frames say of them.
+
+SAME_LENGTH = (0.7, 1.4)
+"""Least and greatest ratio of a length in the frames to that at rest: beyond, the file's rest is wrong."""
+DIFFERENCES = 0.3
+"""Position channels that are less than this share of the offsets, in the median of all joints, are differences from
+them."""
+
+
+def true_offsets(
+    tree: JointTree, channels: Sequence[Sequence[Channel]], values: FloatArray
+) -> tuple[JointTree, FloatArray, tuple[str, ...]]:
+    """The tree and the channel values (T, d) with offsets and position channels that agree, and notes where they did
+    not.
+
+    A file may hold positions that are differences from the offsets, which are added to them then; or offsets that are
+    zero or of other lengths than the positions in the frames, which then come from the frames. Root positions, and
+    those of joints that only carry the body, move through the world and say nothing.
+    """
+    starts = np.cumsum([0, *map(len, channels)])
+    columns = {
+        joint: [(int(starts[joint]) + at, axis) for at, (kind, axis) in enumerate(own) if kind == "t"]
+        for joint, own in enumerate(channels)
+        if joint not in tree.path(tree.fork())
+    }
+    moved = {}  # joint -> its place (3,) in the median of the frames
+    for joint, own in columns.items():
+        if own:
+            moved[joint] = tree.offsets[joint].copy()
+            for column, axis in own:
+                moved[joint][axis] = np.median(values[:, column])
+    ratios = {joint: norm(at) / norm(tree.offsets[joint]) for joint, at in moved.items() if tree.offsets[joint].any()}
+    if ratios and float(np.median(list(ratios.values()))) < DIFFERENCES:
+        values = values.copy()
+        for joint in moved:
+            for column, axis in columns[joint]:
+                values[:, column] += tree.offsets[joint, axis]
+        return tree, values, ("positions of joints are differences from their offsets: they are added to them",)
+    low, high = SAME_LENGTH
+    wrong = [joint for joint, at in moved.items() if at.any() and not low <= ratios.get(joint, 0.0) <= high]
+    if not wrong:
+        return tree, values, ()
+    offsets = tree.offsets.copy()
+    offsets[wrong] = [moved[joint] for joint in wrong]
+    first = wrong[0]
+    note = (
+        f"bone lengths are taken from the frames where the offsets say otherwise ({tree.names[first]}: "
+        f"{norm(tree.offsets[first]):.4g}, in the frames {norm(moved[first]):.4g}; {len(wrong)} in all)"
+    )
+    return replace(tree, offsets=offsets), values, (note,)
+
+
+# Which joint of a tree is which of the body.
+
+
+@dataclass(frozen=True)
+class CanonicalJoint:
+    """A canonical joint as a point (3,) fixed in the frame of one joint of the tree. lacking: the file has no such
+    joint; it stands for a limb that the performer lacks, and is carried along at rest."""
+
+    joint: int
+    local: FloatArray
+    lacking: bool = False
+
+
+_SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
+"""Segments of limbs, by the joints where they begin and end. A file may split them (twist joints): the part next to the
+far joint gives the orientation."""
+_ARM = ("shoulder", "elbow", "wrist")
+_OF_ARM = ("collar", *_ARM, "hand")
+_LIMBS = (("hip", "knee", "ankle"), _ARM)
+LIMB_SHARE = 0.15
+"""A chain beside the known joints that is longer than this share of the body's path from head to foot may be a limb."""
+
+
+def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
+    """Canonical joints of a tree, by name tables or else by shape, and notes. Raises InputError if neither fits."""
+    notes: list[str] = []
+    found = joints_by_name(tree.names)
+    if found is None or not _is_body(tree, found):
+        found, missing = named_in_part(tree.names)
+        side = _armless_side(tree, found)
+        if side:
+            notes.append(
+                f"the body has no {'left' if side == 'l' else 'right'} arm: it is taken to hang at rest beside the trunk"
+            )
+            found = {joint: at for joint, at in found.items() if joint[:2] != f"{side}_" or joint[2:] not in _OF_ARM}
+        elif missing or not _is_body(tree, found):
+            found = joints_by_shape(tree)
+            notes.append("joint names not known: the body was recognised by the shape of its skeleton")
+            if found is None or not _is_body(tree, found):
+                raise _no_body(tree, missing, where=where)
+    joints = {name: CanonicalJoint(joint, np.zeros(3)) for name, joint in found.items() if name in JOINTS}
+    shared = shared_path(tree, [joints[name].joint for name in ("l_hip", "r_hip", "head")])
+    joints["pelvis"] = CanonicalJoint(shared[-1], np.zeros(3))
+    _add_trunk(tree, joints)
+    if not _centre_head(tree, joints, found.get("head_top")):
+        notes.append("the file has no top of the head: its head sensor is the head joint")
+    for side in "lr":
+        _add_toe(tree, joints, side)
+        if f"{side}_wrist" not in joints:
+            _add_arm(tree, joints, side)
+    return joints, tuple(notes)
+
+
+def _is_body(tree: JointTree, found: Mapping[str, int], *, but: str = "") -> bool:
+    """Whether the joints hang on each other as they do in a body. but: the side of an arm that is not looked at."""
+    trunk = shared_path(tree, [found[name] for name in ("l_hip", "r_hip", "head")])
+    if not trunk:
+        return False
+    chains = [[f"{s}_{part}" for part in limb] for s in "lr" for limb in _LIMBS if limb is not _ARM or s != but]
+    for chain in [*chains, ["head"]]:
+        path = tree.path(found[chain[-1]])
+        places = [path.index(at) if at in path else -1 for at in (trunk[-1], *(found[name] for name in chain))]
+        if places[0] < 0 or any(a >= b for a, b in pairwise(places)):
+            return False
+    return True
+
+
+def _armless_side(tree: JointTree, found: Mapping[str, int]) -> str:
+    """The side ("l" or "r") on which a body has no arm; "" where the tree is no such body, or has a chain of joints
+    that may be the arm by another name."""
+    missing = {joint for joint in REQUIRED if joint not in found}
+    sides = [side for side in "lr" if missing and missing <= {f"{side}_{part}" for part in _ARM}]
+    if not sides or not _is_body(tree, found, but=sides[0]):
+        return ""
+    ends = [found[name] for name in ("head", "l_ankle", "r_ankle", "l_wrist", "r_wrist") if name in found]
+    known = {joint for name in found.values() for joint in tree.path(name)}
+    known |= {joint for joint in range(len(tree.names)) if not set(ends).isdisjoint(tree.path(joint))}
+    lengths = [norm(offset) for offset in tree.offsets]
+    size = fsum(lengths[at] for name in ("head", "l_ankle") for at in tree.path(found[name]) if at not in tree.path(tree.fork()))
+    chains = [fsum(lengths[at] for at in tree.path(joint) if at not in known) for joint in range(len(tree.names))]
+    return sides[0] if max(chains) <= LIMB_SHARE * size else ""
+
+
+def _no_body(tree: JointTree, missing: Mapping[str, str], *, where: str) -> InputError:
+    """What is missing: joints, where most names are known, or a body."""
+    if missing and 2 * len(missing) < len(REQUIRED):
+        return InputError(
+            "the body lacks joints that are needed",
+            where=where,
+            found="no " + ", ".join(f"{joint} ({name})" for joint, name in missing.items()),
+            allowed="a body with head, two arms and two legs",
+            next_step="Export the whole body, or rename the joints that are these",
+        )
+    return InputError(
+        "no human skeleton recognised",
+        where=where,
+        found=", ".join(tree.names[:12]) + (", ..." if len(tree.names) > 12 else ""),
+        allowed="a body with head, two arms and two legs",
+        next_step="Rename the joints to Hips, LeftUpLeg, LeftArm and so on (docs/motion-files.md)",
+    )
+
+
+def rest_joint_positions(tree: JointTree, joints: Mapping[str, CanonicalJoint]) -> dict[str, FloatArray]:
+    """Rest positions (3,) of the canonical joints, in the axes and the length unit of the file, pelvis at the
+    origin."""
+    rest = tree.rest_positions()
+    origin = rest[joints["pelvis"].joint]
+    return {name: rest[at.joint] + at.local - origin for name, at in joints.items()}
+
+
+def segment_joint(tree: JointTree, joints: Mapping[str, CanonicalJoint], name: str) -> int:
+    """Joint of the tree whose frame is the orientation of the sensor `name`."""
+    side, part = name[:2], name[2:]
+    if part == "toe":
+        return joints[f"{side}ankle"].joint
+    if part in _SEGMENT_END and not joints[name].lacking:
+        return tree.parents[joints[side + _SEGMENT_END[part]].joint]
+    return joints[name].joint
+
+
+def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
+    """Chest, spine and neck, as far as the tree has joints for them."""
+    arms = [joints[name].joint for name in ("l_shoulder", "r_shoulder") if name in joints]
+    shared = shared_path(tree, [joints["head"].joint, *arms])
+    above = tree.path(joints["head"].joint)[len(shared) :]
+    rest = tree.rest_positions()
+    zero = np.zeros(3)
+    if len(shared) > 1:
+        joints["chest"] = CanonicalJoint(shared[-1], zero)
+        between = shared[shared.index(joints["pelvis"].joint) + 1 : -1] if joints["pelvis"].joint in shared else []
+        half = 0.5 * (rest[joints["pelvis"].joint] + rest[shared[-1]])
+        if between:
+            joints["spine"] = CanonicalJoint(min(between, key=lambda joint: norm(rest[joint] - half)), zero)
+    if "neck" not in joints and above:
+        joints["neck"] = CanonicalJoint(above[0], zero)
+
+
+def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> bool:
+    """Move the head from its joint to half way to its top; False if the file has no top of the head."""
+    head = joints["head"].joint
+    if top is not None and tree.parents[top] == head:
+        end = tree.offsets[top]
+    else:
+        ends = [end for end in tree.ends[head] if end.any()]
+        if not ends:
+            return False
+        end = max(ends, key=norm)
+    joints["head"] = replace(joints["head"], local=0.5 * end)
+    return True
+
+
+def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
+    """Where the file has no toe joint: the end of the foot, wherever the chain below the ankle ends."""
+    if f"{side}_toe" in joints:
+        return
+    joint = joints[f"{side}_ankle"].joint
+    while children := tree.children(joint):
+        joint = children[0]
+    ends = [end for end in tree.ends[joint] if end.any()]
+    if ends or joint != joints[f"{side}_ankle"].joint:
+        joints[f"{side}_toe"] = CanonicalJoint(joint, ends[0] if ends else np.zeros(3))
+
+
+def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
+    """An arm that the performer lacks: as long as the other one, hanging beside the trunk, which carries it."""
+    at, other = rest_joint_positions(tree, joints), "r" if side == "l" else "l"
+    hips, across = 0.5 * (at["l_hip"] + at["r_hip"]), at["l_hip"] - at["r_hip"]
+    up, shoulder = at["head"] - hips, at[f"{other}_shoulder"]
+    point = shoulder - 2.0 * dot(shoulder - hips, across) / max(dot(across, across), 1e-12) * across
+    bearer = joints.get("chest", joints["pelvis"])
+    for part, above in zip(_ARM, ("", *_ARM), strict=False):
+        length = norm(at[f"{other}_{part}"] - at[f"{other}_{above}"]) if above else 0.0
+        point = point - length / max(norm(up), 1e-12) * up
+        start = at[next(name for name in ("chest", "pelvis") if name in joints)]
+        joints[f"{side}_{part}"] = CanonicalJoint(bearer.joint, point - start, lacking=True)
+
+
+# The pose in which the tree is a body that stands.
+
+ALONG_AXIS = 0.95
+"""Cosine from which a direction of a rest pose is meant to be a coordinate axis."""
+MAX_LOOKED_AT = 2000
+"""Most frames of which the most upright one is taken."""
+
+
+@dataclass(frozen=True)
+class RestSkeleton:
+    """A tree in motion whose pose with all rotations zero is a body that stands.
+
+    tree, pose, joints: with this zero pose, in the file's axes and length unit. skeleton: the joints at rest in the
+    axes of the body, in the file's unit. body, world (3, 3): forward, left and up as rows, of the rest pose and of the
+    recording, in the file's axes; both have a determinant of -1 where the file is mirrored.
+    """
+
+    tree: JointTree
+    pose: Pose
+    joints: dict[str, CanonicalJoint]
+    skeleton: Skeleton
+    body: FloatArray
+    world: FloatArray
+    notes: tuple[str, ...]
+
+
+def find_rest_skeleton(tree: JointTree, pose: Pose, *, up: FloatArray | None, rate: float, where: str) -> RestSkeleton:
+    """The rest skeleton of a tree in motion. up (3,): the world's up axis, if the user says it. rate: Hz, for notes.
+
+    Raises InputError if the tree is no human, if it stands neither with all rotations zero nor in a frame, and if arms
+    and legs do not agree which side is left.
+    """
+    joints, notes = canonical_joints(tree, where=where)
+    tracks = {name: pose.point(at.joint, at.local) for name, at in joints.items()}
+    front = -1.0 if forward_sign(tracks) < 0.0 else 1.0
+    body, skeleton = _as_body(tree, joints, front=front)
+    faults = rest_faults(skeleton) or _unlike_frames(skeleton, tracks)
+    world, axis_notes = world_axes(
+        tracks,
+        declared=None if faults else body[2],
+        declared_by="the rest pose",
+        usual=UP_AXES["y"],
+        asked=up,
+    )
+    lacks_foot = not faults and any(hanging_toe(skeleton, s) is None for s in "lr" if f"{s}_toe" in joints)
+    if faults or lacks_foot:
+        row = _most_upright(tracks, world)
+        stands, moves = _based_on(tree, pose, row)
+        there, _ = canonical_joints(stands, where=where)
+        axes, upright = _as_body(stands, there, front=front, up=world[2])
+        if lacks_foot and any(hanging_toe(upright, s) is not None for s in "lr" if f"{s}_toe" in there):
+            faults = ("its feet have no length on the ground",)
+    if faults:
+        _refuse_swapped(upright, where=where)
+        if wrong := rest_faults(upright):
+            raise InputError(
+                "the skeleton has no rest pose",
+                where=where,
+                found=f"with all rotations zero {faults[0]}; in the most upright frame ({row + 1}) {wrong[0]}",
+                allowed="a body that stands upright, or a recording in which it does",
+                next_step="Export it with a T-pose as its rest pose, or let the recording begin with one",
+            )
+        tree, pose, joints, body, skeleton = stands, moves, there, axes, upright
+        note = (
+            f"with all rotations zero the skeleton is no body that stands ({faults[0]}): the frame at {row / rate:.2f} "
+            "s, the most upright one, is taken as its rest pose"
+        )
+        notes = (note, *notes)
+    _refuse_swapped(skeleton, where=where)
+    if flat := [name for name in ("l_toe", "r_toe") if name in joints and hanging_toe(skeleton, name[0]) is None]:
+        notes = (*notes, "the file's feet have no length on the ground: its toes are left out")
+        joints = {name: at for name, at in joints.items() if name not in flat}
+        kept = [name not in flat for name in skeleton.names]
+        skeleton = Skeleton(tuple(joints), skeleton.position[kept])
+    return RestSkeleton(tree, pose, joints, skeleton, body, world, (*axis_notes, *notes))
+
+
+def _as_body(
+    tree: JointTree, joints: Mapping[str, CanonicalJoint], *, front: float, up: FloatArray | None = None
+) -> tuple[FloatArray, Skeleton]:
+    """Axes (3, 3) of the body in the zero pose, and the joints in them.
+
+    up (3,): where it is known; else from hips to head. Left is as hips and shoulders lie, without its part along up. A
+    direction near a coordinate axis is meant to be that axis. front: -1 if the tree is mirrored.
+    """
+    at = rest_joint_positions(tree, joints)
+    if up is None:
+        up = _direction(at["head"] - 0.5 * (at["l_hip"] + at["r_hip"]), least=ALONG)
+    across = at["l_hip"] - at["r_hip"] + at["l_shoulder"] - at["r_shoulder"]
+    left = _direction(across - dot(across, up) * up, least=ALONG_AXIS)
+    axes = np.stack((front * np.cross(left, up), left, up)) + 0.0
+    return axes, Skeleton(tuple(at), matmul(np.stack(list(at.values())), axes.T))
+
+
+def _direction(vector: FloatArray, *, least: float) -> FloatArray:
+    """Unit vector (3,) along another, or the coordinate axis to which its cosine is at least this; NaN for zero."""
+    length = norm(vector)
+    if not length > 0.0:
+        return np.full(3, np.nan)
+    axis = UP_AXES[axis_name(vector)]
+    return axis if dot(vector, axis) >= least * length else vector / length
+
+
+def _refuse_swapped(skeleton: Skeleton, *, where: str) -> None:
+    """Raise InputError where arms and legs do not agree which side is left."""
+    hips, shoulders = (skeleton.of(f"l_{part}") - skeleton.of(f"r_{part}") for part in ("hip", "shoulder"))
+    if dot(hips, shoulders) < 0.0:
+        raise InputError(
+            "left and right are swapped between arms and legs: in the rest pose they run in opposite directions",
+            where=where,
+            next_step="Exchange the names of the left and the right arm (or leg) joints in the program that wrote it",
+        )
+
+
+def _unlike_frames(skeleton: Skeleton, tracks: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    """Widths of the rest skeleton that are not those of the frames, in words."""
+    low, high = SAME_LENGTH
+    found = []
+    for part in ("shoulder", "hip"):
+        here = skeleton.distance(f"l_{part}", f"r_{part}")
+        seen = float(np.median(norms(tracks[f"l_{part}"] - tracks[f"r_{part}"])))
+        if not low * here <= seen <= high * here:
+            found.append(f"its {part}s are not as far apart as in the frames")
+    return tuple(found)
+
+
+def _based_on(tree: JointTree, pose: Pose, row: int) -> tuple[JointTree, Pose]:
+    """The same motion of a tree whose zero pose is that of a frame."""
+    turn = pose.orientation[row]
+    above = np.array([turn[parent] if parent >= 0 else rotations.IDENTITY for parent in tree.parents])
+    ends = tuple(
+        tuple(rotations.rotate(q, end) for end in ends) for q, ends in zip(turn, tree.ends, strict=True)
+    )
+    stands = replace(tree, offsets=rotations.rotate(above, tree.offsets), ends=ends)
+    return stands, Pose(pose.position, rotations.multiply(pose.orientation, rotations.conjugate(turn)))
+
+
+def _most_upright(tracks: Mapping[str, FloatArray], world: FloatArray) -> int:
+    """The frame in which a body stands most like a rest pose: upright, ahead, legs straight, arms straight and hanging
+    or out to the sides.
+
+    tracks: canonical joints (T, 3) in file axes. Each line of the body costs 1 minus the cosine to where it should go.
+    """
+    count = len(tracks["head"])
+    rows = np.unique(np.linspace(0, count - 1, MAX_LOOKED_AT).astype(int))
+    at = {name: matmul(track[rows], world.T) for name, track in tracks.items()}
+    up = np.array([0.0, 0.0, 1.0])
+    hips = at["l_hip"] - at["r_hip"]
+    left = _units(hips * np.array([1.0, 1.0, 0.0]))
+    ahead = np.cross(left, up)
+    middle = 0.5 * (at["l_hip"] + at["r_hip"])
+    # The trunk and which way it faces carry all that no bone direction shows, so they count more.
+    cost = 3.0 * _off(at["head"] - middle, up) + 3.0 * _off(at["l_shoulder"] - at["r_shoulder"], left) + _off(hips, left)
+    if "neck" in at:
+        cost = cost + _off(at["head"] - at["neck"], up)
+    for s in "lr":
+        cost = cost + _off(at[f"{s}_hip"] - at[f"{s}_knee"], up) + _off(at[f"{s}_knee"] - at[f"{s}_ankle"], up)
+        arm, forearm = at[f"{s}_elbow"] - at[f"{s}_shoulder"], at[f"{s}_wrist"] - at[f"{s}_elbow"]
+        aside = left if s == "l" else -left
+        cost = cost + np.minimum(_off(arm, -up), _off(arm, aside)) + _off(forearm, _units(arm))
+        if f"{s}_toe" in at:
+            foot = at[f"{s}_toe"] - at[f"{s}_ankle"]
+            cost = cost + 0.5 * _off(foot * np.array([1.0, 1.0, 0.0]), ahead)
+    return int(rows[int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))])
+
+
+def _units(vectors: FloatArray) -> FloatArray:
+    """Unit vectors (T, 3); zero where there is no length."""
+    length = norms(vectors)[:, None]
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+
+
+def _off(vectors: FloatArray, direction: FloatArray) -> FloatArray:
+    """1 minus the cosine between vectors (T, 3) and unit vectors, (T,)."""
+    return np.asarray(1.0 - (_units(vectors) * direction).sum(axis=1))
