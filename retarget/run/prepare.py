@@ -97,12 +97,14 @@ def robot_part(
 
 
 def try_robot(robot: RobotBody, options: RunOptions) -> None:
-    """Build what a run builds of a robot, for a person of average proportions. Raises RetargetError as the run would."""
+    """Build what a run builds of a robot, for a person of average proportions; a way to rest is not tried. Raises
+    RetargetError as the run would."""
     for_human, for_robot, _ = stage_priorities(robot, options)
     assert for_robot is not None, "there is a robot"
     human, performer = build_human(proportional_dimensions(STATURE)), load_performer(options.performer_name)
     Reconstructor(human, for_human, performer)
-    robot_part(robot, for_robot, human, options, scene_of(robot, options), dt=1.0 / robot.profile.safety.rate_hz)
+    scene, dt = scene_of(robot, options), 1.0 / robot.profile.safety.rate_hz
+    robot_part(robot, for_robot, human, options, scene, dt=dt, goes_to_rest=False)
 
 
 STATURE = 1.7
