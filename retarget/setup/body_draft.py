@@ -1,7 +1,6 @@
 """The body file of a drafted profile: MJCF with simple shapes, which stands by itself."""
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +26,8 @@ _THIN = re.compile(r"mesh volume is too small: (\S+)")
 class BodyDraft:
     """spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source, meshes and all, with the names of the body that
     is written. content: that body, MJCF. shapes: of its links, which stand for meshes there. notes: what was changed,
-    for the user. ready: of a URDF. hints: names of the meshes, which may tell servos."""
+    for the user. ready: of a URDF. hints: names of the meshes, which may tell servos. too_large: meshes that are in
+    another unit, in words, else empty."""
 
     spec: Any
     model: Any
@@ -36,6 +36,7 @@ class BodyDraft:
     notes: tuple[str, ...]
     ready: ReadyUrdf
     hints: tuple[str, ...]
+    too_large: str
 
 
 def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
@@ -71,11 +72,10 @@ def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
         _rename(spec, notes)
         model = _compiled(spec)
         check_numbers(model, source=str(source.path))
-        notes += _far_too_large(model, meshes)
         shapes = fitted_shapes(model, source=str(source.path))
         written = _written(spec, model, shapes, notes)
         hints = tuple(meshes.names.values())
-        return BodyDraft(spec, model, written, shapes, tuple(notes), ready, hints)
+        return BodyDraft(spec, model, written, shapes, tuple(notes), ready, hints, _far_too_large(model, meshes))
     except (ValueError, RuntimeError) as error:
         raise refusal(str(source.path), type(error)(meshes.in_words(str(error))), spec) from error
 
@@ -154,7 +154,7 @@ def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[s
     return str(spec.to_xml()).encode()
 
 
-def _far_too_large(model: Any, meshes: MeshFiles) -> Iterator[str]:
+def _far_too_large(model: Any, meshes: MeshFiles) -> str:
     """A note on meshes that are far larger than the distances between joints: they are in another unit."""
     mujoco = engine()
     data = mujoco.MjData(model)
@@ -167,12 +167,12 @@ def _far_too_large(model: Any, meshes: MeshFiles) -> Iterator[str]:
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
         if spread > 0.0 and size > FAR_TOO_LARGE * spread:
             found[meshes.in_words(f"'{model.mesh(mesh).name}'").strip("'")] = size
-    if found:
-        largest = max(found.values())
-        yield (
-            f"meshes far larger than the robot: {largest:.3g} m, where all joints are within {spread:.2g} m: "
-            f'are they in mm? Then write scale="0.001 0.001 0.001" into <mesh>: {listed(list(found))}'
-        )
+    if not found:
+        return ""
+    return (
+        f"meshes of up to {max(found.values()):.3g} m, where all joints are within {spread:.2g} m: are they in mm? Then "
+        f'write scale="0.001 0.001 0.001" into <mesh>: {listed(list(found))}'
+    )
 
 
 def _rename(spec: Any, notes: list[str]) -> None:

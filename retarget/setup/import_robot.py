@@ -56,7 +56,7 @@ class Imported:
 
     problems: what keeps a run from beginning, as `retarget check` says it; empty: it can be run. margin: how far (m)
     the centre of mass is inside the soles, None without soles or with problems. rest: how it is at rest, in words.
-    drafts: lines that are marked so.
+    drafts: lines that are marked so. again: True if the body file must be corrected first.
     """
 
     folder: Path
@@ -65,6 +65,7 @@ class Imported:
     margin: float | None
     rest: str
     drafts: int
+    again: bool = False
 
 
 def import_robot(
@@ -94,12 +95,14 @@ def import_robot(
             folder = Path(place) / "robot"
             folder.mkdir()
             draft = _drafted(folder, known, robot, links or Links(), servo)
-            problems, margin, rest = _checked(folder)
+            too_large = robot.body.too_large
+            problems, margin, rest = ((too_large,), None, "") if too_large else _checked(folder)
             _check_out(out)
             folder.rename(out)
     except OSError as error:
         raise UsageError("cannot write here", where=OPTION, found=f"{out}: {error.strerror}") from error
-    return Imported(out, draft, problems, margin, rest, len(marked_lines(profile_text(draft))))
+    drafts = len(marked_lines(profile_text(draft)))
+    return Imported(out, draft, problems, margin, rest, drafts, again=bool(too_large))
 
 
 def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str]:

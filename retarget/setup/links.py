@@ -1,7 +1,7 @@
 """The links that say what is what on a robot, as names: proposed from the tree and its names, then given or accepted."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -63,7 +63,7 @@ def completed(proposed: Links, given: Links, tree: Tree) -> Links:
     for part in given.model_fields_set:
         other = f"r{part[1:]}"
         if part.startswith("l_") and other not in given.model_fields_set:
-            parts[other] = _counterpart(parts[part], parts, part, tree)
+            parts[other] = _counterpart(parts[part], proposed, part, tree)
     links = Links.model_validate(parts)
     problems = [
         Problem("not on the way from the trunk to the end of the limb", "--links", f"{side}_{bend}: {middle}", end)
@@ -77,7 +77,7 @@ def completed(proposed: Links, given: Links, tree: Tree) -> Links:
     return links
 
 
-def _counterpart(link: str | None, parts: Mapping[str, str | None], part: str, tree: Tree) -> str | None:
+def _counterpart(link: str | None, proposed: Links, part: str, tree: Tree) -> str | None:
     """The link on the right of one on the left: by its name, else by its place on the limb."""
     if link is None:
         return None
@@ -86,12 +86,9 @@ def _counterpart(link: str | None, parts: Mapping[str, str | None], part: str, t
             name = f"{link[: match.start()]}{right}{link[match.end() :]}"
             if name in tree.links:
                 return name
-    end = BENDS.get(part[2:], part[2:])
-    first, second = parts[f"l_{end}"], parts[f"r_{end}"]
-    if first is None or second is None or tree.links[link] not in tree.path(tree.links[first]):
-        return parts[f"r{part[1:]}"]
-    place = len(tree.path(tree.links[first])) - len(tree.path(tree.links[link]))
-    return tree.nodes[tree.path(tree.links[second])[-1 - place]].names[0]
+    end = getattr(proposed, f"r_{BENDS.get(part[2:], part[2:])}")
+    place, path = len(tree.path(tree.links[link])), [] if end is None else tree.path(tree.links[end])
+    return tree.nodes[path[place - 1]].names[0] if place <= len(path) else end
 
 
 # A proposal: limbs are branches in pairs, by names or as mirror images; what they are, names say first.

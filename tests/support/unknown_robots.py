@@ -14,8 +14,8 @@ from xml.sax.saxutils import quoteattr
 
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.schema.catalogue import shipped_folder
-from retarget.setup.frames import Posed, find_frames
-from retarget.setup.limbs import Anatomy, find_anatomy
+from retarget.setup.frames import Anatomy, Posed, find_anatomy, find_frames
+from retarget.setup.links import propose_links
 from retarget.setup.tree import Tree, read_tree
 
 SHIPPED = tuple(sorted(path.parent.name for path in (shipped_folder() / "robots").glob("*/robot.yaml")))
@@ -149,7 +149,12 @@ def shipped_tree(robot: str) -> Tree:
 @cache
 def shipped_anatomy(robot: str) -> Anatomy:
     """Its limbs."""
-    return find_anatomy(shipped_tree(robot))
+    return proposed_anatomy(shipped_tree(robot))
+
+
+def proposed_anatomy(tree: Tree) -> Anatomy:
+    """The limbs by the links that are proposed."""
+    return find_anatomy(tree, propose_links(tree))
 
 
 def text_tree(text: str) -> Tree:
