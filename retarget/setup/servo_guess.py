@@ -30,6 +30,8 @@ UNKNOWN = "XM430-W350"
 NO_TORQUE = "the body states no torque"
 LOW_VOLTAGE = 9.0
 """[V] servos made for less do not share a line with the others."""
+SHORTEST = 4
+"""Letters of a model that its name is known by inside of others."""
 END_TICKS = 4
 """Limits stay so many ticks inside the servo's travel."""
 
@@ -50,8 +52,9 @@ def models_in_names(names: Iterable[str]) -> list[ServoModel]:
     """The servo models that names of meshes and links tell, that of most names first. A series alone (xl330) tells its
     first model."""
     plain = [re.sub("[^a-z0-9]", "", name.lower()) for name in names]
-    for length in (None, 1):  # XL330-M288, then XL330
+    for length in (None, 1):  # XL330-M288, then XL330, but not MX
         known = {"".join(name.lower().split("-")[:length]): name for name in reversed(SERVO_MODELS)}
+        known = {plain: name for plain, name in known.items() if len(plain) >= SHORTEST}
         found = Counter(known[max(held, key=len)] for name in plain if (held := [one for one in known if one in name]))
         if found:
             return [SERVO_MODELS[name] for name, _ in found.most_common()]
