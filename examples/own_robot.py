@@ -16,7 +16,7 @@ def main(path: str | None = None) -> None:
     """Print what was found, and how well it follows."""
     body = Path(path) if path else load_robot("wolfgang").profile.body_path
     with TemporaryDirectory() as folder:
-        made = import_robot(body, Path(folder, "robot"), samples=500)
+        made = import_robot(body, Path(folder, "robot"))
         print(f"{made.drafts} lines to look at; problems: {'; '.join(made.problems) or 'none'}")
         options = RunOptions(robot=str(made.folder / "robot.yaml"))
         frames = synthetic_performer().cut(0.0, 2.0)

@@ -12,18 +12,20 @@ from hardware.servo import DEFAULT_P_GAIN, p_gain
 from retarget.cli.exit import echo
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
-from retarget.model.observers import NEVER_NEAR, DroppedPair, robot_observers
+from retarget.model.observers import DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_profile, load_robot
 from retarget.robot.balance import heaviest_loads
-from retarget.run.options import name_with_mass
+from retarget.run.options import RunOptions, name_with_mass
+from retarget.run.prepare import try_robot
 from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
+from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.schema.profile import DRAFT, marked_lines
 from retarget.schema.profile_parts import safety_facts
 from retarget.schema.scene import Obstacle, load_scene
-from retarget.schema.strict_models import Schema, unknown_name
+from retarget.schema.strict_models import Schema, listed, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan
 
 ELSEWHERE = {
@@ -108,6 +110,8 @@ def _robot(path: Path) -> str:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
     robot = load_robot(path)
     observers = robot_observers(robot)
+    for bus in ("mock", "profile"):  # without mass, and with it
+        try_robot(robot, RunOptions(robot=str(path), bus=bus))
     margin, to_rest = check_stand(robot), usual_rest_trajectory(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (
@@ -131,6 +135,9 @@ def _robot(path: Path) -> str:
         facts["to rest"] = str(to_rest)
         how, stays = topples_at_rest(robot), profile.postures.stays_at_rest
         facts["at rest"] = f"{at_rest(robot)}; {_rests(how, stays=stays)}"
+    if questioned := list(questioned_ranges(robot, observers)):
+        step = "draw `limits` in to what the robot can do; the gate stops at a touch, and nothing else does"
+        facts["warning"] = f"{counted(len(questioned), 'wide range')}: {listed(questioned, limit=3)}. Next: {step}"
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
     facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"
@@ -155,12 +162,9 @@ def _rests(how: str | None, *, stays: bool) -> str:
 
 
 def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
-    """Pairs that are dropped, and why; for those that are never near only their number."""
-    shown = [pair for pair in dropped if not pair.neighbours]
-    far = [pair for pair in shown if pair.reason.startswith(NEVER_NEAR)]
-    texts = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in shown if pair not in far]
-    texts += [f"{len(far)} pairs that are {NEVER_NEAR}"] if far else []
-    return "; ".join(texts) or "only neighbours along the body"
+    """The first pairs that are dropped, and why."""
+    shown = [f"{pair.first} and {pair.second}: {pair.reason}" for pair in dropped if not pair.neighbours]
+    return listed(shown, limit=3) or "only neighbours along the body"
 
 
 def _stiffness(robot: RobotBody) -> str:

@@ -2,33 +2,33 @@
 propose collision observers and pairs to ignore from its body."""
 
 import shlex
+import sys
 from pathlib import Path
 
-from hardware.errors import counted
-from retarget.cli.application import Overwrite, progress_bar
+from hardware.errors import counted, printable
+from retarget.cli.application import Overwrite
 from retarget.cli.exit import echo
-from retarget.errors import UsageError
+from retarget.errors import RetargetError, UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
-from retarget.setup.fit_observers import DEFAULT_SAMPLES as FIT_SAMPLES
-from retarget.setup.fit_observers import Fit, Subject, find_subject, fit
-from retarget.setup.import_robot import DEFAULT_SAMPLES, Imported, import_robot
+from retarget.setup.fit_observers import Zones, fit
+from retarget.setup.import_robot import Imported, UnknownRobot, import_robot, read_robot
+from retarget.setup.links import PARTS, Links, completed, read_links
 from retarget.setup.servo_guess import NO_TORQUE
-from retarget.setup.shape_fit import Zones
-
-STEPS = 1000
-"""Steps of the progress bar, which shows a share."""
 
 
 def import_body(
     body: Path,
     out: Path | None = None,
     name: str | None = None,
+    links: Path | None = None,
+    servo: str = "",
+    yes: bool = False,
     no_meshes: bool = False,
-    samples: int = DEFAULT_SAMPLES,
 ) -> None:
-    """Draft a robot profile from its body alone: servo table, limbs, soles, postures, observers and landmarks.
+    """Draft a robot profile from its body: servo table, limbs, soles, postures, observers and landmarks.
 
-    Writes a new folder with robot.yaml and the body; what only you can know is marked DRAFT there.
+    Asks which link is what, as far as it is not given. Writes a new folder with robot.yaml and the body; what only you
+    can know is marked DRAFT there.
 
     Arguments:
         body FILE.urdf|xml: The robot's body: URDF or MJCF.
@@ -36,19 +36,41 @@ def import_body(
     Options:
         out DIR: New folder for it; absent: the robot's name, here.
         name NAME: Of the robot; absent: that in the file.
+        links FILE.yaml: The links of its parts (l_hand: LINK, ...); what is left out is proposed.
+        servo MODEL: Model of all servos (XL330-M288); absent: as the file tells it.
+        yes: Take the links that are proposed, without asking.
         no_meshes (--no-meshes): Leave out meshes that cannot be read.
-        samples N: Postures that are looked at for observers.
     """
-    with progress_bar("looking at postures", STEPS) as show:
-        done = import_robot(
-            body,
-            out,
-            no_meshes=no_meshes,
-            name=name,
-            samples=samples,
-            progress=lambda share: show(int(STEPS * share)),
-        )
-    echo(_drafted(done))
+    robot = read_robot(body, no_meshes=no_meshes)
+    given = Links() if links is None else read_links(links, robot.tree)
+    if links is None and not yes and sys.stdin.isatty() and sys.stdout.isatty():
+        given = _asked(robot)
+    echo(_drafted(import_robot(robot, out, links=given, name=name, servo=servo)))
+
+
+def _asked(robot: UnknownRobot) -> Links:
+    """Let the operator change the links of the parts until they are right."""
+    given = Links()
+    while True:
+        links = completed(robot.proposed, given, robot.tree)
+        rows = [(part, getattr(links, part)) for part in PARTS]
+        joints = {link: robot.tree.nodes[node].joint for link, node in robot.tree.links.items()}
+        echo("  part      link, and the joint that moves it")
+        for part, link in rows:
+            echo(f"  {part:<9} {link or '-'}{f'  ({joints[link]})' if link and joints[link] else ''}")
+        answer = input(printable("ENTER if this is right, else PART=LINK (PART= for none, ? for all links): ")).strip()
+        if not answer:
+            return given
+        part, _, link = (word.strip() for word in answer.partition("="))
+        if part in PARTS and (not link or link in robot.tree.links):
+            try:
+                new = given.model_copy(update={part: link or None})
+                completed(robot.proposed, new, robot.tree)
+                given = new
+            except RetargetError as error:
+                echo(f"error: {error}")
+        else:
+            echo(f"parts: {', '.join(PARTS)}; links: {', '.join(robot.tree.links)}")
 
 
 def _drafted(done: Imported) -> str:
@@ -60,8 +82,8 @@ def _drafted(done: Imported) -> str:
     guessed = ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models))
     facts = {
         "root": f"{draft.root}, {_count(len(draft.feet), 'sole')}, {_count(arms, 'hand')}",
-        "front": draft.facing,
-        "servos": guessed + (f" ({unknown} of them without a hint in the file)" if unknown else ""),
+        "links": ", ".join(f"{part} {link}" for part, link in draft.links.model_dump().items() if link),
+        "servos": guessed + (f" ({unknown} of them without a hint in the file: give --servo MODEL)" if unknown else ""),
         "stand": _stands(done),
         "rest": done.rest or "not known",
     }
@@ -73,9 +95,10 @@ def _drafted(done: Imported) -> str:
     profile = shlex.quote(str(folder / "robot.yaml"))
     if done.problems:
         lines += ["  not complete yet, says retarget check:", *(f"    {text}" for text in done.problems)]
-        return "\n".join([*lines, f"Next: fix {profile}, then retarget check {profile}"])
+        step = f"correct {draft.source}, and import it again" if done.again else f"fix {profile}, then retarget check {profile}"
+        return "\n".join([*lines, f"Next: {step}"])
     drafts = f"{counted(done.drafts, 'line')} marked DRAFT must be checked before it moves a real robot"
-    return "\n".join([*lines, f"Next: retarget demo --robot {profile} --bus mock", f"      {drafts}"])
+    return "\n".join([*lines, f"good, next: retarget demo --robot {profile} --bus mock", f"      {drafts}"])
 
 
 def _stands(done: Imported) -> str:
@@ -91,49 +114,31 @@ def _count(number: int, what: str) -> str:
 def fit_observers(
     robot: str,
     out: Path | None = None,
-    samples: int = FIT_SAMPLES,
-    seed: int = 0,
     influence: float = 0.03,
     margin: float = 0.005,
     overwrite: Overwrite = False,
 ) -> None:
-    """Propose observers (the smallest capsule around each link) and pairs to ignore, as a part of a profile in YAML.
+    """Propose observers (of a capsule and a box around each link the smaller one) and pairs to ignore, as a part of a
+    profile in YAML.
 
     Arguments:
         robot: A robot's name, its profile, or its body: MJCF or URDF.
 
     Options:
         out FILE.yaml: Write it here instead of printing it.
-        samples N: Postures that are looked at.
-        seed S: Of the postures: the same seed, the same proposal.
         influence M: Distance at which an observer acts, m.
         margin M: Distance that it keeps, m.
     """
-    zones = Zones(influence, margin)
-    subject = find_subject(robot)
-    if out is not None:
-        _check_out(out, subject)
-        if not overwrite:
-            refuse_existing(out, option="--out")
-    with progress_bar("looking at postures", STEPS) as show:
-        found = fit(subject, zones, samples=samples, seed=seed, progress=lambda share: show(int(STEPS * share)))
+    found = fit(robot, Zones(influence, margin))
     if out is None:
         echo(found.text, end="")
         return
-    write_atomic(out, found.text.encode(), option="--out")
-    echo(f"{out}: {_proposed(found)}")
-
-
-def _check_out(out: Path, subject: Subject) -> None:
-    """The file that the proposal was made from is never written anew."""
     check_place(out, option="--out")
-    if any(out.exists() and out.samefile(path) for path in subject.inputs):
+    if any(out.exists() and out.samefile(path) for path in found.inputs):
         raise UsageError(
             "this file is what the proposal is made from", where="--out", found=str(out), next_step="Give another name"
         )
-
-
-def _proposed(found: Fit) -> str:
-    kinds = [verdict.kind for verdict in found.ignored]
-    ignored = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
-    return f"{len(found.observers)} observers; {len(kinds)} of {len(found.records)} pairs to ignore ({ignored})"
+    if not overwrite:
+        refuse_existing(out, option="--out")
+    write_atomic(out, found.text.encode(), option="--out")
+    echo(f"{out}: {len(found.shapes)} observers; {counted(len(found.ignored), 'pair')} to ignore")

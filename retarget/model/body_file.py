@@ -35,7 +35,8 @@ class BodyFile:
 
 
 def engine() -> Any:
-    """The `mujoco` package. Raises ConfigError where it is missing or broken."""
+    """The `mujoco` package, whose warnings go nowhere: raw, they are no messages to a user, and it logs them to a file
+    in the working folder. Raises ConfigError where it is missing or broken."""
     try:
         import mujoco
     except ImportError as error:
@@ -44,7 +45,12 @@ def engine() -> Any:
             found=str(error),
             next_step="Install it into this environment: pip install mujoco",
         ) from error
+    mujoco.set_mju_user_warning(ignore_warning)
     return mujoco
+
+
+def ignore_warning(text: str) -> None:
+    """Drop a warning of MuJoCo."""
 
 
 def compile_body(path: Path, *, root: Root | None = None) -> BodyFile:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from retarget import rotations
-from retarget.model.body import BodyModel, Geom
+from retarget.model.body import BodyModel, Geom, JointType
 from retarget.model.scene_shapes import ShapeKind
 from retarget.types import FloatArray, IntArray
 
@@ -121,17 +121,23 @@ def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[Mesh]:
     geoms = [geom for geom in body.geoms if geom.body == link]
     geoms = [geom for geom in geoms if not geom.collides] or geoms
     parts = [mesh for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
-    ends = list(body.body_pos[body.parent == link])
-    if parts:  # what hangs beside its joint
-        points = joined(parts).vertices
-        low, high = points.min(axis=0), points.max(axis=0)
-        ends += [] if (np.abs(0.5 * (low + high)) < 0.5 * (high - low)).all() else [0.5 * (low + high)]
+    ends, begin = list(body.body_pos[body.parent == link]), np.zeros(3)
+    points = joined(parts).vertices if parts else np.array(ends).reshape(-1, 3)
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (begin, begin)
+    middle = 0.5 * (low + high)
+    if all(body.joint_type[joint] == JointType.FREE for joint in np.flatnonzero(body.joint_body == link)):
+        # Nothing turns it about its origin, which may be anywhere: on the ground, say.
+        begin = middle
+        ends = [end for end in ends if not parts or ((end < low) | (end > high)).any()]
+    elif parts and not (np.abs(middle) < 0.5 * (high - low)).all():  # what hangs beside its joint
+        ends.append(middle)
     radius = THIN * float(np.linalg.norm(body.body_pos, axis=1).sum())
     for end in ends:
-        length = float(np.linalg.norm(end))
+        length = float(np.linalg.norm(end - begin))
         if length > THINNEST:
             rod = shape_mesh(ShapeKind.CYLINDER, (radius, 0.5 * length, 0.0), around=THIN_AROUND)
-            parts.append(rod.placed(0.5 * end, rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), end)))
+            turn = rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), end - begin)
+            parts.append(rod.placed(0.5 * (begin + end), turn))
     return parts
 
 

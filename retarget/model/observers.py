@@ -27,9 +27,6 @@ NEAR_LINKS = 2
 """Links that are so many steps apart along the body may touch at rest and are then never looked at; what is farther
 apart and touches is a fault of the neutral posture or of the shapes."""
 
-NEVER_NEAR = "never near"
-"""How the reason begins of a pair that a fit found to stay apart; it says nothing more of interest."""
-
 AT_HOME = 0.75
 """Most of a pair's distance at rest that may be margin. Asked for more, a body could never rest: nothing below would
 move."""

@@ -21,6 +21,7 @@ from retarget.human.samples import Parts, Performance, Playback, Samples, lay_on
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.human import Human, build_human
+from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.observers import Observers, contacts
 from retarget.model.robot import TRUNK, RobotBody, load_robot
 from retarget.model.scene_state import SceneState
@@ -75,6 +76,39 @@ def robot_stage(
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
     return follower, make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
 
+
+def robot_part(
+    robot: RobotBody,
+    priorities: Priorities,
+    human: Human,
+    options: RunOptions,
+    scene: SceneState | None,
+    *,
+    dt: float,
+    goes_to_rest: bool | None = None,
+    end_plan: EndPlan | None = None,
+) -> tuple[Follower, Gate, EndPlan]:
+    """Everything of a run but performer and bus: the robot's stage, and how it ends, see `prepare_for`."""
+    follower, gate = robot_stage(robot, priorities, human, options, scene, dt=dt)
+    if end_plan is None and (options.has_mass if goes_to_rest is None else goes_to_rest):
+        tried = make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
+        end_plan = plan_end(robot, follower.stance, tried, options, dt=dt)
+    return follower, gate, end_plan or EndPlan()
+
+
+def try_robot(robot: RobotBody, options: RunOptions) -> None:
+    """Build what a run builds of a robot, for a person of average proportions; a way to rest is not tried. Raises
+    RetargetError as the run would."""
+    for_human, for_robot, _ = stage_priorities(robot, options)
+    assert for_robot is not None, "there is a robot"
+    human, performer = build_human(proportional_dimensions(STATURE)), load_performer(options.performer_name)
+    Reconstructor(human, for_human, performer)
+    scene, dt = scene_of(robot, options), 1.0 / robot.profile.safety.rate_hz
+    robot_part(robot, for_robot, human, options, scene, dt=dt, goes_to_rest=False)
+
+
+STATURE = 1.7
+"""[m] of the person for whom a robot is tried."""
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
@@ -221,11 +255,9 @@ def prepare_for(
         return
     dt = human.samples.dt
     bus = make_bus(robot, clock)
-    follower, gate = robot_stage(robot, for_robot, human.human, options, scene, dt=dt)
-    if end_plan is None and (options.has_mass if goes_to_rest is None else goes_to_rest):
-        tried = make_gate(robot, follower, for_robot, checks=options.gate, dt=dt)
-        end_plan = plan_end(robot, follower.stance, tried, options, dt=dt)
-    end_plan = end_plan or EndPlan()
+    follower, gate, end_plan = robot_part(
+        robot, for_robot, human.human, options, scene, dt=dt, goes_to_rest=goes_to_rest, end_plan=end_plan
+    )
     of_follower = tuple(filter(None, (follower.note, end_plan.note)))
     _say(of_follower, notify)
     real = not options.simulated

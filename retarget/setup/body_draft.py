@@ -1,7 +1,7 @@
-"""The body file of a drafted profile: a copy where it stands by itself, else MJCF with simple shapes and no files."""
+"""The body file of a drafted profile: MJCF with simple shapes, which stands by itself."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,51 +13,30 @@ from retarget.errors import InputError
 from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.compile_limits import try_in_child
 from retarget.model.scene_shapes import ShapeKind
-from retarget.setup.robot_file import Source, listed, ready_urdf
-from retarget.setup.shape_fit import NAME, LinkGeometry, Zones, canonical_shape, link_geometries, propose
+from retarget.setup.robot_file import MeshFiles, ReadyUrdf, Source, listed, missing_meshes, ready_urdf
+from retarget.setup.shape_fit import NAME, LinkShape, fitted_shapes
 from retarget.types import FloatArray
 
-# Meshes of a body as capsules and boxes: what is left of them in a body file that stands by itself.
-
-ZONES = Zones(influence=0.03, margin=0.005)
-"""Distances, m, that `propose` wants for an observer: it fits the shapes around meshes, too."""
-
-
-def replace_meshes(spec: Any, model: Any, geometries: tuple[LinkGeometry, ...]) -> int:
-    """Put one shape around the geometry of each link that has a mesh, in place of all its geoms; how many."""
-    import mujoco
-
-    mesh = mujoco.mjtGeom.mjGEOM_MESH
-    meshes = [geom for geom in range(model.ngeom) if model.geom_type[geom] == mesh]
-    links = {model.body(int(model.geom_bodyid[geom])).name for geom in meshes}
-    proposals = propose(tuple(one for one in geometries if one.name in links), ZONES)
-    for proposal in proposals:
-        body = spec.body(proposal.link_name)
-        for geom in list(body.geoms):
-            spec.delete(geom)
-        kind, size, pos, quat = canonical_shape(proposal.shape)
-        name = "SPHERE" if kind is ShapeKind.CAPSULE and not size[1] else kind.name
-        geom_type = getattr(mujoco.mjtGeom, f"mjGEOM_{name}")
-        body.add_geom(name=f"{proposal.link_name}_shell", type=geom_type, size=size, pos=pos, quat=quat)
-    for geom in list(spec.geoms):  # of links that no profile can name
-        if geom.type == mesh:
-            spec.delete(geom)
-    return len(proposals)
-
-
+FAR_TOO_LARGE = 5.0
+"""A mesh of so many times the distance between the joints is in another unit."""
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
 
 @dataclass(frozen=True, eq=False)
 class BodyDraft:
-    """spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the whole source, meshes and all, with the names of the body
-    that is written. file, content: that body. notes: what was changed, for the user."""
+    """spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source, meshes and all, with the names of the body that
+    is written. content: that body, MJCF. shapes: of its links, which stand for meshes there. notes: what was changed,
+    for the user. ready: of a URDF. hints: names of the meshes, which may tell servos. too_large: meshes that are in
+    another unit, in words, else empty."""
 
     spec: Any
     model: Any
-    file: str
     content: bytes
+    shapes: tuple[LinkShape, ...]
     notes: tuple[str, ...]
+    ready: ReadyUrdf
+    hints: tuple[str, ...]
+    too_large: str
 
 
 def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
@@ -73,51 +52,48 @@ def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
 
 def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
     mujoco = engine()
-    notes: list[str] = []
-    spec = None
+    meshes, spec = MeshFiles(source.path), None
+    ready = ReadyUrdf("", [])
     try:
         if source.kind == "urdf":
-            text, meshes = ready_urdf(source, notes, no_meshes=no_meshes)
-            spec = mujoco.MjSpec.from_string(text, assets=meshes)
-            spec.compiler.balanceinertia, spec.compiler.discardvisual = True, False
+            ready = ready_urdf(source, meshes, no_meshes=no_meshes)
+            spec = mujoco.MjSpec.from_string(ready.text)
+            spec.compiler.balanceinertia = True
             spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
             spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
-            rewrite = any(True for _ in source.root.iter("visual"))
         else:
             spec = mujoco.MjSpec.from_file(str(source.path))
-            _leave_out_absent_meshes(spec, source, notes, no_meshes=no_meshes)
-            _freeze_passive(spec, notes)
-            rewrite = _unpainted(spec) or source.included or bool(list(spec.hfields) or list(spec.skins))
+            _read_meshes(spec, source, meshes, ready.notes, no_meshes=no_meshes)
+            _freeze_passive(spec, ready.notes)
+        notes = ready.notes
+        spec.assets = {**spec.assets, **meshes.contents}
         spec.compiler.fusestatic = False
+        _strip(spec)
         _rename(spec, notes)
-        rewrite |= bool(notes or list(spec.meshes))
         model = _compiled(spec)
         check_numbers(model, source=str(source.path))
-        if not rewrite:
-            file = "body.urdf" if source.kind == "urdf" else "body.xml"
-            return BodyDraft(spec, model, file, source.content, tuple(notes))
-        content = _rewritten(spec.copy(), model, notes)
-        return BodyDraft(spec, model, "body.xml", content, tuple(notes))
+        shapes = fitted_shapes(model, source=str(source.path))
+        written = _written(spec, model, shapes, notes)
+        hints = tuple(meshes.names.values())
+        return BodyDraft(spec, model, written, shapes, tuple(notes), ready, hints, _far_too_large(model, meshes))
     except (ValueError, RuntimeError) as error:
-        raise refusal(str(source.path), error, spec) from error
+        raise refusal(str(source.path), type(error)(meshes.in_words(str(error))), spec) from error
 
 
 def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
-    """Turn a body about the vertical so that `forward` (3,) is along x (REP-103), as MJCF."""
+    """Turn a body about the vertical so that `forward` (3,) is along x (REP-103)."""
     turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(forward[1], forward[0]))
-    spec = body.spec
-    for base in spec.worldbody.bodies:
+    for base in body.spec.worldbody.bodies:
         base.pos = rotations.rotate(turn, base.pos)
         base.quat = rotations.multiply(turn, base.quat)
-    model = _compiled(spec)
-    notes = [*body.notes, "the body is turned about the vertical, to face along x"]
-    return BodyDraft(spec, model, "body.xml", _rewritten(spec.copy(), model, notes), tuple(dict.fromkeys(notes)))
+    model, notes = _compiled(body.spec), list(body.notes)
+    content = _written(body.spec, model, body.shapes, [])
+    notes.append("the body is turned about the vertical, to face along x")
+    return replace(body, model=model, content=content, notes=tuple(notes))
 
 
 def _compiled(spec: Any) -> Any:
-    """The model, without keys of the file's own size, and with meshes of no volume as shells."""
-    for key in list(spec.keys):  # of the size of the file's own root
-        spec.delete(key)
+    """The model, with meshes of no volume as shells."""
     shell = engine().mjtMeshInertia.mjMESH_INERTIA_SHELL
     while True:
         try:
@@ -130,36 +106,73 @@ def _compiled(spec: Any) -> Any:
             mesh.inertia = shell  # a plate or an open surface has no volume
 
 
-def _rewritten(spec: Any, model: Any, notes: list[str]) -> bytes:
-    """MJCF of the same joints, masses and simple shapes, without what only a simulation or a picture needs."""
+def _strip(spec: Any) -> None:
+    """Leave out what only a simulation or a picture needs; materials stay, as default classes may name them."""
+    hfield = engine().mjtGeom.mjGEOM_HFIELD
+    for kind in ("keys", "sensors", "equalities", "tendons", "skins", "lights", "cameras"):
+        for part in list(getattr(spec, kind)):
+            spec.delete(part)
+    for geom in list(spec.worldbody.geoms):
+        spec.delete(geom)
+    for geom in list(spec.geoms):
+        if geom.type == hfield:
+            spec.delete(geom)
+    for part in list(spec.hfields):
+        spec.delete(part)
+    for material in (*spec.materials, spec.default.material):
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):
+        spec.delete(texture)
+
+
+def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[str]) -> bytes:
+    """MJCF of the same joints and masses; one simple shape stands for all those of a link that has a mesh."""
+    mujoco = engine()
+    spec, mesh = spec.copy(), mujoco.mjtGeom.mjGEOM_MESH
+    meshed = {shape.link_name for shape in shapes if shape.around_mesh}
     for body in spec.bodies[1:]:
         number = model.body(body.name).id
         body.explicitinertial = True
         body.mass, body.inertia = float(model.body_mass[number]), model.body_inertia[number]
         body.ipos, body.iquat = model.body_ipos[number], model.body_iquat[number]
         body.fullinertia = np.full(6, np.nan)
-    count = replace_meshes(spec, model, link_geometries(model)[0]) if model.nmesh else 0
-    if count:
-        notes.append(f"meshes of {count} links are capsules and boxes around them in the body that is written")
-    for kind in ("sensors", "equalities", "tendons", "meshes", "hfields", "skins", "lights", "cameras"):
-        for part in list(getattr(spec, kind)):
-            spec.delete(part)
-    for geom in list(spec.worldbody.geoms):
-        spec.delete(geom)
-    _unpainted(spec)  # of a URDF
+        for geom in list(body.geoms):
+            if body.name in meshed or geom.type == mesh:
+                spec.delete(geom)
+    for shape in shapes:
+        if shape.link_name in meshed:
+            name = "SPHERE" if shape.kind is ShapeKind.CAPSULE and not shape.size[1] else shape.kind.name
+            kind = getattr(mujoco.mjtGeom, f"mjGEOM_{name}")
+            place = {"size": shape.size, "pos": shape.pos, "quat": shape.quat}
+            spec.body(shape.link_name).add_geom(name=f"{shape.link_name}_shell", type=kind, **place)
+    for part in list(spec.meshes):
+        spec.delete(part)
+    if meshed:
+        notes.append(f"meshes of {len(meshed)} links are capsules and boxes around them in the body that is written")
     spec.meshdir, spec.texturedir = "", ""
     spec.compile()
     return str(spec.to_xml()).encode()
 
 
-def _unpainted(spec: Any) -> bool:
-    """Leave out textures; materials stay, as default classes may name them. Returns whether one was a file."""
-    files = any(texture.file or any(texture.cubefiles) for texture in spec.textures)
-    for material in (*spec.materials, spec.default.material):
-        material.textures = [""] * len(material.textures)
-    for texture in list(spec.textures):
-        spec.delete(texture)
-    return files
+def _far_too_large(model: Any, meshes: MeshFiles) -> str:
+    """A note on meshes that are far larger than the distances between joints: they are in another unit."""
+    mujoco = engine()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    spread = float(np.linalg.norm(np.ptp(data.xanchor, axis=0))) if model.njnt else 0.0
+    found = {}
+    for mesh in range(model.nmesh):
+        first = int(model.mesh_vertadr[mesh])
+        points = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])]
+        size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        if spread > 0.0 and size > FAR_TOO_LARGE * spread:
+            found[meshes.in_words(f"'{model.mesh(mesh).name}'").strip("'")] = size
+    if not found:
+        return ""
+    return (
+        f"meshes of up to {max(found.values()):.3g} m, where all joints are within {spread:.2g} m: are they in mm? Then "
+        f'write scale="0.001 0.001 0.001" into <mesh>: {listed(list(found))}'
+    )
 
 
 def _rename(spec: Any, notes: list[str]) -> None:
@@ -183,37 +196,34 @@ def _rename(spec: Any, notes: list[str]) -> None:
         notes.append(f"names that a profile cannot hold were changed: {listed(changed)}")
 
 
-def _leave_out_absent_meshes(spec: Any, source: Source, notes: list[str], *, no_meshes: bool) -> None:
-    """Leave out meshes whose files are missing. Raises InputError without the option --no-meshes."""
-    import mujoco
-
-    folder = source.path.parent / spec.meshdir
-    absent = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes if mesh.file}
-    absent = {name: file for name, file in absent.items() if not (folder / file).is_file()}
-    if not absent:
-        return
-    if not no_meshes:
-        raise InputError(
-            "meshes that cannot be read, without which soles and hands cannot be found",
-            where=str(source.path),
-            found=listed(list(absent.values())),
-            allowed=f"files in {folder}",
-            next_step="Put them there, or give --no-meshes to leave them out",
-        )
-    for geom in list(spec.geoms):
-        if geom.type == mujoco.mjtGeom.mjGEOM_MESH and geom.meshname in absent:
-            spec.delete(geom)
+def _read_meshes(spec: Any, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool) -> None:
+    """Read the meshes that an MJCF names. Raises InputError for those that are missing, without --no-meshes."""
+    absent = {}
     for mesh in list(spec.meshes):
-        if (mesh.name or Path(mesh.file).stem) in absent:
+        if not mesh.file:
+            continue
+        name, mesh.name = str(Path(spec.meshdir, mesh.file)), mesh.name or Path(mesh.file).stem
+        key = meshes.read(name)
+        if key is None:
+            absent[mesh.name] = mesh.file
             spec.delete(mesh)
-    notes.append(f"{len(absent)} meshes that cannot be read are left out: {listed(list(absent.values()))}")
+        else:
+            mesh.file = key
+    spec.meshdir = ""
+    problems = [missing_meshes(list(absent.values()), source)] if absent and not no_meshes else []
+    if problems or meshes.problems:
+        raise InputError.from_problems([*problems, *meshes.problems])
+    for geom in list(spec.geoms):
+        if geom.meshname in absent:
+            spec.delete(geom)
+    if absent:
+        notes.append(f"{len(absent)} meshes that cannot be read are left out: {listed(list(absent.values()))}")
 
 
 def _freeze_passive(spec: Any, notes: list[str]) -> None:
     """Make rigid what no servo of its own turns: joints that slide, balls, joints coupled by an equality, and those
     without an actuator among joints with one."""
-    import mujoco
-
+    mujoco = engine()
     driven = {actuator.target for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT}
     coupled = {item.name1 for item in spec.equalities if item.type == mujoco.mjtEq.mjEQ_JOINT and item.name2}
     hinge, free = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_FREE

@@ -16,22 +16,15 @@ from hardware.servo import SERVO_MODELS
 from retarget.schema.profile import DRAFT
 from retarget.schema.profile_parts import Foot, Frame, Landmark
 from retarget.schema.strict_models import Schema
-from retarget.setup.fit_observers import Fit, Verdict, comment, flow, fragment, wrapped
+from retarget.setup.fit_observers import IgnoredLinks, Zones, comment, flow, fragment, wrapped
 from retarget.setup.frames import Angles, Posed
+from retarget.setup.links import Links
 from retarget.setup.postures import leg_length
 from retarget.setup.servo_guess import LOW_VOLTAGE, ServoDraft
-
-# The proposal of `fit-observers` as the sections of a drafted profile.
+from retarget.setup.shape_fit import LinkShape
 
 HEAD = "Proposed as retarget fit-observers does; what the comments mean is in docs/own-robot.md."
-NO_OBSERVERS = "observers: {}\nignore_pairs: []\n"
-TOUCH = "touch in the drafted postures: draw their shapes tighter, or move the postures, then remove this"
-
-
-def observer_text(fitted: Fit, touching: Sequence[tuple[str, str]]) -> str:
-    """The two sections for a profile. touching: pairs that touch in the drafted postures, which are ignored too."""
-    marked = tuple(Verdict("touching", links, TOUCH) for links in touching)
-    return fragment([HEAD], fitted.observers, (*marked, *fitted.ignored), fitted.zones, tail=fitted.tail)
+ZONES = Zones(influence=0.04, margin=0.005)
 
 
 # How a drafted robot follows the human, limb by limb: landmarks by what limbs it has.
@@ -86,8 +79,8 @@ class Draft:
     """A drafted profile as data.
 
     source: name of the file that it is made from. frames: by name, each with what it is, for a comment. postures: name
-    -> joint -> rad. facing: by what front and back were found. missing: what could not be found. notes: what was
-    changed or assumed. observers: their sections as text.
+    -> joint -> rad. shapes: of the observers. links: of the parts. missing: what could not be found. notes: what was
+    changed or assumed.
     """
 
     name: str
@@ -99,10 +92,11 @@ class Draft:
     feet: dict[str, Foot]
     postures: dict[str, dict[str, float]]
     landmarks: dict[str, Landmark]
-    facing: str
+    shapes: tuple[LinkShape, ...] = ()
+    ignored: tuple[IgnoredLinks, ...] = ()
+    links: Links = Links()
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    observers: str = NO_OBSERVERS
 
 
 # A drafted profile as `robot.yaml`: in the order of the shipped ones, with comments that say what is only a draft.
@@ -133,7 +127,8 @@ def profile_text(draft: Draft) -> str:
         servos=_lines(_servos(draft.servos)),
         mark=DRAFT,
         ids=wrapped(f"    ids: {flow(ids)}", 10),
-        observers=draft.observers.strip(),
+        protocol=min(max(SERVO_MODELS[servo.entry.model].protocols) for servo in draft.servos),
+        observers=fragment([HEAD], draft.shapes, draft.ignored, ZONES).strip(),
         feet=_section("feet", (wrapped(_entry(side, foot), 9) for side, foot in draft.feet.items())),
         about_postures=comment(f"{stands}joints that are not named are 0."),
         **{name: wrapped(f"  {name}: {flow(angles)}", 4) for name, angles in draft.postures.items()},
@@ -147,7 +142,7 @@ def profile_text(draft: Draft) -> str:
 def _supply(models: Set[str]) -> str:
     """The voltages, V, at which no servo of these models has an alarm (e-Manual, initial voltage limits), within the
     range of their supply: 4 to 6 V, or up to 14.8 V, a battery of four cells."""
-    limits = [find_table(name, 2) for name in models]
+    limits = [find_table(name, max(SERVO_MODELS[name].protocols)) for name in models]
     lowest = [0.1 * (table["min_voltage_limit"].initial or 0) for table in limits]
     highest = [0.1 * (table["max_voltage_limit"].initial or math.inf) for table in limits]
     low, high = (4.0, 6.0) if min(SERVO_MODELS[name].voltage for name in models) < LOW_VOLTAGE else (0.0, 14.8)
@@ -171,7 +166,8 @@ def _head(draft: Draft) -> Iterator[str]:
         "lines that are left."
     )
     yield comment("Units m, rad, s, kg; x forward, y left, z up.")
-    yield comment(f"Front and back: {draft.facing}.")
+    parts = {part: link for part, link in draft.links.model_dump().items() if link is not None}
+    yield comment(f"Links of its parts: {flow(parts)}.")
     yield from (comment(f"Not found: {text}.") for text in draft.missing)
     yield from (comment(f"Note: {text}.") for text in draft.notes)
 

@@ -1,4 +1,5 @@
-"""The frames of a profile: where hips, knees, ankles, soles, shoulders, elbows, hands, neck and head of a body are."""
+"""The frames of a profile, measured on a body whose links are known: where hips, knees, ankles, soles, shoulders,
+elbows, hands, neck and head are."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,12 +9,66 @@ import numpy as np
 
 from retarget.rotations import from_matrix
 from retarget.schema.profile_parts import Foot, Frame
-from retarget.setup.limbs import Anatomy, Limb, arm_roles, crossing, leg_roles, pitch_joints, tip
-from retarget.setup.tree import Tree, flat_underside, outline
+from retarget.setup.links import ACROSS, NORMALS, Links, pitch_joints
+from retarget.setup.tree import BASE, UP, Tree, flat_underside, outline
 from retarget.types import FloatArray
 
 SIDES = {"l": "left", "r": "right"}
 """Sides as they begin names of frames, and in `feet`."""
+
+
+@dataclass(frozen=True)
+class Limb:
+    """nodes: of its hinges, from the trunk outwards. parent: the node that it hangs on. ends: its last node and what
+    hangs on that: the foot, or the hand with its fingers. bend: the node of its knee or elbow."""
+
+    nodes: tuple[int, ...]
+    parent: int
+    ends: tuple[int, ...]
+    bend: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Anatomy:
+    """What moves what. forward, left (3,): the robot's axes in its zero pose, z up. legs, arms: by side, l or r.
+    pelvis, chest: nodes that carry them. head: node, None without."""
+
+    forward: FloatArray
+    left: FloatArray
+    legs: dict[str, Limb]
+    arms: dict[str, Limb]
+    pelvis: int
+    chest: int
+    head: int | None
+
+    @property
+    def axes(self) -> FloatArray:
+        """Unit vectors forward, left and up as columns (3, 3)."""
+        return np.stack([self.forward, self.left, UP], axis=1)
+
+
+def find_anatomy(tree: Tree, links: Links) -> Anatomy:
+    """Find the joints of each part of a robot. A limb begins where its way from the base leaves that of the others."""
+    node = {part: tree.links[link] for part, link in links.model_dump().items() if link is not None}
+    limbs: dict[str, dict[str, Limb]] = {"sole": {}, "hand": {}}
+    trunk = {number for part in ("pelvis", "chest", "head") if part in node for number in tree.path(node[part])}
+    for end, bend in (("sole", "knee"), ("hand", "elbow")):
+        for side, other in ("lr", "rl"):
+            if f"{side}_{end}" in node:
+                shared = trunk | set(tree.path(node.get(f"{other}_{end}", BASE)))
+                path = tree.path(node[f"{side}_{end}"])
+                nodes = tuple(number for number in path if number not in shared) or path[-1:]
+                ends, middle = tuple(tree.below(nodes[-1])), node.get(f"{side}_{bend}")
+                limbs[end][side] = Limb(tuple(nodes), tree.nodes[nodes[0]].parent, ends, middle)
+    left = np.array([0.0, 1.0, 0.0])
+    pairs = [pair for pair in limbs.values() if len(pair) == 2]
+    if pairs:
+        middles = [[tree.points([*pair[side].nodes]).mean(axis=0) for side in "lr"] for pair in pairs]
+        across = np.sum([one - other for one, other in middles], axis=0)
+        left = max((*NORMALS, -NORMALS[0], -NORMALS[1]), key=lambda normal: float(normal @ across))
+    parents = [next((limb.parent for limb in limbs[end].values()), BASE) for end in ("sole", "hand")]
+    pelvis, chest = node.get("pelvis", parents[0]), node.get("chest", parents[1])
+    return Anatomy(np.cross(left, UP), left, limbs["sole"], limbs["hand"], pelvis, chest, node.get("head"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,49 +97,45 @@ def find_frames(tree: Tree, anatomy: Anatomy) -> Found:
     frames: list[FoundFrame] = []
     feet: dict[str, Foot] = {}
     missing: list[str] = []
-    for side, leg in zip(SIDES, anatomy.legs, strict=False):
+    for side, leg in anatomy.legs.items():
         found, foot = _leg(tree, anatomy, leg, side)
         frames += found
         if foot is None:
             missing.append(f"{side}_sole: the foot has no flat underside")
         else:
             feet[SIDES[side]] = foot
-    sides = tuple(SIDES) if len(anatomy.arms) == 2 else ("r",)
-    for side, arm in zip(sides, anatomy.arms, strict=False):
+    for side, arm in anatomy.arms.items():
         frames += _arm(tree, anatomy, arm, side)
     frames = [*_trunk(tree, anatomy, frames), *frames]
-    if not anatomy.head:
+    if anatomy.head is None:
         missing.append("head: nothing turns above the trunk, so the frame is at its top")
     if not anatomy.legs:
-        missing.append("legs: no two limbs reach the ground, so the root is fixed")
-    missing += [f"{side}_hand: no such arm" for side in SIDES if side not in sides[: len(anatomy.arms)]]
+        missing.append("legs: none, so the root is fixed")
+    missing += [f"{side}_hand: no such arm" for side in SIDES if side not in anatomy.arms]
     return Found({frame.name: frame for frame in frames}, feet if len(feet) == 2 else {}, tuple(missing))
 
 
 def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[FoundFrame], Foot | None]:
-    axes = anatomy.axes
-    roles = leg_roles(tree, leg, anatomy.left)
-    pitches = pitch_joints(tree, leg, anatomy.left)
+    axes, foot = anatomy.axes, leg.nodes[-1]
+    pitches = pitch_joints(tree, leg.nodes, anatomy.left)
     others = [node for node in leg.nodes if node not in pitches]
-    before = [node for node in others if node < roles.hip]
-    crossed = before[-1:] or others[:1]
-    hip = crossing(tree, roles.hip, crossed[0]) if crossed else tree.nodes[roles.hip].anchor
+    first = next((node for node in pitches if leg.bend is None or node < leg.bend), leg.nodes[0])
+    crossed = [node for node in others if node < first][-1:] or [node for node in others if node != first][:1]
+    hip = crossing(tree, first, crossed[0]) if crossed else tree.nodes[first].anchor
     frames = [FoundFrame(f"{side}_hip", leg.parent, hip, axes, "where the axes of the hip meet")]
 
     def in_plane(node: int) -> FloatArray:
-        """The point of an axis across the robot that is in the middle plane of the leg."""
+        """The point of an axis that is in the middle plane of the leg."""
         axis, anchor = tree.nodes[node].axis, tree.nodes[node].anchor
-        return np.asarray(anchor + ((hip - anchor) @ anatomy.left) / (axis @ anatomy.left) * axis)
+        across = float(axis @ anatomy.left)
+        return np.asarray(anchor + ((hip - anchor) @ anatomy.left) / across * axis if abs(across) > ACROSS else anchor)
 
-    if roles.knee is not None:
-        frames.append(FoundFrame(f"{side}_knee", roles.knee, in_plane(roles.knee), axes))
-    foot = leg.nodes[-1]
-    rolls = [node for node in others if roles.ankle is not None and node > roles.ankle]
-    ankle = roles.ankle if roles.ankle is not None else foot
-    if rolls:
-        place = crossing(tree, ankle, rolls[-1])
-    else:
-        place = in_plane(ankle) if roles.ankle is not None else tree.nodes[foot].anchor
+    if leg.bend is not None:
+        frames.append(FoundFrame(f"{side}_knee", leg.bend, in_plane(leg.bend), axes))
+    below = [node for node in pitches if leg.bend is not None and node > leg.bend]
+    ankle = below[-1] if below else foot
+    rolls = [node for node in others if below and node > ankle]
+    place = crossing(tree, ankle, rolls[-1]) if rolls else in_plane(ankle)
     frames.append(FoundFrame(f"{side}_ankle", foot, place, axes))
     sole = flat_underside(tree, leg.ends)
     if sole is None:
@@ -102,19 +153,29 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[Found
     return frames, Foot.model_validate({"frame": f"{side}_sole", "polygon": polygon})
 
 
+def wrist_of(tree: Tree, arm: Limb) -> int | None:
+    """The first joint behind the elbow that does not turn about the forearm; None without."""
+    if arm.bend is None:
+        return None
+    forearm = tree.points(arm.ends).mean(axis=0) - tree.nodes[arm.bend].anchor
+    forearm = forearm / max(float(np.linalg.norm(forearm)), 1e-9)
+    behind = arm.nodes[arm.nodes.index(arm.bend) + 1 :] if arm.bend in arm.nodes else ()
+    return next((node for node in behind if abs(tree.nodes[node].axis @ forearm) < ACROSS), None)
+
+
 def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str) -> list[FoundFrame]:
-    roles, axes = arm_roles(tree, arm), anatomy.axes
+    wrist, axes = wrist_of(tree, arm), anatomy.axes
     first = arm.nodes[0]
     others = [node for node in arm.nodes[1:] if abs(tree.nodes[node].axis @ tree.nodes[first].axis) < 0.9]
     shoulder = crossing(tree, first, others[0]) if others else tree.nodes[first].anchor
     frames = [FoundFrame(f"{side}_shoulder", arm.parent, shoulder, axes, "on the trunk: the arm does not move it")]
     start = shoulder
-    if roles.elbow is not None:
-        start = tree.nodes[roles.elbow].nearest(tree.nodes[roles.elbow].middle)
-        frames.append(FoundFrame(f"{side}_elbow", roles.elbow, start, axes))
-    if roles.wrist is not None:
-        node = arm.nodes[arm.nodes.index(roles.wrist) - 1]
-        place = tree.nodes[roles.wrist].nearest(start)
+    if arm.bend is not None:
+        start = tree.nodes[arm.bend].nearest(tree.nodes[arm.bend].middle)
+        frames.append(FoundFrame(f"{side}_elbow", arm.bend, start, axes))
+    if wrist is not None:
+        node = arm.nodes[arm.nodes.index(wrist) - 1]
+        place = tree.nodes[wrist].nearest(start)
         frames.append(FoundFrame(f"{side}_hand", node, place, axes, "the wrist: the end of the forearm"))
     else:
         frames.append(FoundFrame(f"{side}_hand", arm.nodes[-1], tip(tree, arm, start), axes, "the tip of the forearm"))
@@ -128,14 +189,40 @@ def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame]) -> list[FoundF
     if "l_hip" in places and "r_hip" in places:
         hips = 0.5 * (places["l_hip"] + places["r_hip"])
         frames.append(FoundFrame("pelvis", anatomy.pelvis, hips, axes, "mid-way between the hips"))
-    chest, centre = anatomy.chest, tree.nodes[anatomy.chest].middle
-    if anatomy.head:
-        first, last = anatomy.head[0], anatomy.head[-1]
+    chest, last = anatomy.chest, anatomy.head
+    centre = tree.nodes[chest].middle
+    if last is not None:
+        trunk = {*tree.path(chest), *tree.path(anatomy.pelvis)}
+        first = next((node for node in tree.path(last) if node not in trunk), last)
         head = FoundFrame("head", last, tree.nodes[last].middle, axes, "centre of the head, x to where it looks")
         return [*frames, FoundFrame("neck", chest, tree.nodes[first].anchor, axes), head]
     top = np.array([centre[0], centre[1], tree.nodes[chest].points[:, 2].max()])
     neck = FoundFrame("neck", chest, centre, axes, "middle of the trunk: there is no neck")
     return [*frames, neck, FoundFrame("head", chest, top, axes, "top of the trunk: there is no head")]
+
+
+def tip(tree: Tree, arm: Limb, start: FloatArray) -> FloatArray:
+    """Middle (3,) m of the far end of a hand, seen from `start`."""
+    points = tree.points(arm.ends)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    way = middle - start
+    length = float(np.linalg.norm(way))
+    if length < 1e-6:
+        return np.asarray(middle)
+    way = way / length
+    return np.asarray(start + float(((points - start) @ way).max()) * way)
+
+
+def crossing(tree: Tree, node: int, other: int) -> FloatArray:
+    """The point (3,) of the axis of `node` that is nearest to the axis of `other`; where both are parallel, the one
+    nearest to the other's anchor."""
+    a, b = tree.nodes[node], tree.nodes[other]
+    way, cosine = b.anchor - a.anchor, float(a.axis @ b.axis)
+    if 1.0 - cosine * cosine < 1e-3:
+        along = float(way @ a.axis)
+    else:
+        along = float((way @ a.axis - cosine * (way @ b.axis)) / (1.0 - cosine * cosine))
+    return np.asarray(a.anchor + along * a.axis)
 
 
 # A drafted robot in a posture: where its frames and its centre of mass are.
@@ -168,7 +255,8 @@ class Posed:
         mujoco.mj_kinematics(model, self._data)
         self._local = {}
         for name, frame in found.frames.items():
-            link = tree.nodes[frame.node].links[0]
+            names = tree.nodes[frame.node].names
+            link = int(model.body(names[0]).id) if names else 0
             turn = self._data.xmat[link].reshape(3, 3)
             self._local[name] = (link, turn.T @ (frame.position - self._data.xpos[link]), turn.T @ frame.axes)
 
@@ -187,20 +275,6 @@ class Posed:
         """The angle, drawn into the joint's limits."""
         low, high = self.limits[joint]
         return min(max(angle, low), high)
-
-    def mirrored(self, angles: Angles) -> dict[str, float]:
-        """Add to angles, rad, those of the mirrored joints."""
-        mirror, nodes = self.anatomy.mirror, self.tree.nodes
-        both = dict(angles)
-        if mirror is None:
-            return both
-        number = {node.joint: place for place, node in enumerate(nodes)}
-        for joint, angle in angles.items():
-            node = number[joint]
-            if node in mirror.partner and mirror.partner[node] != node:
-                other = nodes[mirror.partner[node]].joint
-                both[other] = self.inside(other, mirror.sign[node] * angle)
-        return both
 
     def place(self, angles: Angles) -> Placed:
         """Place everything with these angles, rad."""

@@ -1,11 +1,16 @@
-"""Reads the body file of an import: checks it as XML, finds its meshes, and makes a URDF ready for MuJoCo."""
+"""Reads the body file of an import: finds its meshes, and mends what a URDF declares before MuJoCo sees it."""
 
 import copy
+import os
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import dataclass, field
+from math import degrees, isfinite, pi, radians
 from pathlib import Path
+from urllib.parse import unquote
 from xml.etree import ElementTree
+
+import numpy as np
 
 from retarget.errors import InputError, Problem
 from retarget.model.body_xml import MAX_BYTES, body_xml, read_body
@@ -14,13 +19,12 @@ from retarget.schema import strict_models
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A body file. kind: urdf or mjcf; root: its outermost element; included: whether it names other MJCF files."""
+    """A body file. kind: urdf or mjcf; root: its outermost element."""
 
     path: Path
     kind: str
     content: bytes
     root: ElementTree.Element
-    included: bool
 
     @property
     def name(self) -> str:
@@ -32,72 +36,181 @@ def read_source(path: Path) -> Source:
     """Read a body file, and look at every file that it includes. Raises InputError."""
     content = read_body(path)
     xml = body_xml(content, source=str(path), folder=path.parent)
-    return Source(path, xml.kind, content, xml.root, xml.included)
+    return Source(path, xml.kind, content, xml.root)
 
 
-# The files of meshes that a URDF names: where they are, and what of them MuJoCo reads.
+# The files of meshes: found whatever the case of their names, and whatever path the file has for them.
 
 READABLE = (".stl", ".obj", ".msh")
 """Meshes that MuJoCo reads."""
 PACKAGE_DEPTH = 6
 """Folders above the body in which its package may be."""
+MOST_FILES = 20_000
+"""Files below a folder that are looked at."""
+MOST_FACES = 200_000
+"""MuJoCo reads no larger STL file."""
+_PLACE = re.compile(r"^\w+://|\$\(find\s+([^)]*)\)")
+_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
 
-def find_mesh(name: str, body: Path) -> Path | None:
-    """The mesh of a name: relative to the body file, or in a folder above it that holds the package's path.
+class MeshFiles:
+    """The meshes that a body file names, each read once.
 
-    None: there is no such file of a kind that can be read.
+    names: of those that were read, by the names that MuJoCo has for them. contents: their bytes, by the same names.
+    problems: files that are there and cannot be read.
     """
-    plain = name.removeprefix("file://")
-    parts = Path(name.split("://", 1)[1]).parts if name.startswith(("package://", "model://")) else None
-    places = [body.parent / plain]
-    if parts is not None:
-        above = body.absolute().parents[:PACKAGE_DEPTH]
-        places = [folder.joinpath(*rest) for folder in above for rest in (parts, parts[1:])]
-    for place in places:
-        try:
-            if place.suffix.lower() in READABLE and place.is_file() and 0 < place.stat().st_size <= MAX_BYTES:
-                return place
-        except (OSError, ValueError):
-            continue
-    return None
+
+    def __init__(self, body: Path) -> None:
+        self._body = body
+        self._indices: dict[Path, dict[str, list[Path]]] = {}
+        self.names: dict[str, str] = {}
+        self.contents: dict[str, bytes] = {}
+        self.problems: list[Problem] = []
+
+    def find(self, name: str) -> Path | None:
+        """The file of a name: where the name says, else below the body's folder or the package of the name, by as much
+        of the end of its path as there is. A mesh that MuJoCo cannot read stands for a readable one beside it."""
+        parts = [part for part in _PLACE.sub(r"\1", name.replace("\\", "/")).split("/") if part not in ("", ".")]
+        parts = [unquote(part) for part in parts] if "://" in name else parts
+        ups = parts.count("..")
+        tail = parts[ups:]
+        if not tail:
+            return None
+        folder = self._body.absolute().parent
+        places = [folder.joinpath(*parts), Path("/", *parts)]
+        exact = next((place for place in places if _is_mesh(place)), None)
+        above = [one for one in folder.parents[:PACKAGE_DEPTH] if _holds(one, tail[0]) or one.name == tail[0]]
+        roots = [folder.joinpath(*parts[:ups]), *(above if len(tail) > 1 else [])]
+        return exact or next((found for root in roots if (found := self._below(root, tail)) is not None), None)
+
+    def _below(self, root: Path, tail: list[str]) -> Path | None:
+        """The file below a folder whose path has most of the end of `tail`."""
+        root = Path(os.path.normpath(root))
+        if root not in self._indices:
+            index = self._indices[root] = dict[str, list[Path]]()
+            seen = 0
+            for place, folders, files in os.walk(root):
+                folders[:] = sorted(folder for folder in folders if not folder.startswith("."))
+                seen += len(files) + len(folders)
+                for file in sorted(files):
+                    index.setdefault(file.lower(), []).append(Path(place, file))
+                if seen > MOST_FILES:
+                    break
+        end, found = [part.lower() for part in tail], list[tuple[int, int, Path]]()
+        stem, _, suffix = end[-1].rpartition(".")
+        for file in [end[-1]] if f".{suffix}" in READABLE else [stem + kind for kind in READABLE]:
+            for path in self._indices[root].get(file, ()):
+                folders = [part.lower() for part in path.relative_to(root).parts[:-1]]
+                alike = len(os.path.commonprefix([folders[::-1], end[-2::-1]]))
+                found += [(-alike, len(folders), path)] if _is_mesh(path) else []
+        return min(found, default=(0, 0, None))[2]
+
+    def read(self, name: str) -> str | None:
+        """The name that MuJoCo has for the mesh of a name; None: there is no such file."""
+        known = {user: own for own, user in self.names.items()}
+        if name in known:
+            return known[name]
+        path = self.find(name)
+        if path is None:
+            return None
+        key = f"mesh_{len(self.names)}{path.suffix.lower()}"
+        content = path.read_bytes()
+        if path.suffix.lower() == ".stl":
+            content = self._binary(content, path)
+        self.names[key], self.contents[key] = name, content
+        return key
+
+    def _binary(self, content: bytes, path: Path) -> bytes:
+        """The content of an STL file, which may be text, as MuJoCo reads it."""
+        faces = int.from_bytes(content[80:84], "little")
+        if content[:5].lower() == b"solid" and len(content) != 84 + 50 * faces:
+            try:
+                corners = np.array(_VERTEX.findall(content), dtype=np.float32).reshape(-1, 3, 3)
+            except ValueError:
+                corners = np.zeros((0, 3, 3), dtype=np.float32)
+            rows = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+            rows["corners"], faces = corners, len(corners)
+            content = bytes(80) + faces.to_bytes(4, "little") + rows.tobytes()
+        if not 0 < faces <= MOST_FACES or len(content) < 84 + 50 * faces:
+            allowed = f"an STL file, binary or text, of 1 to {MOST_FACES} triangles"
+            step = "Export it again, with fewer triangles (decimated) where there are too many"
+            self.problems.append(Problem("a mesh that cannot be read", str(path), f"{faces} triangles", allowed, step))
+        return content
+
+    def in_words(self, text: str) -> str:
+        """A message of MuJoCo with the names that the body file has."""
+        for key, name in sorted(self.names.items(), key=lambda item: -len(item[0])):
+            text = text.replace(key, name).replace(f"'{Path(key).stem}'", f"'{name}'")
+        return text
 
 
-# A URDF made ready for import: joints that no servo turns, links without mass, meshes that are found or missing.
+def _is_mesh(path: Path) -> bool:
+    try:
+        return path.suffix.lower() in READABLE and path.is_file() and 0 < path.stat().st_size <= MAX_BYTES
+    except (OSError, ValueError):
+        return False
+
+
+def _holds(folder: Path, name: str) -> bool:
+    try:
+        return (folder / name).is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def missing_meshes(names: list[str], source: Source) -> Problem:
+    """Meshes without which a link has no shape."""
+    return Problem(
+        "meshes that cannot be read, without which soles and hands cannot be found",
+        str(source.path),
+        listed(names),
+        f"files {', '.join(READABLE)}, below the folder of the body file, or in its package above it",
+        "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl beside them "
+        "(Blender, MeshLab, or trimesh: see docs/own-robot.md)",
+    )
+
+
+# A URDF made ready for import: limits, joints that no servo turns, links without mass, meshes.
 
 TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
-DROPPED = "collision meshes that cannot be read are left out, these links have other shapes"
 SHAPES = ("collision", "visual")
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+WHOLE_TURN = 2.0 * pi + 1e-3
+"""[rad] A limit beyond it is taken for degrees."""
 
 
-def ready_urdf(source: Source, notes: list[str], *, no_meshes: bool) -> tuple[str, dict[str, bytes]]:
-    """The URDF that is imported, and its meshes by the names that it has for them. What was changed becomes a note.
-    no_meshes: leave out meshes that cannot be read.
+@dataclass(frozen=True, eq=False)
+class ReadyUrdf:
+    """A URDF that is imported. notes: what was changed. limits: joint -> what was changed of its limits. speeds: joint
+    -> rad/s that the file states. welded: True if its torso is fixed to a link `world`."""
+
+    text: str
+    notes: list[str]
+    limits: dict[str, str] = field(default_factory=dict)
+    speeds: dict[str, float] = field(default_factory=dict)
+    welded: bool = False
+
+
+def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUrdf:
+    """The URDF as it is imported, its meshes read. no_meshes: leave out meshes that cannot be read.
 
     Raises InputError with all of its problems.
     """
-    root, contents = copy.deepcopy(source.root), dict[str, bytes]()
+    root, notes, limits = copy.deepcopy(source.root), list[str](), dict[str, str]()
     problems = [
         *_joints(root, source, notes),
+        *_limits(root, source, notes, limits),
         *_masses(root, source, notes),
-        *_meshes(root, source, contents, notes, no_meshes=no_meshes),
+        *_meshes(root, source, meshes, notes, no_meshes=no_meshes),
+        *meshes.problems,
     ]
     if problems:
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
-    return ElementTree.tostring(root, encoding="unicode"), contents
-
-
-def stated_speeds(source: Source) -> dict[str, float]:
-    """Joint -> rad/s, as far as the file says it."""
-    speeds = {}
-    for joint in source.root.iter("joint"):
-        limit = joint.find("limit")
-        speed = 0.0 if limit is None else _number(limit.get("velocity"))
-        if 0.0 < speed < 1e3:
-            speeds[joint.get("name", "")] = speed
-    return speeds
+    speeds = {joint.get("name", ""): _limit(joint, "velocity") for joint in root.iter("joint")}
+    speeds = {name: speed for name, speed in speeds.items() if 0.0 < speed < 1e3}
+    above = {one.get("link", "").lower() for joint in root.iterfind("joint[@type='fixed']") for one in joint.iter("parent")}
+    return ReadyUrdf(ElementTree.tostring(root, encoding="unicode"), notes, limits, speeds, welded="world" in above)
 
 
 def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
@@ -116,6 +229,54 @@ def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
             if mimic is not None:
                 joint.remove(mimic)
     notes += [f"{kind} joints, which no servo drives, made rigid: {listed(names)}" for kind, names in found.items()]
+
+
+def _limits(
+    root: ElementTree.Element, source: Source, notes: list[str], changed: dict[str, str]
+) -> Iterator[Problem]:
+    """Mend the limits of revolute joints, which MuJoCo would drop where they are wrong: a joint never gets a wider
+    range than the file may mean. A file most of whose joints have limits in degrees has all of them so."""
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "revolute"}
+    read = {name: [_limit(joint, key) for key in ("lower", "upper")] for name, joint in joints.items()}
+    for name, both in read.items():
+        if not all(map(isfinite, both)):
+            step = "Write numbers in rad, the lower one first"
+            yield Problem("limits that are no numbers", str(source.path), f"joint {name}", next_step=step)
+    beyond = [name for name, both in read.items() if max(map(abs, both)) > WHOLE_TURN]
+    in_degrees = set(read if 2 * len(beyond) > len(read) else beyond)
+    found: dict[str, list[str]] = {"look like degrees": [], "swapped": [], "rigid": []}
+    for name, (lower, upper) in read.items():
+        kinds = ["look like degrees"] if name in in_degrees else []
+        if lower == upper:
+            kinds = ["rigid"]
+            joints[name].set("type", "fixed")
+        elif lower > upper:
+            kinds.append("swapped")
+        for kind in kinds:
+            found[kind].append(f"{name} ({lower:g} to {upper:g})")
+        if not kinds or lower == upper:
+            continue
+        low, high = sorted(map(radians, (lower, upper)) if name in in_degrees else (lower, upper))
+        limit = joints[name].find("limit")
+        assert limit is not None, "limits that differ are written there"
+        limit.set("lower", repr(low))
+        limit.set("upper", repr(high))
+        changed[name] = f"{' and '.join(kinds)} in the file, {lower:g} to {upper:g}"
+    if len(found["rigid"]) == len(joints) > 0 and not any(one.get("type") == "continuous" for one in root.iter("joint")):
+        step = "Write lower and upper, in rad, into the <limit> of each joint that a servo turns"
+        yield Problem("no joint has a range", str(source.path), f"limits of no range: {listed(found['rigid'])}", "", step)
+    words = {
+        "look like degrees": "limits that look like degrees, and are taken for that; a URDF has rad",
+        "swapped": "limits with the upper one first, exchanged",
+        "rigid": "joints whose lower limit is their upper one, made rigid; write a range where a servo turns them",
+    }
+    notes += [f"{words[kind]}: {listed(names)}" for kind, names in found.items() if names]
+
+
+def _limit(joint: ElementTree.Element, key: str) -> float:
+    """A number of a joint's <limit>; 0 where it is absent, as URDF has it, and nan for what is no number."""
+    limit = joint.find("limit")
+    return 0.0 if limit is None or limit.get(key) is None else _number(limit.get(key))
 
 
 def _masses(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
@@ -157,47 +318,44 @@ def _number(text: str | None) -> float:
 
 
 def _meshes(
-    root: ElementTree.Element, source: Source, contents: dict[str, bytes], notes: list[str], *, no_meshes: bool
+    root: ElementTree.Element, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool
 ) -> Iterator[Problem]:
-    """Read the meshes into `contents`, by new names, and remove the shapes that cannot be read. They are a problem for
-    links without another shape; of other links, only collision shapes are noted: a visual shape more or less changes
-    nothing."""
+    """Leave each link its <collision> shapes that can be read, or else its <visual> ones in their place."""
     missing, dropped = dict[str, None](), list[str]()
     for link in root.findall("link"):
-        unread = []
-        for shape, mesh in _mesh_shapes(link):
-            file = find_mesh(name := mesh.get("filename", ""), source.path)
-            if file is None:
-                unread.append((shape, name))
-                continue
-            key = f"mesh_{len(contents)}{file.suffix.lower()}"
-            contents[key] = file.read_bytes()
-            mesh.set("filename", key)
-        alone = len(unread) == sum(len(link.findall(kind)) for kind in SHAPES)
-        for shape, name in unread:
-            link.remove(shape)
-            if alone:
-                missing[name] = None
-            elif shape.tag == "collision":
-                dropped.append(f"{link.get('name', 'without a name')} ({name})")
+        shapes, unread = [link.findall(kind) for kind in SHAPES], list[str]()
+        usable: list[ElementTree.Element] = []
+        for kind in shapes:
+            usable = usable or [shape for shape in kind if _is_read(shape, meshes, unread)]
+        for shape in (*shapes[0], *shapes[1]):
+            shape.tag = "collision"
+            if shape not in usable:
+                link.remove(shape)
+        if unread and not usable:
+            missing |= dict.fromkeys(unread)
+        elif unread:
+            dropped.append(f"{link.get('name', 'without a name')} ({unread[0]})")
     if missing and not no_meshes:
-        yield Problem(
-            "meshes that cannot be read, without which soles and hands cannot be found",
-            str(source.path),
-            listed(list(missing)),
-            f"files {', '.join(READABLE)}, in the folder of the URDF, or in its package above it",
-            "Put them there, or give --no-meshes to leave them out. Others (.dae, .stl as text): convert them to "
-            "binary .stl (Blender, MeshLab, or trimesh: see docs/own-robot.md)",
-        )
-    left_out = f"{len(missing)} meshes that cannot be read are left out"
-    for note, names in ((left_out, list(missing)), (DROPPED, dropped)):
+        yield missing_meshes(list(missing), source)
+    for note, names in (
+        (f"{len(missing)} meshes that cannot be read are left out", list(missing)),
+        ("meshes that cannot be read are left out, these links have other shapes", dropped),
+    ):
         notes += [f"{note}: {listed(names)}"] if names else []
 
 
-def _mesh_shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, ElementTree.Element]]:
-    """The shapes of a link that are meshes, each with its <mesh>."""
-    shapes = [shape for kind in SHAPES for shape in link.findall(kind)]
-    return [(shape, mesh) for shape in shapes if (mesh := shape.find("geometry/mesh")) is not None]
+def _is_read(shape: ElementTree.Element, meshes: MeshFiles, unread: list[str]) -> bool:
+    """True for a shape that can be used: its mesh is read, or it has none."""
+    mesh = shape.find("geometry/mesh")
+    if mesh is None:
+        return True
+    name = mesh.get("filename", "")
+    key = meshes.read(name)
+    if key is None:
+        unread.append(name)
+        return False
+    mesh.set("filename", key)
+    return True
 
 
 def listed(names: list[str]) -> str:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +11,10 @@ import numpy as np
 
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
-from hardware.servo import SERVO_MODELS, ServoModel
+from hardware.servo import SERVO_MODELS, ServoModel, find_model
 from retarget.schema.profile_parts import Gains, Servo
-from retarget.setup.limbs import Anatomy
+from retarget.setup.body_draft import BodyDraft
+from retarget.setup.frames import Anatomy
 from retarget.setup.tree import Tree
 
 SPARE_SPEED = 0.9
@@ -28,6 +30,8 @@ UNKNOWN = "XM430-W350"
 NO_TORQUE = "the body states no torque"
 LOW_VOLTAGE = 9.0
 """[V] servos made for less do not share a line with the others."""
+SHORTEST = 4
+"""Letters of a model that its name is known by inside of others."""
 END_TICKS = 4
 """Limits stay so many ticks inside the servo's travel."""
 
@@ -44,22 +48,47 @@ class ServoDraft:
     numbered: bool = False
 
 
-def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, float]) -> tuple[ServoDraft, ...]:
+def models_in_names(names: Iterable[str]) -> list[ServoModel]:
+    """The servo models that names of meshes and links tell, that of most names first. A series alone (xl330) tells its
+    first model."""
+    plain = [re.sub("[^a-z0-9]", "", name.lower()) for name in names]
+    for length in (None, 1):  # XL330-M288, then XL330, but not MX
+        known = {"".join(name.lower().split("-")[:length]): name for name in reversed(SERVO_MODELS)}
+        known = {plain: name for plain, name in known.items() if len(plain) >= SHORTEST}
+        found = Counter(known[max(held, key=len)] for name in plain if (held := [one for one in known if one in name]))
+        if found:
+            return [SERVO_MODELS[name] for name, _ in found.most_common()]
+    return []
+
+
+def guess_servos(
+    body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = ""
+) -> tuple[ServoDraft, ...]:
     """A servo for each hinge. Ids are the numbers in the names of the joints, else from 1 in the order of the body.
-    speeds: rad/s that the file states."""
-    torques = _torques(model)
+    model: of all servos; else as names of meshes and links tell it, else by torque and speed.
+
+    Raises HardwareError for an unknown model.
+    """
+    torques, speeds = _torques(body.model), body.ready.speeds
     stated = [torque for torque in torques.values() if torque > 0.0]
-    candidates = _candidates(max(stated, default=0.0))
-    inertias = _inertias(model)
-    carrying = {node for leg in anatomy.legs for node in leg.nodes}
-    carrying |= {*tree.way(anatomy.chest), *tree.way(anatomy.pelvis)}
+    told = [find_model(model)] if model else models_in_names([*body.hints, *tree.links])
+    candidates = told or _candidates(max(stated, default=0.0))
+    inertias = _inertias(body.model)
+    carrying = {node for leg in anatomy.legs.values() for node in leg.nodes}
+    carrying |= {*tree.path(anatomy.chest), *tree.path(anatomy.pelvis)}
     drafts, ids = [], _numbers(node.joint for node in tree.nodes[1:])
     for number, node in enumerate(tree.nodes[1:], 1):
-        chosen, why = _chosen(candidates, torques.get(node.joint, 0.0), speeds.get(node.joint, 0.0))
+        torque = torques.get(node.joint, 0.0)
+        chosen, why = candidates[0], "as given" if model else "by the names in the file"
+        if len(told) > 1 and torque > 0.0 or not told:
+            chosen, why = _chosen(candidates, torque, speeds.get(node.joint, 0.0))
         limits, note = _limits(node.lower, node.upper, chosen)
+        note = "; ".join(filter(None, (body.ready.limits.get(node.joint, ""), note)))
         speed = math.floor(10.0 * SPARE_SPEED * chosen.no_load_speed) / 10.0
         most = IN_LEGS if number in carrying else ACCELERATIONS[1]
         can = SPARE_TORQUE * chosen.stall_torque / max(inertias[node.joint], 1e-6)
+        protocol = max(chosen.protocols)
+        gains = {"p": find_table(chosen.name, protocol)["position_p_gain"].initial} if protocol == 2 else {}
         entry = Servo(
             id=ids[number - 1] if ids else number,
             model=chosen.name,
@@ -69,7 +98,7 @@ def guess_servos(model: Any, tree: Tree, anatomy: Anatomy, speeds: Mapping[str, 
             limits=limits,
             max_velocity=min(speed, speeds.get(node.joint, math.inf)),
             max_acceleration=float(math.floor(min(max(can, ACCELERATIONS[0]), most))),
-            gains=Gains(p=find_table(chosen.name, 2)["position_p_gain"].initial),  # the maker's default
+            gains=Gains(**gains),  # the maker's default
         )
         drafts.append(ServoDraft(node.joint, entry, why, note, numbered=bool(ids)))
     return tuple(drafts)

@@ -1,12 +1,4 @@
-"""Shapes around a link: its geometry as balls, the smallest capsule or a small box around them, and which is proposed.
-
-    minimise   pi R^2 |b - a| + 4/3 pi R^3     over the segment a b and the radius R
-    subject to |c_i - [a b]| + r_i <= R        for every ball (c_i, r_i)
-
-The problem has several local minima: it is solved as a smooth program (SLSQP) from a ball and from the smallest
-of the capsules along the axes that the geometry suggests. The radius is then taken exactly from the balls, so that
-enclosure never depends on the optimiser.
-"""
+"""A simple shape around each link of a body: its geometry as balls, and of a capsule and a box the smaller one."""
 
 import math
 import re
@@ -14,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
-from retarget.errors import InputError, UsageError
-from retarget.model.observers import ShapeRow
-from retarget.model.scene_shapes import ShapeKind, canonical
-from retarget.rotations import from_matrix, normalise, to_matrix
-from retarget.schema.shapes import SolidShape
+from retarget.arithmetic import norm
+from retarget.errors import InputError
+from retarget.model.scene_shapes import ShapeKind
+from retarget.rotations import from_matrix, normalise, rotate, shortest_arc, to_matrix
 from retarget.types import FloatArray
 
 MIN_RADIUS = 1e-4
@@ -30,67 +20,73 @@ DIGITS = 5
 """Decimals of lengths in m: shapes are rounded outwards to them, so that what is written still encloses."""
 ROUNDED = 1e-3
 """Share of a volume that rounding may change."""
-STARTS = 4
-"""Capsules from which the smallest one is searched."""
+WIDER = (1.0, 1.05, 1.12, 1.25)
+"""A capsule is tried so many times as thick as it must be: its caps then reach over less of the ends."""
 
 
 @dataclass(frozen=True, eq=False)
-class Capsule:
-    """start, end (3,) and radius, m. A ball where start equals end."""
+class LinkShape:
+    """A capsule (a ball where it has no length) or a box around link `link_name`, whose number is `link`, in its frame.
 
-    start: FloatArray
-    end: FloatArray
-    radius: float
+    size (3,), pos (3,) m and quat (4,) wxyz: as the solver and MuJoCo take them. ratio: its volume over that of the
+    geometry's convex hull, None where that is flat. around_mesh: True if a mesh is part of the geometry.
+    """
+
+    link: int
+    link_name: str
+    kind: ShapeKind
+    size: FloatArray
+    pos: FloatArray
+    quat: FloatArray
+    ratio: float | None = None
+    around_mesh: bool = False
 
     @property
-    def length(self) -> float:
-        """Length of the segment, m."""
-        return float(np.linalg.norm(self.end - self.start))
-
-    @property
-    def volume(self) -> float:
-        """Volume, m^3."""
-        return float(np.pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius))
-
-    @property
-    def is_ball(self) -> bool:
-        """Whether the segment is a point."""
-        return self.length == 0.0
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """The ends (3,) m of the segment of a capsule."""
+        half = rotate(self.quat, np.array([0.0, 0.0, self.size[1]]))
+        return self.pos - half, self.pos + half
 
     @property
     def entry(self) -> dict[str, Any]:
         """The shape as a profile holds it, for `retarget.schema.profile_parts.Shape`."""
-        if self.is_ball:
-            return {"sphere": {"at": self.start.tolist(), "radius": self.radius}}
-        return {"capsule": {"from": self.start.tolist(), "to": self.end.tolist(), "radius": self.radius}}
+        if self.kind is ShapeKind.BOX:
+            turn = {} if abs(self.quat[0]) > 1.0 - 1e-12 else {"quat": self.quat.tolist()}
+            return {"box": {"pos": self.pos.tolist(), **turn, "size": self.size.tolist()}}
+        if not self.size[1]:
+            return {"sphere": {"at": self.pos.tolist(), "radius": float(self.size[0])}}
+        start, end = (_round(end).tolist() for end in self.ends)
+        return {"capsule": {"from": start, "to": end, "radius": float(self.size[0])}}
 
-    def support(self, directions: FloatArray) -> FloatArray:
-        """How far (n,), m, it reaches along unit vectors (n, 3)."""
-        return np.asarray(np.max(directions @ np.stack([self.start, self.end]).T, axis=1) + self.radius)
 
+def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Start (3,), end (3,) and radius (m) of a small capsule around balls with centres (k, 3) and radii (k,), m.
 
-def enclosing_capsule(centres: FloatArray, radii: FloatArray, *, axes: FloatArray | None = None) -> Capsule:
-    """The smallest capsule around balls with centres (k, 3) and radii (k,), m, a ball where that is no larger.
-
-    axes (j, 3): directions that are tried besides those of the balls' own spread.
+    It is the smallest of those along `axes` (j, 3) and the balls' own spread, through the middle of their shadow.
     """
-    middle = (centres.max(axis=0) + centres.min(axis=0)) / 2.0
-    scale = float(np.max(np.linalg.norm(centres - middle, axis=1) + radii))
-    if scale < MIN_RADIUS:
-        return Capsule(middle, middle.copy(), MIN_RADIUS)
-    points, sizes = (centres - middle) / scale, radii / scale
-    outer = np.unique(np.argmax(DIRECTIONS[::4] @ points.T + sizes, axis=1))
-    points, sizes = points[outer], sizes[outer]
-    spread = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
-    given = np.zeros((0, 3)) if axes is None else axes
-    along = sorted((_along(u, points, sizes) for u in (*spread, *np.eye(3), *given)), key=lambda found: found.volume)
-    starts = [np.array([*start.start, *start.end, start.radius]) for start in along[:STARTS]]
-    best = min((_local_minimum(start, points, sizes) for start in starts), key=lambda found: found.volume)
-    middle_of_best = 0.5 * (best.start + best.end)
-    ball = _local_minimum(np.array([*middle_of_best, best.radius + 0.5 * best.length]), points, sizes)
-    if ball.volume <= best.volume * (1.0 + ROUNDED):
-        best = ball
-    return _around(best.start * scale + middle, best.end * scale + middle, centres, radii)
+    spread = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2]
+    found = []
+    for u in (*np.eye(3), *spread, *axes):
+        height = centres @ u
+        shadow = centres - height[:, None] * u
+        middle = 0.5 * (shadow.max(axis=0) + shadow.min(axis=0))
+        beside = np.linalg.norm(shadow - middle, axis=1)
+        thinnest = max(float((beside + radii).max()), MIN_RADIUS)
+        for radius in np.array(WIDER) * thinnest:
+            # A ball is inside if the segment meets this much of the line around its height.
+            reach = np.sqrt(np.maximum((radius - radii) ** 2 - beside**2, 0.0))
+            low, high = float((height + reach).min()), float((height - reach).max())
+            low, high = (low, high) if low < high else (0.5 * (low + high),) * 2
+            volume = _capsule_volume(radius, high - low)
+            found.append((volume, middle + low * u, middle + high * u))
+    _, start, end = min(found, key=lambda one: one[0])
+    start, end = _round(start), _round(end)
+    radius = float((distances_to_segment(centres, start, end) + radii).max())
+    return start, end, round_up(max(radius, MIN_RADIUS))
+
+
+def _capsule_volume(radius: float, length: float) -> float:
+    return math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
 
 
 def distances_to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -101,34 +97,61 @@ def distances_to_segment(points: FloatArray, start: FloatArray, end: FloatArray)
     return np.asarray(np.linalg.norm(points - start - share[:, None] * along, axis=1))
 
 
-def _around(start: FloatArray, end: FloatArray, centres: FloatArray, radii: FloatArray) -> Capsule:
-    """The capsule on a segment that just holds the balls."""
-    return Capsule(start, end, max(MIN_RADIUS, float(np.max(distances_to_segment(centres, start, end) + radii))))
+def enclosing_box(geometry: "LinkGeometry") -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Size (3,), position (3,) m and quat (4,) of the smallest box along the link's own axes, its geoms' or the
+    principal ones; in doubt of the earlier of these. It is rounded outwards to DIGITS."""
+    centres, radii = geometry.centres, geometry.radii[:, None]
+    principal = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2].T
+    boxes = []
+    for axes in (np.eye(3), *geometry.axes, principal):
+        turn = axes if np.linalg.det(axes) > 0.0 else axes * [1.0, 1.0, -1.0]
+        local = centres @ turn
+        pos = _round(turn @ (0.5 * ((local - radii).min(axis=0) + (local + radii).max(axis=0))))
+        quat = np.round(from_matrix(turn), 9)
+        reach = (np.abs((centres - pos) @ to_matrix(normalise(quat))) + radii).max(axis=0)
+        boxes.append((np.array([round_up(max(half, MIN_RADIUS)) for half in reach.tolist()]), pos, quat))
+    smallest = min(float(size.prod()) for size, _, _ in boxes)
+    return next(box for box in boxes if box[0].prod() <= smallest * (1.0 + ROUNDED))
 
 
-def _along(u: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
-    """A capsule along direction u (3,), its line through the middle of the balls' shadow."""
-    height = points @ u
-    shadow = points - height[:, None] * u
-    middle = 0.5 * (shadow.max(axis=0) + shadow.min(axis=0))
-    radius = float(np.max(np.linalg.norm(shadow - middle, axis=1) + sizes))
-    low, high = float(np.min(height - sizes)) + radius, float(np.max(height + sizes)) - radius
-    if low >= high:  # nearly a ball
-        low, high = 0.5 * (low + high) - 0.05, 0.5 * (low + high) + 0.05
-    return _around(middle + low * u, middle + high * u, points, sizes)
-
-
-def _local_minimum(x: FloatArray, points: FloatArray, sizes: FloatArray) -> Capsule:
-    """The smallest capsule near x: start, end and radius (7,), or centre and radius of a ball (4,)."""
-    found = minimize(
-        lambda x: Capsule(x[:3], x[-4:-1], x[-1]).volume,
-        x,
-        method="SLSQP",
-        constraints={"type": "ineq", "fun": lambda x: x[-1] - sizes - distances_to_segment(points, x[:3], x[-4:-1])},
-        options={"maxiter": 100, "ftol": 1e-12},
+def fitted_shape(geometry: "LinkGeometry") -> LinkShape:
+    """Of a capsule and a box around a link the smaller one."""
+    size, pos, quat = enclosing_box(geometry)
+    kind, volume = ShapeKind.BOX, 8.0 * float(size.prod())
+    start, end, radius = enclosing_capsule(
+        geometry.centres, geometry.radii, geometry.axes.transpose(0, 2, 1).reshape(-1, 3)
     )
-    ends = [x, found.x] if np.all(np.isfinite(found.x)) else [x]
-    return min((_around(x[:3], x[-4:-1], points, sizes) for x in ends), key=lambda found: found.volume)
+    length = norm(end - start)
+    if _capsule_volume(radius, length) <= volume * (1.0 + ROUNDED):
+        kind, volume, size = ShapeKind.CAPSULE, _capsule_volume(radius, length), np.array([radius, 0.5 * length, 0.0])
+        pos, quat = 0.5 * (start + end), np.array([1.0, 0.0, 0.0, 0.0])
+        quat = shortest_arc(np.array([0.0, 0.0, 1.0]), end - start) if length else quat
+    hull = hull_of_balls(geometry.centres, geometry.radii, DIRECTIONS)
+    ratio = volume / float(hull.volume) if hull is not None and hull.volume > 0.0 else None
+    return LinkShape(geometry.link, geometry.name, kind, size, pos, quat, ratio, geometry.around_mesh)
+
+
+def fitted_shapes(model: Any, *, source: str) -> tuple[LinkShape, ...]:
+    """A shape around each link of a `mujoco.MjModel` that has geometry, in the model's order. source: names it.
+
+    Raises InputError: no link has geometry, more have than a profile holds observers, or one has no name.
+    """
+    geometries = link_geometries(model)
+    nameless = [geometry for geometry in geometries if not NAME.fullmatch(geometry.name)]
+    if not geometries:
+        raise InputError(
+            "the body has no shapes, so neither soles nor collisions can be found",
+            where=source,
+            allowed="geoms (MJCF), <collision> or <visual> shapes (URDF)",
+            next_step="Export it with its meshes, or use the robot's MJCF where it has one",
+        )
+    if nameless:
+        found = f"link {nameless[0].link}: {nameless[0].name!r}"
+        raise InputError("a link without a name that a profile can hold", where=source, found=found)
+    if len(geometries) > MAX_LINKS:
+        allowed = f"at most {MAX_LINKS}"
+        raise InputError("too many links with geometry", where=source, found=str(len(geometries)), allowed=allowed)
+    return tuple(fitted_shape(geometry) for geometry in geometries)
 
 
 # The volume of each link of a compiled body, as the convex hull of balls in the link's own frame.
@@ -145,54 +168,10 @@ NAME = re.compile(r"[^\s/\\]{1,80}")
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
-    """A box, or a cylinder along z, in the link's frame: pos (3,) m, quat (4,) wxyz, size (3,) m as MuJoCo's.
-
-    kind: box or cylinder.
-    geom: name of the link's own geom that it is, else empty.
-    """
-
-    kind: str
-    pos: FloatArray
-    quat: FloatArray
-    size: FloatArray
-    geom: str = ""
-
-    @property
-    def volume(self) -> float:
-        """Volume, m^3."""
-        if self.kind == "box":
-            return float(8.0 * np.prod(self.size))
-        return float(2.0 * np.pi * self.size[0] ** 2 * self.size[1])
-
-    @property
-    def entry(self) -> dict[str, Any]:
-        """The shape as a profile holds it, for `retarget.schema.profile_parts.Shape`."""
-        if self.geom:
-            return {"geom": self.geom}
-        turn = {} if abs(self.quat[0]) > 1.0 - 1e-12 else {"quat": self.quat.tolist()}
-        return {"box": {"pos": self.pos.tolist(), **turn, "size": self.size.tolist()}}
-
-    def support(self, directions: FloatArray) -> FloatArray:
-        """How far (n,), m, a box reaches along unit vectors (n, 3)."""
-        along = np.abs(directions @ to_matrix(self.quat)) @ self.size
-        return np.asarray(directions @ self.pos + along)
-
-
-def canonical_shape(shape: Capsule | Solid) -> ShapeRow:
-    """Code, sizes (3,) m, position (3,) m and quat (4,) wxyz of a shape, as the solver and MuJoCo take them."""
-    if isinstance(shape, Solid):
-        return ShapeKind[shape.kind.upper()], tuple(shape.size.tolist()), shape.pos, shape.quat
-    kind, sizes, pose = canonical(SolidShape.model_validate(shape.entry))
-    return kind, sizes, np.array(pose.position), np.array(pose.quat)
-
-
-@dataclass(frozen=True, eq=False)
 class LinkGeometry:
     """centres (k, 3) and radii (k,) of the balls, m; axes (j, 3, 3): orientations of the link's geoms, as columns.
 
-    link, name: index and name. geoms: numbers of its geoms with a volume. lone: the only one of these, where that is a
-    named box or cylinder.
+    link, name: index and name. around_mesh: True if one of the geoms is a mesh.
     """
 
     link: int
@@ -200,63 +179,33 @@ class LinkGeometry:
     centres: FloatArray
     radii: FloatArray
     axes: FloatArray
-    geoms: tuple[int, ...]
-    lone: Solid | None
-
-    def hull_volume(self) -> float:
-        """Volume of the convex hull, m^3; 0 where it is flat."""
-        hull = hull_of_balls(self.centres, self.radii, DIRECTIONS)
-        return 0.0 if hull is None else float(hull.volume)
+    around_mesh: bool = False
 
 
-def link_geometries(model: Any) -> tuple[tuple[LinkGeometry, ...], tuple[str, ...]]:
-    """The geometry of every link that has some, in the model's order, and notes on what is left out.
-
-    Raises InputError: no link has geometry, or more have than a profile holds observers.
-    """
-    found, notes = [], []
-    for link in range(1, model.nbody):
-        name = model.body(link).name
-        geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == link]
-        solid = [(geom, balls) for geom in geoms if (balls := _balls(model, geom)) is not None]
-        if len(solid) < len(geoms):
-            notes.append(f"{name or f'link {link}'}: planes and height fields are left out")
-        if solid and not NAME.fullmatch(name):
-            notes.append(f"link {link} has no name that a profile can hold, so no observer: {name!r}")
-        elif solid:
-            found.append(_geometry(model, link, name, solid))
-    if not found:
-        raise InputError(
-            "no link has geometry", allowed="geoms (MJCF) or <collision> shapes (URDF)", next_step="Add simple shapes"
-        )
-    if len(found) > MAX_LINKS:
-        raise InputError("too many links with geometry", found=str(len(found)), allowed=f"at most {MAX_LINKS}")
-    return tuple(found), tuple(notes)
-
-
-def _geometry(model: Any, link: int, name: str, solid: list[tuple[int, tuple[FloatArray, float]]]) -> LinkGeometry:
-    geoms = tuple(geom for geom, _ in solid)
-    turns = [to_matrix(model.geom_quat[geom]) for geom in geoms]
-    balls = zip(solid, turns, strict=True)
-    return LinkGeometry(
-        link=link,
-        name=name,
-        centres=np.concatenate([points @ turn.T + model.geom_pos[geom] for (geom, (points, _)), turn in balls]),
-        radii=np.concatenate([np.full(len(points), radius) for _, (points, radius) in solid]),
-        axes=np.array(turns),
-        geoms=geoms,
-        lone=_lone(model, geoms[0]) if len(geoms) == 1 else None,
-    )
-
-
-def _lone(model: Any, number: int) -> Solid | None:
+def link_geometries(model: Any) -> tuple[LinkGeometry, ...]:
+    """The geometry of every link that has some, in the model's order: of its geoms those that collide, else all."""
     import mujoco
 
-    geom = model.geom(number)
-    kind = mujoco.mjtGeom(geom.type.item()).name.removeprefix("mjGEOM_").lower()
-    if kind not in ("box", "cylinder") or not NAME.fullmatch(geom.name):
-        return None
-    return Solid(kind, geom.pos.copy(), geom.quat.copy(), geom.size.copy(), geom.name)
+    found, collides = [], (model.geom_contype | model.geom_conaffinity) != 0
+    for link in range(1, model.nbody):
+        geoms = np.flatnonzero(model.geom_bodyid == link)
+        geoms = geoms[collides[geoms]] if collides[geoms].any() else geoms
+        solid = [(geom, balls) for geom in geoms.tolist() if (balls := _balls(model, geom)) is not None]
+        if not solid:
+            continue
+        turns = [to_matrix(model.geom_quat[geom]) for geom, _ in solid]
+        parts = zip(solid, turns, strict=True)
+        found.append(
+            LinkGeometry(
+                link=link,
+                name=model.body(link).name,
+                centres=np.concatenate([points @ turn.T + model.geom_pos[geom] for (geom, (points, _)), turn in parts]),
+                radii=np.concatenate([np.full(len(points), radius) for _, (points, radius) in solid]),
+                axes=np.array(turns),
+                around_mesh=any(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH for geom, _ in solid),
+            )
+        )
+    return tuple(found)
 
 
 def _balls(model: Any, geom: int) -> tuple[FloatArray, float] | None:
@@ -313,116 +262,6 @@ DIRECTIONS = _sphere_points(BALL_POINTS)
 """Evenly spread unit vectors (n, 3)."""
 # Blown up until its faces touch the unit ball from outside: equations are n.x + offset = 0 with offset < 0.
 _AROUND_BALL = DIRECTIONS / float(-ConvexHull(DIRECTIONS).equations[:, 3].max())
-
-
-# A small box around a link's geometry: the best of the orientations that the geometry itself suggests.
-
-
-def enclosing_box(geometry: LinkGeometry) -> Solid:
-    """The smallest box along the link's own axes, its geoms' or the principal ones; in doubt the earlier of these.
-
-    It is rounded outwards to DIGITS.
-    """
-    centres = geometry.centres
-    principal = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2].T
-    boxes = [
-        _box_along(turn if np.linalg.det(turn) > 0.0 else turn * [1.0, 1.0, -1.0], geometry)
-        for turn in (np.eye(3), *geometry.axes, principal)
-    ]
-    smallest = min(box.volume for box in boxes)
-    return next(box for box in boxes if box.volume <= smallest * (1.0 + ROUNDED))
-
-
-def _box_along(turn: FloatArray, geometry: LinkGeometry) -> Solid:
-    local, radii = geometry.centres @ turn, geometry.radii[:, None]
-    middle = 0.5 * ((local - radii).min(axis=0) + (local + radii).max(axis=0))
-    pos, quat = _round(turn @ middle), np.round(from_matrix(turn), 9)
-    reach = np.abs((geometry.centres - pos) @ to_matrix(normalise(quat))) + radii
-    size = [round_up(max(half, MIN_RADIUS)) for half in reach.max(axis=0).tolist()]
-    return Solid("box", pos, quat, np.array(size))
-
-
-# Proposed observers: a capsule per link, or a flat shape where a capsule is far too large.
-
-FAR_TOO_LARGE = 3.0
-"""A capsule of so many times the other shape's volume gives way to it."""
-SOMEWHAT_LARGE = 2.0
-"""A capsule of so many times its volume gives way if it also stands out of the geometry by more than the influence."""
-
-
-@dataclass(frozen=True)
-class Zones:
-    """influence: distance at which the observers act, margin: distance that they keep, m."""
-
-    influence: float
-    margin: float
-
-    def __post_init__(self) -> None:
-        """Raise UsageError for zones that no profile may have."""
-        if not (math.isfinite(self.influence) and self.influence > 0.0):
-            raise UsageError(
-                "no usable influence", where="--influence", found=f"{self.influence} m", allowed="more than 0 m"
-            )
-        if not 0.0 <= self.margin < self.influence:
-            allowed = f"0 m to less than the influence, {self.influence} m"
-            raise UsageError("no usable margin", where="--margin", found=f"{self.margin} m", allowed=allowed)
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """An observer `name` on `link` (its index and its name).
-
-    ratio: volume of the shape over that of the geometry's convex hull, None where that is flat. stands_out: how far
-    the shape reaches beyond the hull, m. why: why it is no capsule, else empty.
-    """
-
-    link: int
-    link_name: str
-    name: str
-    shape: Capsule | Solid
-    ratio: float | None
-    stands_out: float
-    why: str
-
-
-def propose(geometries: tuple[LinkGeometry, ...], zones: Zones) -> tuple[Proposal, ...]:
-    """An observer for every link, named for it, without an ending `_link` where that leaves names different."""
-    names = [geometry.name for geometry in geometries]
-    short = [name.removesuffix("_link") or name for name in names]
-    if len(set(short)) == len(short):
-        names = short
-    return tuple(_propose(geometry, name, zones) for geometry, name in zip(geometries, names, strict=True))
-
-
-def flattened(proposal: Proposal, geometry: LinkGeometry, why: str) -> Proposal:
-    """The same observer as a box or a cylinder, and why it is none of a capsule."""
-    flat = geometry.lone or enclosing_box(geometry)
-    return _proposal(geometry, proposal.name, flat, f"{flat.kind}: {why}")
-
-
-def _propose(geometry: LinkGeometry, name: str, zones: Zones) -> Proposal:
-    axes = geometry.axes.transpose(0, 2, 1).reshape(-1, 3)
-    exact = enclosing_capsule(geometry.centres, geometry.radii, axes=axes)
-    start, end = _round(exact.start), _round(exact.end)
-    radius = _around(start, end, geometry.centres, geometry.radii).radius
-    capsule = Capsule(start, end, round_up(radius))
-    round_one = _proposal(geometry, name, capsule, "")
-    flat = geometry.lone or enclosing_box(geometry)
-    times, out = capsule.volume / flat.volume, round_one.stands_out
-    if times < FAR_TOO_LARGE and not (times >= SOMEWHAT_LARGE and out > zones.influence):
-        return round_one
-    why = f"the smallest capsule is {times:.1f} times as large and stands out by {1e3 * out:.0f} mm"
-    return flattened(round_one, geometry, why)
-
-
-def _proposal(geometry: LinkGeometry, name: str, shape: Capsule | Solid, why: str) -> Proposal:
-    """With the largest difference of the support functions: for nested convex bodies, how far the outer reaches out."""
-    hull, stands_out = geometry.hull_volume(), 0.0
-    if shape is not geometry.lone:
-        inner = np.max(DIRECTIONS @ geometry.centres.T + geometry.radii, axis=1)
-        stands_out = float(max(np.max(shape.support(DIRECTIONS) - inner), 0.0))
-    ratio = shape.volume / hull if hull > 0.0 else None
-    return Proposal(geometry.link, geometry.name, name, shape, ratio, stands_out, why)
 
 
 def _round(values: FloatArray) -> FloatArray:

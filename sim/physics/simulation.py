@@ -129,7 +129,6 @@ class Simulation:
         mujoco = engine()
         self.world = world
         self.perturbation = perturbation
-        mujoco.set_mju_user_warning(_ignore_warning)
         self._model = model = world.model
         chance = np.random.default_rng(seed)
         self.motors = Motors(model, world.drives)
@@ -282,10 +281,6 @@ class Simulation:
             if drive.servo.coupling is None:
                 address = self._model.joint(drive.servo.joint).qposadr[0]
                 self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
-
-
-def _ignore_warning(text: str) -> None:
-    """Drop a warning of the engine, which would write it to a file in the working folder. `Simulation` raises."""
 
 
 def _load(model: Any, world: World, perturbation: Perturbation) -> None:

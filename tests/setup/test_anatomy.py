@@ -1,75 +1,37 @@
 """Left, right, limbs, frames and soles: of shipped robots, with and without their names, and of strangers."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from messages import refuses, shows
-from retarget.errors import InputError
+from messages import refuses
+from retarget.errors import ConfigError, InputError
 from retarget.model.body import load_body
 from retarget.model.body_file import compile_body_text
 from retarget.model.robot import load_robot
 from retarget.schema.catalogue import shipped_folder
 from retarget.schema.profile_checks import is_convex
-from retarget.setup.frames import find_frames
-from retarget.setup.limbs import Anatomy, arm_roles, find_anatomy, leg_roles
-from retarget.setup.tree import Tree, find_mirror, flat_underside, read_tree
+from retarget.setup.frames import Anatomy, find_anatomy, find_frames, wrist_of
+from retarget.setup.links import Links, completed, pitch_joints, propose_links, read_links
+from retarget.setup.tree import Tree, flat_underside, read_tree
 from unknown_robots import (
     HUMANOID,
     SHIPPED,
     TRUNK,
     Part,
     humanoid,
+    proposed_anatomy,
     scrambled,
     shipped_anatomy,
-    shipped_posed,
     shipped_tree,
     table_arm,
     text_tree,
+    urdf,
 )
-
-NAMES = {
-    "op3": ("l_", "r_"),
-    "poppy": ("l_", "r_"),
-    "toddlerbot": ("left_", "right_"),
-    "wolfgang": ("L", "R"),
-}
-
-
-@pytest.mark.parametrize("robot", SHIPPED)
-def test_partners_are_those_of_the_names(robot: str) -> None:
-    tree, (left, right) = shipped_tree(robot), NAMES[robot]
-    mirror = find_mirror(tree)
-    assert mirror is not None and len(mirror.partner) == len(tree.nodes)
-    for node, other in mirror.partner.items():
-        name = tree.nodes[node].joint
-        expected = right + name[len(left) :] if name.startswith(left) else name
-        if not name.startswith(right):
-            assert tree.nodes[other].joint == expected
-
-
-@pytest.mark.parametrize("robot", SHIPPED)
-@given(st.lists(st.floats(0.0, 1.0), min_size=30, max_size=30))
-def test_a_mirrored_posture_is_a_mirror_image(robot: str, shares: list[float]) -> None:
-    posed = POSED[robot]
-    limbs = (*posed.anatomy.legs[:1], *posed.anatomy.arms[:1])
-    joints = [posed.tree.nodes[node].joint for limb in limbs for node in limb.nodes]
-    angles = {}
-    for joint, share in zip(joints, shares, strict=False):
-        low, high = posed.limits[joint]
-        angles[joint] = 0.4 * (low + share * (high - low))
-    both = posed.mirrored(angles)
-    assert len(both) == 2 * len(angles)
-    at = posed.place(both).positions
-    for name in ("knee", "ankle", "sole", "toe", "elbow", "hand"):
-        image = at[f"l_{name}"] * np.array([1.0, -1.0, 1.0])
-        assert image == pytest.approx(at[f"r_{name}"], abs=0.004)  # shells of two sides differ by a millimetre
-
-
-POSED = {robot: shipped_posed(robot) for robot in SHIPPED}
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
@@ -122,31 +84,32 @@ HEADS = {
 
 def named(tree: Tree, anatomy: Anatomy) -> tuple[str | None, ...]:
     """Joints of the left limbs by what they do."""
-    leg, arm = leg_roles(tree, anatomy.legs[0], anatomy.left), arm_roles(tree, anatomy.arms[0])
-    nodes = (leg.hip, leg.knee, leg.ankle, anatomy.arms[0].nodes[0], arm.elbow, arm.wrist)
+    leg, arm = anatomy.legs["l"], anatomy.arms["l"]
+    pitches = pitch_joints(tree, leg.nodes, anatomy.left)
+    nodes = (pitches[0], leg.bend, pitches[-1], arm.nodes[0], arm.bend, wrist_of(tree, arm))
     return tuple(None if node is None else tree.nodes[node].joint for node in nodes)
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
 def test_shipped_robots(robot: str) -> None:
     tree, anatomy = shipped_tree(robot), shipped_anatomy(robot)
-    assert named(tree, anatomy) == ROLES[robot]
+    assert named(tree, anatomy) == ROLES[robot] and anatomy.head is not None
     assert (tree.nodes[anatomy.pelvis].joint, tree.nodes[anatomy.chest].joint) == TRUNKS[robot]
-    assert [tree.nodes[node].joint for node in anatomy.head] == HEADS[robot]
-    assert anatomy.forward.tolist() == [1.0, 0.0, 0.0] and not anatomy.odd
+    assert tree.nodes[anatomy.head].joint == HEADS[robot][-1]
+    assert anatomy.forward.tolist() == [1.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
 def test_the_same_without_their_names(robot: str) -> None:
-    known, unknown = shipped_anatomy(robot), find_anatomy(text_tree(scrambled(robot)))
+    known, unknown = shipped_anatomy(robot), proposed_anatomy(text_tree(scrambled(robot)))
     assert unknown.legs == known.legs and unknown.arms == known.arms and unknown.head == known.head
-    assert unknown.forward == pytest.approx(known.forward) and "names" not in unknown.facing
+    assert unknown.forward == pytest.approx(known.forward)
 
 
 def test_fingers_are_part_of_the_hand() -> None:
     fingers = [part for side in "pq" for part in (finger(side, 0.015), finger(side, -0.015))]
     tree = text_tree(humanoid([*HUMANOID, *fingers]))
-    arm = find_anatomy(tree).arms[0]
+    arm = proposed_anatomy(tree).arms["l"]
     assert tree.nodes[arm.nodes[-1]].joint == "j_p9" and len(arm.ends) == 3
 
 
@@ -157,15 +120,32 @@ def finger(side: str, x: float) -> Part:
 
 def test_without_legs_arms_or_a_second_side() -> None:
     arms = [part for part in HUMANOID if part.name[1:] in {"6", "7", "8", "9"}]
-    bust = find_anatomy(text_tree(humanoid(arms)))
-    assert len(bust.arms) == 2 and not bust.legs and not bust.head and "hands" in bust.facing
+    bust = proposed_anatomy(text_tree(humanoid(arms)))
+    assert len(bust.arms) == 2 and not bust.legs and bust.head is None
     legs = [part for part in HUMANOID if part.name not in {"face"} and part not in arms]
-    walker = find_anatomy(text_tree(humanoid(legs)))
+    walker = proposed_anatomy(text_tree(humanoid(legs)))
     assert len(walker.legs) == 2 and not walker.arms
-    alone = find_anatomy(text_tree(table_arm()))
-    assert len(alone.arms) == 1 and len(alone.arms[0].nodes) == 4 and alone.mirror is None
-    trunk = find_anatomy(text_tree(humanoid(TRUNK)))
-    assert (not trunk.legs and not trunk.head) or trunk.mirror is None
+    alone = proposed_anatomy(text_tree(table_arm()))
+    assert list(alone.arms) == ["r"] and len(alone.arms["r"].nodes) == 4
+    assert not proposed_anatomy(text_tree(humanoid(TRUNK))).legs
+
+
+@pytest.mark.parametrize("welded", [True, False])
+@pytest.mark.parametrize("words", [("", ""), ("sho", "elbow"), ("hip", "knee")])
+def test_two_hanging_limbs_are_arms_by_their_names_or_as_nothing_else_stands(
+    words: tuple[str, str], *, welded: bool
+) -> None:
+    """Limbs that hang to the lowest point look like legs; names decide, and else a torso that is fixed to the world."""
+    parts = [
+        Part(f"{side}_{word or number}", parent.format(side), at, (0, 1, 0), (-1, 1), (0.03, 0.03, 0.1), (0, 0, -0.06))
+        for side, y in (("l", 0.06), ("r", -0.06))
+        for number, word, parent, at in (
+            ("1", words[0], "torso", (0, y, 0.0)),
+            ("2", words[1], f"{side}_{words[0] or '1'}", (0, 0, -0.12)),
+        )
+    ]
+    links = propose_links(text_tree(urdf(parts, base="torso", size=(0.08, 0.08, 0.3))), welded=welded)
+    assert (links.l_hand is not None) == (words[0] == "sho" or (welded and not words[0]))
 
 
 def test_names_decide_where_shapes_do_not() -> None:
@@ -176,8 +156,7 @@ def test_names_decide_where_shapes_do_not() -> None:
         for name, y in (("left", -0.1), ("right", 0.1))
     )
     text = f'<mujoco><worldbody><body name="b"><geom size="0.05"/>{two}</body></worldbody></mujoco>'
-    anatomy = find_anatomy(text_tree(text))
-    assert anatomy.forward == pytest.approx([-1.0, 0.0, 0.0]) and anatomy.facing == "names of left and right"
+    assert proposed_anatomy(text_tree(text)).forward == pytest.approx([-1.0, 0.0, 0.0])
 
 
 def test_names_show_limbs_and_neck_where_the_sides_differ() -> None:
@@ -189,12 +168,41 @@ def test_names_show_limbs_and_neck_where_the_sides_differ() -> None:
 
     parts = [replace(part, name=named(part.name), parent=named(part.parent)) for part in HUMANOID]
     crooked = [replace(part, at=(part.at[0] + moved.get(part.name, 0.0), *part.at[1:]), extra="") for part in parts]
-    whole, found = find_anatomy(text_tree(humanoid(parts))), find_anatomy(text_tree(humanoid(crooked)))
-    assert not whole.named and not found.odd
-    assert found.arms == whole.arms and found.legs == whole.legs and found.head == whole.head
-    shows(found.named, "j_Left6", "j_Right6", "40 mm", "j_Neck", "120 mm")
+    whole, found = (proposed_anatomy(text_tree(humanoid(one))) for one in (parts, crooked))
+    assert found.arms == whole.arms and found.legs == whole.legs and found.head == whole.head is not None
     nameless = humanoid(crooked).replace("Neck", "n")
-    assert not find_anatomy(text_tree(nameless)).head
+    assert proposed_anatomy(text_tree(nameless)).head is None
+
+
+# Links that are given in place of the proposal.
+
+
+@given(part=st.sampled_from(["elbow", "hand", "knee", "sole"]), place=st.integers(0, 3))
+def test_a_link_on_the_left_gives_its_counterpart_on_the_right(part: str, place: int) -> None:
+    """Whatever link of a limb is named, by name or by its place on a limb whose names do not tell."""
+    for robot, (left, right) in {"op3": ("l_", "r_"), "stranger": ("p", "q")}.items():
+        tree = shipped_tree(robot) if robot == "op3" else text_tree(humanoid())
+        proposed = propose_links(tree)
+        limb = find_anatomy(tree, proposed).arms if part in ("elbow", "hand") else find_anatomy(tree, proposed).legs
+        nodes = limb["l"].nodes[1:]
+        link = tree.nodes[nodes[min(place, len(nodes) - 1)]].names[0]
+        end = {"hand": "elbow", "sole": "knee"}.get(part)
+        given_links = Links.model_validate({f"l_{part}": link, **({f"{s}_{end}": None for s in "lr"} if end else {})})
+        links = completed(proposed, given_links, tree)
+        assert getattr(links, f"r_{part}") == link.replace(left, right, 1), (robot, link)
+
+
+def test_links_are_read_strictly(tmp_path: Path) -> None:
+    tree, path = shipped_tree("op3"), tmp_path / "links.yaml"
+    path.write_text("l_hand: l_elbo\nhat: head\n")
+    with refuses(ConfigError, 2, "l_elbo", "hat") as caught:
+        read_links(path, tree)
+    assert len(caught.value.problems) == 2
+    path.write_text("head: null\n")
+    links = completed(propose_links(tree), read_links(path, tree), tree)
+    assert links.head is None and links.l_hand is not None
+    with refuses(ConfigError, "l_elbow"):
+        completed(propose_links(tree), Links(l_elbow=links.l_sole), tree)
 
 
 LOOSE = {"head": 0.01, "l_hand": 0.03, "r_hand": 0.03}  # [m]; drawn by eye in the shipped profiles
@@ -212,7 +220,7 @@ def test_frames_are_where_people_put_them(robot: str) -> None:
         frame = found.frames[name]
         off = float(np.linalg.norm(frame.position - place))
         assert off <= LOOSE.get(name, EXACT), f"{name} is {1e3 * off:.1f} mm off"
-        assert known.body.body_names[shipped_tree(robot).nodes[frame.node].links[0]] == known.profile.frames[name].link
+        assert shipped_tree(robot).nodes[frame.node].names[0] == known.profile.frames[name].link
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
@@ -227,7 +235,7 @@ def test_soles_are_those_of_the_profiles(robot: str) -> None:
 
 def test_a_sole_that_is_tilted_in_the_zero_pose() -> None:
     tree, anatomy = shipped_tree("wolfgang"), shipped_anatomy("wolfgang")
-    sole = flat_underside(tree, anatomy.legs[0].ends)
+    sole = flat_underside(tree, anatomy.legs["l"].ends)
     assert sole is not None
     assert np.degrees(np.arctan2(-sole.up[0], sole.up[2])) == pytest.approx(15.0, abs=0.1)  # it says so in its body
 
@@ -235,13 +243,13 @@ def test_a_sole_that_is_tilted_in_the_zero_pose() -> None:
 def test_a_foot_that_is_a_ball_has_no_sole() -> None:
     text = humanoid().replace('<box size="0.07 0.14 0.02"/>', '<sphere radius="0.03"/>')
     tree = text_tree(text)
-    found = find_frames(tree, find_anatomy(tree))
+    found = find_frames(tree, proposed_anatomy(tree))
     assert not found.feet and any(text.startswith("l_sole: the foot has no flat") for text in found.missing)
 
 
 def test_an_arm_has_a_hand_and_a_list_of_missing_parts() -> None:
     tree = text_tree(table_arm())
-    found = find_frames(tree, find_anatomy(tree))
+    found = find_frames(tree, proposed_anatomy(tree))
     assert set(found.frames) == {"neck", "head", "r_shoulder", "r_elbow", "r_hand"}
     assert [text.split(":")[0] for text in found.missing] == ["head", "legs", "l_hand"]
     assert found.frames["r_hand"].position[2] > found.frames["r_elbow"].position[2]

@@ -2,18 +2,21 @@
 
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from messages import Facts, refuses, shows
 from retarget.errors import InputError
 from retarget.model.body import load_body
 from retarget.model.body_xml import MAX_DEPTH
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
-from retarget.setup.robot_file import find_mesh, read_source, stated_speeds
+from retarget.setup.robot_file import MeshFiles, read_source
 from unknown_robots import HUMANOID, Part, humanoid
 
 
@@ -64,7 +67,7 @@ def test_kind_and_name_are_by_content(tmp_path: Path) -> None:
     path = tmp_path / "thing.xml"
     path.write_text(humanoid())
     source = read_source(path)
-    assert (source.kind, source.name, source.included) == ("urdf", "stranger", False)
+    assert (source.kind, source.name) == ("urdf", "stranger")
     path.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a"/>')  # made by xacro
     assert read_source(path).name == "a"
     path.write_text("<mujoco/>")
@@ -83,7 +86,7 @@ def binary_stl() -> bytes:
 
 @pytest.mark.parametrize("name", ["", ".", "..", "package://", "/", "a\0b.stl", "m.stl/", "x" * 5000 + ".stl"])
 def test_names_of_nothing(name: str, tmp_path: Path) -> None:
-    assert find_mesh(name, tmp_path / "body.urdf") is None
+    assert MeshFiles(tmp_path / "body.urdf").find(name) is None
 
 
 FOOT = '<box size="0.07 0.14 0.02"/>'
@@ -99,7 +102,7 @@ def test_joints_that_no_servo_drives(kind: str, tmp_path: Path) -> None:
     text = humanoid([*HUMANOID, part])
     body = drafted_urdf(text, tmp_path)
     assert body.model.njnt == len(HUMANOID) and body.model.body("finger").id > 0
-    assert body.notes == (f"{kind} joints, which no servo drives, made rigid: j_finger",) and body.file == "body.xml"
+    assert body.notes == (f"{kind} joints, which no servo drives, made rigid: j_finger",)
 
 
 def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
@@ -133,19 +136,133 @@ def test_meshes_that_are_missing(tmp_path: Path) -> None:
     assert body.model.ngeom == len(HUMANOID) + 1 - 2
 
 
-@pytest.mark.parametrize("name", ["foot.stl", "meshes/foot.stl", "package://r/meshes/foot.stl", "file://{}/foot.stl"])
-def test_meshes_that_are_found_become_simple_shapes(name: str, tmp_path: Path) -> None:
-    """A mesh beside the file, below it, or in its package; what is written needs no other file."""
-    folder = tmp_path / "r" / "urdf"
-    folder.mkdir(parents=True)
-    for place in (folder, folder / "meshes", tmp_path / "r" / "meshes"):
-        place.mkdir(exist_ok=True)
-        (place / "foot.stl").write_bytes(binary_stl())
-    body = drafted_urdf(humanoid().replace(FOOT, f'<mesh filename="{name.format(folder)}"/>'), folder)
+def text_stl() -> bytes:
+    facets = ["".join(f"vertex {x:g} {y:e} {z}\n" for x, y, z in TETRAHEDRON[list(face)]) for face in FACES]
+    text = "".join(f"facet normal 0 0 0\nouter loop\n{facet}endloop\nendfacet\n" for facet in facets)
+    return f"solid foot\n{text}endsolid foot\n".encode()
+
+
+@pytest.mark.parametrize("content", [binary_stl(), text_stl()], ids=["binary", "text"])
+@given(
+    name=st.sampled_from(
+        [
+            "foot.stl",
+            "meshes/foot.stl",
+            "../meshes/foot.stl",
+            "package://r/meshes/foot.stl",
+            "model://r/meshes/foot.stl",
+            "$(find r)/meshes/foot.stl",
+            "file:///home/someone/ws/src/r/meshes/foot.stl",
+            "C:\\work\\r\\meshes\\foot.stl",
+        ]
+    ),
+    upper=st.booleans(),
+    folder=st.sampled_from(["r/urdf/meshes", "r/meshes", "r/urdf/deep/meshes", "R/Meshes"]),
+)
+def test_meshes_are_found_whatever_the_case_and_path_of_their_names(
+    content: bytes, name: str, folder: str, *, upper: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Below the URDF by its last parts, or in its package; relative paths and packages only where they say."""
+    top = tmp_path_factory.mktemp("ws")
+    urdf = top / ("R" if folder[0] == "R" else "r") / "urdf" / "body.urdf"
+    place = top / folder / ("FOOT.STL" if upper else "foot.stl")
+    for one in (urdf, place):
+        one.parent.mkdir(parents=True, exist_ok=True)
+    place.write_bytes(content)
+    found = MeshFiles(urdf).find(name)
+    in_package = "urdf" not in folder
+    by_package = name.startswith(("package", "model", "$")) and folder[0] == "r"
+    if not in_package and not name.startswith("..") or in_package and (by_package or name.startswith("..")):
+        assert found is not None and found.resolve() == place
+    else:
+        assert found is None or found.resolve() == place
+
+
+@pytest.mark.parametrize("content", [binary_stl(), text_stl()], ids=["binary", "text"])
+def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
+    """What is written needs no other file."""
+    (tmp_path / "foot.stl").write_bytes(content)
+    body = drafted_urdf(humanoid().replace(FOOT, '<mesh filename="FOOT.stl"/>'), tmp_path)
     plain = drafted_urdf(humanoid(), tmp_path)
     assert b"<mesh" not in body.content and b"foot.stl" not in body.content
-    assert body.model.nmesh == 2 and body.model.body_mass == pytest.approx(plain.model.body_mass)
+    assert body.model.nmesh == 1 and body.model.body_mass == pytest.approx(plain.model.body_mass)
     assert body.notes == ("meshes of 2 links are capsules and boxes around them in the body that is written",)
+    assert not body.too_large
+
+
+@pytest.mark.parametrize("content", [b"solid\nnothing", b"\0" * 84, binary_stl()[:-60]], ids=["text", "empty", "cut"])
+def test_a_damaged_mesh_is_named_as_the_user_knows_it(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "foot.stl").write_bytes(content)
+    with refuses(InputError, "foot.stl") as caught:
+        drafted_urdf(humanoid().replace(FOOT, '<mesh filename="foot.stl"/>'), tmp_path)
+    assert "mesh_0" not in str(caught.value)
+
+
+@given(scale=st.sampled_from([0.001, 1.0, 25.4, 100.0, 1000.0]))
+def test_meshes_in_another_unit_are_noted(scale: float, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A foot of 0.3 m in cm, inches or mm; the joints are within 0.6 m."""
+    folder = tmp_path_factory.mktemp("unit")
+    (folder / "foot.stl").write_bytes(binary_stl())
+    mesh = f'<mesh filename="foot.stl" scale="{scale} {scale} {scale}"/>'
+    body = drafted_urdf(humanoid().replace(FOOT, mesh), folder)
+    assert bool(body.too_large) == (scale > 10.0)
+    assert "foot.stl" in body.too_large or scale < 10.0
+
+
+def test_visual_shapes_stand_in_where_no_others_are(tmp_path: Path) -> None:
+    plain, shown = drafted_urdf(humanoid(), tmp_path), humanoid().replace("collision>", "visual>")
+    body = drafted_urdf(shown, tmp_path)
+    assert body.content == plain.content and not body.notes
+    bare = re.sub("<visual>.*?</visual>", "", shown)
+    with refuses(InputError, "no shapes", "visual"):
+        drafted_urdf(bare, tmp_path)
+
+
+@given(
+    data=st.data(),
+    low=st.floats(-3.0, 3.0).map(lambda value: round(value, 3)),
+    width=st.sampled_from([0.0, 0.3, 2.5]),
+    kind=st.sampled_from(["right", "swapped", "degrees"]),
+)
+def test_limits_never_become_wider_than_the_file_may_mean(
+    data: st.DataObject, low: float, width: float, kind: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Of one joint, any of them, or of all."""
+    folder, high = tmp_path_factory.mktemp("limits"), round(low + width, 3)
+    unit = 57.29577951308232 if kind == "degrees" else 1.0
+    written = sorted((low * unit, high * unit), reverse=kind == "swapped")
+    names = [f"j_{part.name}" for part in HUMANOID]
+    chosen = names if data.draw(st.booleans()) else [data.draw(st.sampled_from(names))]
+    parts = [
+        replace(part, limits=(written[0], written[1])) if f"j_{part.name}" in chosen else part for part in HUMANOID
+    ]
+    if width == 0.0 and len(chosen) > 1:
+        with refuses(InputError, "range"):
+            drafted_urdf(humanoid(parts), folder)
+        return
+    body = drafted_urdf(humanoid(parts), folder)
+    joints = {body.model.joint(number).name: body.model.jnt_range[number] for number in range(body.model.njnt)}
+    in_degrees = kind == "degrees" and max(map(abs, written)) > 6.2842
+    for name in chosen:
+        if width == 0.0:
+            assert name not in joints
+        elif kind != "degrees" or in_degrees:
+            assert joints[name] == pytest.approx((low, high), abs=1e-6) and body.model.jnt_limited.all()
+    changed = width == 0.0 or kind == "swapped" or in_degrees
+    assert bool(body.notes) == changed
+    assert set(body.ready.limits) == (set(chosen) if changed and width else set())
+
+
+def test_no_warning_of_mujoco_is_printed_and_none_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    drafted_urdf(humanoid(), tmp_path)
+    model = mujoco.MjModel.from_xml_string(two())
+    data = mujoco.MjData(model)
+    data.qacc[:] = data.qvel[:] = np.inf
+    mujoco.mj_step(model, data)
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists() and capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("first", [True, False], ids=["before the other shape", "after it"])
@@ -157,17 +274,14 @@ def test_a_dropped_collision_mesh_is_reported_with_its_link(first: bool, tmp_pat
     text = humanoid().replace(shape[0], mesh + shape[0] if first else shape[0] + mesh, 1)
     shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
     body = drafted_urdf(text.replace("</link>", shown), tmp_path)
-    left_out = "collision meshes that cannot be read are left out, these links have other shapes: "
+    left_out = "meshes that cannot be read are left out, these links have other shapes: "
     assert body.notes == (f"{left_out}p5 (gone/foot.stl)",)
     assert body.model.ngeom == len(HUMANOID) + 1
 
 
 def test_speeds_that_are_stated(tmp_path: Path) -> None:
-    path = tmp_path / "body.urdf"
-    path.write_text(
-        humanoid().replace('velocity="5.0"', 'velocity="fast"', 1).replace('velocity="5.0"', 'velocity="0"', 1)
-    )
-    speeds = stated_speeds(read_source(path))
+    text = humanoid().replace('velocity="5.0"', 'velocity="fast"', 1).replace('velocity="5.0"', 'velocity="0"', 1)
+    speeds = drafted_urdf(text, tmp_path).ready.speeds
     assert len(speeds) == len(HUMANOID) - 2 and set(speeds.values()) == {5.0}
 
 

@@ -2,10 +2,13 @@
 
 import json
 import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from command_line import said_by as run
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec
@@ -13,22 +16,22 @@ from messages import refuses, shows
 from retarget.cli import main
 from retarget.errors import InputError, UsageError
 from retarget.ik.support_polygon import check_stand
-from retarget.model.body_file import compile_body, compile_body_text
+from retarget.model.body_file import compile_body_text
 from retarget.model.robot import load_profile, load_robot
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
 from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
+from retarget.setup.body_draft import BodyDraft
 from retarget.setup.draft import Draft, profile_text
 from retarget.setup.import_robot import Imported, import_robot
-from retarget.setup.limbs import find_anatomy
-from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos
+from retarget.setup.robot_file import ReadyUrdf
+from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos, models_in_names
 from unknown_robots import (
     ARM,
     SHIPPED,
     humanoid,
+    proposed_anatomy,
     scrambled,
-    shipped_anatomy,
     shipped_body,
-    shipped_tree,
     small_bust,
     table_arm,
     text_tree,
@@ -36,10 +39,10 @@ from unknown_robots import (
 )
 
 
-def imported(text: str, folder: Path, *, samples: int = 30, suffix: str = "urdf") -> Imported:
+def imported(text: str, folder: Path, *, suffix: str = "urdf") -> Imported:
     path = folder / f"body.{suffix}"
     path.write_text(text, encoding="utf-8")
-    return import_robot(path, folder / "new", samples=samples)
+    return import_robot(path, folder / "new")
 
 
 def left_in(folder: Path) -> set[str]:
@@ -59,21 +62,12 @@ def test_a_bust(tmp_path: Path) -> None:
 def test_the_missing_parts_of_an_arm_are_listed(tmp_path: Path) -> None:
     path = tmp_path / "body.urdf"
     path.write_text(table_arm())
-    done = import_robot(path, tmp_path / "new", name="op3", samples=10)
+    done = import_robot(path, tmp_path / "new", name="op3")
     assert done.draft.notes[0].startswith("a robot op3 is known already")
     assert [text.split(":")[0] for text in done.draft.missing] == ["head", "legs", "l_hand"]
     assert len(done.problems) == 1 and str(tmp_path) not in done.problems[0]
     shows(done.problems[0], "l_hand")
     assert "# Not found: l_hand: no such arm." in (done.folder / "robot.yaml").read_text()
-
-
-def test_a_robot_without_shapes(tmp_path: Path) -> None:
-    text = small_bust()
-    while "<collision>" in text:
-        text = text[: text.index("<collision>")] + text[text.index("</collision>") + len("</collision>") :]
-    done = imported(text, tmp_path)
-    shows(done.draft.notes)
-    assert not load_profile(done.folder).observers
 
 
 @pytest.mark.parametrize("kind", ["folder", "file", "link"])
@@ -97,7 +91,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     def fails(*_: object, **__: object) -> None:
         raise InputError("no")
 
-    monkeypatch.setattr("retarget.setup.import_robot.fit", fails)
+    monkeypatch.setattr("retarget.setup.import_robot.find_postures", fails)
     with pytest.raises(InputError):
         imported(small_bust(), tmp_path)
     assert left_in(tmp_path) == {"body.urdf"}
@@ -108,7 +102,7 @@ def test_names_are_made_fit(name: str, tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "body.urdf"
     path.write_text(small_bust())
-    done = import_robot(path, name=name, samples=10)
+    done = import_robot(path, name=name)
     assert done.folder.parent == Path() and done.folder.is_dir() and "/" not in done.draft.name
 
 
@@ -122,7 +116,7 @@ def test_no_hand_work_before_the_demo(robot: str, tmp_path: Path) -> None:
     else:
         text = shipped_body(name).read_text() if robot == name else scrambled(name)
         suffix = "xml"
-    done = imported(text, tmp_path, samples=2000, suffix=suffix)
+    done = imported(text, tmp_path, suffix=suffix)
     assert not done.problems and not done.draft.missing
     assert (check_stand(load_robot(done.folder)) or 0.0) > 0.02
     with pytest.raises(SystemExit) as leaving:
@@ -148,7 +142,7 @@ def bust(tmp_path: Path) -> Path:
 
 def test_import_then_check(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
-    code, out, err = run(capsys, "import", bust, "--out", folder, "--samples", "20", "--name", "bust")
+    code, out, err = run(capsys, "import", bust, "--out", folder, "--name", "bust")
     assert code == 0 and not err
     shows(out, folder, "bust", "bust.urdf", 4, "MX-28", "--robot", folder / "robot.yaml", "--bus")
     code, out, _ = run(capsys, "check", folder)
@@ -163,8 +157,8 @@ def test_import_then_check(bust: Path, tmp_path: Path, capsys: pytest.CaptureFix
 def test_what_to_do_next_can_be_pasted_into_a_shell(
     bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, _ = run(capsys, "import", bust, "--out", tmp_path / "my bust; it's mine", "--samples", "20")
-    words = shlex.split(out.split("Next: ")[1].splitlines()[0])
+    code, out, _ = run(capsys, "import", bust, "--out", tmp_path / "my bust; it's mine")
+    words = shlex.split(out.split("next: ")[1].splitlines()[0])
     assert code == 0 and words == [
         "retarget",
         "demo",
@@ -183,7 +177,7 @@ def test_import_again(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_what_is_not_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(table_arm())
-    code, out, _ = run(capsys, "import", path, "--out", tmp_path / "arm", "--samples", "20")
+    code, out, _ = run(capsys, "import", path, "--out", tmp_path / "arm")
     assert code == 0
     shows(out, "l_hand")
     code, _, err = run(capsys, "check", tmp_path / "arm")
@@ -231,7 +225,6 @@ DRAFTED = Draft(
     feet={"left": Foot(frame="head", polygon=((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)))},
     postures={name: {"no": 0.5, 'a"b:c#': -0.25} for name in ("neutral", "stand", "rest", "attractor")},
     landmarks={"l_hand": HAND},
-    facing="assumed",
     missing=("l_hand: no such arm",),
     notes=("# a note: of [many] " + "words " * 40,),
 )
@@ -264,9 +257,10 @@ def test_what_is_only_a_draft_is_marked() -> None:
     assert not any(line.startswith("#") for line in marked) and text.splitlines()[1].count(DRAFT) <= 1
 
 
-def guessed(text: str, speeds: dict[str, float] | None = None) -> tuple[ServoDraft, ...]:
-    tree = text_tree(text)
-    return guess_servos(compile_body_text(text, source="test").model, tree, find_anatomy(tree), speeds or {})
+def guessed(text: str, speeds: dict[str, float] | None = None, **more: str) -> tuple[ServoDraft, ...]:
+    tree, model = text_tree(text), compile_body_text(text, source="test").model
+    body = BodyDraft(None, model, b"", (), (), ReadyUrdf("", [], speeds=speeds or {}), (), "")
+    return guess_servos(body, tree, proposed_anatomy(tree), **more)
 
 
 def arm(effort: float, *, limits: str = "") -> str:
@@ -275,8 +269,7 @@ def arm(effort: float, *, limits: str = "") -> str:
 
 @pytest.mark.parametrize("robot", SHIPPED)
 def test_every_draft_can_be_driven(robot: str) -> None:
-    model = compile_body(shipped_body(robot)).model
-    drafts = guess_servos(model, shipped_tree(robot), shipped_anatomy(robot), {})
+    drafts = guessed(shipped_body(robot).read_text(encoding="utf-8"))
     assert [draft.entry.id for draft in drafts] == list(range(1, len(drafts) + 1))
     for draft in drafts:
         model = SERVO_MODELS[draft.entry.model]
@@ -335,8 +328,7 @@ def test_models_by_torque() -> None:
     """OP3's and Poppy's bodies state the stall torques of their servos, so the models are the real ones."""
     for robot, exceptions in (("op3", 0), ("poppy", 2)):  # Poppy's two AX-12A speak another protocol
         profile = load_profile(robot)
-        model = compile_body(shipped_body(robot)).model
-        drafts = guess_servos(model, shipped_tree(robot), shipped_anatomy(robot), {})
+        drafts = guessed(shipped_body(robot).read_text(encoding="utf-8"))
         wrong = [draft for draft in drafts if draft.entry.model != profile.servos[draft.joint].model]
         assert len(wrong) == exceptions
 
@@ -354,3 +346,25 @@ def test_no_torque_and_a_torque_that_no_servo_has() -> None:
     assert {draft.entry.model for draft in nothing} == {UNKNOWN} and nothing[0].why == "the body states no torque"
     strong = guessed(arm(200.0))
     assert strong[0].entry.model == "XH540-W270" and strong[0].why.startswith("no known model has 200 N m")
+
+
+@given(
+    known=st.sampled_from([name for name, entry in SERVO_MODELS.items() if 2 in entry.protocols]),
+    write=st.sampled_from([str.lower, str.upper, lambda name: name.replace("-", "_"), lambda name: name.replace("-", "")]),
+    series=st.booleans(),
+)
+def test_names_tell_a_model_in_any_writing(known: str, write: Callable[[str], str], *, series: bool) -> None:
+    """As part of the name of a link or a mesh; a series alone tells its first model."""
+    told = known.split("-")[0] if series else known
+    found = models_in_names(["base", f"meshes/{write(told)}_horn.stl"])
+    if told == "MX":
+        assert not found
+    else:
+        assert [one.name.startswith(told) for one in found] == [True]
+    assert not models_in_names(["left_arm", "xmas", "body_430"])
+
+
+def test_a_model_that_is_given_fills_the_column() -> None:
+    assert {one.entry.model for one in guessed(arm(2.5), model="XL330-M288")} == {"XL330-M288"}
+    text = arm(2.5).replace('"bend"', '"bend_xl430_w250_case"')
+    assert {one.entry.model for one in guessed(text)} == {"XL430-W250"}

@@ -10,15 +10,14 @@ from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
 from retarget.setup.frames import Posed, find_frames
 from retarget.setup.import_robot import import_robot
-from retarget.setup.limbs import find_anatomy
-from retarget.setup.postures import LEGS, find_postures, leg_length, stand
-from unknown_robots import SHIPPED, humanoid, shipped_posed, small_bust, text_tree
+from retarget.setup.postures import LEGS, find_posture, find_postures, leg_length
+from unknown_robots import SHIPPED, humanoid, proposed_anatomy, shipped_posed, small_bust, text_tree
 
 
 def imported(text: str, folder: Path) -> Path:
     path = folder / "body.urdf"
     path.write_text(text, encoding="utf-8")
-    return import_robot(path, folder / "new", samples=20).folder
+    return import_robot(path, folder / "new").folder
 
 
 @pytest.mark.long
@@ -27,14 +26,13 @@ def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> 
     text = small_bust().replace('<box size="0.03 0.1 0.03"/>', '<box size="0.3 0.1 0.03"/>')
     folder = imported(text, tmp_path)
     (ignored,) = [entry for entry in load_profile(folder).ignore_pairs if set(entry.pair) == {"p2", "q2"}]
-    has_reason = "overlap at every posture" in ignored.reason or "touch in the drafted postures" in ignored.reason
-    assert has_reason and robot_observers(load_robot(folder)).names
+    assert "touch in the posture neutral" in ignored.reason and robot_observers(load_robot(folder)).names
 
 
 def stranger() -> Posed:
     text = humanoid()
     tree = text_tree(text)
-    anatomy = find_anatomy(tree)
+    anatomy = proposed_anatomy(tree)
     limits = {node.joint: (node.lower, node.upper) for node in tree.nodes[1:]}
     return Posed(compile_body_text(text, source="t").model, tree, anatomy, find_frames(tree, anatomy), limits)
 
@@ -46,7 +44,7 @@ POSED = {**{robot: shipped_posed(robot) for robot in SHIPPED}, "stranger": stran
 @pytest.mark.parametrize("share", [0.97, 0.88])
 def test_standing(robot: str, share: float) -> None:
     posed = POSED[robot]
-    standing = stand(posed, {}, share=share)
+    standing = find_posture(posed, spread=0.3, ahead=0.0, bend=0.6, share=share)
     assert standing.stands
     there, left, ahead = posed.place(standing.angles), posed.anatomy.left, posed.anatomy.forward
     for side in ("l", "r"):
@@ -60,16 +58,26 @@ def test_standing(robot: str, share: float) -> None:
     assert all(low <= standing.angles.get(joint, low) <= high for joint, (low, high) in posed.limits.items())
 
 
+@pytest.mark.parametrize("robot", POSED)
+def test_both_sides_are_mirror_images(robot: str) -> None:
+    """Each side is found by itself; shells of two sides differ by a millimetre."""
+    posed = POSED[robot]
+    at = posed.place(find_posture(posed, spread=0.5, ahead=0.1, bend=0.9, share=0.9).angles).positions
+    across = np.eye(3) - 2.0 * np.outer(posed.anatomy.left, posed.anatomy.left)
+    for name in ("knee", "ankle", "sole", "toe", "elbow", "hand"):
+        assert across @ at[f"l_{name}"] == pytest.approx(at[f"r_{name}"], abs=0.006), name
+
+
 def test_all_four(robot: str = "wolfgang") -> None:
     posed = POSED[robot]
-    postures = find_postures(posed, spread=0.3, soles=True)
+    postures = find_postures(posed, soles=True, touching=lambda angles, neutral: frozenset())
     assert postures.stands and set(postures.angles) == {"neutral", "stand", "rest", "attractor"}
     heights = {
         name: posed.place(angles).positions["l_hip"] - posed.place(angles).positions["l_ankle"]
         for name, angles in postures.angles.items()
     }
     length = leg_length(posed)
-    for name, (share,) in LEGS.items():
+    for name, share in LEGS.items():
         assert np.linalg.norm(heights[name]) == pytest.approx(share * length, rel=0.01)
     assert np.linalg.norm(heights["rest"]) < 0.75 * length
     for angles in postures.angles.values():

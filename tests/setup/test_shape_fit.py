@@ -1,95 +1,76 @@
-"""The smallest shape around a link: it encloses, nothing smaller is found, and what is written still encloses."""
+"""The shape around a link: it encloses, it is no larger than the box around it, and what is written still encloses."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from hypothesis import given
+from hypothesis import strategies as st
 
-from messages import refuses, shows
+from messages import refuses
 from retarget.errors import InputError, UsageError
 from retarget.model.body_file import compile_body_text
+from retarget.model.scene_shapes import ShapeKind
 from retarget.rotations import normalise, rotate, to_matrix
+from retarget.setup.fit_observers import Zones
 from retarget.setup.shape_fit import (
     MIN_RADIUS,
-    Capsule,
     LinkGeometry,
-    Proposal,
-    Solid,
-    Zones,
+    LinkShape,
     distances_to_segment,
-    enclosing_capsule,
+    fitted_shape,
+    fitted_shapes,
     link_geometries,
-    propose,
 )
 from retarget.types import FloatArray
 
 CORNERS = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-SEEDS = range(4)
-ZONES = Zones(0.03, 0.005)
 
 
-def geometry(centres: FloatArray, radii: FloatArray, turn: FloatArray) -> LinkGeometry:
-    return LinkGeometry(1, "link", centres, radii, turn[None], (), None)
-
-
-def sticks_out(capsule: Capsule, centres: FloatArray, radii: FloatArray) -> float:
+def sticks_out(shape: LinkShape, centres: FloatArray, radii: FloatArray) -> float:
     """m; at most zero where every ball is inside."""
-    distances = distances_to_segment(centres, capsule.start, capsule.end)
-    return float(np.max(distances + radii) - capsule.radius)
+    if shape.kind is ShapeKind.CAPSULE:
+        return float(np.max(distances_to_segment(centres, *shape.ends) + radii) - shape.size[0])
+    local = (centres - shape.pos) @ to_matrix(normalise(shape.quat))
+    return float(np.max(np.abs(local) + radii[:, None] - shape.size))
 
 
-def cloud(seed: int) -> FloatArray:
-    """Boxes for even seeds, points for odd ones; any size, turned and moved."""
+@given(
+    seed=st.integers(0, 10_000),
+    kind=st.sampled_from(["box", "points", "rod", "ball"]),
+    size=st.sampled_from([0.005, 0.05, 1.0]),
+)
+def test_the_shape_of_balls_encloses_them_and_is_no_larger_than_the_box_around_them(
+    seed: int, kind: str, size: float
+) -> None:
     rng = np.random.default_rng(seed)
-    half = rng.uniform(0.1, 1.0, size=3)
-    points = CORNERS * half if seed % 2 == 0 else rng.normal(size=(40, 3)) * half
+    points, radii = CORNERS * rng.uniform(0.1, 1.0, size=3), np.zeros(8)
+    if kind != "box":
+        points, radii = rng.normal(size=(40, 3)) * rng.uniform(0.1, 1.0, size=3), rng.uniform(0.0, 0.2, 40)
+    if kind in ("rod", "ball"):
+        points, radii = points[: 2 if kind == "rod" else 1], np.full(2 if kind == "rod" else 1, 0.3)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return np.asarray(10.0 ** rng.uniform(-2, 1) * points @ turn.T + rng.normal(size=3))
+    centres, radii = size * points @ turn.T + rng.normal(size=3), size * radii
+    shape = fitted_shape(LinkGeometry(1, "link", centres, radii, turn[None]))
+    assert sticks_out(shape, centres, radii) <= 1e-9
+    boxed = float(np.prod(np.ptp(np.concatenate([centres - radii[:, None], centres + radii[:, None]]), axis=0)))
+    assert volume(shape) <= boxed * 1.01 + 1e-7
+    if kind in ("rod", "ball"):
+        assert shape.kind is ShapeKind.CAPSULE and shape.size[0] == pytest.approx(0.3 * size, abs=3e-5)
 
 
-def brute_force(points: FloatArray, seed: int) -> float:
-    """Smallest volume of the best radius for 2,000 random segments, the best of them improved without derivatives."""
-
-    def volume(ends: FloatArray) -> float:
-        start, end = ends[:3], ends[3:]
-        return Capsule(start, end, float(distances_to_segment(points, start, end).max())).volume
-
-    rng = np.random.default_rng(seed)
-    middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
-    tries = np.tile(middle, 2) + rng.uniform(-0.6, 0.6, size=(2000, 6)) * size
-    best = sorted(tries, key=volume)[:4]
-    options = {"maxiter": 3000, "xatol": 1e-9 * size, "fatol": 1e-12 * size**3, "adaptive": True}
-    return min(float(minimize(volume, start, method="Nelder-Mead", options=options).fun) for start in best)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", SEEDS)
-def test_it_encloses_and_no_brute_force_finds_a_smaller_one(seed: int) -> None:
-    points = cloud(seed)
-    found = enclosing_capsule(points, np.zeros(len(points)))
-    assert sticks_out(found, points, np.zeros(len(points))) <= 1e-9
-    assert found.volume <= brute_force(points, seed) * (1.0 + 1e-6)
-    larger = enclosing_capsule(50.0 * points + 7.0, np.zeros(len(points)))
-    assert larger.volume == pytest.approx(50.0**3 * found.volume, rel=1e-6)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_capsules_own_balls_give_the_capsule(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    start, end, radius = rng.normal(size=3), rng.normal(size=3), 0.3
-    found = enclosing_capsule(np.array([start, end]), np.full(2, radius))
-    ends = sorted([tuple(found.start), tuple(found.end)])
-    assert np.allclose(ends, sorted([tuple(start), tuple(end)]), atol=1e-6)
-    assert found.radius == pytest.approx(radius, abs=1e-6)
+def volume(shape: LinkShape) -> float:
+    radius, half, third = shape.size.tolist()
+    if shape.kind is ShapeKind.BOX:
+        return 8.0 * radius * half * third
+    return np.pi * radius**2 * (2.0 * half + 4.0 / 3.0 * radius)  # type: ignore[no-any-return]
 
 
 @pytest.mark.parametrize("points", [[[0, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
 def test_points_without_volume_still_get_a_radius(points: list[list[float]]) -> None:
     centres = np.array(points, dtype=np.float64)
-    found = enclosing_capsule(centres, np.zeros(len(centres)))
-    assert found.radius >= MIN_RADIUS
-    assert sticks_out(found, centres, np.zeros(len(centres))) <= 1e-9
+    shape = fitted_shape(LinkGeometry(1, "link", centres, np.zeros(len(centres)), np.eye(3)[None]))
+    assert shape.size[0] >= MIN_RADIUS and sticks_out(shape, centres, np.zeros(len(centres))) <= 1e-9
 
 
 PLACE = 'pos="0.1 -0.2 0.3" quat="0.5 0.1 -0.7 0.3"'
@@ -111,7 +92,7 @@ def model(geoms: str, extra: str = "", *, name: str = "arm") -> Any:
 
 
 def arm(geoms: str, extra: str = "") -> LinkGeometry:
-    return link_geometries(model(geoms, extra))[0][1]
+    return link_geometries(model(geoms, extra))[1]
 
 
 def surface(kind: str, size: FloatArray, count: int = 4000) -> FloatArray:
@@ -130,14 +111,14 @@ def surface(kind: str, size: FloatArray, count: int = 4000) -> FloatArray:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_capsule_of_a_geom_holds_its_surface(kind: str) -> None:
-    size, volume = KINDS[kind]
+def test_the_shape_of_a_geom_holds_its_surface(kind: str) -> None:
+    size, exact = KINDS[kind]
     compiled = model(f'<geom name="g" type="{kind}" size="{size}" {PLACE}/>')
-    geometry = link_geometries(compiled)[0][1]
-    capsule = enclosing_capsule(geometry.centres, geometry.radii)
+    shape = fitted_shapes(compiled, source="t")[1]
     points = rotate(compiled.geom_quat[1], surface(kind, compiled.geom_size[1])) + compiled.geom_pos[1]
-    assert distances_to_segment(points, capsule.start, capsule.end).max() <= capsule.radius + 1e-9
-    assert geometry.hull_volume() == pytest.approx(volume, rel=0.02)
+    assert sticks_out(shape, points, np.zeros(len(points))) <= 1e-9
+    assert shape.ratio is not None and volume(shape) / shape.ratio == pytest.approx(exact, rel=0.02)
+    assert shape.ratio == pytest.approx(1.0, rel=0.02) or kind in ("cylinder", "ellipsoid")
 
 
 def test_a_mesh_counts_with_its_vertices_wherever_the_compiler_moved_it() -> None:
@@ -148,51 +129,16 @@ def test_a_mesh_counts_with_its_vertices_wherever_the_compiler_moved_it() -> Non
     assert np.allclose(found, expected, atol=1e-6)  # the inner one is not on the hull
 
 
+def test_what_collides_counts_and_else_what_is_seen() -> None:
+    seen, solid = '<geom size="0.2" contype="0" conaffinity="0"/>', '<geom size="0.1"/>'
+    assert arm(seen + solid).radii.tolist() == [0.1] and arm(seen).radii.tolist() == [0.2]
+
+
 def test_a_body_without_geometry_is_refused() -> None:
     text = """<mujoco><worldbody><body name="a"><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>
     </worldbody></mujoco>"""
     with refuses(InputError):
-        link_geometries(compile_body_text(text, source="test").model)
-
-
-FOOT = '<geom name="sole" type="box" size="0.0635 0.028 0.004"/>'
-WIDE = '<geom type="box" size="0.057 0.039 0.004" quat="1 0.1 0.2 0.3"/>'
-
-
-def proposal(geoms: str, *, name: str = "arm") -> Proposal:
-    return propose(link_geometries(model(geoms, name=name))[0], ZONES)[1]
-
-
-@pytest.mark.parametrize(
-    ("geoms", "kind", "geom"),
-    [
-        (FOOT, "box", "sole"),
-        (FOOT.replace('name="sole"', ""), "box", ""),
-        ('<geom name="disc" type="cylinder" size="0.1 0.005"/>', "cylinder", "disc"),
-    ],
-)
-def test_what_is_flat_gets_its_own_named_geom(geoms: str, kind: str, geom: str) -> None:
-    found = proposal(geoms)
-    assert isinstance(found.shape, Solid) and (found.shape.kind, found.shape.geom) == (kind, geom)
-    shows(found.why)
-
-
-def test_a_chunky_body_gets_a_box_if_a_capsule_would_reach_out_farther_than_it_acts() -> None:
-    chunky = '<geom name="g" type="box" size="{} {} {}"/>'
-    assert isinstance(proposal(chunky.format(0.09, 0.07, 0.08)).shape, Solid)
-    assert isinstance(proposal(chunky.format(0.009, 0.007, 0.008)).shape, Capsule)
-
-
-@pytest.mark.parametrize("geoms", [FOOT + WIDE, WIDE, '<geom type="ellipsoid" size="0.031 0.032 0.2" pos="1 2 3"/>'])
-def test_what_is_rounded_still_encloses(geoms: str) -> None:
-    geometry = arm(geoms)
-    shape = propose((geometry,), ZONES)[0].shape
-    if isinstance(shape, Capsule):
-        assert np.array_equal(np.round(shape.start, 5), shape.start)
-        assert (distances_to_segment(geometry.centres, shape.start, shape.end) <= shape.radius + 1e-9).all()
-    else:
-        local = (geometry.centres - shape.pos) @ to_matrix(normalise(shape.quat))
-        assert (np.abs(local) <= shape.size + 1e-9).all()
+        fitted_shapes(compile_body_text(text, source="test").model, source="a.xml")
 
 
 @pytest.mark.parametrize("zones", [(0.0, 0.0), (np.nan, 0.0), (np.inf, 0.0), (0.1, 0.1), (0.1, -0.1), (0.1, np.nan)])

@@ -12,10 +12,13 @@ from functools import cache
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+from scipy.spatial import ConvexHull
+
 from retarget.model.body_file import compile_body, compile_body_text
 from retarget.schema.catalogue import shipped_folder
-from retarget.setup.frames import Posed, find_frames
-from retarget.setup.limbs import Anatomy, find_anatomy
+from retarget.setup.frames import Anatomy, Posed, find_anatomy, find_frames
+from retarget.setup.links import propose_links
 from retarget.setup.tree import Tree, read_tree
 
 SHIPPED = tuple(sorted(path.parent.name for path in (shipped_folder() / "robots").glob("*/robot.yaml")))
@@ -73,10 +76,10 @@ ARM = [
 
 
 def urdf(
-    parts: list[Part], *, base: str, size: Vector, effort: float = 2.5, speed: float = 5.0, extra: str = ""
+    parts: list[Part], *, base: str, size: Vector, effort: float = 2.5, speed: float = 5.0, middle: Vector = ZERO
 ) -> str:
-    """URDF of a tree of parts on a base, a box of `size` m and 0.8 kg. extra: more elements."""
-    lines = [f'<robot name="stranger">{_link(base, size, ZERO, 0.8)}']
+    """URDF of a tree of parts on a base, a box of `size` m around `middle` and 0.8 kg."""
+    lines = [f'<robot name="stranger">{_link(base, size, middle, 0.8)}']
     for part in parts:
         low, high = part.limits
         lines.append(_link(part.name, part.size, part.middle, part.mass))
@@ -109,6 +112,133 @@ def small_bust() -> str:
 def table_arm() -> str:
     """The fixed arm."""
     return urdf(ARM, base="base", size=(0.1, 0.1, 0.06))
+
+
+# Robots as newcomers bring them, each in the manner of a public one; sizes and names are like theirs, shapes are ours.
+
+
+def darwin_like(folder: Path) -> Path:
+    """A small humanoid whose every joint may turn 150 degrees either way, upper arms out and forearms ahead in its zero
+    pose, shins with shells that are wide above, and a dummy link of 1 mm at each shoulder; names end in _L and _R."""
+    parts, wide = [], (-2.618, 2.618)
+    for side, s in (("L", 1.0), ("R", -1.0)):
+        name = {key: f"MP_{key}_{side}" for key in ("BACK", "SHO", "ARM_HIGH", "ARM_LOW", "PELVIS", "THIGH1", "THIGH2",
+                                                    "TIBIA", "ANKLE1", "ANKLE2")}  # fmt: skip
+        parts += [
+            Part(name["BACK"], "MP_BODY", (-0.02, 0.06 * s, 0.0), ZERO, ZERO[:2], (0.001,) * 3, mass=0.001, kind="fixed"),
+            Part(name["SHO"], "MP_BODY", (0, 0.0575 * s, 0), (0, s, 0), wide, (0.03, 0.02, 0.03), (0, 0.01 * s, 0), 0.026),
+            Part(
+                name["ARM_HIGH"], name["SHO"], (0, 0.0245 * s, -0.016), (-1, 0, 0), wide, (0.035, 0.03, 0.05),
+                (0.005, 0.025 * s, -0.025), 0.17,
+            ),
+            Part(
+                name["ARM_LOW"], name["ARM_HIGH"], (0.016, 0.0424 * s, -0.0424), (0, s, 1), wide, (0.12, 0.03, 0.03),
+                (0.065, 0, 0), 0.06,
+            ),
+            Part(name["PELVIS"], "MP_BODY", (-0.005, 0.037 * s, -0.0907), (0, 0, -1), wide, (0.03, 0.04, 0.02), mass=0.03),
+            Part(name["THIGH1"], name["PELVIS"], (0, 0, -0.0315), (-1, 0, 0), wide, (0.04, 0.04, 0.04), mass=0.17),
+            Part(name["THIGH2"], name["THIGH1"], ZERO, (0, -s, 0), wide, (0.045, 0.045, 0.07), (0, 0, -0.05), 0.12),
+            Part(name["TIBIA"], name["THIGH2"], (0, 0, -0.093), (0, -s, 0), wide, (0.064, 0.065, 0.1), (0, 0, -0.045), 0.07),
+            Part(name["ANKLE1"], name["TIBIA"], (0, 0, -0.093), (0, s, 0), wide, (0.04, 0.04, 0.03), mass=0.17),
+            Part(name["ANKLE2"], name["ANKLE1"], ZERO, (1, 0, 0), wide, (0.1, 0.06, 0.01), (0, 0.008 * s, -0.0285), 0.08),
+        ]  # fmt: skip
+    parts += [
+        Part("MP_NECK", "MP_BODY", (0, 0, 0.0205), (0, 0, 1), wide, (0.03, 0.03, 0.03), mass=0.024),
+        Part("MP_HEAD", "MP_NECK", (0, 0, 0.03), (0, -1, 0), wide, (0.08, 0.09, 0.08), (0.01, 0, 0.04), 0.158),
+    ]
+    text = urdf(parts, base="MP_BODY", size=(0.07, 0.09, 0.13), middle=(-0.01, 0, -0.05), effort=2.8, speed=5.6)
+    return with_meshes(text, folder, "package://darwin_like/meshes/{}.STL")
+
+
+def ground_rooted(folder: Path) -> Path:
+    """A humanoid without a head whose base link has its origin on the ground, as some CAD exports have it; shapes are
+    visual ones only."""
+    parts = []
+    for side, s in (("left", 1.0), ("right", -1.0)):
+        leg, arm = f"leg_{side}", f"arm_{side}"
+        parts += [
+            Part(f"{leg}_hip_roll", "base", (0, 0.09 * s, 0.42), (1, 0, 0), (-1.0, 1.0), (0.05, 0.05, 0.05), mass=0.5),
+            Part(f"{leg}_hip_yaw", f"{leg}_hip_roll", (0, 0, -0.04), (0, 0, 1), (-1.0, 1.0), (0.05, 0.05, 0.04), mass=0.5),
+            Part(
+                f"{leg}_hip_pitch", f"{leg}_hip_yaw", (0, 0, -0.02), (0, 1, 0), (-1.9, 1.0), (0.05, 0.05, 0.14),
+                (0, 0, -0.08), 0.8,
+            ),
+            Part(
+                f"{leg}_knee_pitch", f"{leg}_hip_pitch", (0, 0, -0.16), (0, 1, 0), (0.0, 2.3), (0.05, 0.05, 0.12),
+                (0, 0, -0.08), 0.5,
+            ),
+            Part(f"{leg}_ankle_pitch", f"{leg}_knee_pitch", (0, 0, -0.16), (0, 1, 0), (-1.2, 1.0), (0.03, 0.03, 0.02), mass=0.1),
+            Part(
+                f"{leg}_ankle_roll", f"{leg}_ankle_pitch", ZERO, (1, 0, 0), (-0.5, 0.5), (0.16, 0.07, 0.01),
+                (0.02, 0, -0.035), 0.2,
+            ),
+            Part(f"{arm}_shoulder_pitch", "base", (0, 0.12 * s, 0.68), (0, 1, 0), (-3.0, 1.5), (0.05, 0.05, 0.05), mass=0.3),
+            Part(
+                f"{arm}_shoulder_roll", f"{arm}_shoulder_pitch", (0, 0.03 * s, 0), (s, 0, 0), (-0.2, 2.5), (0.05, 0.04, 0.04),
+                (0, 0.01 * s, 0), 0.3,
+            ),
+            Part(
+                f"{arm}_shoulder_yaw", f"{arm}_shoulder_roll", (0, 0.01 * s, -0.04), (0, 0, 1), (-1.5, 1.5), (0.04, 0.04, 0.1),
+                (0, 0, -0.06), 0.3,
+            ),
+            Part(
+                f"{arm}_elbow_pitch", f"{arm}_shoulder_yaw", (0, 0, -0.14), (0, 1, 0), (-2.2, 0.0), (0.04, 0.04, 0.16),
+                (0, 0, -0.09), 0.3,
+            ),
+        ]  # fmt: skip
+    text = urdf(parts, base="base", size=(0.1, 0.16, 0.26), middle=(0, 0, 0.58), effort=8.0, speed=8.0)
+    return with_meshes(text.replace("collision>", "visual>"), folder, "meshes/{}.stl")
+
+
+def microban_like(folder: Path) -> Path:
+    """A humanoid of 19 small servos, which only the names of its meshes tell; no joint states a torque."""
+    parts = []
+    for side, s in (("left", 1.0), ("right", -1.0)):
+        leg, arm = f"{side}_leg", f"{side}_arm"
+        parts += [
+            Part(f"{leg}_yaw", "trunk", (0, 0.03 * s, -0.03), (0, 0, 1), (-1.0, 1.0), (0.02, 0.025, 0.02), mass=0.03),
+            Part(f"{leg}_roll", f"{leg}_yaw", (0, 0, -0.02), (1, 0, 0), (-0.6, 0.6), (0.025, 0.025, 0.025), mass=0.03),
+            Part(f"{leg}_pitch", f"{leg}_roll", ZERO, (0, 1, 0), (-1.7, 0.8), (0.025, 0.03, 0.05), (0, 0, -0.035), 0.05),
+            Part(f"{side}_knee", f"{leg}_pitch", (0, 0, -0.06), (0, 1, 0), (0.0, 2.2), (0.025, 0.03, 0.04), (0, 0, -0.03), 0.04),
+            Part(f"{side}_ankle_pitch", f"{side}_knee", (0, 0, -0.06), (0, 1, 0), (-1.2, 1.2), (0.025, 0.025, 0.02), mass=0.03),
+            Part(
+                f"{side}_ankle_roll", f"{side}_ankle_pitch", ZERO, (1, 0, 0), (-0.6, 0.6), (0.08, 0.04, 0.008),
+                (0.008, 0.003 * s, -0.022), 0.03,
+            ),
+            Part(f"{arm}_pitch", "trunk", (0, 0.04 * s, 0.05), (0, 1, 0), (-3.0, 3.0), (0.02, 0.02, 0.02), (0, 0.005 * s, 0), 0.02),
+            Part(f"{arm}_roll", f"{arm}_pitch", (0, 0.015 * s, 0), (s, 0, 0), (-0.3, 2.8), (0.025, 0.02, 0.05), (0, 0.003 * s, -0.03), 0.04),
+            Part(f"{side}_elbow", f"{arm}_roll", (0, 0.003 * s, -0.06), (0, 1, 0), (-2.3, 0.0), (0.02, 0.02, 0.055), (0, 0, -0.035), 0.03),
+        ]  # fmt: skip
+    parts += [Part("head", "trunk", (0, 0, 0.08), (0, 0, 1), (-1.2, 1.2), (0.05, 0.05, 0.05), (0, 0, 0.03), 0.08)]
+    text = urdf(parts, base="trunk", size=(0.05, 0.06, 0.09), middle=(0, 0, 0.025), effort=0.0, speed=0.0)
+    return with_meshes(text, folder, "package://assets/{}_xl330.stl")
+
+
+def with_meshes(text: str, folder: Path, filename: str) -> Path:
+    """Write a URDF, whose boxes become the convex hulls of prisms of eight sides, in files; its path. filename: of a
+    mesh in the URDF, {} for its number; the files are in meshes/ beside it, in small letters."""
+    (folder / "meshes").mkdir(parents=True, exist_ok=True)
+    around = np.arange(8) * np.pi / 4.0 + np.pi / 8.0
+    ring = np.column_stack([np.cos(around), np.sin(around)]) / (2.0 * np.cos(np.pi / 8.0))
+    count = 0
+
+    def replaced(match: re.Match[str]) -> str:
+        nonlocal count
+        size = np.array(match[1].split(), dtype=float)
+        corners = np.concatenate([np.column_stack([ring, np.full(8, z)]) for z in (-0.5, 0.5)]) * size
+        hull = ConvexHull(corners)
+        rows = np.zeros(len(hull.simplices), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+        inside = np.einsum("ij,ij->i", np.cross(*(np.diff(corners[hull.simplices], axis=1).swapaxes(0, 1))), hull.equations[:, :3])
+        rows["corners"] = np.where((inside < 0.0)[:, None, None], corners[hull.simplices][:, ::-1], corners[hull.simplices])
+        name = filename.format(count)
+        file = folder / "meshes" / name.rsplit("/", 1)[-1].lower()
+        file.write_bytes(bytes(80) + len(rows).to_bytes(4, "little") + rows.tobytes())
+        count += 1
+        return f'<mesh filename="{name}"/>'
+
+    path = folder / "robot.urdf"
+    path.write_text(re.sub('<box size="([^"]*)"/>', replaced, text), encoding="utf-8")
+    return path
 
 
 def _link(name: str, size: Vector, middle: Vector, mass: float) -> str:
@@ -149,7 +279,12 @@ def shipped_tree(robot: str) -> Tree:
 @cache
 def shipped_anatomy(robot: str) -> Anatomy:
     """Its limbs."""
-    return find_anatomy(shipped_tree(robot))
+    return proposed_anatomy(shipped_tree(robot))
+
+
+def proposed_anatomy(tree: Tree) -> Anatomy:
+    """The limbs by the links that are proposed."""
+    return find_anatomy(tree, propose_links(tree))
 
 
 def text_tree(text: str) -> Tree:

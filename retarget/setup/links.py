@@ -1,0 +1,317 @@
+"""The links that say what is what on a robot, as names: proposed from the tree and its names, then given or accepted."""
+
+import re
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from retarget.errors import ConfigError, Problem
+from retarget.schema.strict_models import Name, Schema, read_model, unknown_name
+from retarget.setup.tree import BASE, UP, Tree, flat_underside, words_of
+from retarget.types import FloatArray
+
+
+class Links(Schema):
+    """The links of a robot's parts, as of `--links`; `null`: it has no such part. Of a part that is given for the left
+    alone the right one is its counterpart."""
+
+    pelvis: Name | None = None
+    """Carries the legs."""
+    chest: Name | None = None
+    """Carries the arms."""
+    head: Name | None = None
+    """The last link of the neck."""
+    l_elbow: Name | None = None
+    """The forearm: what the elbow moves."""
+    r_elbow: Name | None = None
+    """The same of the right arm."""
+    l_hand: Name | None = None
+    """The last link of the arm; fingers may hang on it."""
+    r_hand: Name | None = None
+    """The same of the right arm."""
+    l_knee: Name | None = None
+    """The shin: what the knee moves."""
+    r_knee: Name | None = None
+    """The same of the right leg."""
+    l_sole: Name | None = None
+    """The foot, whose underside is the sole."""
+    r_sole: Name | None = None
+    """The same of the right leg."""
+
+
+PARTS = tuple(Links.model_fields)
+BENDS = {"elbow": "hand", "knee": "sole"}
+"""What bends a limb, and its end."""
+
+
+def read_links(path: Path, tree: Tree) -> Links:
+    """The parts that a file names. Raises ConfigError: all of its problems, with lines."""
+
+    def check(links: Links, document: object) -> list[Problem]:
+        named = {part: link for part, link in links.model_dump().items() if link is not None}
+        unknown = [part for part, link in named.items() if link not in tree.links]
+        return [unknown_name(document, (part,), "link", named[part], tree.links) for part in unknown]  # type: ignore[arg-type]
+
+    return read_model(Links, path, check=check)[0]
+
+
+def completed(proposed: Links, given: Links, tree: Tree) -> Links:
+    """The proposal with what is given in its place. Raises ConfigError for links that cannot be those parts."""
+    parts: dict[str, str | None] = proposed.model_dump() | given.model_dump(include=given.model_fields_set)
+    for part in given.model_fields_set:
+        other = f"r{part[1:]}"
+        if part.startswith("l_") and other not in given.model_fields_set:
+            parts[other] = _counterpart(parts[part], proposed, part, tree)
+    links = Links.model_validate(parts)
+    problems = [
+        Problem("not on the way from the trunk to the end of the limb", "--links", f"{side}_{bend}: {middle}", end)
+        for side in "lr"
+        for bend, last in BENDS.items()
+        if (middle := parts[f"{side}_{bend}"]) and (end := parts[f"{side}_{last}"])
+        if tree.links[middle] not in tree.path(tree.links[end])[1:]
+    ]
+    if problems:
+        raise ConfigError.from_problems(problems)
+    return links
+
+
+def _counterpart(link: str | None, proposed: Links, part: str, tree: Tree) -> str | None:
+    """The link on the right of one on the left: by its name, else by its place on the limb."""
+    if link is None:
+        return None
+    for left, right in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R")):
+        for match in re.finditer(left, link):
+            name = f"{link[: match.start()]}{right}{link[match.end() :]}"
+            if name in tree.links:
+                return name
+    end = getattr(proposed, f"r_{BENDS.get(part[2:], part[2:])}")
+    place, path = len(tree.path(tree.links[link])), [] if end is None else tree.path(tree.links[end])
+    return tree.nodes[path[place - 1]].names[0] if place <= len(path) else end
+
+
+# A proposal: limbs are branches in pairs, by names or as mirror images; what they are, names say first.
+
+TOLERANCE = 0.03
+"""Share of the robot's size: so far a mirrored part may be from its counterpart."""
+SIDES = {"l": 1, "left": 1, "r": -1, "right": -1}
+"""Words of names: 1 for the left, -1 for the right."""
+ARM_WORDS = frozenset("arm sho shoulder upperarm el elbow forearm wrist hand palm gripper finger claw".split())
+LEG_WORDS = frozenset("leg hip thigh femur knee shin shank tibia calf ankle ank foot feet sole toe".split())
+HEAD_WORDS = frozenset("neck head face".split())
+NORMALS = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+"""A robot looks along x (REP-103), or along y."""
+HIPS = 0.6
+"""Share of the trunk's height: legs begin no higher."""
+LOW = 0.1
+"""Share of the robot's height: feet end so near to its lowest point."""
+FINGERS = 0.3
+"""Share of a limb's length: branches that reach no further are fingers, and the limb ends before them."""
+LEAST_JOINTS = 2
+"""Joints that make a limb."""
+ACROSS = 0.8
+"""Least cosine between an axis and the left of the robot that makes it one of hip, knee or ankle pitch."""
+LEVER = 0.2
+"""Share of an arm's length: a joint that moves the hand less is a twist or a wrist."""
+
+Pair = tuple[int, int]
+"""First nodes of two limbs, the one farther along the normal first."""
+
+
+def propose_links(tree: Tree, *, welded: bool = False) -> Links:
+    """The links of a robot's parts, as far as its names and its tree show them. welded: True if its torso is fixed to
+    the world, so that two limbs of which nothing else is known are arms."""
+    normal, pairs = max(
+        ((normal, _pairs(tree, normal)) for normal in NORMALS),
+        key=lambda found: sum(len(tree.below(node)) for pair in found[1] for node in pair),
+    )
+    if not pairs:
+        arm = chain(tree, max(tree.children(BASE), key=lambda child: len(tree.below(child))))
+        if len(arm) < LEAST_JOINTS:
+            return Links()
+        return Links.model_validate({"chest": _link(tree, BASE), **_arm(tree, arm, "r", normal)})
+    kinds = {pair: _kind(tree, pair) for pair in pairs}
+    low = [pair for pair in pairs if kinds[pair] < 0 or (not kinds[pair] and not welded and _is_leg(tree, pair, pairs))]
+    legs = min(low, key=lambda pair: tree.nodes[pair[0]].anchor[2], default=None)
+    rest = [pair for pair in pairs if pair not in low]
+    arms = max(rest, key=lambda pair: (kinds[pair] > 0, _span(tree, pair[0])), default=None)
+    if _points_left(tree, normal, legs, arms) < 0.0:
+        legs, arms = (None if pair is None else pair[::-1] for pair in (legs, arms))
+    parts: dict[str, str | None] = {}
+    for pair, propose in ((legs, _leg), (arms, _arm)):
+        for side, first in zip("lr", pair or (), strict=False):
+            parts |= propose(tree, chain(tree, first), side, normal)
+    pelvis = BASE if legs is None else tree.nodes[legs[0]].parent
+    chest = BASE if arms is None else tree.nodes[arms[0]].parent
+    parts |= {"pelvis": _link(tree, pelvis) if legs else None, "chest": _link(tree, chest)}
+    return Links.model_validate({**parts, "head": _head(tree, pairs, chest, pelvis, normal)})
+
+
+def _link(tree: Tree, node: int) -> str | None:
+    """The link that a joint moves, or the first one of the base."""
+    return next(iter(tree.nodes[node].names), None)
+
+
+def chain(tree: Tree, first: int) -> list[int]:
+    """The nodes of a limb, from its first one outwards, to where it ends in fingers or in nothing."""
+    nodes, length = [first], 0.0
+    while branches := tree.children(nodes[-1]):
+        spans = [_span(tree, branch) for branch in branches]
+        onward = branches[int(np.argmax(spans))]
+        length += float(np.linalg.norm(tree.nodes[onward].anchor - tree.nodes[nodes[-1]].anchor))
+        if len(branches) > 1 and max(spans) < FINGERS * (length + max(spans)):
+            break
+        nodes.append(onward)
+    return nodes
+
+
+def _pairs(tree: Tree, normal: FloatArray) -> list[Pair]:
+    """Limbs on the trunk: branches that are left and right of the same name, or mirror images along a normal (3,)."""
+    found, waiting = list[Pair](), [BASE]
+    while waiting:
+        branches = tree.children(waiting.pop())
+        tried = []
+        for one, other in combinations(branches, 2):
+            between = _mark(tree, one) - _mark(tree, other)
+            aside = abs(float(between @ normal))
+            if aside >= 0.7 * float(np.linalg.norm(between[:2])) > 0.0:
+                off = _off_mirror(tree, normal, one, other)
+                if _are_named(tree, one, other) or off <= TOLERANCE * tree.size:
+                    tried.append((off, (one, other) if between @ normal > 0.0 else (other, one)))
+        for _, pair in sorted(tried):
+            if all(node in branches for node in pair) and min(len(chain(tree, node)) for node in pair) >= LEAST_JOINTS:
+                found.append(pair)
+                branches = [node for node in branches if node not in pair]
+        waiting += branches
+    return found
+
+
+def _off_mirror(tree: Tree, normal: FloatArray, one: int, other: int) -> float:
+    """The largest distance, m, of a part of one branch from the mirror image of a part of the other."""
+    first, second = (np.array([tree.nodes[node].middle for node in tree.below(branch)]) for branch in (one, other))
+    if len(first) != len(second):
+        return np.inf
+    offset = 0.5 * float((first.mean(axis=0) + second.mean(axis=0)) @ normal)
+    image = first - 2.0 * ((first @ normal) - offset)[:, None] * normal
+    apart = np.linalg.norm(image[:, None] - second, axis=2)
+    return float(max(apart.min(axis=0).max(), apart.min(axis=1).max()))
+
+
+def _mark(tree: Tree, node: int) -> FloatArray:
+    """Where a branch is: the mean of the middles of its parts."""
+    return np.asarray(np.mean([tree.nodes[n].middle for n in tree.below(node)], axis=0))
+
+
+def side_of(tree: Tree, node: int) -> tuple[int, list[str]]:
+    """1 for a joint or link of the left by its name, -1 of the right, 0 of neither; the other words of that name."""
+    for name in (tree.nodes[node].joint, *tree.nodes[node].names[:1]):
+        words = words_of(name)
+        side = next((SIDES[word] for word in words if word in SIDES), 0)
+        if side:
+            return side, [word for word in words if word not in SIDES]
+    return 0, []
+
+
+def _are_named(tree: Tree, one: int, other: int) -> bool:
+    """True if names say that two nodes are left and right of each other."""
+    (side, words), (other_side, other_words) = side_of(tree, one), side_of(tree, other)
+    return side * other_side == -1 and words == other_words
+
+
+def _kind(tree: Tree, pair: Pair) -> int:
+    """Above 0 where most names on the limbs are of an arm, below 0 of a leg."""
+    nodes = [tree.nodes[node] for first in pair for node in tree.below(first)]
+    words = [word for node in nodes for name in (node.joint, *node.names) for word in words_of(name)]
+    return sum((word in ARM_WORDS) - (word in LEG_WORDS) for word in words)
+
+
+def _is_leg(tree: Tree, pair: Pair, pairs: list[Pair]) -> bool:
+    """True if a pair ends at the bottom of the robot and begins low on its trunk; arms that hang begin high up."""
+    limbs = {node for one in pairs for first in one for node in tree.below(first)}
+    heights, trunk = (
+        tree.points([node for node in range(len(tree.nodes)) if node not in out])[:, 2] for out in (set[int](), limbs)
+    )
+    root = float(tree.nodes[pair[0]].anchor[2])
+    end = float(tree.points(tree.below(pair[0]))[:, 2].min())
+    low = float(heights.min()) + LOW * float(np.ptp(heights))
+    return end <= low < root + 1e-9 and root <= float(trunk.min()) + HIPS * float(np.ptp(trunk)) + 1e-9
+
+
+def _span(tree: Tree, branch: int) -> float:
+    """How far (m) a branch reaches from its first axis."""
+    return float(np.linalg.norm(tree.points(tree.below(branch)) - tree.nodes[branch].anchor, axis=1).max())
+
+
+def _points_left(tree: Tree, normal: FloatArray, legs: Pair | None, arms: Pair | None) -> float:
+    """Above 0 where the normal points to the left of the robot: by names, by feet longer ahead of the ankle, by hands
+    ahead of the shoulders."""
+    ahead, total = np.cross(normal, UP), 0.0
+    for pair in (legs, arms):
+        if pair is not None:
+            total += 3.0 * np.sign(side_of(tree, pair[0])[0] - side_of(tree, pair[1])[0])
+    if legs is not None:
+        leg = chain(tree, legs[0])
+        sole, pitches = flat_underside(tree, tree.below(leg[-1])), pitch_joints(tree, leg, normal)
+        if sole is not None and pitches:
+            along = sole.points @ ahead
+            middle = 0.5 * (along.min() + along.max()) - tree.nodes[pitches[-1]].anchor @ ahead
+            total += 2.0 * np.sign(middle) * (abs(middle) > 0.02 * np.ptp(along))
+    if arms is not None:
+        hand = tree.points(tree.below(chain(tree, arms[0])[-1])).mean(axis=0)
+        reach = float((hand - tree.nodes[arms[0]].anchor) @ ahead)
+        total += np.sign(reach) * (abs(reach) > 0.2 * _span(tree, arms[0]))
+    return float(total) or float(ahead @ np.array([1.0, 1.0, 0.0]))
+
+
+def pitch_joints(tree: Tree, nodes: Sequence[int], left: FloatArray) -> list[int]:
+    """Find the nodes of a leg whose axes lie across the robot, from the hip down. left (3,): or its opposite."""
+    return [node for node in nodes if abs(tree.nodes[node].axis @ left) > ACROSS]
+
+
+def _leg(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[str, str | None]:
+    """The foot, and as the knee the pitch joint that is farthest from both ends of the leg."""
+    pitches, floor = pitch_joints(tree, nodes, normal), float(tree.points(tree.below(nodes[-1]))[:, 2].min())
+    heights = {node: float(tree.nodes[node].anchor[2]) for node in pitches}
+    top = max((heights[node] for node in pitches), default=0.0)
+    knee = max(pitches[1:], key=lambda node: min(top - heights[node], heights[node] - floor), default=None)
+    return {f"{side}_sole": _link(tree, nodes[-1]), f"{side}_knee": None if knee is None else _link(tree, knee)}
+
+
+def _arm(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[str, str | None]:
+    """The hand, and as the elbow the joint nearest to the middle of the arm that moves the hand."""
+    hand, start = tree.points(tree.below(nodes[-1])).mean(axis=0), tree.nodes[nodes[0]].anchor
+    places = np.array([*(tree.nodes[node].anchor for node in nodes), hand])
+    least = LEVER * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+    outer = {node: tree.nodes[node].distance(hand) for node in nodes[1:]}
+    inner = {node: tree.nodes[node].distance(start) for node, far in outer.items() if far > least}
+    elbow = max(inner, key=lambda node: min(inner[node], outer[node]), default=None)
+    has_elbow = elbow is not None and inner[elbow] >= least
+    return {f"{side}_hand": _link(tree, nodes[-1]), f"{side}_elbow": _link(tree, elbow) if has_elbow else None}  # type: ignore[arg-type]
+
+
+def _head(tree: Tree, pairs: list[Pair], chest: int, pelvis: int, normal: FloatArray) -> str | None:
+    """The branch of the trunk, neither chest nor pelvis, that is named so, else that reaches highest in the middle."""
+    limbs = {first for pair in pairs for first in pair}
+    trunk = {*tree.path(chest), *tree.path(pelvis)}
+    branches = [n for n, node in enumerate(tree.nodes) if node.parent in trunk and n not in trunk and n not in limbs]
+    named = [
+        node
+        for node in branches
+        if any(
+            not HEAD_WORDS.isdisjoint(words_of(name))
+            for one in tree.below(node)
+            for name in (tree.nodes[one].joint, *tree.nodes[one].names)
+        )
+    ]
+    middle = 0.5 * sum(float(_mark(tree, node) @ normal) for node in pairs[0])
+    aside = {node: abs(float(_mark(tree, node) @ normal) - middle) for node in branches}
+    height = {node: float(tree.points(tree.below(node))[:, 2].max()) for node in branches}
+    above = [node for node in branches if height[node] > tree.nodes[chest].points[:, 2].mean()]
+    above = named or [node for node in above if aside[node] <= TOLERANCE * tree.size]
+    if not above:
+        return None
+    node = max(above, key=lambda node: height[node])
+    while len(onward := tree.children(node)) == 1:
+        node = onward[0]
+    return _link(tree, node)
