@@ -311,17 +311,31 @@ class FileOptions:
         skeleton FILE.asf: The ASF of an AMC that has none beside it.
         unit m|cm|mm|inch|cmu: Length unit of a file that states none.
         rate HZ: Frames per second instead of the file's.
+        stature M: The performer's stature: scales a file's body, and is not measured live.
+        up x|y|z|-x|-y|-z: Up axis of a file whose body does not show it.
+        performer_root NAME: The ROOT that is read of a BVH with several performers.
     """
 
     skeleton: Path | None = None
     unit: str | None = None
     rate: float | None = None
+    stature: float | None = None
+    up: str | None = None
+    performer_root: str | None = None
 
     def open(self, source: str) -> "SensorFrames":
         """Read a motion file. Raises RetargetError."""
         from retarget.sources.open import open_source
 
-        return open_source(source, skeleton=self.skeleton, unit=self.unit, rate=self.rate)
+        return open_source(
+            source,
+            skeleton=self.skeleton,
+            unit=self.unit,
+            rate=self.rate,
+            stature=self.stature,
+            up=self.up,
+            performer_root=self.performer_root,
+        )
 
 
 def given(group: Any, *, but: Sequence[str] = ()) -> list[str]:

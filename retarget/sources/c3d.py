@@ -71,11 +71,13 @@ class MarkerTracks:
     up: FloatArray
 
 
-def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) -> SensorFrames:
+def read_c3d(
+    path: Path, *, unit: str | None = None, rate: float | None = None, up: FloatArray | None = None
+) -> SensorFrames:
     """Read the sensors that the markers of a file allow.
 
-    unit, rate: instead of the file's. Raises InputError if the `c3d` package is missing, the file is damaged, or it
-    holds no known marker.
+    unit, rate: instead of the file's. up (3,): the up axis. Raises InputError if the `c3d` package is missing, the file
+    is damaged, or it holds no known marker.
     """
     markers = read_markers(path)
     columns, notes = _one_subject(markers.labels)
@@ -85,7 +87,7 @@ def read_c3d(path: Path, *, unit: str | None = None, rate: float | None = None) 
     sensors = tuple(sensor for sensor in SENSORS if sensor in groups)
     position, valid = _sensor_tracks(markers, [[columns[label] for label in groups[sensor]] for sensor in sensors])
     scale, unit_note = _metres(markers, unit, path)
-    position = matmul(position, axes_with_up(markers.up).T) * scale
+    position = matmul(position, axes_with_up(markers.up if up is None else up).T) * scale
     counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
     lost = [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
     rate = markers.rate_hz if rate is None else check_rate(rate, "--rate")

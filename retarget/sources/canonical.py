@@ -96,7 +96,9 @@ def canonical_frames(
     columns = [rest.skeleton.names.index(name) for name in names]
     skeleton = Skeleton(names, rest.skeleton.position[columns] * unit)
     sensors = tuple(name for name in SENSORS if name in rest.joints)
-    turns = np.stack([rest.pose.orientation[:, segment_joint(rest.tree, rest.joints, name)] for name in sensors], axis=1)
+    turns = np.stack(
+        [rest.pose.orientation[:, segment_joint(rest.tree, rest.joints, name)] for name in sensors], axis=1
+    )
     # World <- file axes <- segment <- its rest pose, facing x <- hanging. A mirrored file is mirrored on both sides.
     world, body = rest.world, rest.body
     if dot(np.cross(world[0], world[1]), world[2]) < 0.0:
