@@ -104,7 +104,6 @@ _SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "a
 """Segments of limbs, by the joints where they begin and end. A file may split them (twist joints): the part next to the
 far joint gives the orientation."""
 _ARM = ("shoulder", "elbow", "wrist")
-_OF_ARM = ("collar", *_ARM, "hand")
 _LIMBS = (("hip", "knee", "ankle"), _ARM)
 HEAD_RISE = 0.053
 """Height of the centre of the head above its joint, as a share of stature: 0.052 to 0.055 in skeletons that have a top
@@ -123,7 +122,7 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
         if side:
             name = "left" if side == "l" else "right"
             notes.append(f"the body has no {name} arm: it is taken to hang at rest beside the trunk")
-            found = {joint: at for joint, at in found.items() if joint[:2] != f"{side}_" or joint[2:] not in _OF_ARM}
+            found = {joint: at for joint, at in found.items() if joint not in _arm_of(side)}
         elif missing or not _is_body(tree, found):
             found = joints_by_shape(tree)
             notes.append("joint names not known: the body was recognised by the shape of its skeleton")
@@ -163,15 +162,20 @@ def _armless_side(tree: JointTree, found: Mapping[str, int]) -> str:
     sides = [side for side in "lr" if missing and missing <= {f"{side}_{part}" for part in _ARM}]
     if not sides or not _is_body(tree, found, but=sides[0]):
         return ""
-    ends = [found[name] for name in ("head", "l_ankle", "r_ankle", "l_wrist", "r_wrist") if name in found]
-    known = {joint for name in found.values() for joint in tree.path(name)}
-    known |= {joint for joint in range(len(tree.names)) if not set(ends).isdisjoint(tree.path(joint))}
+    others = {name: at for name, at in found.items() if name not in _arm_of(sides[0])}
+    ends = [at for name, at in others.items() if name[2:] in ("ankle", "wrist") or name == "head"]
+    paths = [tree.path(joint) for joint in range(len(tree.names))]
+    known = {joint for at in others.values() for joint in paths[at]}
+    known |= {joint for joint, path in enumerate(paths) if not set(ends).isdisjoint(path)}
     lengths = [norm(offset) for offset in tree.offsets]
-    size = fsum(
-        lengths[at] for name in ("head", "l_ankle") for at in tree.path(found[name]) if at not in tree.path(tree.fork())
-    )
-    chains = [fsum(lengths[at] for at in tree.path(joint) if at not in known) for joint in range(len(tree.names))]
-    return sides[0] if max(chains) <= LIMB_SHARE * size else ""
+    size = fsum(lengths[at] for end in ("head", "l_ankle") for at in paths[found[end]] if at not in paths[tree.fork()])
+    longest = max(fsum(lengths[at] for at in path if at not in known) for path in paths)
+    return sides[0] if longest <= LIMB_SHARE * size else ""
+
+
+def _arm_of(side: str) -> set[str]:
+    """Canonical joints of an arm."""
+    return {f"{side}_{part}" for part in ("collar", *_ARM, "hand")}
 
 
 def _no_body(tree: JointTree, missing: Mapping[str, str], *, where: str) -> InputError:
@@ -234,7 +238,7 @@ def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | 
     A head that carries nothing goes on as far as usual, in the direction of the neck; one that carries other joints
     (eyes) stays at its joint.
     """
-    head = joints["head"].joint
+    head, note = joints["head"].joint, ""
     ends = [end for end in tree.ends[head] if end.any()]
     if top is not None and tree.parents[top] == head:
         centre = 0.5 * tree.offsets[top]
@@ -243,13 +247,14 @@ def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | 
     elif tree.children(head):
         return "the file has no top of the head: its head sensor is the head joint"
     else:
-        bones = [*tree.path(head)[len(tree.path(joints["pelvis"].joint)) :]]
-        bones += [joints["l_knee"].joint, joints["l_ankle"].joint]
+        note = "the file has no top of the head: a head of usual height is taken"
+        bones = tree.path(head)[len(tree.path(joints["pelvis"].joint)) :]
+        bones = [*bones, joints["l_knee"].joint, joints["l_ankle"].joint]
         height = fsum(norm(tree.offsets[joint]) for joint in bones) / (HEAD_CENTRE - ANKLE - HEAD_RISE)
         neck = tree.offsets[head]
         centre = HEAD_RISE * height / max(norm(neck), 1e-12) * neck
     joints["head"] = replace(joints["head"], local=centre)
-    return "" if ends or top is not None else "the file has no top of the head: a head of usual height is taken"
+    return note
 
 
 def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
@@ -268,12 +273,12 @@ def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
     """An arm that the performer lacks: as long as the other one, hanging beside the trunk, which carries it."""
     at, other = rest_joint_positions(tree, joints), "r" if side == "l" else "l"
     hips, across = 0.5 * (at["l_hip"] + at["r_hip"]), at["l_hip"] - at["r_hip"]
-    up, shoulder = at["head"] - hips, at[f"{other}_shoulder"]
+    up, shoulder = _direction(at["head"] - hips, least=ALONG), at[f"{other}_shoulder"]
     point = shoulder - 2.0 * dot(shoulder - hips, across) / max(dot(across, across), 1e-12) * across
     bearer = joints.get("chest", joints["pelvis"])
     for part, above in zip(_ARM, ("", *_ARM), strict=False):
         length = norm(at[f"{other}_{part}"] - at[f"{other}_{above}"]) if above else 0.0
-        point = point - length / max(norm(up), 1e-12) * up
+        point = point - length * up
         start = at[next(name for name in ("chest", "pelvis") if name in joints)]
         joints[f"{side}_{part}"] = CanonicalJoint(bearer.joint, point - start, lacking=True)
 
