@@ -59,7 +59,7 @@ from retarget.schema.scene import load_scene
 from retarget.setup.body_draft import draft_body
 from retarget.setup.robot_file import read_source
 from retarget.sources.asf_amc import read_amc
-from retarget.sources.c3d import KNOWN_MARKERS
+from retarget.sources.c3d import KNOWN_MARKERS, read_marker_table
 from retarget.sources.open import open_source
 from retarget.sources.raw_record import RawReader, RawWriter
 from retarget.viewer.recorded import open_recorded
@@ -249,6 +249,13 @@ def made_c3d() -> bytes:
     return out.getvalue()
 
 
+MARKER_TABLE = b"""\
+markers:
+  head: [Head Top, HeadL, 3]
+  l_wrist: [LWristIn, LWristOut]
+"""
+
+
 def corpus(folder: Path) -> list[Kind]:
     """Every kind of file, with what is made of it here and, where ../shared is, with short files of others."""
     configs, clip = shipped_folder(), write_clip(folder / "clip.bvh")
@@ -277,6 +284,7 @@ def corpus(folder: Path) -> list[Kind]:
         Kind(".yaml", 10, load_priorities, yamls("priorities"), bent),
         Kind(".yaml", 10, load_performer, yamls("performers"), bent),
         Kind(".yaml", 10, load_scene, yamls("scenes"), bent),
+        Kind(".yaml", 4, read_marker_table, (MARKER_TABLE,), bent),
         Kind(".yaml", 1, lambda path: session_options(path, command_of(run)), yamls("sessions"), bent),
         Kind(".xml", 6, load_body, mjcf, bent_body),
         Kind(".xml", 2, import_body, mjcf, bent_body),

@@ -192,7 +192,8 @@ class SensorFrames:
     that the joint of the sensor's name carries (wrist: hand, elbow: forearm, shoulder: upper arm, hip: thigh, knee:
     shank, ankle and toe: foot, chest: thorax), and the identity of who stands upright, faces x and lets the arms hang,
     thumbs forward. valid (T, k). joints: the whole body where the source has it. skeleton: its rest pose. source: where
-    it comes from. rate_hz: nominal frame rate. notes: warnings for the user.
+    it comes from. rate_hz: nominal frame rate. notes: warnings for the user. stature: m, of the performer, where the
+    user says it.
     """
 
     time: FloatArray
@@ -205,6 +206,7 @@ class SensorFrames:
     source: str = ""
     rate_hz: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    stature: float | None = None
 
     def __post_init__(self) -> None:
         frames, sensors = len(self.time), len(self.names)

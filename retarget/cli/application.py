@@ -312,18 +312,33 @@ class FileOptions:
         markers FILE.yaml: Which markers of a C3D are which sensor.
         unit m|cm|mm|inch|cmu: Length unit of a file that states none.
         rate HZ: Frames per second instead of the file's.
+        stature M: The performer's stature: scales a file.
+        up x|y|z|-x|-y|-z: Up axis of a file whose body does not show it.
+        performer_root NAME: The performer of a BVH with several ROOTs.
     """
 
     skeleton: Path | None = None
     markers: Path | None = None
     unit: str | None = None
     rate: float | None = None
+    stature: float | None = None
+    up: str | None = None
+    performer_root: str | None = None
 
     def open(self, source: str) -> "SensorFrames":
         """Read a motion file. Raises RetargetError."""
         from retarget.sources.open import open_source
 
-        return open_source(source, skeleton=self.skeleton, markers=self.markers, unit=self.unit, rate=self.rate)
+        return open_source(
+            source,
+            skeleton=self.skeleton,
+            markers=self.markers,
+            unit=self.unit,
+            rate=self.rate,
+            stature=self.stature,
+            up=self.up,
+            performer_root=self.performer_root,
+        )
 
 
 def given(group: Any, *, but: Sequence[str] = ()) -> list[str]:

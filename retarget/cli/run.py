@@ -329,8 +329,7 @@ class StreamOptions:
         countdown S: To get into the pose; usually 3, for replay:// 0.
         person NAME: Keep the performer's size under this name.
         recalibrate: Measure a --person anew who was measured before.
-        stature M: The performer's stature, which is not measured then.
-        check_sides: Raise your left arm first: usual, not for replay://.
+        check_sides: Raise your left arm first (not of replay://).
         yes: The sides are known to be right: no check.
         smoothing off|light|strong: One-Euro filter of the sensors.
         latest: The newest poses at once, no playout buffer.
@@ -343,7 +342,6 @@ class StreamOptions:
     countdown: float | None = None
     person: str | None = None
     recalibrate: bool = False
-    stature: float | None = None
     check_sides: bool | None = None
     yes: bool = False
     smoothing: str = LIGHT
@@ -354,9 +352,9 @@ class StreamOptions:
     mirrored_camera: bool = False
     oversight: Oversight = field(default_factory=Oversight)
 
-    def begins(self, source: str, playback: Playback) -> LiveOptions:
-        """How the run begins. Raises UsageError for what a live performer does not have, and for a person to be
-        measured anew without a name."""
+    def begins(self, source: str, playback: Playback, stature: float | None) -> LiveOptions:
+        """How the run begins. stature: m, of the performer, if known. Raises UsageError for what a live performer does
+        not have, and for a person to be measured anew without a name."""
         if playback.speed != 1.0 or playback.loop:
             raise UsageError(
                 "a live performer moves in real time",
@@ -379,7 +377,7 @@ class StreamOptions:
             latest=self.latest,
             person=self.person,
             recalibrate=self.recalibrate,
-            stature=self.stature,
+            stature=stature,
             check_sides=sides_are_checked(source, self.check_sides, yes=self.yes),
         )
 
@@ -408,14 +406,16 @@ def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
     return not yes and not source.startswith("replay:") if asked is None else asked
 
 
-def follow_live(source: str, options: RunOptions, outputs: Outputs, live: StreamOptions) -> int:
-    """Run, write the files, show a summary. Returns the exit code.
+def follow_live(
+    source: str, options: RunOptions, outputs: Outputs, live: StreamOptions, *, stature: float | None = None
+) -> int:
+    """Run, write the files, show a summary. stature: m, of the performer, if known. Returns the exit code.
 
     Raises RetargetError for what cannot be run; then nothing has moved and nothing is written. KeyboardInterrupt:
     stopped before anything moved.
     """
     refuse_little_memory()
-    begins = live.begins(source, options.playback)
+    begins = live.begins(source, options.playback, stature)
     address = parse_address(source)
     run = CommandRun(options, outputs, recorded=address.kind == "replay")
     clock = run.clock
@@ -615,7 +615,7 @@ class RunRequest:
             played = options.playback
             start = [] if played.start is None else ["--start"]
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
-            refuse_given([*given(self.file), *start, *pose], "motion file")
+            refuse_given([*given(self.file, but=("stature",)), *start, *pose], "motion file")
             self.live.refuse_pages(self.source, self.view)
         else:
             streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
@@ -636,7 +636,7 @@ def run(request: RunRequest, session: Session = None) -> None:
     options, outputs = request.checked()
     source, live = request.source, request.live
     if is_address(source):
-        raise typer.Exit(follow_live(source, options, outputs, live))
+        raise typer.Exit(follow_live(source, options, outputs, live, stature=request.file.stature))
     read = partial(request.file.open, source)
     raise typer.Exit(follow_clip(read, options, outputs, source=source, scheduling=live.oversight.scheduling))
 
@@ -649,7 +649,7 @@ def check_request(request: RunRequest, session: Session = None) -> None:
     command = CommandRun(options, outputs, recorded=True)
     perform = performance_of(partial(request.file.open, request.source), options.playback)
     if is_address(request.source):
-        request.live.begins(request.source, options.playback)
+        request.live.begins(request.source, options.playback, request.file.stature)
         parse_address(request.source)
         perform = performance_of(partial(request.file.open, "sample"), Playback())
     make = command.bench.make_bus if options.simulated else partial(make_bus, "none")

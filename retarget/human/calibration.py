@@ -52,11 +52,11 @@ def calibrate(frames: SensorFrames) -> HumanDimensions:
         names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
         position = frames.position[at, frames.valid[at]]
         try:
-            return fit_rest_pose(names, position, source=frames.source).dimensions
+            return fit_rest_pose(names, position, stature=frames.stature, source=frames.source).dimensions
         except InputError:
             continue
     # No one looks taller than they are, so the tallest frame is the nearest to the truth.
-    stature = max(standing_stature(frames, at) for at in candidates)
+    stature = frames.stature or max(standing_stature(frames, at) for at in candidates)
     usual = proportional_dimensions(stature)
     check_plausible(usual, source=frames.source)
     return replace(usual, origin=f"{usual.origin} (no rest pose in {frames.source})")

@@ -39,7 +39,7 @@ class PhysicsOptions:
         hook FRAME: Frame by which a gantry holds it; usually 'hook'.
         perturbations (--perturb) KIND[=X]: mass, centre_of_mass, friction, latency, stiffness or push, drawn by the
             seed or as given (stiffness=0.7). Also several times.
-        seed N: Of all random choices: the same seed, the same run.
+        seed N: Of all random choices.
     """
 
     mount: str | None = None
@@ -118,7 +118,8 @@ class RunOptions:
         robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
         bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (has mass, can fall), physics+wire,
             none; real servos: profile, or a PORT.
-        performer NAME|FILE: The sensors: five (usual), five_head, three, six, ten, all, avatar, optitrack, web, ..., or a file.
+        performer NAME|FILE: The sensors: five (usual), five_head, three, six, ten, all, avatar, optitrack, web, ...,
+            or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
         allow_contact: Begin also where the body touches the scene.

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
 from struct import Struct
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from retarget.arithmetic import matmul, norms
@@ -99,13 +100,12 @@ def _order(processor: int) -> str:
     return ">" if processor == MIPS else "<"
 
 
-def _floats(data: bytes, processor: int) -> FloatArray:
-    """Floats of 4 bytes, as float64."""
-    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs from outside
-        if processor == DEC:  # the first word is the upper one, and the exponent is 2 higher
-            words = np.frombuffer(data, "<u2").astype(np.uint32).reshape(-1, 2)
-            return np.asarray((words[:, 0] << 16 | words[:, 1]).view(np.float32).astype(float) / 4.0)
-        return np.frombuffer(data, f"{_order(processor)}f4").astype(float)
+def _floats(data: bytes, processor: int) -> NDArray[np.float32]:
+    """Floats of 4 bytes."""
+    if processor == DEC:  # the first word is the upper one, and the exponent is 2 higher
+        words = np.frombuffer(data, "<u2").astype(np.uint32).reshape(-1, 2)
+        return np.asarray((words[:, 0] << 16 | words[:, 1]).view(np.float32) / np.float32(4.0))
+    return np.frombuffer(data, f"{_order(processor)}f4")
 
 
 def _decoded(data: bytes) -> str:
@@ -185,13 +185,13 @@ def _points(file: C3dFile, columns: list[int], path: Path) -> tuple[FloatArray, 
     held = max(len(file.content) - file.start, 0) // (size * width)
     count, notes = _frame_count(file, held, size * width, str(path))
     data = file.content[file.start : file.start + count * width * size]
-    if size == 4:
-        values = _floats(data, file.processor).reshape(count, width)
-        scale = 1.0
-    else:
-        values, scale = np.frombuffer(data, f"{_order(file.processor)}i2").reshape(count, width), file.scale
-    points = values[:, : 4 * file.points].reshape(count, file.points, 4)[:, columns].astype(float)
-    position = points[..., :3] * scale
+    values: NDArray[Any] = np.frombuffer(data, f"{_order(file.processor)}i2")
+    with np.errstate(invalid="ignore"):  # signalling NaNs from outside
+        if size == 4:
+            values = _floats(data, file.processor)
+        whole = values.reshape(count, width)[:, : 4 * file.points].reshape(count, file.points, 4)
+        points = whole[:, columns].astype(float)
+    position = points[..., :3] * (1.0 if size == 4 else file.scale)
     seen = (points[..., 3] > -1.0) & np.all(np.abs(position) <= MAX_VALUE, axis=-1) & np.any(position != 0.0, axis=-1)
     return np.where(seen[..., None], position, np.nan), seen, notes
 
@@ -204,19 +204,22 @@ def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tupl
     that the file holds counts.
     """
     ends = [file.numbers(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
-    declared = [file.last - file.first + 1]
+    said = [file.last - file.first + 1.0]
     if all(ends):
         first, last = (words[0] + (FULL + 1.0) * (words[1] if len(words) > 1 else 0.0) for words in ends)
-        declared.append(int(last - first) + 1)
-    declared += [int(value) for key in ("FRAMES", "LONG_FRAMES") for value in file.numbers(f"POINT:{key}")[:1]]
+        said.append(last - first + 1.0)
+    said += [value for key in ("FRAMES", "LONG_FRAMES") for value in file.numbers(f"POINT:{key}")[:1]]
+    declared = [int(count) for count in said if isfinite(count)]
     longest = max(declared)
-    check_frame_count(longest, where)
-    if FULL <= longest <= FULL + 1:
-        return held, frames_held(min(held, FULL), FULL, where)
-    best = max((count for count in declared if 0 < count <= held), default=0)
-    if best == longest or (best and (held - best) * frame_bytes < BLOCK):  # it is the longest, or it fills the file
-        return best, ()
-    return held, frames_held(held, longest, where)
+    notes: tuple[str, ...] = ()
+    count = max((one for one in declared if 0 < one <= held), default=0)
+    if FULL <= longest <= FULL + 1:  # the counter is at its end
+        count, notes = held, frames_held(min(held, FULL), FULL, where)
+    elif count < longest and (not count or (held - count) * frame_bytes >= BLOCK):  # nor does it fill the file
+        check_frame_count(longest, where)
+        count, notes = held, frames_held(held, longest, where)
+    check_frame_count(count, where)
+    return count, notes
 
 
 # The markers, and which of them make a sensor.

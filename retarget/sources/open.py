@@ -11,7 +11,9 @@ from pathlib import Path
 
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
+from retarget.model.human_dimensions import STATURE_M
 from retarget.sources.asf_amc import read_amc
+from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.files import read_head
@@ -24,6 +26,12 @@ SAMPLE = "sample"
 _SAMPLE_FILE = Path(__file__).with_name("sample_recording.bvh")
 _SAMPLE_UNIT = "cm"
 
+_OF_ONE_FORMAT = {
+    "skeleton": ("amc", "a skeleton belongs to an AMC only"),
+    "markers": ("c3d", "a table of markers belongs to a C3D only"),
+    "performer-root": ("bvh", "only a BVH has a ROOT for each performer"),
+}
+"""Option -> the format that has it, and what is wrong elsewhere."""
 _C3D_KEY = 0x50
 """Second byte of every C3D file."""
 
@@ -35,40 +43,59 @@ def open_source(
     markers: str | Path | None = None,
     unit: str | None = None,
     rate: float | None = None,
+    stature: float | None = None,
+    up: str | None = None,
+    performer_root: str | None = None,
 ) -> SensorFrames:
     """Read a motion file of any known format, or the recording that comes with the package.
 
     path: the word SAMPLE as text is that recording, also where a file of this name is there; any other text, and every
     `Path`, is a file. skeleton: the ASF of an AMC, where it does not lie beside it. markers: the user's own table of
     the markers of a C3D. unit: m, cm, mm, inch or cmu, where the file does not state it and the guess is wrong. rate:
-    frames per second instead of the file's. Raises InputError with file, line and what to do; ConfigError for the table
-    of markers; UsageError for an unknown unit, or for a skeleton or markers with a format that has none.
+    frames per second instead of the file's. stature: m, of the performer: it scales the body of a file with joints, and
+    is not measured in one without. up: the file's up axis (x, -y, ...), where body and file do not show it.
+    performer_root: the ROOT of a BVH with several performers. Raises InputError with file, line and what to do;
+    ConfigError for the table of markers; UsageError for values that cannot be, and for what belongs to another format.
     """
     if path == SAMPLE:
-        shipped = open_source(_SAMPLE_FILE, skeleton=skeleton, markers=markers, unit=unit or _SAMPLE_UNIT, rate=rate)
+        shipped = open_source(
+            _SAMPLE_FILE,
+            skeleton=skeleton,
+            markers=markers,
+            unit=unit if unit or stature else _SAMPLE_UNIT,
+            rate=rate,
+            stature=stature,
+            up=up,
+            performer_root=performer_root,
+        )
         return replace(shipped, source=SAMPLE)
     _refuse_live(str(path))
     path = Path(path)
     kind = recognise(path)
-    if skeleton is not None and kind != "amc":
-        raise UsageError(
-            "a skeleton belongs to an AMC only",
-            where=str(path),
-            found=f"a {kind.upper()} file, which brings its own" if kind == "bvh" else f"a {kind.upper()} file",
-            next_step="Leave --skeleton out",
-        )
-    if markers is not None and kind != "c3d":
-        raise UsageError(
-            "a table of markers belongs to a C3D only",
-            where=str(path),
-            found=f"a {kind.upper()} file, which has joints",
-            next_step="Leave --markers out",
-        )
+    given = {"skeleton": skeleton, "markers": markers, "performer-root": performer_root}
+    for option, (owner, what) in _OF_ONE_FORMAT.items():
+        if given[option] is not None and kind != owner:
+            step = f"Leave --{option} out"
+            raise UsageError(what, where=str(path), found=f"a {kind.upper()} file", next_step=step)
+    _refuse_scales(stature, unit if kind in ("amc", "bvh") else None)
+    axis = None if up is None else named_axis(up)
     if kind == "c3d":
-        return read_c3d(path, unit=unit, rate=rate, markers=None if markers is None else Path(markers))
+        table = None if markers is None else Path(markers)
+        return replace(read_c3d(path, unit=unit, rate=rate, up=axis, markers=table), stature=stature)
     if kind == "amc":
-        return read_amc(path, skeleton=None if skeleton is None else Path(skeleton), unit=unit, rate=rate)
-    return read_bvh(path, unit=unit, rate=rate)
+        asf = None if skeleton is None else Path(skeleton)
+        return read_amc(path, skeleton=asf, unit=unit, rate=rate, stature=stature, up=axis)
+    return read_bvh(path, unit=unit, rate=rate, stature=stature, up=axis, performer_root=performer_root)
+
+
+def _refuse_scales(stature: float | None, unit: str | None) -> None:
+    """Raise UsageError for a stature that no human has, and for a second scale beside it."""
+    low, high = STATURE_M
+    if stature is not None and not low <= stature <= high:  # nor NaN
+        allowed = f"{low:g} to {high:g} m"
+        raise UsageError("stature out of range", where="--stature", found=f"{stature:g}", allowed=allowed)
+    if stature is not None and unit is not None:
+        raise UsageError("both give the scale of the file", where="--stature, --unit", next_step="Leave one out")
 
 
 def _refuse_live(address: str) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from retarget import rotations
 from retarget.arithmetic import dot, matmul, norm, norms
 from retarget.errors import InputError
-from retarget.frames import JOINTS, Skeleton
+from retarget.frames import ANKLE, HEAD_CENTRE, JOINTS, Skeleton
 from retarget.model.rest_skeleton import ALONG, hanging_toe, rest_faults
 from retarget.sources.axes import UP_AXES, axis_name, forward_sign, world_axes
 from retarget.sources.skeletons import (
@@ -104,8 +104,10 @@ _SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "a
 """Segments of limbs, by the joints where they begin and end. A file may split them (twist joints): the part next to the
 far joint gives the orientation."""
 _ARM = ("shoulder", "elbow", "wrist")
-_OF_ARM = ("collar", *_ARM, "hand")
 _LIMBS = (("hip", "knee", "ankle"), _ARM)
+HEAD_RISE = 0.053
+"""Height of the centre of the head above its joint, as a share of stature: 0.052 to 0.055 in skeletons that have a top
+of the head and a joint below the skull."""
 LIMB_SHARE = 0.15
 """A chain beside the known joints that is longer than this share of the body's path from head to foot may be a limb."""
 
@@ -118,10 +120,9 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
         found, missing = named_in_part(tree.names)
         side = _armless_side(tree, found)
         if side:
-            notes.append(
-                f"the body has no {'left' if side == 'l' else 'right'} arm: it is taken to hang at rest beside the trunk"
-            )
-            found = {joint: at for joint, at in found.items() if joint[:2] != f"{side}_" or joint[2:] not in _OF_ARM}
+            name = "left" if side == "l" else "right"
+            notes.append(f"the body has no {name} arm: it is taken to hang at rest beside the trunk")
+            found = {joint: at for joint, at in found.items() if joint not in _arm_of(side)}
         elif missing or not _is_body(tree, found):
             found = joints_by_shape(tree)
             notes.append("joint names not known: the body was recognised by the shape of its skeleton")
@@ -131,8 +132,8 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
     shared = shared_path(tree, [joints[name].joint for name in ("l_hip", "r_hip", "head")])
     joints["pelvis"] = CanonicalJoint(shared[-1], np.zeros(3))
     _add_trunk(tree, joints)
-    if not _centre_head(tree, joints, found.get("head_top")):
-        notes.append("the file has no top of the head: its head sensor is the head joint")
+    if note := _centre_head(tree, joints, found.get("head_top")):
+        notes.append(note)
     for side in "lr":
         _add_toe(tree, joints, side)
         if f"{side}_wrist" not in joints:
@@ -161,13 +162,20 @@ def _armless_side(tree: JointTree, found: Mapping[str, int]) -> str:
     sides = [side for side in "lr" if missing and missing <= {f"{side}_{part}" for part in _ARM}]
     if not sides or not _is_body(tree, found, but=sides[0]):
         return ""
-    ends = [found[name] for name in ("head", "l_ankle", "r_ankle", "l_wrist", "r_wrist") if name in found]
-    known = {joint for name in found.values() for joint in tree.path(name)}
-    known |= {joint for joint in range(len(tree.names)) if not set(ends).isdisjoint(tree.path(joint))}
+    others = {name: at for name, at in found.items() if name not in _arm_of(sides[0])}
+    ends = [at for name, at in others.items() if name[2:] in ("ankle", "wrist") or name == "head"]
+    paths = [tree.path(joint) for joint in range(len(tree.names))]
+    known = {joint for at in others.values() for joint in paths[at]}
+    known |= {joint for joint, path in enumerate(paths) if not set(ends).isdisjoint(path)}
     lengths = [norm(offset) for offset in tree.offsets]
-    size = fsum(lengths[at] for name in ("head", "l_ankle") for at in tree.path(found[name]) if at not in tree.path(tree.fork()))
-    chains = [fsum(lengths[at] for at in tree.path(joint) if at not in known) for joint in range(len(tree.names))]
-    return sides[0] if max(chains) <= LIMB_SHARE * size else ""
+    size = fsum(lengths[at] for end in ("head", "l_ankle") for at in paths[found[end]] if at not in paths[tree.fork()])
+    longest = max(fsum(lengths[at] for at in path if at not in known) for path in paths)
+    return sides[0] if longest <= LIMB_SHARE * size else ""
+
+
+def _arm_of(side: str) -> set[str]:
+    """Canonical joints of an arm."""
+    return {f"{side}_{part}" for part in ("collar", *_ARM, "hand")}
 
 
 def _no_body(tree: JointTree, missing: Mapping[str, str], *, where: str) -> InputError:
@@ -224,18 +232,29 @@ def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
         joints["neck"] = CanonicalJoint(above[0], zero)
 
 
-def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> bool:
-    """Move the head from its joint to half way to its top; False if the file has no top of the head."""
-    head = joints["head"].joint
+def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> str:
+    """Move the head from its joint to half way to its top; a note where the file has no top of the head.
+
+    A head that carries nothing goes on as far as usual, in the direction of the neck; one that carries other joints
+    (eyes) stays at its joint.
+    """
+    head, note = joints["head"].joint, ""
+    ends = [end for end in tree.ends[head] if end.any()]
     if top is not None and tree.parents[top] == head:
-        end = tree.offsets[top]
+        centre = 0.5 * tree.offsets[top]
+    elif ends:
+        centre = 0.5 * max(ends, key=norm)
+    elif tree.children(head):
+        return "the file has no top of the head: its head sensor is the head joint"
     else:
-        ends = [end for end in tree.ends[head] if end.any()]
-        if not ends:
-            return False
-        end = max(ends, key=norm)
-    joints["head"] = replace(joints["head"], local=0.5 * end)
-    return True
+        note = "the file has no top of the head: a head of usual height is taken"
+        bones = tree.path(head)[len(tree.path(joints["pelvis"].joint)) :]
+        bones = [*bones, joints["l_knee"].joint, joints["l_ankle"].joint]
+        height = fsum(norm(tree.offsets[joint]) for joint in bones) / (HEAD_CENTRE - ANKLE - HEAD_RISE)
+        neck = tree.offsets[head]
+        centre = HEAD_RISE * height / max(norm(neck), 1e-12) * neck
+    joints["head"] = replace(joints["head"], local=centre)
+    return note
 
 
 def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
@@ -254,12 +273,12 @@ def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
     """An arm that the performer lacks: as long as the other one, hanging beside the trunk, which carries it."""
     at, other = rest_joint_positions(tree, joints), "r" if side == "l" else "l"
     hips, across = 0.5 * (at["l_hip"] + at["r_hip"]), at["l_hip"] - at["r_hip"]
-    up, shoulder = at["head"] - hips, at[f"{other}_shoulder"]
+    up, shoulder = _direction(at["head"] - hips, least=ALONG), at[f"{other}_shoulder"]
     point = shoulder - 2.0 * dot(shoulder - hips, across) / max(dot(across, across), 1e-12) * across
     bearer = joints.get("chest", joints["pelvis"])
     for part, above in zip(_ARM, ("", *_ARM), strict=False):
         length = norm(at[f"{other}_{part}"] - at[f"{other}_{above}"]) if above else 0.0
-        point = point - length / max(norm(up), 1e-12) * up
+        point = point - length * up
         start = at[next(name for name in ("chest", "pelvis") if name in joints)]
         joints[f"{side}_{part}"] = CanonicalJoint(bearer.joint, point - start, lacking=True)
 
@@ -310,7 +329,7 @@ def find_rest_skeleton(tree: JointTree, pose: Pose, *, up: FloatArray | None, ra
     )
     lacks_foot = not faults and any(hanging_toe(skeleton, s) is None for s in "lr" if f"{s}_toe" in joints)
     if faults or lacks_foot:
-        row = _most_upright(tracks, world)
+        row = _most_upright(tracks, pose, joints, world)
         stands, moves = _based_on(tree, pose, row)
         there, _ = canonical_joints(stands, where=where)
         axes, upright = _as_body(stands, there, front=front, up=world[2])
@@ -394,21 +413,21 @@ def _based_on(tree: JointTree, pose: Pose, row: int) -> tuple[JointTree, Pose]:
     """The same motion of a tree whose zero pose is that of a frame."""
     turn = pose.orientation[row]
     above = np.array([turn[parent] if parent >= 0 else rotations.IDENTITY for parent in tree.parents])
-    ends = tuple(
-        tuple(rotations.rotate(q, end) for end in ends) for q, ends in zip(turn, tree.ends, strict=True)
-    )
+    ends = tuple(tuple(rotations.rotate(q, end) for end in ends) for q, ends in zip(turn, tree.ends, strict=True))
     stands = replace(tree, offsets=rotations.rotate(above, tree.offsets), ends=ends)
     return stands, Pose(pose.position, rotations.multiply(pose.orientation, rotations.conjugate(turn)))
 
 
-def _most_upright(tracks: Mapping[str, FloatArray], world: FloatArray) -> int:
-    """The frame in which a body stands most like a rest pose: upright, ahead, legs straight, arms straight and hanging
-    or out to the sides.
+def _most_upright(
+    tracks: Mapping[str, FloatArray], pose: Pose, joints: Mapping[str, CanonicalJoint], world: FloatArray
+) -> int:
+    """The frame in which a body stands most like a rest pose: upright, looking ahead, legs straight, arms straight and
+    hanging or out to the sides.
 
-    tracks: canonical joints (T, 3) in file axes. Each line of the body costs 1 minus the cosine to where it should go.
+    tracks: canonical joints (T, 3) in file axes. Each line of the body costs 1 minus the cosine to where it should go;
+    so does each turn of head and chest away from how they are held on average, which no line shows.
     """
-    count = len(tracks["head"])
-    rows = np.unique(np.linspace(0, count - 1, MAX_LOOKED_AT).astype(int))
+    rows = np.unique(np.linspace(0, len(pose.position) - 1, MAX_LOOKED_AT).astype(int))
     at = {name: matmul(track[rows], world.T) for name, track in tracks.items()}
     up = np.array([0.0, 0.0, 1.0])
     hips = at["l_hip"] - at["r_hip"]
@@ -416,9 +435,16 @@ def _most_upright(tracks: Mapping[str, FloatArray], world: FloatArray) -> int:
     ahead = np.cross(left, up)
     middle = 0.5 * (at["l_hip"] + at["r_hip"])
     # The trunk and which way it faces carry all that no bone direction shows, so they count more.
-    cost = 3.0 * _off(at["head"] - middle, up) + 3.0 * _off(at["l_shoulder"] - at["r_shoulder"], left) + _off(hips, left)
-    if "neck" in at:
-        cost = cost + _off(at["head"] - at["neck"], up)
+    cost = (
+        3.0 * _off(at["head"] - middle, up) + 3.0 * _off(at["l_shoulder"] - at["r_shoulder"], left) + _off(hips, left)
+    )
+    held = [joints[name].joint for name in ("pelvis", "chest", "head") if name in joints]
+    for below, above in pairwise(held):
+        turn = rotations.multiply(rotations.conjugate(pose.orientation[rows, below]), pose.orientation[rows, above])
+        turn = turn * np.where((turn * turn[0]).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
+        usual = rotations.normalise(turn.mean(axis=0))
+        cosine = (turn * usual).sum(axis=1)
+        cost = cost + 2.0 * (1.0 - cosine * cosine)
     for s in "lr":
         cost = cost + _off(at[f"{s}_hip"] - at[f"{s}_knee"], up) + _off(at[f"{s}_knee"] - at[f"{s}_ankle"], up)
         arm, forearm = at[f"{s}_elbow"] - at[f"{s}_shoulder"], at[f"{s}_wrist"] - at[f"{s}_elbow"]

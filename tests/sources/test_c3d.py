@@ -249,6 +249,8 @@ FEW = {name: MARKERS[name] for name in ("LFHD", "RFHD", "LBHD", "RBHD")}
         (66_000, {}, 66_000),  # all counters are at their end
         (60_000, {}, None),
         (67_000, {"POINT:FRAMES": 70_000.0}, None),
+        (70_000, {"POINT:FRAMES": 70_000.0, "POINT:LONG_FRAMES": float("nan")}, 70_000),
+        (64, {"POINT:FRAMES": 64, "TRIAL:ACTUAL_START_FIELD": np.array([9, 9]), "POINT:LONG_FRAMES": 3e9}, 64),
     ],
 )
 def test_counts_beyond_16_bits(tmp_path: Path, held: int, more: dict[str, object], read: int | None) -> None:

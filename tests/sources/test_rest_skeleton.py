@@ -1,0 +1,179 @@
+"""The rest skeleton of a joint tree: any rig of one motion is read as that motion, and what is no body is refused."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from messages import refuses, shows
+from retarget import rotations
+from retarget.errors import InputError
+from retarget.frames import SENSORS, SensorFrames
+from retarget.human.calibration import calibrate
+from retarget.model.human import build_human
+from retarget.sources.axes import UP_AXES
+from retarget.sources.canonical import canonical_frames
+from retarget.sources.rest_skeleton import canonical_joints, true_offsets
+from retarget.sources.skeletons import Channel, JointTree, Pose, joints_by_shape, posed
+from rigs import along, body, carried, differences, in_axes, moved
+
+
+def read(tree: JointTree, pose: Pose, *, unit: float | None = None) -> SensorFrames:
+    return canonical_frames(tree, pose, unit=unit, rate=30.0, source="here")
+
+
+PLAIN = read(body(), moved(body()))
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    bones=st.sampled_from((None, *UP_AXES)),
+    noise=st.sampled_from((0.0, 1e-5)),
+    prefix=st.sampled_from(("", "Bip01 ", "mixamorig:", "Ann_")),
+    carriers=st.integers(0, 2),
+    up=st.sampled_from(tuple(UP_AXES)),
+    mirrored=st.booleans(),
+    heading=st.sampled_from((0.0, 0.6, -2.0)),
+    unit=st.sampled_from((1.0, 0.01, 0.001)),
+)
+@example(bones="x", noise=1e-5, prefix="", carriers=0, up="y", mirrored=False, heading=0.0, unit=0.01)
+@example(bones=None, noise=0.0, prefix="", carriers=0, up="y", mirrored=True, heading=0.0, unit=0.01)
+def test_every_rig_of_a_motion_is_read_as_that_motion(
+    bones: str | None,
+    noise: float,
+    prefix: str,
+    carriers: int,
+    up: str,
+    mirrored: bool,
+    heading: float,
+    unit: float,
+) -> None:
+    tree, pose = body(), moved(body())
+    if bones is not None:
+        tree, pose = along(tree, pose, UP_AXES[bones], noise)
+    tree, pose = carried(tree, pose, prefix, carriers)
+    tree, pose = in_axes(tree, pose, UP_AXES[up], mirrored=mirrored, heading=heading, unit=unit)
+    frames = read(tree, pose)
+    mm, degrees = differences(frames, PLAIN)
+    assert mm < 25.0 and degrees < 15.0
+    assert frames.skeleton is not None
+    assert frames.skeleton.distance("l_shoulder", "r_shoulder") == pytest.approx(0.36, abs=2e-3)
+    assert any("mirrored" in note for note in frames.notes) == mirrored
+    assert any("all rotations zero" in note for note in frames.notes) == (bones is not None)
+    build_human(calibrate(frames))
+
+
+def test_a_tree_that_stands_in_no_frame_is_refused() -> None:
+    tree, pose = along(body(), moved(body()), UP_AXES["x"], 1e-5)
+    lying = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2)
+    position = rotations.rotate(lying, pose.position) + [0.0, 0.1, 0.0]
+    fallen = Pose(position, rotations.multiply(lying, pose.orientation))
+    with refuses(InputError, where="here", next_step="T-pose"):
+        canonical_frames(tree, fallen, unit=1.0, rate=30.0, source="here", up=UP_AXES["y"])
+    swapped = tuple(
+        name.replace("Left", "?").replace("Right", "Left").replace("?", "Right") if "Arm" in name or "Hand" in name else name
+        for name in tree.names
+    )
+    with refuses(InputError, where="here", next_step="arm"):
+        read(JointTree(swapped, body().parents, body().offsets, body().ends), moved(body()))
+
+
+def test_feet_without_length_have_no_toes() -> None:
+    for toe in ((0.0, -0.08, 0.0), (0.004, -0.08, 0.006)):
+        tree = body(toe=toe)
+        frames = read(tree, moved(tree))
+        assert "l_toe" not in frames.names and frames.skeleton is not None and "l_toe" not in frames.skeleton.names
+        shows(frames.notes[-1])
+        person = calibrate(frames)
+        assert person.of("l_toe")[0] > 0.1 and np.isfinite(build_human(person).body.qpos0).all()
+        assert differences(frames, PLAIN)[1] < 15.0
+
+
+# A performer without an arm.
+
+
+@pytest.mark.parametrize(("there", "lacking"), [("Left", "r"), ("Right", "l")])
+def test_an_arm_that_is_not_there_hangs_beside_the_trunk(there: str, lacking: str) -> None:
+    tree = body(arms=(there,))
+    frames = read(tree, moved(tree))
+    assert set(frames.names) == set(SENSORS) and frames.joints is not None
+    assert f"{lacking}_wrist" not in frames.joints.names, "the file does not know where it is"
+    shows(frames.notes[-1])
+    wrist, shoulder = (frames.position[0, frames.index(f"{lacking}_{part}")] for part in ("wrist", "shoulder"))
+    np.testing.assert_allclose(wrist - shoulder, [0.0, 0.0, -0.53], atol=0.02)
+    trunk, hand = frames.orientation[:, frames.index("chest")], frames.orientation[:, frames.index(f"{lacking}_wrist")]
+    np.testing.assert_allclose(rotations.angle_between(trunk, hand), 0.0, atol=1e-6)
+    person = calibrate(frames)
+    assert person.length("l_wrist") == pytest.approx(person.length("r_wrist"))
+
+
+def test_an_arm_by_another_name_is_no_missing_arm() -> None:
+    names = tuple("Thing" if name == "RightForeArm" else name for name in body().names)
+    stick, _ = along(body(), moved(body()), UP_AXES["x"], 0.0)
+    with refuses(InputError, "r_elbow"):
+        canonical_joints(JointTree(names, stick.parents, stick.offsets, stick.ends), where="here")
+    by_shape, notes = canonical_joints(JointTree(names, body().parents, body().offsets, body().ends), where="here")
+    assert names[by_shape["r_elbow"].joint] == "Thing"
+    shows(notes[0])
+
+
+# Bodies that are recognised by their shape.
+
+
+def test_a_root_on_the_floor_and_bones_of_the_face_do_not_change_the_shape() -> None:
+    tree, _ = carried(body(), moved(body()), "n", 2)
+    plain = JointTree(tuple(f"n{i}" for i in range(len(tree.names))), tree.parents, tree.offsets, tree.ends)
+    found = joints_by_shape(plain)
+    assert found is not None
+    for name, joint in (("head", "Head"), ("l_ankle", "LeftFoot"), ("r_wrist", "RightHand"), ("l_hip", "LeftUpLeg")):
+        assert tree.names[found[name]] == f"n{joint}"
+    head = tree.names.index("nHead")
+    faces = ((0.03, 0.08, 0.09), (-0.03, 0.08, 0.09), (0.0, 0.0, 0.07), (0.0, 0.21, 0.0))
+    count = len(faces)
+    for name in ("n", "Head"):
+        with_face = JointTree(
+            (*(name if at == head else f"n{at}" for at in range(len(tree.names))), *(f"f{i}" for i in range(count))),
+            (*tree.parents, *(head,) * count),
+            np.concatenate((tree.offsets, faces)),
+            (*((() if at == head else ends) for at, ends in enumerate(tree.ends)), *((),) * count),
+        )
+        found = joints_by_shape(with_face)
+        assert found is not None and found["head"] == head and found["head_top"] == len(tree.names) + count - 1
+
+
+# Offsets and position channels that do not agree.
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    kind=st.sampled_from(("absolute", "differences", "zero offsets", "other offsets")),
+    stretch=st.floats(0.0, 0.1),
+    carriers=st.integers(0, 1),
+    scale=st.sampled_from((1.0, 100.0)),
+)
+def test_bones_are_as_long_as_in_the_frames(kind: str, stretch: float, carriers: int, scale: float) -> None:
+    tree, pose = carried(body(), moved(body()), "", carriers)
+    offsets, hips = scale * tree.offsets, carriers
+    channels: list[list[Channel]] = [[("t", 0), ("t", 1), ("t", 2)] for _ in tree.names]
+    rows = np.tile(offsets, (5, 1, 1))
+    rows[:, hips + 1 :] *= 1.0 + stretch * np.linspace(-1.0, 1.0, 5)[:, None, None]
+    rows[:, hips] = scale * np.array([0.3, 0.9, 0.2])
+    right = JointTree(tree.names, tree.parents, offsets, tuple(tuple(scale * end for end in ends) for ends in tree.ends))
+    truth = posed(right, channels, rows.reshape(5, -1))
+    values, written = rows.copy(), right
+    if kind == "differences":
+        below = slice(hips + 1 if carriers == 0 else 1, None)
+        values[:, below] -= offsets[below]
+    elif kind != "absolute":
+        factor = 0.0 if kind == "zero offsets" else 3.0
+        written = JointTree(tree.names, tree.parents, factor * offsets, right.ends)
+    found, given_values, notes = true_offsets(written, channels, values.reshape(5, -1))
+    again = posed(found, channels, given_values)
+    pelvis = slice(hips, None)
+    np.testing.assert_allclose(
+        again.position[:, pelvis] - again.position[:, hips : hips + 1],
+        truth.position[:, pelvis] - truth.position[:, hips : hips + 1],
+        atol=1e-9 * scale,
+    )
+    np.testing.assert_allclose(found.offsets[hips + 1 :], offsets[hips + 1 :], atol=1e-9 * scale)
+    assert len(notes) == (kind != "absolute")
