@@ -56,8 +56,7 @@ from retarget.schema.catalogue import shipped_folder
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
-from retarget.setup.body_draft import draft_body
-from retarget.setup.robot_file import read_source
+from retarget.setup.import_robot import read_robot
 from retarget.sources.asf_amc import read_amc
 from retarget.sources.c3d import KNOWN_MARKERS, read_marker_table
 from retarget.sources.open import open_source
@@ -299,8 +298,8 @@ def corpus(folder: Path) -> list[Kind]:
 
 
 def import_body(path: Path) -> object:
-    """The body that `retarget import` writes."""
-    return draft_body(read_source(path))
+    """The body that `retarget import` writes, and the links that it proposes."""
+    return read_robot(path)
 
 
 def _read_stream(path: Path) -> object:

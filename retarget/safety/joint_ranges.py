@@ -54,7 +54,9 @@ def _deep(robot: RobotBody, observers: Observers, pairs: IntArray, postures: Flo
     position, quat = placed(robot.body, observers, postures)
     sides: list[Any] = []
     for half in pairs.T:
-        kinds, sizes = (np.repeat(part[half][None], len(postures), axis=0) for part in (observers.kinds, observers.sizes))
+        kinds, sizes = (
+            np.repeat(part[half][None], len(postures), axis=0) for part in (observers.kinds, observers.sizes)
+        )
         shaped = (position[:, half].reshape(-1, 3), quat[:, half].reshape(-1, 4))
         sides += [kinds.ravel(), sizes.reshape(-1, 3), *map(np.ascontiguousarray, shaped)]
     if not pairs.size:

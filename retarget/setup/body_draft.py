@@ -170,8 +170,8 @@ def _far_too_large(model: Any, meshes: MeshFiles) -> str:
     if not found:
         return ""
     return (
-        f"meshes of up to {max(found.values()):.3g} m, where all joints are within {spread:.2g} m: are they in mm? Then "
-        f'write scale="0.001 0.001 0.001" into <mesh>: {listed(list(found))}'
+        f"meshes of up to {max(found.values()):.3g} m, where all joints are within {spread:.2g} m: are they in mm? "
+        f'Then write scale="0.001 0.001 0.001" into <mesh>: {listed(list(found))}'
     )
 
 

@@ -4,7 +4,7 @@ only a draft.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -94,7 +94,7 @@ class Draft:
     landmarks: dict[str, Landmark]
     shapes: tuple[LinkShape, ...] = ()
     ignored: tuple[IgnoredLinks, ...] = ()
-    links: Links = Links()
+    links: Links = field(default_factory=Links)
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 

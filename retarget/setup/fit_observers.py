@@ -1,4 +1,4 @@
-"""Fits observers to a robot's body: the shapes, the pairs that cannot be watched, and both as YAML text with reasons."""
+"""Fits observers to a robot's body: the shapes, the pairs that cannot be watched, and both as YAML text."""
 
 import json
 import re
@@ -44,11 +44,10 @@ class Zones:
 
 @dataclass(frozen=True)
 class IgnoredLinks:
-    """A pair of links that is proposed to be ignored, and why. is_draft: True if another posture may change it."""
+    """A pair of links that is proposed to be ignored, and why."""
 
     links: tuple[str, str]
     reason: str
-    is_draft: bool = False
 
 
 class PlacedShapes:
@@ -90,23 +89,18 @@ class PlacedShapes:
 
 NEAREST_M = 0.002
 """Parts that are nearer than this to each other in a posture touch."""
-EXCLUDED = "the body file excludes their contact"
-TOUCHES = "touch in the posture {}: draw their shapes tighter, or move the posture, then remove this; nothing keeps them apart"
+TOUCHES = "touch in the posture {}: draw their shapes tighter, or move it, then remove this; nothing keeps them apart"
 
 
 def ignored_links(
-    placed: PlacedShapes, neutral: Mapping[str, float], postures: Mapping[str, Mapping[str, float]], model: Any
+    placed: PlacedShapes, neutral: Mapping[str, float], postures: Mapping[str, Mapping[str, float]]
 ) -> tuple[IgnoredLinks, ...]:
-    """The pairs of links that a profile had better ignore: those that the body file excludes, and those that touch in
-    the neutral one or others (rad by joint, by name), in which a run would not begin. model: `mujoco.MjModel`."""
-    # `exclude_signature` has 16 bits for each link of a pair.
-    codes = [int(code) for code in np.asarray(model.exclude_signature)]
-    excluded = {(model.body(code >> 16).name, model.body(code & 0xFFFF).name) for code in codes}
-    shaped = {shape.link_name for shape in placed.shapes}
-    found = {frozenset(pair): IgnoredLinks(pair, EXCLUDED) for pair in sorted(excluded) if shaped.issuperset(pair)}
+    """The pairs of links that a profile had better ignore: those that touch in the neutral posture or in others (rad by
+    joint, by name), in which a run would not begin."""
+    found: dict[tuple[str, ...], IgnoredLinks] = {}
     for name, angles in {"neutral": neutral, **postures}.items():
-        for pair in sorted(sorted(pair) for pair in placed.touching(angles, neutral)):
-            found.setdefault(frozenset(pair), IgnoredLinks((pair[0], pair[1]), TOUCHES.format(name), is_draft=True))
+        for pair in sorted(tuple(sorted(pair)) for pair in placed.touching(angles, neutral)):
+            found.setdefault(pair, IgnoredLinks((pair[0], pair[1]), TOUCHES.format(name)))
     return tuple(found.values())
 
 
@@ -164,8 +158,7 @@ def fragment(head: Iterable[str], shapes: Sequence[LinkShape], pairs: Sequence[I
         ]
     lines += ["", "ignore_pairs:" if pairs else "ignore_pairs: []"]
     for pair in pairs[:MAX_PAIRS]:
-        mark = f"  {DRAFT}" if pair.is_draft else ""
-        lines += [f"  - pair: {flow(pair.links)}{mark}", f"    reason: {json.dumps(pair.reason)}"]
+        lines += [f"  - pair: {flow(pair.links)}  {DRAFT}", f"    reason: {json.dumps(pair.reason)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -197,7 +190,7 @@ def fit(robot: str, zones: Zones) -> Fit:
         file, name = compile_body(profile.body_path, root=profile.root), profile.name
         neutral, inputs = profile.postures.neutral, (profile.body_path, profile.path)
     shapes = fitted_shapes(file.model, source=file.source)
-    ignored = ignored_links(PlacedShapes(body_from_file(file), shapes), neutral, {}, file.model)
+    ignored = ignored_links(PlacedShapes(body_from_file(file), shapes), neutral, {})
     head = [
         f"Proposed by retarget fit-observers for {name}: put it in place of the profile's own two sections.",
         *(f"Note: {note}." for note in file.notes),

@@ -164,7 +164,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
         postures=postures.angles,
         landmarks=find_landmarks(posed, postures.angles["stand"]),
         shapes=body.shapes,
-        ignored=ignored_links(placed, postures.angles["neutral"], others, body.model),
+        ignored=ignored_links(placed, postures.angles["neutral"], others),
         links=links,
         missing=found.missing,
         notes=tuple(notes),

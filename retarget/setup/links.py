@@ -1,4 +1,4 @@
-"""The links that say what is what on a robot, as names: proposed from the tree and its names, then given or accepted."""
+"""The links that say what is what on a robot: proposed from the tree and its names, then given or accepted."""
 
 import re
 from collections.abc import Sequence
@@ -97,9 +97,43 @@ TOLERANCE = 0.03
 """Share of the robot's size: so far a mirrored part may be from its counterpart."""
 SIDES = {"l": 1, "left": 1, "r": -1, "right": -1}
 """Words of names: 1 for the left, -1 for the right."""
-ARM_WORDS = frozenset("arm sho shoulder upperarm el elbow forearm wrist hand palm gripper finger claw".split())
-LEG_WORDS = frozenset("leg hip thigh femur knee shin shank tibia calf ankle ank foot feet sole toe".split())
-HEAD_WORDS = frozenset("neck head face".split())
+ARM_WORDS = frozenset(
+    [
+        "arm",
+        "sho",
+        "shoulder",
+        "upperarm",
+        "el",
+        "elbow",
+        "forearm",
+        "wrist",
+        "hand",
+        "palm",
+        "gripper",
+        "finger",
+        "claw",
+    ]
+)
+LEG_WORDS = frozenset(
+    [
+        "leg",
+        "hip",
+        "thigh",
+        "femur",
+        "knee",
+        "shin",
+        "shank",
+        "tibia",
+        "calf",
+        "ankle",
+        "ank",
+        "foot",
+        "feet",
+        "sole",
+        "toe",
+    ]
+)
+HEAD_WORDS = frozenset(["neck", "head", "face"])
 NORMALS = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
 """A robot looks along x (REP-103), or along y."""
 HIPS = 0.6

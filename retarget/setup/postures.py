@@ -92,7 +92,9 @@ def find_posture(posed: Posed, *, spread: float, ahead: float, bend: float, shar
         return found
 
     first = np.array([start.get(joint, 0.0) for joint in joints])
-    angles = dict(zip(joints, least_squares(off, np.clip(first, low, high), lower=low, upper=high).tolist(), strict=True))
+    angles = dict(
+        zip(joints, least_squares(off, np.clip(first, low, high), lower=low, upper=high).tolist(), strict=True)
+    )
     placed = posed.place(angles)
     left = [np.abs(one) for one in legs_off(placed.axes, placed.positions, placed.centre_of_mass)]
     stands = all(one[:2].max() <= FLAT and one[2:4].max() <= OVER for one in left)

@@ -5,7 +5,8 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import degrees, isfinite, pi, radians
+from itertools import takewhile
+from math import isfinite, pi, radians
 from pathlib import Path
 from urllib.parse import unquote
 from xml.etree import ElementTree
@@ -101,9 +102,10 @@ class MeshFiles:
         for file in [end[-1]] if f".{suffix}" in READABLE else [stem + kind for kind in READABLE]:
             for path in self._indices[root].get(file, ()):
                 folders = [part.lower() for part in path.relative_to(root).parts[:-1]]
-                alike = len(os.path.commonprefix([folders[::-1], end[-2::-1]]))
+                both = zip(reversed(folders), reversed(end[:-1]), strict=False)
+                alike = len(list(takewhile(lambda pair: pair[0] == pair[1], both)))
                 found += [(-alike, len(folders), path)] if _is_mesh(path) else []
-        return min(found, default=(0, 0, None))[2]
+        return min(found)[2] if found else None
 
     def read(self, name: str) -> str | None:
         """The name that MuJoCo has for the mesh of a name; None: there is no such file."""
@@ -209,7 +211,9 @@ def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUr
         raise InputError.from_problems(problems, title=f"{source.path}: {len(problems)} problems")
     speeds = {joint.get("name", ""): _limit(joint, "velocity") for joint in root.iter("joint")}
     speeds = {name: speed for name, speed in speeds.items() if 0.0 < speed < 1e3}
-    above = {one.get("link", "").lower() for joint in root.iterfind("joint[@type='fixed']") for one in joint.iter("parent")}
+    above = {
+        one.get("link", "").lower() for joint in root.iterfind("joint[@type='fixed']") for one in joint.iter("parent")
+    }
     return ReadyUrdf(ElementTree.tostring(root, encoding="unicode"), notes, limits, speeds, welded="world" in above)
 
 
@@ -231,9 +235,7 @@ def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
     notes += [f"{kind} joints, which no servo drives, made rigid: {listed(names)}" for kind, names in found.items()]
 
 
-def _limits(
-    root: ElementTree.Element, source: Source, notes: list[str], changed: dict[str, str]
-) -> Iterator[Problem]:
+def _limits(root: ElementTree.Element, source: Source, notes: list[str], changed: dict[str, str]) -> Iterator[Problem]:
     """Mend the limits of revolute joints, which MuJoCo would drop where they are wrong: a joint never gets a wider
     range than the file may mean. A file most of whose joints have limits in degrees has all of them so."""
     joints = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "revolute"}
@@ -262,9 +264,13 @@ def _limits(
         limit.set("lower", repr(low))
         limit.set("upper", repr(high))
         changed[name] = f"{' and '.join(kinds)} in the file, {lower:g} to {upper:g}"
-    if len(found["rigid"]) == len(joints) > 0 and not any(one.get("type") == "continuous" for one in root.iter("joint")):
+    if len(found["rigid"]) == len(joints) > 0 and not any(
+        one.get("type") == "continuous" for one in root.iter("joint")
+    ):
         step = "Write lower and upper, in rad, into the <limit> of each joint that a servo turns"
-        yield Problem("no joint has a range", str(source.path), f"limits of no range: {listed(found['rigid'])}", "", step)
+        yield Problem(
+            "no joint has a range", str(source.path), f"limits of no range: {listed(found['rigid'])}", "", step
+        )
     words = {
         "look like degrees": "limits that look like degrees, and are taken for that; a URDF has rad",
         "swapped": "limits with the upper one first, exchanged",

@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,9 +61,7 @@ def models_in_names(names: Iterable[str]) -> list[ServoModel]:
     return []
 
 
-def guess_servos(
-    body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = ""
-) -> tuple[ServoDraft, ...]:
+def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = "") -> tuple[ServoDraft, ...]:
     """A servo for each hinge. Ids are the numbers in the names of the joints, else from 1 in the order of the body.
     model: of all servos; else as names of meshes and links tell it, else by torque and speed.
 
@@ -80,7 +78,7 @@ def guess_servos(
     for number, node in enumerate(tree.nodes[1:], 1):
         torque = torques.get(node.joint, 0.0)
         chosen, why = candidates[0], "as given" if model else "by the names in the file"
-        if len(told) > 1 and torque > 0.0 or not told:
+        if (len(told) > 1 and torque > 0.0) or not told:
             chosen, why = _chosen(candidates, torque, speeds.get(node.joint, 0.0))
         limits, note = _limits(node.lower, node.upper, chosen)
         note = "; ".join(filter(None, (body.ready.limits.get(node.joint, ""), note)))

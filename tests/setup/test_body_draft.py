@@ -172,7 +172,7 @@ def test_meshes_are_found_whatever_the_case_and_path_of_their_names(
     found = MeshFiles(urdf).find(name)
     in_package = "urdf" not in folder
     by_package = name.startswith(("package", "model", "$")) and folder[0] == "r"
-    if not in_package and not name.startswith("..") or in_package and (by_package or name.startswith("..")):
+    if (not in_package and not name.startswith("..")) or (in_package and (by_package or name.startswith(".."))):
         assert found is not None and found.resolve() == place
     else:
         assert found is None or found.resolve() == place

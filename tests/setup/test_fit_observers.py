@@ -79,9 +79,9 @@ def test_distances_are_those_of_mujoco_and_what_touches_is_ignored() -> None:
         exact = {pair: mujoco.mj_geomDistance(file.model, data, *pair, 1e3, None) for pair in pairs}
         assert sorted(placed.distances(angles)) == pytest.approx(sorted(exact.values()), abs=5e-5)
     curled = dict.fromkeys(("j0", "j1", "j2", "j3"), 1.57)
-    assert not ignored_links(placed, {}, {}, file.model)
-    (found,) = ignored_links(placed, {}, {"stand": curled}, file.model)
-    assert set(found.links) == {"base", "l3"} and "stand" in found.reason and found.is_draft
+    assert not ignored_links(placed, {}, {})
+    (found,) = ignored_links(placed, {}, {"stand": curled})
+    assert set(found.links) == {"base", "l3"} and "stand" in found.reason
 
 
 # `retarget fit-observers` as a user meets it: a fragment that loads in a profile, files, exit codes.

@@ -350,7 +350,9 @@ def test_no_torque_and_a_torque_that_no_servo_has() -> None:
 
 @given(
     known=st.sampled_from([name for name, entry in SERVO_MODELS.items() if 2 in entry.protocols]),
-    write=st.sampled_from([str.lower, str.upper, lambda name: name.replace("-", "_"), lambda name: name.replace("-", "")]),
+    write=st.sampled_from(
+        [str.lower, str.upper, lambda name: name.replace("-", "_"), lambda name: name.replace("-", "")]
+    ),
     series=st.booleans(),
 )
 def test_names_tell_a_model_in_any_writing(known: str, write: Callable[[str], str], *, series: bool) -> None:

@@ -122,26 +122,57 @@ def darwin_like(folder: Path) -> Path:
     pose, shins with shells that are wide above, and a dummy link of 1 mm at each shoulder; names end in _L and _R."""
     parts, wide = [], (-2.618, 2.618)
     for side, s in (("L", 1.0), ("R", -1.0)):
-        name = {key: f"MP_{key}_{side}" for key in ("BACK", "SHO", "ARM_HIGH", "ARM_LOW", "PELVIS", "THIGH1", "THIGH2",
-                                                    "TIBIA", "ANKLE1", "ANKLE2")}  # fmt: skip
+        name = {
+            key: f"MP_{key}_{side}"
+            for key in ("BACK", "SHO", "ARM_HIGH", "ARM_LOW", "PELVIS", "THIGH1", "THIGH2", "TIBIA", "ANKLE1", "ANKLE2")
+        }
         parts += [
-            Part(name["BACK"], "MP_BODY", (-0.02, 0.06 * s, 0.0), ZERO, ZERO[:2], (0.001,) * 3, mass=0.001, kind="fixed"),
-            Part(name["SHO"], "MP_BODY", (0, 0.0575 * s, 0), (0, s, 0), wide, (0.03, 0.02, 0.03), (0, 0.01 * s, 0), 0.026),
             Part(
-                name["ARM_HIGH"], name["SHO"], (0, 0.0245 * s, -0.016), (-1, 0, 0), wide, (0.035, 0.03, 0.05),
-                (0.005, 0.025 * s, -0.025), 0.17,
+                name["BACK"], "MP_BODY", (-0.02, 0.06 * s, 0.0), ZERO, ZERO[:2], (0.001,) * 3, mass=0.001, kind="fixed"
             ),
             Part(
-                name["ARM_LOW"], name["ARM_HIGH"], (0.016, 0.0424 * s, -0.0424), (0, s, 1), wide, (0.12, 0.03, 0.03),
-                (0.065, 0, 0), 0.06,
+                name["SHO"], "MP_BODY", (0, 0.0575 * s, 0), (0, s, 0), wide, (0.03, 0.02, 0.03), (0, 0.01 * s, 0), 0.026
             ),
-            Part(name["PELVIS"], "MP_BODY", (-0.005, 0.037 * s, -0.0907), (0, 0, -1), wide, (0.03, 0.04, 0.02), mass=0.03),
+            Part(
+                name["ARM_HIGH"],
+                name["SHO"],
+                (0, 0.0245 * s, -0.016),
+                (-1, 0, 0),
+                wide,
+                (0.035, 0.03, 0.05),
+                (0.005, 0.025 * s, -0.025),
+                0.17,
+            ),
+            Part(
+                name["ARM_LOW"],
+                name["ARM_HIGH"],
+                (0.016, 0.0424 * s, -0.0424),
+                (0, s, 1),
+                wide,
+                (0.12, 0.03, 0.03),
+                (0.065, 0, 0),
+                0.06,
+            ),
+            Part(
+                name["PELVIS"], "MP_BODY", (-0.005, 0.037 * s, -0.0907), (0, 0, -1), wide, (0.03, 0.04, 0.02), mass=0.03
+            ),
             Part(name["THIGH1"], name["PELVIS"], (0, 0, -0.0315), (-1, 0, 0), wide, (0.04, 0.04, 0.04), mass=0.17),
             Part(name["THIGH2"], name["THIGH1"], ZERO, (0, -s, 0), wide, (0.045, 0.045, 0.07), (0, 0, -0.05), 0.12),
-            Part(name["TIBIA"], name["THIGH2"], (0, 0, -0.093), (0, -s, 0), wide, (0.064, 0.065, 0.1), (0, 0, -0.045), 0.07),
+            Part(
+                name["TIBIA"],
+                name["THIGH2"],
+                (0, 0, -0.093),
+                (0, -s, 0),
+                wide,
+                (0.064, 0.065, 0.1),
+                (0, 0, -0.045),
+                0.07,
+            ),
             Part(name["ANKLE1"], name["TIBIA"], (0, 0, -0.093), (0, s, 0), wide, (0.04, 0.04, 0.03), mass=0.17),
-            Part(name["ANKLE2"], name["ANKLE1"], ZERO, (1, 0, 0), wide, (0.1, 0.06, 0.01), (0, 0.008 * s, -0.0285), 0.08),
-        ]  # fmt: skip
+            Part(
+                name["ANKLE2"], name["ANKLE1"], ZERO, (1, 0, 0), wide, (0.1, 0.06, 0.01), (0, 0.008 * s, -0.0285), 0.08
+            ),
+        ]
     parts += [
         Part("MP_NECK", "MP_BODY", (0, 0, 0.0205), (0, 0, 1), wide, (0.03, 0.03, 0.03), mass=0.024),
         Part("MP_HEAD", "MP_NECK", (0, 0, 0.03), (0, -1, 0), wide, (0.08, 0.09, 0.08), (0.01, 0, 0.04), 0.158),
@@ -158,34 +189,88 @@ def ground_rooted(folder: Path) -> Path:
         leg, arm = f"leg_{side}", f"arm_{side}"
         parts += [
             Part(f"{leg}_hip_roll", "base", (0, 0.09 * s, 0.42), (1, 0, 0), (-1.0, 1.0), (0.05, 0.05, 0.05), mass=0.5),
-            Part(f"{leg}_hip_yaw", f"{leg}_hip_roll", (0, 0, -0.04), (0, 0, 1), (-1.0, 1.0), (0.05, 0.05, 0.04), mass=0.5),
             Part(
-                f"{leg}_hip_pitch", f"{leg}_hip_yaw", (0, 0, -0.02), (0, 1, 0), (-1.9, 1.0), (0.05, 0.05, 0.14),
-                (0, 0, -0.08), 0.8,
+                f"{leg}_hip_yaw", f"{leg}_hip_roll", (0, 0, -0.04), (0, 0, 1), (-1.0, 1.0), (0.05, 0.05, 0.04), mass=0.5
             ),
             Part(
-                f"{leg}_knee_pitch", f"{leg}_hip_pitch", (0, 0, -0.16), (0, 1, 0), (0.0, 2.3), (0.05, 0.05, 0.12),
-                (0, 0, -0.08), 0.5,
-            ),
-            Part(f"{leg}_ankle_pitch", f"{leg}_knee_pitch", (0, 0, -0.16), (0, 1, 0), (-1.2, 1.0), (0.03, 0.03, 0.02), mass=0.1),
-            Part(
-                f"{leg}_ankle_roll", f"{leg}_ankle_pitch", ZERO, (1, 0, 0), (-0.5, 0.5), (0.16, 0.07, 0.01),
-                (0.02, 0, -0.035), 0.2,
-            ),
-            Part(f"{arm}_shoulder_pitch", "base", (0, 0.12 * s, 0.68), (0, 1, 0), (-3.0, 1.5), (0.05, 0.05, 0.05), mass=0.3),
-            Part(
-                f"{arm}_shoulder_roll", f"{arm}_shoulder_pitch", (0, 0.03 * s, 0), (s, 0, 0), (-0.2, 2.5), (0.05, 0.04, 0.04),
-                (0, 0.01 * s, 0), 0.3,
+                f"{leg}_hip_pitch",
+                f"{leg}_hip_yaw",
+                (0, 0, -0.02),
+                (0, 1, 0),
+                (-1.9, 1.0),
+                (0.05, 0.05, 0.14),
+                (0, 0, -0.08),
+                0.8,
             ),
             Part(
-                f"{arm}_shoulder_yaw", f"{arm}_shoulder_roll", (0, 0.01 * s, -0.04), (0, 0, 1), (-1.5, 1.5), (0.04, 0.04, 0.1),
-                (0, 0, -0.06), 0.3,
+                f"{leg}_knee_pitch",
+                f"{leg}_hip_pitch",
+                (0, 0, -0.16),
+                (0, 1, 0),
+                (0.0, 2.3),
+                (0.05, 0.05, 0.12),
+                (0, 0, -0.08),
+                0.5,
             ),
             Part(
-                f"{arm}_elbow_pitch", f"{arm}_shoulder_yaw", (0, 0, -0.14), (0, 1, 0), (-2.2, 0.0), (0.04, 0.04, 0.16),
-                (0, 0, -0.09), 0.3,
+                f"{leg}_ankle_pitch",
+                f"{leg}_knee_pitch",
+                (0, 0, -0.16),
+                (0, 1, 0),
+                (-1.2, 1.0),
+                (0.03, 0.03, 0.02),
+                mass=0.1,
             ),
-        ]  # fmt: skip
+            Part(
+                f"{leg}_ankle_roll",
+                f"{leg}_ankle_pitch",
+                ZERO,
+                (1, 0, 0),
+                (-0.5, 0.5),
+                (0.16, 0.07, 0.01),
+                (0.02, 0, -0.035),
+                0.2,
+            ),
+            Part(
+                f"{arm}_shoulder_pitch",
+                "base",
+                (0, 0.12 * s, 0.68),
+                (0, 1, 0),
+                (-3.0, 1.5),
+                (0.05, 0.05, 0.05),
+                mass=0.3,
+            ),
+            Part(
+                f"{arm}_shoulder_roll",
+                f"{arm}_shoulder_pitch",
+                (0, 0.03 * s, 0),
+                (s, 0, 0),
+                (-0.2, 2.5),
+                (0.05, 0.04, 0.04),
+                (0, 0.01 * s, 0),
+                0.3,
+            ),
+            Part(
+                f"{arm}_shoulder_yaw",
+                f"{arm}_shoulder_roll",
+                (0, 0.01 * s, -0.04),
+                (0, 0, 1),
+                (-1.5, 1.5),
+                (0.04, 0.04, 0.1),
+                (0, 0, -0.06),
+                0.3,
+            ),
+            Part(
+                f"{arm}_elbow_pitch",
+                f"{arm}_shoulder_yaw",
+                (0, 0, -0.14),
+                (0, 1, 0),
+                (-2.2, 0.0),
+                (0.04, 0.04, 0.16),
+                (0, 0, -0.09),
+                0.3,
+            ),
+        ]
     text = urdf(parts, base="base", size=(0.1, 0.16, 0.26), middle=(0, 0, 0.58), effort=8.0, speed=8.0)
     return with_meshes(text.replace("collision>", "visual>"), folder, "meshes/{}.stl")
 
@@ -198,17 +283,69 @@ def microban_like(folder: Path) -> Path:
         parts += [
             Part(f"{leg}_yaw", "trunk", (0, 0.03 * s, -0.03), (0, 0, 1), (-1.0, 1.0), (0.02, 0.025, 0.02), mass=0.03),
             Part(f"{leg}_roll", f"{leg}_yaw", (0, 0, -0.02), (1, 0, 0), (-0.6, 0.6), (0.025, 0.025, 0.025), mass=0.03),
-            Part(f"{leg}_pitch", f"{leg}_roll", ZERO, (0, 1, 0), (-1.7, 0.8), (0.025, 0.03, 0.05), (0, 0, -0.035), 0.05),
-            Part(f"{side}_knee", f"{leg}_pitch", (0, 0, -0.06), (0, 1, 0), (0.0, 2.2), (0.025, 0.03, 0.04), (0, 0, -0.03), 0.04),
-            Part(f"{side}_ankle_pitch", f"{side}_knee", (0, 0, -0.06), (0, 1, 0), (-1.2, 1.2), (0.025, 0.025, 0.02), mass=0.03),
             Part(
-                f"{side}_ankle_roll", f"{side}_ankle_pitch", ZERO, (1, 0, 0), (-0.6, 0.6), (0.08, 0.04, 0.008),
-                (0.008, 0.003 * s, -0.022), 0.03,
+                f"{leg}_pitch", f"{leg}_roll", ZERO, (0, 1, 0), (-1.7, 0.8), (0.025, 0.03, 0.05), (0, 0, -0.035), 0.05
             ),
-            Part(f"{arm}_pitch", "trunk", (0, 0.04 * s, 0.05), (0, 1, 0), (-3.0, 3.0), (0.02, 0.02, 0.02), (0, 0.005 * s, 0), 0.02),
-            Part(f"{arm}_roll", f"{arm}_pitch", (0, 0.015 * s, 0), (s, 0, 0), (-0.3, 2.8), (0.025, 0.02, 0.05), (0, 0.003 * s, -0.03), 0.04),
-            Part(f"{side}_elbow", f"{arm}_roll", (0, 0.003 * s, -0.06), (0, 1, 0), (-2.3, 0.0), (0.02, 0.02, 0.055), (0, 0, -0.035), 0.03),
-        ]  # fmt: skip
+            Part(
+                f"{side}_knee",
+                f"{leg}_pitch",
+                (0, 0, -0.06),
+                (0, 1, 0),
+                (0.0, 2.2),
+                (0.025, 0.03, 0.04),
+                (0, 0, -0.03),
+                0.04,
+            ),
+            Part(
+                f"{side}_ankle_pitch",
+                f"{side}_knee",
+                (0, 0, -0.06),
+                (0, 1, 0),
+                (-1.2, 1.2),
+                (0.025, 0.025, 0.02),
+                mass=0.03,
+            ),
+            Part(
+                f"{side}_ankle_roll",
+                f"{side}_ankle_pitch",
+                ZERO,
+                (1, 0, 0),
+                (-0.6, 0.6),
+                (0.08, 0.04, 0.008),
+                (0.008, 0.003 * s, -0.022),
+                0.03,
+            ),
+            Part(
+                f"{arm}_pitch",
+                "trunk",
+                (0, 0.04 * s, 0.05),
+                (0, 1, 0),
+                (-3.0, 3.0),
+                (0.02, 0.02, 0.02),
+                (0, 0.005 * s, 0),
+                0.02,
+            ),
+            Part(
+                f"{arm}_roll",
+                f"{arm}_pitch",
+                (0, 0.015 * s, 0),
+                (s, 0, 0),
+                (-0.3, 2.8),
+                (0.025, 0.02, 0.05),
+                (0, 0.003 * s, -0.03),
+                0.04,
+            ),
+            Part(
+                f"{side}_elbow",
+                f"{arm}_roll",
+                (0, 0.003 * s, -0.06),
+                (0, 1, 0),
+                (-2.3, 0.0),
+                (0.02, 0.02, 0.055),
+                (0, 0, -0.035),
+                0.03,
+            ),
+        ]
     parts += [Part("head", "trunk", (0, 0, 0.08), (0, 0, 1), (-1.2, 1.2), (0.05, 0.05, 0.05), (0, 0, 0.03), 0.08)]
     text = urdf(parts, base="trunk", size=(0.05, 0.06, 0.09), middle=(0, 0, 0.025), effort=0.0, speed=0.0)
     return with_meshes(text, folder, "package://assets/{}_xl330.stl")
@@ -228,8 +365,12 @@ def with_meshes(text: str, folder: Path, filename: str) -> Path:
         corners = np.concatenate([np.column_stack([ring, np.full(8, z)]) for z in (-0.5, 0.5)]) * size
         hull = ConvexHull(corners)
         rows = np.zeros(len(hull.simplices), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-        inside = np.einsum("ij,ij->i", np.cross(*(np.diff(corners[hull.simplices], axis=1).swapaxes(0, 1))), hull.equations[:, :3])
-        rows["corners"] = np.where((inside < 0.0)[:, None, None], corners[hull.simplices][:, ::-1], corners[hull.simplices])
+        inside = np.einsum(
+            "ij,ij->i", np.cross(*(np.diff(corners[hull.simplices], axis=1).swapaxes(0, 1))), hull.equations[:, :3]
+        )
+        rows["corners"] = np.where(
+            (inside < 0.0)[:, None, None], corners[hull.simplices][:, ::-1], corners[hull.simplices]
+        )
         name = filename.format(count)
         file = folder / "meshes" / name.rsplit("/", 1)[-1].lower()
         file.write_bytes(bytes(80) + len(rows).to_bytes(4, "little") + rows.tobytes())
