@@ -220,11 +220,12 @@ def read_motion(path: Path, *, root: str | None = None) -> BvhMotion:
     hierarchy, motion_line = read_hierarchy(lines, path)
     frames, rate, first = _read_motion_header(lines, motion_line, path)
     values = _read_values(lines[first:], frames, sum(map(len, hierarchy.channels)), path, first)
-    return _of_root(BvhMotion(hierarchy, values, rate), root, path)
+    places = [f"{path}:{number}" for number, text in _parts(lines[:motion_line]) if text.upper().startswith("ROOT ")]
+    return _of_root(BvhMotion(hierarchy, values, rate), root, places)
 
 
-def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
-    """The joints below one ROOT of a motion, and their columns."""
+def _of_root(motion: BvhMotion, root: str | None, places: list[str]) -> BvhMotion:
+    """The joints below one ROOT of a motion, and their columns. places: where each ROOT is."""
     tree, channels = motion.hierarchy.tree, motion.hierarchy.channels
     roots: dict[str, int] = {}
     for joint in (joint for joint, parent in enumerate(tree.parents) if parent < 0):
@@ -233,7 +234,7 @@ def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
     if root is not None and root not in roots:
         raise UsageError(
             "no such ROOT in the file",
-            where=f"{path}, --performer-root",
+            where=f"{places[0]}, --performer-root",
             found=repr(root)[:80],
             allowed=", ".join(roots),
             next_step=suggest(root, roots),
@@ -241,7 +242,7 @@ def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
     if root is None and len(roots) > 1:
         raise InputError(
             f"{len(roots)} performers in the file",
-            where=str(path),
+            where=places[1],
             found=f"ROOT {', ROOT '.join(roots)}",
             next_step=f"Say whom to follow, for example --performer-root {shlex.quote(next(iter(roots)))}",
         )
