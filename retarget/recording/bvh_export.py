@@ -28,6 +28,9 @@ HUMAN = {"pelvis": "Hips", "spine": "Spine", "chest": "Spine1", "neck": "Neck", 
     for part, name in (_ARM | _LEG).items()
 }
 """Parts of the virtual human: their names in the file."""
+HEAD_JOINT = 0.6
+"""Share of the way from the neck to the centre of the head at which the head's joint stands: below the skull, as tools
+and readers of BVH take it. Its bone ends as far above the centre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,9 @@ def nodes_of(motion: Motion) -> tuple[Node, ...]:
         nodes.append(Node(_name(body.body_names[link], nodes, human), link, parent, np.zeros(3), _end(motion, link)))
         for frame in body.frames:
             if human and frame.body == link and frame.name in HUMAN:
-                nodes.append(Node(HUMAN[frame.name], link, own, frame.position, np.zeros(3)))
+                joint = HEAD_JOINT if frame.name == "head" else 1.0
+                end = 2.0 * (1.0 - joint) * frame.position
+                nodes.append(Node(HUMAN[frame.name], link, own, joint * frame.position, end))
         for child in np.flatnonzero(body.parent == link).tolist():
             if child:
                 add(child, own)

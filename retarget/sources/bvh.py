@@ -224,11 +224,12 @@ def read_motion(path: Path, *, root: str | None = None) -> BvhMotion:
     values = _read_values(lines[first:], sum(map(len, hierarchy.channels)), path, first)
     check_frame_count(len(values), str(path))
     notes = frames_held(len(values), declared, place)
-    return _of_root(BvhMotion(hierarchy, values, rate, notes), root, path)
+    places = [f"{path}:{number}" for number, text in _parts(lines[:motion_line]) if text.upper().startswith("ROOT ")]
+    return _of_root(BvhMotion(hierarchy, values, rate, notes), root, places)
 
 
-def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
-    """The joints below one ROOT of a motion, and their columns."""
+def _of_root(motion: BvhMotion, root: str | None, places: list[str]) -> BvhMotion:
+    """The joints below one ROOT of a motion, and their columns. places: where each ROOT is."""
     tree, channels = motion.hierarchy.tree, motion.hierarchy.channels
     roots: dict[str, int] = {}
     for joint in (joint for joint, parent in enumerate(tree.parents) if parent < 0):
@@ -237,7 +238,7 @@ def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
     if root is not None and root not in roots:
         raise UsageError(
             "no such ROOT in the file",
-            where=f"{path}, --performer-root",
+            where=f"{places[0]}, --performer-root",
             found=repr(root)[:80],
             allowed=", ".join(roots),
             next_step=suggest(root, roots),
@@ -245,7 +246,7 @@ def _of_root(motion: BvhMotion, root: str | None, path: Path) -> BvhMotion:
     if root is None and len(roots) > 1:
         raise InputError(
             f"{len(roots)} performers in the file",
-            where=str(path),
+            where=places[1],
             found=f"ROOT {', ROOT '.join(roots)}",
             next_step=f"Say whom to follow, for example --performer-root {shlex.quote(next(iter(roots)))}",
         )

@@ -170,7 +170,7 @@ def _armless_side(tree: JointTree, found: Mapping[str, int]) -> str:
     lengths = [norm(offset) for offset in tree.offsets]
     size = fsum(lengths[at] for end in ("head", "l_ankle") for at in paths[found[end]] if at not in paths[tree.fork()])
     longest = max(fsum(lengths[at] for at in path if at not in known) for path in paths)
-    return sides[0] if longest <= LIMB_SHARE * size else ""
+    return sides[0] if longest < LIMB_SHARE * size else ""
 
 
 def _arm_of(side: str) -> set[str]:
@@ -235,18 +235,16 @@ def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
 def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> str:
     """Move the head from its joint to half way to its top; a note where the file has no top of the head.
 
-    A head that carries nothing goes on as far as usual, in the direction of the neck; one that carries other joints
-    (eyes) stays at its joint.
+    Where that has an end of no length, the head goes on as far as usual, in the direction of the neck; where it has
+    none at all, its centre is its joint.
     """
     head, note = joints["head"].joint, ""
-    ends = [end for end in tree.ends[head] if end.any()]
-    if top is not None and tree.parents[top] == head:
-        centre = 0.5 * tree.offsets[top]
-    elif ends:
-        centre = 0.5 * max(ends, key=norm)
-    elif tree.children(head):
+    has_top = top is not None and tree.parents[top] == head
+    end = tree.offsets[top] if has_top else max(tree.ends[head], key=norm, default=None)
+    if end is None:
         return "the file has no top of the head: its head sensor is the head joint"
-    else:
+    centre = 0.5 * end
+    if not end.any():
         note = "the file has no top of the head: a head of usual height is taken"
         bones = tree.path(head)[len(tree.path(joints["pelvis"].joint)) :]
         bones = [*bones, joints["l_knee"].joint, joints["l_ankle"].joint]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from messages import refuses, shows
+from messages import refuses, shows, shows_lines
 from motion_texts import C3D_PROCESSORS, MARKERS, c3d_bytes
 from retarget.errors import ConfigError, InputError
 from retarget.frames import SensorFrames
@@ -148,7 +148,7 @@ def test_the_body_decides_which_axis_is_up(
     frames = read_c3d(path)
     np.testing.assert_allclose(frames.position, np.add(plain.position, [1.0, 2.0, 0.0]), atol=1e-6)
     agrees = screen == ("Y" if turned else "+Z")
-    assert any("up axis" in note for note in frames.notes) is not agrees
+    assert any("axis" in note for note in frames.notes) is not agrees
     said = read_c3d(path, up=np.array([0.0, 0.0, -1.0]))
     head, ankle = (said.position[0, said.index(name), 2] for name in ("head", "l_ankle"))
     assert head - ankle == pytest.approx(0.0 if turned else -1.55, abs=0.05)
@@ -169,14 +169,14 @@ def test_points_that_are_nowhere_are_lost(tmp_path: Path, value: float, processo
     frames = read_c3d(write(tmp_path, content))
     assert not frames.valid[0, 0] and frames.valid[1:].all() and frames.valid[0, 1:].all()
     assert np.isnan(frames.position[0, 0]).all()
-    assert any("1 marker positions more than 5 m" in note for note in frames.notes) == (1.0 < abs(value) < 1e9)
+    assert any(note.startswith("1 marker") for note in frames.notes) == (1.0 < abs(value) < 1e9)
 
 
 def test_of_several_performers_the_best_seen_is_read(tmp_path: Path, plain: SensorFrames) -> None:
     both = {"Bo:LANK": (9e3, 9e3, 90.0), **{f"Ann:{name}": at for name, at in MARKERS.items()}, "LFHD": (0.0, 0.0, 1.0)}
     frames = read_c3d(write(tmp_path, c3d_bytes(markers=both)))
     np.testing.assert_allclose(frames.position, plain.position, atol=1e-6)
-    assert "2 performers in the file (Bo, Ann): only 'Ann' is read" in frames.notes
+    shows_lines("\n".join(frames.notes), ("2 performers", "Bo", "only 'Ann'"))
 
 
 def test_files_without_known_markers_are_refused_with_what_they_hold(tmp_path: Path) -> None:

@@ -10,73 +10,10 @@ from people import TRIALS, limbs_lie_along_their_bones, trial
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import SENSORS
-from retarget.sources.canonical import (
-    UNITS,
-    axes_with_up,
-    canonical_frames,
-    canonical_joints,
-    choose_unit,
-    named_unit,
-    rest_axes,
-    world_axes,
-)
+from retarget.sources.canonical import UNITS, canonical_frames, choose_unit, named_unit
+from retarget.sources.rest_skeleton import canonical_joints
 from retarget.sources.skeletons import JointTree, forward_kinematics
 from retarget.types import FloatArray
-
-
-def body(up: FloatArray, left: FloatArray) -> dict[str, FloatArray]:
-    """A person of 1.7 with that up and left."""
-    return {
-        "head": 0.7 * up,
-        **{f"{s}_hip": 0.1 * sign * left - 0.1 * up for s, sign in (("l", 1), ("r", -1))},
-        **{f"{s}_shoulder": 0.2 * sign * left + 0.4 * up for s, sign in (("l", 1), ("r", -1))},
-        **{f"{s}_ankle": 0.1 * sign * left - 0.9 * up for s, sign in (("l", 1), ("r", -1))},
-    }
-
-
-def test_world_axes_keep_the_cyclic_order_of_the_file() -> None:
-    eye = np.eye(3)
-    np.testing.assert_array_equal(axes_with_up(eye[2]), eye)
-    np.testing.assert_array_equal(axes_with_up(eye[1]), [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
-    for up in (*eye, *-eye):
-        matrix = axes_with_up(up)
-        assert np.linalg.det(matrix) == pytest.approx(1.0)
-        np.testing.assert_array_equal(matrix @ up, [0, 0, 1])
-
-
-def test_the_rest_pose_decides_between_all_24_orientations() -> None:
-    directions = [*np.eye(3), *-np.eye(3)]
-    for up in directions:
-        for left in directions:
-            if up @ left:
-                continue
-            axes = rest_axes(body(up, left))
-            assert axes is not None
-            np.testing.assert_array_equal(axes @ np.stack([np.cross(left, up), left, up], axis=1), np.eye(3))
-
-
-def test_arms_and_legs_that_do_not_agree_which_side_is_left_are_refused() -> None:
-    rest = body(np.eye(3)[1], np.eye(3)[0])
-    swapped = rest | {"l_shoulder": rest["r_shoulder"], "r_shoulder": rest["l_shoulder"]}
-    with refuses(InputError, where="walk.bvh", next_step="arm"):
-        rest_axes(swapped, where="walk.bvh")
-
-
-def test_frames_overrule_the_rest_pose_only_when_they_stand_near_the_ground() -> None:
-    eye = np.eye(3)
-    rest = rest_axes(body(eye[1], eye[0]))
-    assert rest is not None
-    standing = {name: np.tile(at + 0.95 * eye[2], (5, 1)) for name, at in body(eye[2], eye[0]).items()}
-    axes, notes = world_axes(rest, standing)
-    np.testing.assert_array_equal(axes[2], eye[2])
-    shows(notes[0])
-    far = {name: at + 7.0 * eye[2] for name, at in standing.items()}
-    lying_or_upright = ({name: np.tile(at + 0.95 * eye[1], (5, 1)) for name, at in body(eye[1], eye[0]).items()}, far)
-    for tracks in lying_or_upright:
-        axes, notes = world_axes(rest, tracks)
-        np.testing.assert_array_equal(axes[2], eye[1])
-        assert notes == ()
-
 
 LIMBS = ((1.0, "Left"), (-1.0, "Right"))
 
@@ -130,9 +67,15 @@ def test_the_chest_is_where_neck_and_arms_part_and_the_spine_half_way() -> None:
     assert "chest" not in none and "spine" not in none and none["neck"] == "Neck"
 
 
-def test_without_the_top_of_the_head_the_joint_stands_in_and_a_note_says_so() -> None:
-    joints, notes = canonical_joints(build(top=False), where="here")
+def test_without_the_top_of_the_head_the_joint_or_a_usual_head_stands_in_and_a_note_says_so() -> None:
+    tree = build(top=False)
+    joints, notes = canonical_joints(tree, where="here")
     assert not joints["head"].local.any()
+    shows_lines(notes, "head")
+    head = tree.names.index("Head")
+    ends = tuple((np.zeros(3),) if joint == head else own for joint, own in enumerate(tree.ends))
+    joints, notes = canonical_joints(JointTree(tree.names, tree.parents, tree.offsets, ends), where="here")
+    np.testing.assert_allclose(joints["head"].local, [0.0, 0.08, 0.0], atol=0.01)
     shows_lines(notes, "head")
 
 
@@ -141,7 +84,7 @@ def test_orientation_of_a_split_forearm_is_that_next_to_the_hand() -> None:
     local = np.broadcast_to(rotations.IDENTITY, (2, len(tree.names), 4)).copy()
     local[:, tree.names.index("LeftForeArmRoll")] = rotations.from_axis_angle([1.0, 0.0, 0.0], 0.5)
     pose = forward_kinematics(tree, local, tree.offsets)
-    frames = canonical_frames(tree, pose, unit=named_unit("m"), rate=100.0, source="here", detect_up=False)
+    frames = canonical_frames(tree, pose, unit=named_unit("m"), rate=100.0, source="here")
     assert set(frames.names) == set(SENSORS)
     limbs_lie_along_their_bones(frames)
     upper, fore = frames.orientation[0, frames.index("l_shoulder")], frames.orientation[0, frames.index("l_elbow")]
@@ -163,7 +106,7 @@ def test_a_tree_that_is_no_body_is_refused() -> None:
     pose = forward_kinematics(flat, np.broadcast_to(rotations.IDENTITY, (1, len(tree.names), 4)), flat.offsets)
     for unit in (None, named_unit("m")):
         with refuses(InputError):
-            canonical_frames(flat, pose, unit=unit, rate=100.0, source="here", detect_up=True)
+            canonical_frames(flat, pose, unit=unit, rate=100.0, source="here")
 
 
 @pytest.mark.parametrize("name", UNITS)

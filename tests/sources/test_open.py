@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from messages import Facts, refuses
 from motion_texts import amc_text, asf_text, bvh_text, c3d_bytes, write_amc
 from retarget.errors import InputError, UsageError
-from retarget.frames import SensorFrames
+from retarget.frames import SensorFrames, stature
+from retarget.human.calibration import calibrate
 from retarget.sources import files
 from retarget.sources.files import MAX_FILE_BYTES
 from retarget.sources.open import open_source, recognise
@@ -43,6 +44,41 @@ def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
         assert open_source(path, unit="mm" if path == c3d else "cm").source == str(path)
         with refuses(InputError, "0.1 to 10000", where="--rate"):
             open_source(path, rate=0.0)
+
+
+def test_a_stature_scales_what_has_joints_and_is_the_size_of_what_has_none(tmp_path: Path) -> None:
+    amc = write_amc(tmp_path, amc_text())
+    bvh, c3d = tmp_path / "a.bvh", tmp_path / "a.c3d"
+    bvh.write_text(bvh_text())
+    c3d.write_bytes(c3d_bytes())
+    for path in (amc, bvh):
+        plain, scaled = open_source(path), open_source(path, stature=1.5)
+        assert plain.skeleton is not None and scaled.skeleton is not None
+        assert stature(scaled.skeleton) == pytest.approx(1.5)
+        factor = 1.5 / (stature(plain.skeleton) or 0.0)
+        np.testing.assert_allclose(scaled.position, factor * plain.position, atol=1e-12)
+        with refuses(UsageError, where=("--stature", "--unit")):
+            open_source(path, stature=1.5, unit="m")
+    assert calibrate(open_source(c3d, stature=1.62)).stature == pytest.approx(1.62, abs=0.01)
+    for wrong in (17.0, float("nan")):
+        with refuses(UsageError, where="--stature"):
+            open_source(bvh, stature=wrong)
+
+
+def test_the_up_axis_can_be_said_and_a_root_only_for_a_bvh(tmp_path: Path) -> None:
+    bvh, c3d = tmp_path / "a.bvh", tmp_path / "a.c3d"
+    bvh.write_text(bvh_text())
+    c3d.write_bytes(c3d_bytes())
+    plain = open_source(bvh)
+    at = plain.position[:, plain.index("head")]
+    for up, height in (("y", at[:, 2]), ("-y", -at[:, 2]), ("+Z", at[:, 0]), ("x", at[:, 1])):
+        lying = open_source(bvh, up=up)
+        np.testing.assert_allclose(lying.position[:, lying.index("head"), 2], height, atol=1e-12)
+        assert any("--up" in note for note in lying.notes) == (up != "y")
+    with refuses(UsageError, where="--up", found="up"):
+        open_source(bvh, up="up")
+    with refuses(UsageError, next_step="--performer-root"):
+        open_source(c3d, performer_root="Hips")
 
 
 def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:

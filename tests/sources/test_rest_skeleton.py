@@ -66,12 +66,14 @@ def test_every_rig_of_a_motion_is_read_as_that_motion(
 def test_a_tree_that_stands_in_no_frame_is_refused() -> None:
     tree, pose = along(body(), moved(body()), UP_AXES["x"], 1e-5)
     lying = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2)
-    position = rotations.rotate(lying, pose.position) + [0.0, 0.1, 0.0]
+    position = rotations.rotate(lying, pose.position) + np.array([0.0, 0.1, 0.0])
     fallen = Pose(position, rotations.multiply(lying, pose.orientation))
     with refuses(InputError, where="here", next_step="T-pose"):
         canonical_frames(tree, fallen, unit=1.0, rate=30.0, source="here", up=UP_AXES["y"])
     swapped = tuple(
-        name.replace("Left", "?").replace("Right", "Left").replace("?", "Right") if "Arm" in name or "Hand" in name else name
+        name.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
+        if "Arm" in name or "Hand" in name
+        else name
         for name in tree.names
     )
     with refuses(InputError, where="here", next_step="arm"):
@@ -152,13 +154,15 @@ def test_a_root_on_the_floor_and_bones_of_the_face_do_not_change_the_shape() -> 
     scale=st.sampled_from((1.0, 100.0)),
 )
 def test_bones_are_as_long_as_in_the_frames(kind: str, stretch: float, carriers: int, scale: float) -> None:
-    tree, pose = carried(body(), moved(body()), "", carriers)
+    tree, _ = carried(body(), moved(body()), "", carriers)
     offsets, hips = scale * tree.offsets, carriers
     channels: list[list[Channel]] = [[("t", 0), ("t", 1), ("t", 2)] for _ in tree.names]
     rows = np.tile(offsets, (5, 1, 1))
     rows[:, hips + 1 :] *= 1.0 + stretch * np.linspace(-1.0, 1.0, 5)[:, None, None]
     rows[:, hips] = scale * np.array([0.3, 0.9, 0.2])
-    right = JointTree(tree.names, tree.parents, offsets, tuple(tuple(scale * end for end in ends) for ends in tree.ends))
+    right = JointTree(
+        tree.names, tree.parents, offsets, tuple(tuple(scale * end for end in ends) for ends in tree.ends)
+    )
     truth = posed(right, channels, rows.reshape(5, -1))
     values, written = rows.copy(), right
     if kind == "differences":
