@@ -47,7 +47,7 @@ def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
     Raises InputError if no unit makes it a human at all.
     """
     if body_height is None or not 0.0 < body_height < math.inf:
-        raise InputError("the skeleton has no height", where=where, next_step="Say the unit with --unit")
+        raise InputError("the skeleton has no height", where=where, next_step="Export it with the lengths of its bones")
     name = min(UNITS, key=lambda unit: abs(log(body_height * UNITS[unit] / TYPICAL_HEIGHT_M)))
     height = body_height * UNITS[name]
     if not POSSIBLE_HEIGHT_M[0] <= height <= POSSIBLE_HEIGHT_M[1]:
@@ -56,7 +56,7 @@ def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
             where=where,
             found=f"a body {body_height:.4g} units high",
             allowed=f"{POSSIBLE_HEIGHT_M[0]} to {POSSIBLE_HEIGHT_M[1]} m in one of {', '.join(UNITS)}",
-            next_step="Say the unit with --unit",
+            next_step="Say how tall the performer is, in m, with --stature",
         )
     note = f"unit not stated: taken as {name}, which makes the body {height:.2f} m high (change it with --unit)"
     if not USUAL_HEIGHT_M[0] <= height <= USUAL_HEIGHT_M[1]:
