@@ -39,7 +39,7 @@ class PhysicsOptions:
         hook FRAME: Frame by which a gantry holds it; usually 'hook'.
         perturbations (--perturb) KIND[=X]: mass, centre_of_mass, friction, latency, stiffness or push, drawn by the
             seed or as given (stiffness=0.7). Also several times.
-        seed N: Of all random choices: the same seed, the same run.
+        seed N: Of all random choices.
     """
 
     mount: str | None = None
