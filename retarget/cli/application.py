@@ -312,9 +312,9 @@ class FileOptions:
         markers FILE.yaml: Which markers of a C3D are which sensor.
         unit m|cm|mm|inch|cmu: Length unit of a file that states none.
         rate HZ: Frames per second instead of the file's.
-        stature M: The performer's stature: scales a file.
-        up x|y|z|-x|-y|-z: Up axis of a file whose body does not show it.
-        performer_root NAME: The performer of a BVH with several ROOTs.
+        stature M: The performer's: scales a file, not measured live.
+        up AXIS: Up axis of the file: x, y, z, -x, -y or -z.
+        performer_root NAME: One ROOT of a BVH that has several.
     """
 
     skeleton: Path | None = None

@@ -306,6 +306,11 @@ class RestSkeleton:
     world: FloatArray
     notes: tuple[str, ...]
 
+    def lacks_foot(self) -> list[str]:
+        """Toes that are joints of the file, but no feet: these have no length on the ground."""
+        toes = [name for name in ("l_toe", "r_toe") if name in self.joints]
+        return [name for name in toes if hanging_toe(self.skeleton, name[0]) is None]
+
 
 def find_rest_skeleton(tree: JointTree, pose: Pose, *, up: FloatArray | None, rate: float, where: str) -> RestSkeleton:
     """The rest skeleton of a tree in motion. up (3,): the world's up axis, if the user says it. rate: Hz, for notes.
@@ -318,44 +323,57 @@ def find_rest_skeleton(tree: JointTree, pose: Pose, *, up: FloatArray | None, ra
     front = -1.0 if forward_sign(tracks) < 0.0 else 1.0
     body, skeleton = _as_body(tree, joints, front=front)
     faults = rest_faults(skeleton) or _unlike_frames(skeleton, tracks)
-    world, axis_notes = world_axes(
-        tracks,
-        declared=None if faults else body[2],
-        declared_by="the rest pose",
-        usual=UP_AXES["y"],
-        asked=up,
-    )
-    lacks_foot = not faults and any(hanging_toe(skeleton, s) is None for s in "lr" if f"{s}_toe" in joints)
-    if faults or lacks_foot:
+    declared = None if faults else body[2]
+    world, axis_notes = world_axes(tracks, declared=declared, declared_by="the rest pose", usual=UP_AXES["y"], asked=up)
+    rest = RestSkeleton(tree, pose, joints, skeleton, body, world, (*axis_notes, *notes))
+    if faults or rest.lacks_foot():
         row = _most_upright(tracks, pose, joints, world)
-        stands, moves = _based_on(tree, pose, row)
-        there, _ = canonical_joints(stands, where=where)
-        axes, upright = _as_body(stands, there, front=front, up=world[2])
-        if lacks_foot and any(hanging_toe(upright, s) is not None for s in "lr" if f"{s}_toe" in there):
+        upright = _at_frame(rest, row, front=front, where=where)
+        if not faults and len(upright.lacks_foot()) < len(rest.lacks_foot()):
             faults = ("its feet have no length on the ground",)
-    if faults:
-        _refuse_swapped(upright, where=where)
-        if wrong := rest_faults(upright):
-            raise InputError(
-                "the skeleton has no rest pose",
-                where=where,
-                found=f"with all rotations zero {faults[0]}; in the most upright frame ({row + 1}) {wrong[0]}",
-                allowed="a body that stands upright, or a recording in which it does",
-                next_step="Export it with a T-pose as its rest pose, or let the recording begin with one",
-            )
-        tree, pose, joints, body, skeleton = stands, moves, there, axes, upright
-        note = (
-            f"with all rotations zero the skeleton is no body that stands ({faults[0]}): the frame at {row / rate:.2f} "
-            "s, the most upright one, is taken as its rest pose"
+        if faults:
+            rest = _instead(rest, upright, f"with all rotations zero {faults[0]}", row, rate=rate, where=where)
+    _refuse_swapped(rest.skeleton, where=where)
+    if not (flat := rest.lacks_foot()):
+        return rest
+    kept = {name: at for name, at in rest.joints.items() if name not in flat}
+    skeleton = Skeleton(tuple(kept), np.stack([rest.skeleton.of(name) for name in kept]))
+    note = "the file's feet have no length on the ground: its toes are left out"
+    return replace(rest, joints=kept, skeleton=skeleton, notes=(*rest.notes, note))
+
+
+def _at_frame(rest: RestSkeleton, row: int, *, front: float, where: str) -> RestSkeleton:
+    """The same motion of a tree whose zero pose is that of a frame."""
+    tree, pose = rest.tree, rest.pose
+    turn = pose.orientation[row]
+    above = np.array([turn[parent] if parent >= 0 else rotations.IDENTITY for parent in tree.parents])
+    ends = tuple(tuple(rotations.rotate(q, end) for end in ends) for q, ends in zip(turn, tree.ends, strict=True))
+    tree = replace(tree, offsets=rotations.rotate(above, tree.offsets), ends=ends)
+    pose = replace(pose, orientation=rotations.multiply(pose.orientation, rotations.conjugate(turn)))
+    joints, _ = canonical_joints(tree, where=where)
+    body, skeleton = _as_body(tree, joints, front=front, up=rest.world[2])
+    return replace(rest, tree=tree, pose=pose, joints=joints, skeleton=skeleton, body=body)
+
+
+def _instead(
+    rest: RestSkeleton, upright: RestSkeleton, fault: str, row: int, *, rate: float, where: str
+) -> RestSkeleton:
+    """The rest skeleton of the most upright frame, with a note, instead of one that has a fault. Raises InputError
+    where that is no body that stands either."""
+    _refuse_swapped(upright.skeleton, where=where)
+    if wrong := rest_faults(upright.skeleton):
+        raise InputError(
+            "the skeleton has no rest pose",
+            where=where,
+            found=f"{fault}; in the most upright frame ({row + 1}) {wrong[0]}",
+            allowed="a body that stands upright, or a recording in which it does",
+            next_step="Export it with a T-pose as its rest pose, or let the recording begin with one",
         )
-        notes = (note, *notes)
-    _refuse_swapped(skeleton, where=where)
-    if flat := [name for name in ("l_toe", "r_toe") if name in joints and hanging_toe(skeleton, name[0]) is None]:
-        notes = (*notes, "the file's feet have no length on the ground: its toes are left out")
-        joints = {name: at for name, at in joints.items() if name not in flat}
-        kept = [name not in flat for name in skeleton.names]
-        skeleton = Skeleton(tuple(joints), skeleton.position[kept])
-    return RestSkeleton(tree, pose, joints, skeleton, body, world, (*axis_notes, *notes))
+    note = (
+        f"the skeleton's rest pose is no body that stands ({fault}): the frame at {row / rate:.2f} s, the most upright "
+        "one, is taken instead"
+    )
+    return replace(upright, notes=(*rest.notes, note))
 
 
 def _as_body(
@@ -405,15 +423,6 @@ def _unlike_frames(skeleton: Skeleton, tracks: Mapping[str, FloatArray]) -> tupl
         if not low * here <= seen <= high * here:
             found.append(f"its {part}s are not as far apart as in the frames")
     return tuple(found)
-
-
-def _based_on(tree: JointTree, pose: Pose, row: int) -> tuple[JointTree, Pose]:
-    """The same motion of a tree whose zero pose is that of a frame."""
-    turn = pose.orientation[row]
-    above = np.array([turn[parent] if parent >= 0 else rotations.IDENTITY for parent in tree.parents])
-    ends = tuple(tuple(rotations.rotate(q, end) for end in ends) for q, ends in zip(turn, tree.ends, strict=True))
-    stands = replace(tree, offsets=rotations.rotate(above, tree.offsets), ends=ends)
-    return stands, Pose(pose.position, rotations.multiply(pose.orientation, rotations.conjugate(turn)))
 
 
 def _most_upright(

@@ -233,14 +233,11 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     thigh and shank, or upper arm and forearm. All is measured from the fork of the body: what carries it (a root on the
     floor) does not count.
     """
-    rest, fork = tree.rest_positions(), tree.fork()
-    rest = rest - rest[fork]
+    rest = tree.rest_positions()
+    rest -= rest[tree.fork()]
     # The outermost point (3,) of each leaf, relative to the fork.
-    leaves = {
-        joint: rest[joint] + max(tree.ends[joint], key=norm, default=np.zeros(3))
-        for joint in range(len(tree.names))
-        if joint not in tree.parents
-    }
+    ends = {joint: max(own, key=norm, default=np.zeros(3)) for joint, own in enumerate(tree.ends)}
+    leaves = {joint: rest[joint] + end for joint, end in ends.items() if joint not in tree.parents}
     size = max(map(norm, leaves.values()), default=0.0)
     if len(leaves) < 5 or not 0.0 < size < np.inf:
         return None

@@ -145,8 +145,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What a live run is asked for."""
     found: dict[str, Any] = {}
 
-    def follow(source: str, options: object, outputs: object, live: object) -> int:
-        found.update(source=source, options=options, outputs=outputs, live=live)
+    def follow(source: str, options: object, outputs: object, live: object, *, stature: float | None = None) -> int:
+        found.update(source=source, options=options, outputs=outputs, live=live, stature=stature)
         return DONE
 
     monkeypatch.setattr(run_module, "follow_live", follow)

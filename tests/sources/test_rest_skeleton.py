@@ -59,7 +59,6 @@ def test_every_rig_of_a_motion_is_read_as_that_motion(
     assert frames.skeleton is not None
     assert frames.skeleton.distance("l_shoulder", "r_shoulder") == pytest.approx(0.36, abs=2e-3)
     assert any("mirrored" in note for note in frames.notes) == mirrored
-    assert any("all rotations zero" in note for note in frames.notes) == (bones is not None)
     build_human(calibrate(frames))
 
 
