@@ -43,9 +43,14 @@ def import_body(
     """
     robot = read_robot(body, no_meshes=no_meshes)
     given = Links() if links is None else read_links(links, robot.tree)
-    if links is None and not yes and sys.stdin.isatty() and sys.stdout.isatty():
+    if links is None and not yes and is_asked():
         given = _asked(robot)
     echo(_drafted(import_robot(robot, out, links=given, name=name, servo=servo)))
+
+
+def is_asked() -> bool:
+    """True in a terminal; elsewhere the links that are proposed are taken."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _asked(robot: UnknownRobot) -> Links:
@@ -64,7 +69,7 @@ def _asked(robot: UnknownRobot) -> Links:
         part, _, link = (word.strip() for word in answer.partition("="))
         if part in PARTS and (not link or link in robot.tree.links):
             try:
-                new = given.model_copy(update={part: link or None})
+                new = Links.model_validate({**given.model_dump(include=given.model_fields_set), part: link or None})
                 completed(robot.proposed, new, robot.tree)
                 given = new
             except RetargetError as error:
