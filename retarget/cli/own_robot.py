@@ -8,7 +8,7 @@ from pathlib import Path
 from hardware.errors import counted, printable
 from retarget.cli.application import Overwrite
 from retarget.cli.exit import echo
-from retarget.errors import RetargetError, UsageError
+from retarget.errors import RefusedError, UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
 from retarget.setup.fit_observers import Zones, fit
 from retarget.setup.import_robot import Imported, UnknownRobot, import_robot, read_robot
@@ -72,7 +72,7 @@ def _asked(robot: UnknownRobot) -> Links:
                 new = Links.model_validate({**given.model_dump(include=given.model_fields_set), part: link or None})
                 completed(robot.proposed, new, robot.tree)
                 given = new
-            except RetargetError as error:
+            except RefusedError as error:
                 echo(f"error: {error}")
         else:
             echo(f"parts: {', '.join(PARTS)}; links: {', '.join(robot.tree.links)}")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from retarget.errors import InputError, RetargetError, UsageError
+from retarget.errors import InputError, RefusedError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import body_from_file
 from retarget.model.body_file import Root, compile_body
@@ -112,7 +112,7 @@ def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str]:
         margin, rest = check_stand(robot), at_rest(robot)
         try_robot(robot, RunOptions(robot=str(folder), bus="mock"))
         return (), margin, rest
-    except RetargetError as error:
+    except RefusedError as error:
         texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
         return tuple(text.replace(f"{folder}/", "") for text in texts), None, ""
 
