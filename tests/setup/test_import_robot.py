@@ -15,7 +15,7 @@ from command_line import said_by as run
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec
 from messages import refuses, shows
 from retarget.cli import main
-from retarget.errors import InputError, UsageError
+from retarget.errors import ConfigError, InputError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body_file import compile_body_text
 from retarget.model.observers import robot_observers
@@ -164,6 +164,14 @@ def test_robots_as_newcomers_bring_them_can_run(like: str, tmp_path: Path) -> No
     assert all(min(np.linalg.norm(vertex - place) for place in near) < reach + 0.02 for vertex in vertices)
     wide = list(questioned_ranges(robot, robot_observers(robot)))
     assert bool(wide) == (like == "darwin")
+
+
+def test_a_supply_that_is_not_one_of_the_servos_is_refused(tmp_path: Path) -> None:
+    folder = imported(small_bust(), tmp_path).folder
+    text = (folder / "robot.yaml").read_text(encoding="utf-8")
+    (folder / "robot.yaml").write_text(text.replace("model: MX-28", "model: XL330-M288"), encoding="utf-8")
+    with refuses(ConfigError, "XL330-M288", "voltage"):
+        load_profile(folder)
 
 
 @given(feet=st.sampled_from(["sphere", "edge"]))

@@ -117,7 +117,7 @@ def table_arm() -> str:
 # Robots as newcomers bring them, each in the manner of a public one; sizes and names are like theirs, shapes are ours.
 #
 # A row has a link and its parent, {} for the side, where the joint is, its axis, limits, size and middle of the box,
-# and mass. Every second number of three is mirrored on the right, and so is an axis after a ~.
+# and mass. y is mirrored on the right, and of an axis after a ~ x and y.
 
 DARWIN = """
 MP_BACK_{}     MP_BODY       -.02 .06 0          0 0 0    0 0          .001 .001 .001    0 0 0           .001
@@ -165,9 +165,7 @@ def both_sides(table: str, left: str, right: str) -> list[Part]:
             turn = s if words[3].startswith("~") else 1.0
             x, y, z, ax, ay, az, low, high, *size, mx, my, mz, mass = (float(word.strip("~")) for word in words)
             kind = "revolute" if low < high else "fixed"
-            axis, middle, box = (turn * ax, turn * ay, turn * az), (mx, s * my, mz), (size[0], size[1], size[2])
-            if name.startswith("MP_ARM_LOW"):  # about an axis that is tilted with the arm
-                axis = (0.0, turn * ay, az)
+            axis, middle, box = (turn * ax, turn * ay, az), (mx, s * my, mz), (size[0], size[1], size[2])
             parts.append(Part(name, parent, (x, s * y, z), axis, (low, high), box, middle, mass, kind))
     return parts
 
