@@ -98,14 +98,11 @@ def _drafted(done: Imported) -> str:
     lines += [f"  missing: {text}" for text in draft.missing]
     lines += [f"  note: {text}" for text in draft.notes]
     profile = shlex.quote(str(folder / "robot.yaml"))
+    if done.again:
+        return "\n".join([*lines, f"Next: correct {draft.source}, and import it again"])
     if done.problems:
         lines += ["  not complete yet, says retarget check:", *(f"    {text}" for text in done.problems)]
-        step = (
-            f"correct {draft.source}, and import it again"
-            if done.again
-            else f"fix {profile}, then retarget check {profile}"
-        )
-        return "\n".join([*lines, f"Next: {step}"])
+        return "\n".join([*lines, f"Next: fix {profile}, then retarget check {profile}"])
     drafts = f"{counted(done.drafts, 'line')} marked DRAFT must be checked before it moves a real robot"
     return "\n".join([*lines, f"good, next: retarget demo --robot {profile} --bus mock", f"      {drafts}"])
 

@@ -139,7 +139,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
     limits = {one.joint: one.entry.limits for one in servos}
     posed = Posed(body.model, tree, anatomy, found, limits)
     (folder / "body.xml").write_bytes(body.content)
-    notes = list(body.notes)
+    notes = [*filter(None, [body.too_large]), *body.notes]
     if name in {entry.name for entry in entries(Kind.ROBOT)}:
         note = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
         notes.insert(0, f"{note}; give this one another --name")
