@@ -110,9 +110,9 @@ def _robot(path: Path) -> str:
         raise ConfigError.from_problems(problems, title=f"{path}: {len(problems)} problems")
     robot = load_robot(path)
     observers = robot_observers(robot)
+    margin, to_rest = check_stand(robot), usual_rest_trajectory(robot)
     for bus in ("mock", "profile"):  # without mass, and with it
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
-    margin, to_rest = check_stand(robot), usual_rest_trajectory(robot)
     models = [servo.model for servo in profile.servos.values()]
     buses = (
         f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
@@ -135,20 +135,21 @@ def _robot(path: Path) -> str:
         facts["to rest"] = str(to_rest)
         how, stays = topples_at_rest(robot), profile.postures.stays_at_rest
         facts["at rest"] = f"{at_rest(robot)}; {_rests(how, stays=stays)}"
-    if questioned := list(questioned_ranges(robot, observers)):
-        step = "draw `limits` in to what the robot can do; the gate stops at a touch, and nothing else does"
-        facts["warning"] = f"{counted(len(questioned), 'wide range')}: {listed(questioned, limit=3)}. Next: {step}"
+    if wide := list(questioned_ranges(robot, observers)):
+        facts["warning"] = f"{counted(len(wide), 'wide range')}: {listed(wide, limit=3)}. {WIDE}"
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
     facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"
-    missing = simulation_problem(robot)
-    facts["physics"] = "ready" if missing is None else f"not possible: {missing}"
+    facts["physics"] = "ready" if (missing := simulation_problem(robot)) is None else f"not possible: {missing}"
     if marked := marked_lines(read_text(path)):
         shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
         facts["still a draft"] = f"{counted(len(marked), 'line')} marked {DRAFT}, to be corrected or confirmed: {shown}"
     safe = to_rest is None or to_rest.is_safe
     verdict = "good" if safe else "good, but its way to rest is not safe"
     return _paragraph("robot", profile, path, facts, verdict=verdict)
+
+
+WIDE = "Draw `limits` in to what the robot can do: the gate stops at a touch, and nothing else does"
 
 
 def _rests(how: str | None, *, stays: bool) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from hardware.errors import counted, printable
 from retarget.cli.application import Overwrite
 from retarget.cli.exit import echo
-from retarget.errors import RetargetError, UsageError
+from retarget.errors import RefusedError, UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
 from retarget.setup.fit_observers import Zones, fit
 from retarget.setup.import_robot import Imported, UnknownRobot, import_robot, read_robot
@@ -43,9 +43,14 @@ def import_body(
     """
     robot = read_robot(body, no_meshes=no_meshes)
     given = Links() if links is None else read_links(links, robot.tree)
-    if links is None and not yes and sys.stdin.isatty() and sys.stdout.isatty():
+    if links is None and not yes and is_asked():
         given = _asked(robot)
     echo(_drafted(import_robot(robot, out, links=given, name=name, servo=servo)))
+
+
+def is_asked() -> bool:
+    """True in a terminal; elsewhere the links that are proposed are taken."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _asked(robot: UnknownRobot) -> Links:
@@ -64,10 +69,10 @@ def _asked(robot: UnknownRobot) -> Links:
         part, _, link = (word.strip() for word in answer.partition("="))
         if part in PARTS and (not link or link in robot.tree.links):
             try:
-                new = given.model_copy(update={part: link or None})
+                new = Links.model_validate({**given.model_dump(include=given.model_fields_set), part: link or None})
                 completed(robot.proposed, new, robot.tree)
                 given = new
-            except RetargetError as error:
+            except RefusedError as error:
                 echo(f"error: {error}")
         else:
             echo(f"parts: {', '.join(PARTS)}; links: {', '.join(robot.tree.links)}")
@@ -93,14 +98,11 @@ def _drafted(done: Imported) -> str:
     lines += [f"  missing: {text}" for text in draft.missing]
     lines += [f"  note: {text}" for text in draft.notes]
     profile = shlex.quote(str(folder / "robot.yaml"))
+    if done.again:
+        return "\n".join([*lines, f"Next: correct {draft.source}, and import it again"])
     if done.problems:
         lines += ["  not complete yet, says retarget check:", *(f"    {text}" for text in done.problems)]
-        step = (
-            f"correct {draft.source}, and import it again"
-            if done.again
-            else f"fix {profile}, then retarget check {profile}"
-        )
-        return "\n".join([*lines, f"Next: {step}"])
+        return "\n".join([*lines, f"Next: fix {profile}, then retarget check {profile}"])
     drafts = f"{counted(done.drafts, 'line')} marked DRAFT must be checked before it moves a real robot"
     return "\n".join([*lines, f"good, next: retarget demo --robot {profile} --bus mock", f"      {drafts}"])
 

@@ -132,7 +132,7 @@ def compile_task(
     needs_target = isinstance(task, PositionTask | OrientationTask | LookAtTask)
     named = [(name, frame) for name, frame in _named(task, task.of, frames) if name in fed or not needs_target]
     by_length = isinstance(task, PositionTask) and task.per == "length"
-    if by_length and task.optional:  # as of a robot that hangs, whose pelvis follows nothing
+    if by_length and task.optional and lengths:  # as of a robot that hangs, whose pelvis follows nothing
         named = [(name, frame) for name, frame in named if name in lengths]
     if by_length and (unknown := [name for name, _ in named if name not in lengths]):
         raise ConfigError(

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from math import pi, radians
 
 from hardware.bus import BAUDS, WATCHDOG_STEP, fastest_baud
+from hardware.dynamixel.control_table import find_table
 from hardware.errors import HardwareError
 from hardware.joint_map import coupling_problems
 from hardware.servo import (
@@ -366,6 +367,13 @@ def _safety(profile: RobotProfile, document: Document) -> Iterable[Problem]:
                 allowed=f"less than {most:g} {unit}",
             )
     warn, stop = safety.voltage_warn, safety.voltage
+    for name in {servo.model: None for servo in profile.servos.values() if servo.model in SERVO_MODELS}:
+        table = find_table(name, max(SERVO_MODELS[name].protocols))
+        low, high = (0.1 * (table[f"{end}_voltage_limit"].initial or 0) for end in ("min", "max"))
+        if high and (high < stop[0] or low > stop[1]):
+            what, allowed = f"the supply is not one of {name}", f"a range that meets {low:g} to {high:g} V"
+            found = f"{stop[0]:g} to {stop[1]:g} V"
+            yield document.problem(("safety", "voltage"), what, found=found, allowed=allowed)
     if warn is not None and not (stop[0] <= warn[0] and warn[1] <= stop[1]):
         yield document.problem(
             ("safety", "voltage_warn"),

@@ -25,6 +25,7 @@ from retarget.setup.shape_fit import LinkShape
 
 HEAD = "Proposed as retarget fit-observers does; what the comments mean is in docs/own-robot.md."
 ZONES = Zones(influence=0.04, margin=0.005)
+"""[m] Of drafted observers: a hand's breadth of a small robot, and half a centimetre."""
 
 
 # How a drafted robot follows the human, limb by limb: landmarks by what limbs it has.

@@ -184,7 +184,8 @@ def fit(robot: str, zones: Zones) -> Fit:
         raise UsageError("the human is no robot", found=HUMAN, next_step="Give a robot's name, its profile or its body")
     path = Path(robot)
     if path.suffix.lower() in BODY_SUFFIXES:
-        file, neutral, inputs, name = compile_body(path), dict[str, float](), (path,), path.name
+        file, neutral, name = compile_body(path), dict[str, float](), path.name
+        inputs: tuple[Path, ...] = (path,)
     else:
         profile = load_profile(robot)
         file, name = compile_body(profile.body_path, root=profile.root), profile.name

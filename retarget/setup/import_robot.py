@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from retarget.errors import InputError, RetargetError, UsageError
+from retarget.errors import InputError, RefusedError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import body_from_file
 from retarget.model.body_file import Root, compile_body
@@ -112,7 +112,7 @@ def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str]:
         margin, rest = check_stand(robot), at_rest(robot)
         try_robot(robot, RunOptions(robot=str(folder), bus="mock"))
         return (), margin, rest
-    except RetargetError as error:
+    except RefusedError as error:
         texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
         return tuple(text.replace(f"{folder}/", "") for text in texts), None, ""
 
@@ -139,7 +139,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
     limits = {one.joint: one.entry.limits for one in servos}
     posed = Posed(body.model, tree, anatomy, found, limits)
     (folder / "body.xml").write_bytes(body.content)
-    notes = list(body.notes)
+    notes = [*filter(None, [body.too_large]), *body.notes]
     if name in {entry.name for entry in entries(Kind.ROBOT)}:
         note = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
         notes.insert(0, f"{note}; give this one another --name")

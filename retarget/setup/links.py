@@ -97,43 +97,9 @@ TOLERANCE = 0.03
 """Share of the robot's size: so far a mirrored part may be from its counterpart."""
 SIDES = {"l": 1, "left": 1, "r": -1, "right": -1}
 """Words of names: 1 for the left, -1 for the right."""
-ARM_WORDS = frozenset(
-    [
-        "arm",
-        "sho",
-        "shoulder",
-        "upperarm",
-        "el",
-        "elbow",
-        "forearm",
-        "wrist",
-        "hand",
-        "palm",
-        "gripper",
-        "finger",
-        "claw",
-    ]
-)
-LEG_WORDS = frozenset(
-    [
-        "leg",
-        "hip",
-        "thigh",
-        "femur",
-        "knee",
-        "shin",
-        "shank",
-        "tibia",
-        "calf",
-        "ankle",
-        "ank",
-        "foot",
-        "feet",
-        "sole",
-        "toe",
-    ]
-)
-HEAD_WORDS = frozenset(["neck", "head", "face"])
+ARM_WORDS = frozenset(words_of("arm sho shoulder upperarm el elbow forearm wrist hand palm gripper finger claw"))
+LEG_WORDS = frozenset(words_of("leg hip thigh femur knee shin shank tibia calf ankle ank foot feet sole toe"))
+HEAD_WORDS = frozenset(words_of("neck head face"))
 NORMALS = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
 """A robot looks along x (REP-103), or along y."""
 HIPS = 0.6
@@ -255,9 +221,14 @@ def _are_named(tree: Tree, one: int, other: int) -> bool:
 
 def _kind(tree: Tree, pair: Pair) -> int:
     """Above 0 where most names on the limbs are of an arm, below 0 of a leg."""
-    nodes = [tree.nodes[node] for first in pair for node in tree.below(first)]
-    words = [word for node in nodes for name in (node.joint, *node.names) for word in words_of(name)]
+    words = [word for first in pair for word in _words(tree, first)]
     return sum((word in ARM_WORDS) - (word in LEG_WORDS) for word in words)
+
+
+def _words(tree: Tree, branch: int) -> list[str]:
+    """The words in names of the joints and links of a branch."""
+    nodes = [tree.nodes[node] for node in tree.below(branch)]
+    return [word for node in nodes for name in (node.joint, *node.names) for word in words_of(name)]
 
 
 def _is_leg(tree: Tree, pair: Pair, pairs: list[Pair]) -> bool:
@@ -329,15 +300,7 @@ def _head(tree: Tree, pairs: list[Pair], chest: int, pelvis: int, normal: FloatA
     limbs = {first for pair in pairs for first in pair}
     trunk = {*tree.path(chest), *tree.path(pelvis)}
     branches = [n for n, node in enumerate(tree.nodes) if node.parent in trunk and n not in trunk and n not in limbs]
-    named = [
-        node
-        for node in branches
-        if any(
-            not HEAD_WORDS.isdisjoint(words_of(name))
-            for one in tree.below(node)
-            for name in (tree.nodes[one].joint, *tree.nodes[one].names)
-        )
-    ]
+    named = [node for node in branches if not HEAD_WORDS.isdisjoint(_words(tree, node))]
     middle = 0.5 * sum(float(_mark(tree, node) @ normal) for node in pairs[0])
     aside = {node: abs(float(_mark(tree, node) @ normal) - middle) for node in branches}
     height = {node: float(tree.points(tree.below(node))[:, 2].max()) for node in branches}

@@ -1,13 +1,13 @@
 """Postures of a drafted robot: stand, neutral, rest and attractor, clear of itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from retarget.arithmetic import norm
 from retarget.ik.least_squares import least_squares
-from retarget.setup.frames import Angles, Posed, wrist_of
+from retarget.setup.frames import Angles, Limb, Posed, wrist_of
 from retarget.setup.links import pitch_joints
 from retarget.setup.tree import UP
 from retarget.types import FloatArray
@@ -49,20 +49,9 @@ def find_posture(posed: Posed, *, spread: float, ahead: float, bend: float, shar
     """A posture with the trunk upright: upper arms down, `spread` out to the side and `ahead` to the front, elbows bent
     to the front by `bend`, rad, as near to that as the arms get. share: of the longest distance of hip and ankle, on
     flat soles with the centre of mass over their middle; None: the legs stay at 0."""
-    anatomy, tree, zero = posed.anatomy, posed.tree, posed.place({}).positions
+    anatomy, zero = posed.anatomy, posed.place({}).positions
     arms, legs = anatomy.arms, anatomy.legs if share is not None else {}
-    weights: dict[str, float] = {}
-    start: dict[str, float] = {}
-    for arm in arms.values():
-        wrist = wrist_of(tree, arm)
-        nodes = arm.nodes if wrist is None else arm.nodes[: arm.nodes.index(wrist)]
-        weights |= dict.fromkeys((tree.nodes[node].joint for node in nodes), ARM_REST)
-    for leg in legs.values():
-        weights |= dict.fromkeys((tree.nodes[node].joint for node in leg.nodes), LEG_REST)
-        pitches = pitch_joints(tree, leg.nodes, anatomy.left)
-        for node in {*pitches[:1], *pitches[-1:], *([leg.bend] if leg.bend else [])}:
-            turn = BEND if node == leg.bend else -0.5 * BEND
-            start[tree.nodes[node].joint] = turn * float(np.sign(tree.nodes[node].axis @ anatomy.left))
+    weights, start = _joints(posed, legs)
     joints = list(weights)
     if not joints:
         return FoundPosture(_whole(posed, {}), stands=share is None)
@@ -99,6 +88,24 @@ def find_posture(posed: Posed, *, spread: float, ahead: float, bend: float, shar
     left = [np.abs(one) for one in legs_off(placed.axes, placed.positions, placed.centre_of_mass)]
     stands = all(one[:2].max() <= FLAT and one[2:4].max() <= OVER for one in left)
     return FoundPosture(_whole(posed, angles), stands)
+
+
+def _joints(posed: Posed, legs: Mapping[str, Limb]) -> tuple[dict[str, float], dict[str, float]]:
+    """The weight with which each joint of arms and legs stays near 0, and rad from which the search starts: thigh
+    ahead, shin back, foot flat."""
+    tree, left = posed.tree, posed.anatomy.left
+    weights, start = dict[str, float](), dict[str, float]()
+    for arm in posed.anatomy.arms.values():
+        wrist = wrist_of(tree, arm)
+        nodes = arm.nodes if wrist is None else arm.nodes[: arm.nodes.index(wrist)]
+        weights |= dict.fromkeys((tree.nodes[node].joint for node in nodes), ARM_REST)
+    for leg in legs.values():
+        weights |= dict.fromkeys((tree.nodes[node].joint for node in leg.nodes), LEG_REST)
+        pitches = pitch_joints(tree, leg.nodes, left)
+        for node in {*pitches[:1], *pitches[-1:], *([leg.bend] if leg.bend else [])}:
+            turn = BEND if node == leg.bend else -0.5 * BEND
+            start[tree.nodes[node].joint] = turn * float(np.sign(tree.nodes[node].axis @ left))
+    return weights, start
 
 
 def _hand_targets(

@@ -69,6 +69,13 @@ class MeshFiles:
         self.problems: list[Problem] = []
 
     def find(self, name: str) -> Path | None:
+        """The file of a name, see `_find`; None: there is none, or no system can have such a name."""
+        try:
+            return self._find(name)
+        except (OSError, ValueError):
+            return None
+
+    def _find(self, name: str) -> Path | None:
         """The file of a name: where the name says, else below the body's folder or the package of the name, by as much
         of the end of its path as there is. A mesh that MuJoCo cannot read stands for a readable one beside it."""
         parts = [part for part in _PLACE.sub(r"\1", name.replace("\\", "/")).split("/") if part not in ("", ".")]
@@ -80,7 +87,7 @@ class MeshFiles:
         folder = self._body.absolute().parent
         places = [folder.joinpath(*parts), Path("/", *parts)]
         exact = next((place for place in places if _is_mesh(place)), None)
-        above = [one for one in folder.parents[:PACKAGE_DEPTH] if _holds(one, tail[0]) or one.name == tail[0]]
+        above = [one for one in folder.parents[:PACKAGE_DEPTH] if (one / tail[0]).is_dir() or one.name == tail[0]]
         roots = [folder.joinpath(*parts[:ups]), *(above if len(tail) > 1 else [])]
         return exact or next((found for root in roots if (found := self._below(root, tail)) is not None), None)
 
@@ -147,17 +154,7 @@ class MeshFiles:
 
 
 def _is_mesh(path: Path) -> bool:
-    try:
-        return path.suffix.lower() in READABLE and path.is_file() and 0 < path.stat().st_size <= MAX_BYTES
-    except (OSError, ValueError):
-        return False
-
-
-def _holds(folder: Path, name: str) -> bool:
-    try:
-        return (folder / name).is_dir()
-    except (OSError, ValueError):
-        return False
+    return path.suffix.lower() in READABLE and path.is_file() and 0 < path.stat().st_size <= MAX_BYTES
 
 
 def missing_meshes(names: list[str], source: Source) -> Problem:

@@ -16,6 +16,7 @@ BASE = 0
 MAX_JOINTS = 250
 """A profile holds no more servos."""
 UP = np.array([0.0, 0.0, 1.0])
+"""Of the world."""
 _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+")
 
 

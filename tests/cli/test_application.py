@@ -155,7 +155,7 @@ def test_a_proposal_of_observers(tmp_path: Path, capsys: pytest.CaptureFixture[s
     out, body = tmp_path / "observers.yaml", tmp_path / "bust.urdf"
     out.write_bytes(MINE)
     body.write_text(small_bust())
-    words: list[str | Path] = ["fit-observers", body, "--samples", "10", "--out", out]
+    words: list[str | Path] = ["fit-observers", body, "--out", out]
     assert code_of(*words) == REFUSED and out.read_bytes() == MINE
     assert code_of(*words, "--overwrite") == DONE and out.read_bytes() != MINE
 

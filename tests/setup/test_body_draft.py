@@ -152,8 +152,8 @@ def text_stl() -> bytes:
             "package://r/meshes/foot.stl",
             "model://r/meshes/foot.stl",
             "$(find r)/meshes/foot.stl",
-            "file:///home/someone/ws/src/r/meshes/foot.stl",
-            "C:\\work\\r\\meshes\\foot.stl",
+            "file:///abroad/ws/src/r/meshes/foot.stl",
+            "C:\\ws\\r\\meshes\\foot.stl",
         ]
     ),
     upper=st.booleans(),

@@ -6,18 +6,23 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from command_line import said_by as run
 from hardware.servo import SERVO_MODELS, ServoMode, ServoSpec
 from messages import refuses, shows
 from retarget.cli import main
-from retarget.errors import InputError, UsageError
+from retarget.errors import ConfigError, InputError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body_file import compile_body_text
+from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
+from retarget.run.options import RunOptions
+from retarget.run.prepare import try_robot
+from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
 from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
 from retarget.setup.body_draft import BodyDraft
@@ -28,7 +33,10 @@ from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos, models
 from unknown_robots import (
     ARM,
     SHIPPED,
+    darwin_like,
+    ground_rooted,
     humanoid,
+    microban_like,
     proposed_anatomy,
     scrambled,
     shipped_body,
@@ -130,6 +138,52 @@ def test_no_hand_work_before_the_demo(robot: str, tmp_path: Path) -> None:
     assert report["hand_path_ratio"] > (0.85 if robot == "stranger" else 0.9)
 
 
+LIKE = {
+    "darwin": (darwin_like, "MX-28"),
+    "ground": (ground_rooted, "MX-106"),
+    "microban": (microban_like, "XL330-M288"),
+}
+
+
+@pytest.mark.parametrize("like", LIKE)
+def test_robots_as_newcomers_bring_them_can_run(like: str, tmp_path: Path) -> None:
+    """Shells that are wide above, a base on the ground with visual shapes only, servos that only meshes name."""
+    make, model = LIKE[like]
+    done = import_robot(make(tmp_path), tmp_path / "new")
+    assert not done.problems and (done.margin or 0.0) > 0.02 and "legs" not in " ".join(done.draft.missing)
+    assert {servo.entry.model for servo in done.draft.servos} == {model}
+    robot = load_robot(done.folder)
+    low, high = robot.profile.safety.voltage
+    assert low <= SERVO_MODELS[model].voltage <= high
+    # Nothing is drawn but what is there: no rod begins or ends at an origin that is far from all shapes.
+    vertices, body = robot.solid.meshes[0].vertices, robot.body
+    shapes = [geom for geom in body.geoms if geom.body == robot.solid.links[0]]
+    reach = max(float(np.linalg.norm(geom.size)) for geom in shapes)
+    children = body.body_pos[body.parent == robot.solid.links[0]]
+    near = [*(geom.position for geom in shapes), *children]
+    assert all(min(np.linalg.norm(vertex - place) for place in near) < reach + 0.02 for vertex in vertices)
+    wide = list(questioned_ranges(robot, robot_observers(robot)))
+    assert bool(wide) == (like == "darwin")
+
+
+def test_a_supply_that_is_not_one_of_the_servos_is_refused(tmp_path: Path) -> None:
+    folder = imported(small_bust(), tmp_path).folder
+    text = (folder / "robot.yaml").read_text(encoding="utf-8")
+    (folder / "robot.yaml").write_text(text.replace("model: MX-28", "model: XL330-M288"), encoding="utf-8")
+    with refuses(ConfigError, "XL330-M288", "voltage"):
+        load_profile(folder)
+
+
+@given(feet=st.sampled_from(["sphere", "edge"]))
+@settings(max_examples=2)
+def test_legs_without_soles_hang_and_run(feet: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    shape = '<sphere radius="0.03"/>' if feet == "sphere" else '<box size="0.0005 0.14 0.02"/>'
+    done = imported(humanoid().replace('<box size="0.07 0.14 0.02"/>', shape), tmp_path_factory.mktemp("hang"))
+    assert done.draft.root == "suspended" and not done.problems
+    for bus in ("mock", "profile"):
+        try_robot(load_robot(done.folder), RunOptions(robot=str(done.folder), bus=bus))
+
+
 # `retarget import` as a user meets it.
 
 
@@ -166,6 +220,21 @@ def test_what_to_do_next_can_be_pasted_into_a_shell(
         f"{tmp_path}/my bust; it's mine/robot.yaml",
         *words[4:],
     ]
+
+
+@pytest.mark.parametrize("answers", [[""], ["?", "l_knee=nothing", "l_elbow=p1", "l_elbow=", ""]])
+def test_a_terminal_is_asked(
+    answers: list[str], bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ENTER takes the links; what cannot be is said, and asked again."""
+    monkeypatch.setattr("retarget.cli.own_robot.is_asked", lambda: True)
+    said = iter(answers)
+    monkeypatch.setattr("builtins.input", lambda _: next(said))
+    code, out, _ = run(capsys, "import", bust, "--out", tmp_path / "new")
+    assert code == 0 and next(said, None) is None
+    shows(out, "l_hand", "p2")
+    frames = load_profile(tmp_path / "new").frames
+    assert ("l_elbow" in frames) == ("r_elbow" in frames) == (len(answers) == 1)
 
 
 def test_import_again(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

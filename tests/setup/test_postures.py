@@ -26,7 +26,7 @@ def test_what_touches_in_every_posture_is_ignored_and_marked(tmp_path: Path) -> 
     text = small_bust().replace('<box size="0.03 0.1 0.03"/>', '<box size="0.3 0.1 0.03"/>')
     folder = imported(text, tmp_path)
     (ignored,) = [entry for entry in load_profile(folder).ignore_pairs if set(entry.pair) == {"p2", "q2"}]
-    assert "touch in the posture neutral" in ignored.reason and robot_observers(load_robot(folder)).names
+    assert "neutral" in ignored.reason and robot_observers(load_robot(folder)).names
 
 
 def stranger() -> Posed:

@@ -62,8 +62,8 @@ def test_the_shape_of_balls_encloses_them_and_is_no_larger_than_the_box_around_t
 def volume(shape: LinkShape) -> float:
     radius, half, third = shape.size.tolist()
     if shape.kind is ShapeKind.BOX:
-        return 8.0 * radius * half * third
-    return np.pi * radius**2 * (2.0 * half + 4.0 / 3.0 * radius)  # type: ignore[no-any-return]
+        return float(8.0 * radius * half * third)
+    return float(np.pi * radius**2 * (2.0 * half + 4.0 / 3.0 * radius))
 
 
 @pytest.mark.parametrize("points", [[[0, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]]])

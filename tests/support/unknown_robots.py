@@ -115,65 +115,67 @@ def table_arm() -> str:
 
 
 # Robots as newcomers bring them, each in the manner of a public one; sizes and names are like theirs, shapes are ours.
+#
+# A row has a link and its parent, {} for the side, where the joint is, its axis, limits, size and middle of the box,
+# and mass. y is mirrored on the right, and of an axis after a ~ x and y.
+
+DARWIN = """
+MP_BACK_{}     MP_BODY       -.02 .06 0          0 0 0    0 0          .001 .001 .001    0 0 0           .001
+MP_SHO_{}      MP_BODY       0 .0575 0          ~0 1 0    -2.618 2.618 .03 .02 .03       0 .01 0         .026
+MP_ARM_HIGH_{} MP_SHO_{}     0 .0245 -.016      -1 0 0    -2.618 2.618 .035 .03 .05      .005 .025 -.025 .17
+MP_ARM_LOW_{}  MP_ARM_HIGH_{} .016 .0424 -.0424 ~0 1 1    -2.618 2.618 .12 .03 .03       .065 0 0        .06
+MP_PELVIS_{}   MP_BODY       -.005 .037 -.0907   0 0 -1   -2.618 2.618 .03 .04 .02       0 0 0           .03
+MP_THIGH1_{}   MP_PELVIS_{}  0 0 -.0315         -1 0 0    -2.618 2.618 .04 .04 .04       0 0 0           .17
+MP_THIGH2_{}   MP_THIGH1_{}  0 0 0              ~0 -1 0   -2.618 2.618 .045 .045 .07     0 0 -.05        .12
+MP_TIBIA_{}    MP_THIGH2_{}  0 0 -.093          ~0 -1 0   -2.618 2.618 .064 .065 .1      0 0 -.045       .07
+MP_ANKLE1_{}   MP_TIBIA_{}   0 0 -.093          ~0 1 0    -2.618 2.618 .04 .04 .03       0 0 0           .17
+MP_ANKLE2_{}   MP_ANKLE1_{}  0 0 0               1 0 0    -2.618 2.618 .1 .06 .01        0 .008 -.0285   .08
+"""
+GROUND = """
+leg_{}_hip_roll       base                  0 .09 .42   1 0 0  -1 1    .05 .05 .05 0 0 0       .5
+leg_{}_hip_yaw        leg_{}_hip_roll       0 0 -.04    0 0 1  -1 1    .05 .05 .04 0 0 0       .5
+leg_{}_hip_pitch      leg_{}_hip_yaw        0 0 -.02    0 1 0  -1.9 1  .05 .05 .14 0 0 -.08    .8
+leg_{}_knee_pitch     leg_{}_hip_pitch      0 0 -.16    0 1 0  0 2.3   .05 .05 .12 0 0 -.08    .5
+leg_{}_ankle_pitch    leg_{}_knee_pitch     0 0 -.16    0 1 0  -1.2 1  .03 .03 .02 0 0 0       .1
+leg_{}_ankle_roll     leg_{}_ankle_pitch    0 0 0       1 0 0  -.5 .5  .16 .07 .01 .02 0 -.035 .2
+arm_{}_shoulder_pitch base                  0 .12 .68   0 1 0  -3 1.5  .05 .05 .05 0 0 0       .3
+arm_{}_shoulder_roll  arm_{}_shoulder_pitch 0 .03 0    ~1 0 0  -.2 2.5 .05 .04 .04 0 .01 0     .3
+arm_{}_shoulder_yaw   arm_{}_shoulder_roll  0 .01 -.04  0 0 1  -1.5 1.5 .04 .04 .1 0 0 -.06    .3
+arm_{}_elbow_pitch    arm_{}_shoulder_yaw   0 0 -.14    0 1 0  -2.2 0  .04 .04 .16 0 0 -.09    .3
+"""
+MICROBAN = """
+{}_leg_yaw     trunk          0 .03 -.03  0 0 1 -1 1     .02 .025 .02   0 0 0           .03
+{}_leg_roll    {}_leg_yaw     0 0 -.02    1 0 0 -.6 .6   .025 .025 .025 0 0 0           .03
+{}_leg_pitch   {}_leg_roll    0 0 0       0 1 0 -1.7 .8  .025 .03 .05   0 0 -.035       .05
+{}_knee        {}_leg_pitch   0 0 -.06    0 1 0 0 2.2    .025 .03 .04   0 0 -.03        .04
+{}_ankle_pitch {}_knee        0 0 -.06    0 1 0 -1.2 1.2 .025 .025 .02  0 0 0           .03
+{}_ankle_roll  {}_ankle_pitch 0 0 0       1 0 0 -.6 .6   .08 .04 .008   .008 .003 -.022 .03
+{}_arm_pitch   trunk          0 .04 .05   0 1 0 -3 3     .02 .02 .02    0 .005 0        .02
+{}_arm_roll    {}_arm_pitch   0 .015 0   ~1 0 0 -.3 2.8  .025 .02 .05   0 .003 -.03     .04
+{}_elbow       {}_arm_roll    0 .003 -.06 0 1 0 -2.3 0   .02 .02 .055   0 0 -.035       .03
+"""
+
+
+def both_sides(table: str, left: str, right: str) -> list[Part]:
+    """The parts of a table on both sides, by the names of the sides."""
+    parts = []
+    for side, s in ((left, 1.0), (right, -1.0)):
+        for row in table.strip().splitlines():
+            name, parent, *words = row.replace("{}", side).split()
+            turn = s if words[3].startswith("~") else 1.0
+            x, y, z, ax, ay, az, low, high, *size, mx, my, mz, mass = (float(word.strip("~")) for word in words)
+            kind = "revolute" if low < high else "fixed"
+            axis, middle, box = (turn * ax, turn * ay, az), (mx, s * my, mz), (size[0], size[1], size[2])
+            parts.append(Part(name, parent, (x, s * y, z), axis, (low, high), box, middle, mass, kind))
+    return parts
 
 
 def darwin_like(folder: Path) -> Path:
     """A small humanoid whose every joint may turn 150 degrees either way, upper arms out and forearms ahead in its zero
     pose, shins with shells that are wide above, and a dummy link of 1 mm at each shoulder; names end in _L and _R."""
-    parts, wide = [], (-2.618, 2.618)
-    for side, s in (("L", 1.0), ("R", -1.0)):
-        name = {
-            key: f"MP_{key}_{side}"
-            for key in ("BACK", "SHO", "ARM_HIGH", "ARM_LOW", "PELVIS", "THIGH1", "THIGH2", "TIBIA", "ANKLE1", "ANKLE2")
-        }
-        parts += [
-            Part(
-                name["BACK"], "MP_BODY", (-0.02, 0.06 * s, 0.0), ZERO, ZERO[:2], (0.001,) * 3, mass=0.001, kind="fixed"
-            ),
-            Part(
-                name["SHO"], "MP_BODY", (0, 0.0575 * s, 0), (0, s, 0), wide, (0.03, 0.02, 0.03), (0, 0.01 * s, 0), 0.026
-            ),
-            Part(
-                name["ARM_HIGH"],
-                name["SHO"],
-                (0, 0.0245 * s, -0.016),
-                (-1, 0, 0),
-                wide,
-                (0.035, 0.03, 0.05),
-                (0.005, 0.025 * s, -0.025),
-                0.17,
-            ),
-            Part(
-                name["ARM_LOW"],
-                name["ARM_HIGH"],
-                (0.016, 0.0424 * s, -0.0424),
-                (0, s, 1),
-                wide,
-                (0.12, 0.03, 0.03),
-                (0.065, 0, 0),
-                0.06,
-            ),
-            Part(
-                name["PELVIS"], "MP_BODY", (-0.005, 0.037 * s, -0.0907), (0, 0, -1), wide, (0.03, 0.04, 0.02), mass=0.03
-            ),
-            Part(name["THIGH1"], name["PELVIS"], (0, 0, -0.0315), (-1, 0, 0), wide, (0.04, 0.04, 0.04), mass=0.17),
-            Part(name["THIGH2"], name["THIGH1"], ZERO, (0, -s, 0), wide, (0.045, 0.045, 0.07), (0, 0, -0.05), 0.12),
-            Part(
-                name["TIBIA"],
-                name["THIGH2"],
-                (0, 0, -0.093),
-                (0, -s, 0),
-                wide,
-                (0.064, 0.065, 0.1),
-                (0, 0, -0.045),
-                0.07,
-            ),
-            Part(name["ANKLE1"], name["TIBIA"], (0, 0, -0.093), (0, s, 0), wide, (0.04, 0.04, 0.03), mass=0.17),
-            Part(
-                name["ANKLE2"], name["ANKLE1"], ZERO, (1, 0, 0), wide, (0.1, 0.06, 0.01), (0, 0.008 * s, -0.0285), 0.08
-            ),
-        ]
-    parts += [
+    wide = (-2.618, 2.618)
+    parts = [
+        *both_sides(DARWIN, "L", "R"),
         Part("MP_NECK", "MP_BODY", (0, 0, 0.0205), (0, 0, 1), wide, (0.03, 0.03, 0.03), mass=0.024),
         Part("MP_HEAD", "MP_NECK", (0, 0, 0.03), (0, -1, 0), wide, (0.08, 0.09, 0.08), (0.01, 0, 0.04), 0.158),
     ]
@@ -184,169 +186,15 @@ def darwin_like(folder: Path) -> Path:
 def ground_rooted(folder: Path) -> Path:
     """A humanoid without a head whose base link has its origin on the ground, as some CAD exports have it; shapes are
     visual ones only."""
-    parts = []
-    for side, s in (("left", 1.0), ("right", -1.0)):
-        leg, arm = f"leg_{side}", f"arm_{side}"
-        parts += [
-            Part(f"{leg}_hip_roll", "base", (0, 0.09 * s, 0.42), (1, 0, 0), (-1.0, 1.0), (0.05, 0.05, 0.05), mass=0.5),
-            Part(
-                f"{leg}_hip_yaw", f"{leg}_hip_roll", (0, 0, -0.04), (0, 0, 1), (-1.0, 1.0), (0.05, 0.05, 0.04), mass=0.5
-            ),
-            Part(
-                f"{leg}_hip_pitch",
-                f"{leg}_hip_yaw",
-                (0, 0, -0.02),
-                (0, 1, 0),
-                (-1.9, 1.0),
-                (0.05, 0.05, 0.14),
-                (0, 0, -0.08),
-                0.8,
-            ),
-            Part(
-                f"{leg}_knee_pitch",
-                f"{leg}_hip_pitch",
-                (0, 0, -0.16),
-                (0, 1, 0),
-                (0.0, 2.3),
-                (0.05, 0.05, 0.12),
-                (0, 0, -0.08),
-                0.5,
-            ),
-            Part(
-                f"{leg}_ankle_pitch",
-                f"{leg}_knee_pitch",
-                (0, 0, -0.16),
-                (0, 1, 0),
-                (-1.2, 1.0),
-                (0.03, 0.03, 0.02),
-                mass=0.1,
-            ),
-            Part(
-                f"{leg}_ankle_roll",
-                f"{leg}_ankle_pitch",
-                ZERO,
-                (1, 0, 0),
-                (-0.5, 0.5),
-                (0.16, 0.07, 0.01),
-                (0.02, 0, -0.035),
-                0.2,
-            ),
-            Part(
-                f"{arm}_shoulder_pitch",
-                "base",
-                (0, 0.12 * s, 0.68),
-                (0, 1, 0),
-                (-3.0, 1.5),
-                (0.05, 0.05, 0.05),
-                mass=0.3,
-            ),
-            Part(
-                f"{arm}_shoulder_roll",
-                f"{arm}_shoulder_pitch",
-                (0, 0.03 * s, 0),
-                (s, 0, 0),
-                (-0.2, 2.5),
-                (0.05, 0.04, 0.04),
-                (0, 0.01 * s, 0),
-                0.3,
-            ),
-            Part(
-                f"{arm}_shoulder_yaw",
-                f"{arm}_shoulder_roll",
-                (0, 0.01 * s, -0.04),
-                (0, 0, 1),
-                (-1.5, 1.5),
-                (0.04, 0.04, 0.1),
-                (0, 0, -0.06),
-                0.3,
-            ),
-            Part(
-                f"{arm}_elbow_pitch",
-                f"{arm}_shoulder_yaw",
-                (0, 0, -0.14),
-                (0, 1, 0),
-                (-2.2, 0.0),
-                (0.04, 0.04, 0.16),
-                (0, 0, -0.09),
-                0.3,
-            ),
-        ]
+    parts = both_sides(GROUND, "left", "right")
     text = urdf(parts, base="base", size=(0.1, 0.16, 0.26), middle=(0, 0, 0.58), effort=8.0, speed=8.0)
     return with_meshes(text.replace("collision>", "visual>"), folder, "meshes/{}.stl")
 
 
 def microban_like(folder: Path) -> Path:
     """A humanoid of 19 small servos, which only the names of its meshes tell; no joint states a torque."""
-    parts = []
-    for side, s in (("left", 1.0), ("right", -1.0)):
-        leg, arm = f"{side}_leg", f"{side}_arm"
-        parts += [
-            Part(f"{leg}_yaw", "trunk", (0, 0.03 * s, -0.03), (0, 0, 1), (-1.0, 1.0), (0.02, 0.025, 0.02), mass=0.03),
-            Part(f"{leg}_roll", f"{leg}_yaw", (0, 0, -0.02), (1, 0, 0), (-0.6, 0.6), (0.025, 0.025, 0.025), mass=0.03),
-            Part(
-                f"{leg}_pitch", f"{leg}_roll", ZERO, (0, 1, 0), (-1.7, 0.8), (0.025, 0.03, 0.05), (0, 0, -0.035), 0.05
-            ),
-            Part(
-                f"{side}_knee",
-                f"{leg}_pitch",
-                (0, 0, -0.06),
-                (0, 1, 0),
-                (0.0, 2.2),
-                (0.025, 0.03, 0.04),
-                (0, 0, -0.03),
-                0.04,
-            ),
-            Part(
-                f"{side}_ankle_pitch",
-                f"{side}_knee",
-                (0, 0, -0.06),
-                (0, 1, 0),
-                (-1.2, 1.2),
-                (0.025, 0.025, 0.02),
-                mass=0.03,
-            ),
-            Part(
-                f"{side}_ankle_roll",
-                f"{side}_ankle_pitch",
-                ZERO,
-                (1, 0, 0),
-                (-0.6, 0.6),
-                (0.08, 0.04, 0.008),
-                (0.008, 0.003 * s, -0.022),
-                0.03,
-            ),
-            Part(
-                f"{arm}_pitch",
-                "trunk",
-                (0, 0.04 * s, 0.05),
-                (0, 1, 0),
-                (-3.0, 3.0),
-                (0.02, 0.02, 0.02),
-                (0, 0.005 * s, 0),
-                0.02,
-            ),
-            Part(
-                f"{arm}_roll",
-                f"{arm}_pitch",
-                (0, 0.015 * s, 0),
-                (s, 0, 0),
-                (-0.3, 2.8),
-                (0.025, 0.02, 0.05),
-                (0, 0.003 * s, -0.03),
-                0.04,
-            ),
-            Part(
-                f"{side}_elbow",
-                f"{arm}_roll",
-                (0, 0.003 * s, -0.06),
-                (0, 1, 0),
-                (-2.3, 0.0),
-                (0.02, 0.02, 0.055),
-                (0, 0, -0.035),
-                0.03,
-            ),
-        ]
-    parts += [Part("head", "trunk", (0, 0, 0.08), (0, 0, 1), (-1.2, 1.2), (0.05, 0.05, 0.05), (0, 0, 0.03), 0.08)]
+    head = Part("head", "trunk", (0, 0, 0.08), (0, 0, 1), (-1.2, 1.2), (0.05, 0.05, 0.05), (0, 0, 0.03), 0.08)
+    parts = [*both_sides(MICROBAN, "left", "right"), head]
     text = urdf(parts, base="trunk", size=(0.05, 0.06, 0.09), middle=(0, 0, 0.025), effort=0.0, speed=0.0)
     return with_meshes(text, folder, "package://assets/{}_xl330.stl")
 
