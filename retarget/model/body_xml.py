@@ -152,6 +152,22 @@ class _Counts:
     includes: list[_Include] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
 
+    def add(self, tag: str, attributes: dict[str, str], *, inside: str, times: int, place: tuple[str, int]) -> None:
+        """Count an element that is repeated so many times, inside of another. place: its file and line."""
+        source, line = place
+        self.problems += _told(tag, attributes, source, line)
+        self.links += times * (tag in ("link", "body"))
+        before, self.replicated = self.replicated, self.replicated + times * (times > 1)
+        if before <= MAX_REPLICATED < self.replicated:
+            self.problems.append(_too_much("<replicate> makes too many elements", source, line, MAX_REPLICATED))
+        if tag == "replicate":
+            self.copies += times * _count(attributes)
+        if inside == "sensor" and tag in NO_OBJECT and not OBJECTS & attributes.keys():
+            what = f"MuJoCo doubles <{tag}>, a sensor without an object, with each copy that <replicate> makes"
+            self.doubled.append(_too_much(what, source, line, MAX_DOUBLED))
+        if tag == "include":
+            self.includes.append(_Include(attributes.get("file", ""), source, times))
+
 
 class _RefusedXmlError(Exception):
     """The problems of XML that is no robot's."""
@@ -181,18 +197,7 @@ def _elements(content: bytes, source: str, counts: _Counts, *, times: int) -> El
             raise _RefusedXmlError(
                 f"elements more than {MAX_DEPTH} deep" if deep else f"more than {MAX_ELEMENTS} elements"
             )
-        counts.problems += _told(tag, attributes, source, line)
-        counts.links += here * (tag in ("link", "body"))
-        before, counts.replicated = counts.replicated, counts.replicated + here * (here > 1)
-        if before <= MAX_REPLICATED < counts.replicated:
-            counts.problems.append(_too_much("<replicate> makes too many elements", source, line, MAX_REPLICATED))
-        if tag == "replicate":
-            counts.copies += here * _count(attributes)
-        if outer[-1] == "sensor" and tag in NO_OBJECT and not OBJECTS & attributes.keys():
-            what = f"MuJoCo doubles <{tag}>, a sensor without an object, with each copy that <replicate> makes"
-            counts.doubled.append(_too_much(what, source, line, MAX_DOUBLED))
-        if tag == "include":
-            counts.includes.append(_Include(attributes.get("file", ""), source, here))
+        counts.add(tag, attributes, inside=outer[-1], times=here, place=(source, line))
         repeats.append(here * _count(attributes) if tag == "replicate" else here)
         outer.append(tag)
         builder.start(tag, attributes)
