@@ -140,7 +140,7 @@ def test_no_hand_work_before_the_demo(robot: str, tmp_path: Path) -> None:
 
 LIKE = {
     "darwin": (darwin_like, "MX-28"),
-    "ground": (ground_rooted, "MX-106"),
+    "ground": (ground_rooted, "XH540-W150"),
     "microban": (microban_like, "XL330-M288"),
 }
 
