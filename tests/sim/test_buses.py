@@ -176,9 +176,9 @@ def test_every_fault_that_a_bus_takes_changes_something(tmp_path: Path, mass: bo
 
 
 def seen_through(folder: Path, kind: LineFault | None, *, mass: bool) -> list[tuple[object, ...]]:
-    """What the host sees of a robot on an emulated wire that moves an elbow, with this fault from 1.6 s on."""
+    """What the host sees of a robot on an emulated wire that moves an elbow, with this fault from 0.8 s on."""
     faults, clock, start = folder / "faults.yaml", VirtualClock(), standing()
-    faults.write_text(f"faults: [{'' if kind is None else f'{{fault: {kind.value}, start: 1.6}}'}]\n")
+    faults.write_text(f"faults: [{'' if kind is None else f'{{fault: {kind.value}, start: 0.8}}'}]\n")
     bus: ServoBus
     if mass:
         bus = physics_wire_bus(simulation_of(op3(), start=start), clock, faults=faults)
@@ -189,7 +189,7 @@ def seen_through(folder: Path, kind: LineFault | None, *, mass: bool) -> list[tu
         bus.open()
         bus.write(ServoGoals(bus.read().position))
         bus.torque(True)
-        for tick in range(300):
+        for tick in range(190):
             clock.advance(DT)
             states = bus.read()
             shown = np.nan_to_num([states.temperature, states.voltage]).tolist()
@@ -251,7 +251,7 @@ def sag(*, softer: float = 1.0, drive_limit: float = 1.0) -> float:
         shaft.lag = softer * loop_lag(spec)
         shaft.drive_limit = drive_limit
         shaft.refresh()
-    for tick in range(300):
+    for tick in range(190):
         for shaft in shafts:
             shaft.advance(10.0 + tick * DT)
     knee = [spec.joint for spec in specs].index("l_knee")

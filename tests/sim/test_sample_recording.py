@@ -38,12 +38,10 @@ def test_it_is_a_whole_person_who_moves_as_persons_do(sample: SensorFrames) -> N
 
 
 SHIPPED_ROBOTS = [entry.name for entry in entries(Kind.ROBOT) if entry.shipped]
-QUICKEST = "op3"
 
 
-@pytest.mark.parametrize(
-    "robot", [pytest.param(name, marks=() if name == QUICKEST else pytest.mark.long) for name in SHIPPED_ROBOTS]
-)
+@pytest.mark.long  # `make demo` and the golden runs play it, too
+@pytest.mark.parametrize("robot", SHIPPED_ROBOTS)
 def test_every_shipped_robot_follows_it_within_all_limits(robot: str, tmp_path: Path) -> None:
     assert command("run", "--robot", robot, "--source", SAMPLE, "--report", tmp_path / "run.json") == DONE
     report = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
