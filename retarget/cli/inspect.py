@@ -21,7 +21,9 @@ SHOWN_JUMPS = 8
 """Jumps that are listed, so that a broken file does not fill the terminal; the others are counted."""
 
 
-def inspect(source: str, file: FileOptions, performer: str | None = None, as_json: bool = False) -> None:
+def inspect(
+    source: str, file: FileOptions, mirror: bool = False, performer: str | None = None, as_json: bool = False
+) -> None:
     """Say what is in a motion file or recording: frames, rate, sensors, size of the body, speeds and impossible jumps;
     and whether a run would accept a motion file, by preparing one of the virtual human.
 
@@ -29,13 +31,15 @@ def inspect(source: str, file: FileOptions, performer: str | None = None, as_jso
         source: A motion file: AMC, BVH or C3D; 'sample', which comes with the program; or replay://FILE, a stream.
 
     Options:
+        mirror: Left and right exchanged.
         performer NAME|FILE: The sensors of the run that is prepared, usually five.
         as_json (--json): Machine-readable, one object.
     """
     streamed = is_address(source)
     if streamed:
-        refuse_given(["--performer"] if performer else [], "motion file")
+        refuse_given([*["--mirror"] * mirror, *["--performer"] * bool(performer)], "motion file")
     frames = _opened(source, file)
+    frames = frames.mirror() if mirror else frames
     summary = summarise(frames, streamed=streamed)
     refused = None if streamed else _refused(frames, RunOptions(robot=HUMAN, performer=performer))
     if as_json:  # what is not finite is null

@@ -215,7 +215,7 @@ def check_plausible(dimensions: HumanDimensions, *, source: str) -> None:
             where=source,
             found=f"a stature of {dimensions.stature:.3g} m",
             allowed=f"{low} to {high} m",
-            next_step="Check the unit of length",
+            next_step="Check the unit of length and the up axis: of a file, --unit and --up say them",
         )
     usual = proportional_dimensions(dimensions.stature)
     problems = []

@@ -201,13 +201,13 @@ def read_bvh(
 
     Raises InputError with file and line.
     """
-    motion = read_motion(path, root=performer_root)
+    motion = read_motion(path, root=performer_root, rate=rate)
     tree, values, notes = true_offsets(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
     return canonical_frames(
         tree,
         posed(tree, motion.hierarchy.channels, values),
         unit=named_unit(unit),
-        rate=motion.rate_hz if rate is None else check_rate(rate, "--rate"),
+        rate=motion.rate_hz,
         source=str(path),
         stature=stature,
         up=up,
@@ -215,12 +215,14 @@ def read_bvh(
     )
 
 
-def read_motion(path: Path, *, root: str | None = None) -> BvhMotion:
+def read_motion(path: Path, *, root: str | None = None, rate: float | None = None) -> BvhMotion:
     """Read and check a whole file. root: the name of the ROOT of which the motion is taken; it may be left out where
-    there is one. Raises InputError with file and line, and UsageError for a root that the file does not have."""
+    there is one. rate: Hz, instead of the file's. Raises InputError with file and line, and UsageError for a root that
+    the file does not have."""
     lines = read_lines(path)
     hierarchy, motion_line = read_hierarchy(lines, path)
-    declared, place, rate, first = _read_motion_header(lines, motion_line, path)
+    declared, place, stated, first = _read_motion_header(lines, motion_line, path)
+    rate = _stated_rate(*stated) if rate is None else check_rate(rate, "--rate")
     values = _read_values(lines[first:], sum(map(len, hierarchy.channels)), path, first)
     check_frame_count(len(values), str(path))
     notes = frames_held(len(values), declared, place)
@@ -270,8 +272,9 @@ def pose_of(motion: BvhMotion) -> Pose:
     return posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
 
 
-def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, str, float, int]:
-    """Number of frames, the line that declares it, rate (Hz), and the index of the first line of data."""
+def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, str, tuple[str, str], int]:
+    """Number of frames and the line that declares it, frame time as text with its line, and the index of the first line
+    of data."""
     filled = [index for index in range(start, min(start + 100, len(lines))) if lines[index].strip()][:2]
     pairs = [lines[index].partition(":") for index in filled]
     keys = [" ".join(key.lower().split()) for key, _, _ in pairs]
@@ -286,23 +289,23 @@ def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, 
     if not (count.isascii() and count.isdecimal() and len(count) <= 12):
         raise InputError("wrong number of frames", where=count_place, found=repr(count[:40]), allowed="a whole number")
     check_frame_count(int(count), count_place)
-    seconds = numbers([interval], interval_place)[0]
+    return int(count), count_place, (interval, interval_place), filled[1] + 1
+
+
+def _stated_rate(interval: str, place: str) -> float:
+    """The rate (Hz) of a frame time. It is written with few digits (0.008333): a rate within 0.02 % of a whole number
+    is that number."""
+    seconds = numbers([interval], place)[0]
     if seconds <= 0.0:
         raise InputError(
             "impossible frame time",
-            where=interval_place,
+            where=place,
             found=interval,
             allowed="seconds above 0",
-            next_step="Correct it, for 120 Hz to 0.008333",
+            next_step="Correct it, for 120 Hz to 0.008333, or say the frames per second with --rate",
         )
-    rate = _tidy_rate(check_rate(1.0 / seconds, interval_place))
-    return int(count), count_place, rate, filled[1] + 1
-
-
-def _tidy_rate(rate: float) -> float:
-    """Frame times are written with few digits (0.008333): a rate within 0.02 % of a whole number is that number."""
-    whole = round(rate)
-    return float(whole) if abs(rate - whole) < 2e-4 * rate else rate
+    rate = check_rate(1.0 / seconds, place)
+    return float(round(rate)) if abs(rate - round(rate)) < 2e-4 * rate else rate
 
 
 def _read_values(lines: list[str], width: int, path: Path, before: int) -> FloatArray:

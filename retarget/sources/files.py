@@ -159,7 +159,8 @@ def check_rate(rate: float, where: str) -> float:
     """The frame rate (Hz), if it is one. Raises InputError."""
     if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         allowed = f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
-        raise InputError("impossible frame rate", where=where, found=f"{rate:g} Hz", allowed=allowed)
+        step = "" if where == "--rate" else "Say the frames per second with --rate"
+        raise InputError("impossible frame rate", where=where, found=f"{rate:g} Hz", allowed=allowed, next_step=step)
     return rate
 
 

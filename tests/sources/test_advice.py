@@ -65,6 +65,7 @@ CASES = [
     Advice("strange.bvh", one_arm_hangs(STRANGE), "Rename the joints to Hips, LeftUpLeg", one_arm_hangs()),
     Advice("count.bvh", bvh_text().replace("CHANNELS 3", "CHANNELS 4", 1), "Correct the number", bvh_text()),
     Advice("time.bvh", bvh_text(frame_time="0"), "0.008333", bvh_text(frame_time="0.008333")),
+    Advice("fps.bvh", bvh_text(frame_time="60"), "--rate", options=("--rate", "60")),
     Advice("comma.bvh", bvh_text().replace("OFFSET 0 11 0", "OFFSET 0 1,100.0 0"), "decimal points", bvh_text()),
     Advice("own.c3d", MARKERS, "--markers", options=("--markers", "table.yaml"), beside={"table.yaml": TABLE}),
     Advice("unit.c3d", c3d_bytes(unit="furlong"), "--unit", options=("--unit", "mm")),
