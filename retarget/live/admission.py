@@ -58,8 +58,8 @@ MOST_NAMED = 16
 NOT_ALLOWED = "sender not on the allow-list"
 SECOND_SOURCE = "a second source"
 NEW_SOCKETS = "the sender opens a new socket for each datagram"
-MANY_PORTS = 4
-"""Ports of the owner's computer that are refused before they are taken for new sockets of one sender."""
+MANY_PORTS, PORTS_WITHIN_S = 4, 1.0
+"""So many ports of the owner's computer that are refused within this time are taken for new sockets of one sender."""
 TOO_LONG = "datagram empty or longer than 64 KiB"
 TOO_MANY = "more datagrams than can be decoded in time"
 
@@ -85,7 +85,7 @@ class Admission:
         self.owner: Source | None = None
         """The source that owns the stream; None until one has sent a frame."""
         self._last_frame = 0.0  # [s] of the owner
-        self._ports = set[int]()  # of the owner's computer that were refused, at most MANY_PORTS
+        self._ports = list[tuple[int, float]]()  # of the owner's computer: the last that were refused, and when [s]
         self._named: dict[tuple[str, str], None] = {}
         self._news: list[tuple[Source, str]] = []
 
@@ -101,7 +101,7 @@ class Admission:
             if not self._allowed(source[0]):
                 return self._refuse(NOT_ALLOWED, source)
             if not self._may_own(source, now, moving):
-                return self._refuse(self._second(source), source)
+                return self._refuse(self._second(source, now), source)
         if not 0 < len(datagram.payload) <= MAX_DATAGRAM:
             self.refused.note(TOO_LONG)
             return False
@@ -115,8 +115,8 @@ class Admission:
         """
         if source != self.owner:
             if not self._may_own(source, now, moving):
-                return self._refuse(self._second(source), source)
-            self.owner = source
+                return self._refuse(self._second(source, now), source)
+            self.owner, self._ports = source, []
         self._last_frame = now
         return True
 
@@ -125,12 +125,12 @@ class Admission:
         news, self._news = tuple(self._news), []
         return news
 
-    def _second(self, source: Source) -> str:
-        """Why a source beside the owner is refused."""
+    def _second(self, source: Source, now: float) -> str:
+        """Why a source beside the owner is refused at `now`, s."""
         if self.owner is None or source[0] != self.owner[0]:
             return SECOND_SOURCE
-        if len(self._ports) < MANY_PORTS:
-            self._ports.add(source[1])
+        others = [(port, at) for port, at in self._ports if port != source[1] and now - at < PORTS_WITHIN_S]
+        self._ports = [*others[1 - MANY_PORTS :], (source[1], now)]
         return NEW_SOCKETS if len(self._ports) == MANY_PORTS else SECOND_SOURCE
 
     def _may_own(self, source: Source, now: float, moving: bool) -> bool:

@@ -15,12 +15,12 @@ from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NEW_SOCKETS, NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
 from retarget.live.clock_map import FASTER, JumpKind, not_seconds
 from retarget.live.datagram_kinds import advice_for, reads, recognise
+from retarget.live.natnet_session import NEWEST, natnet_problems
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
 from retarget.sources.json_pose import TIME_IN_MS
 from retarget.sources.mvn import MvnDecoder
-from retarget.sources.natnet_session import NEWEST, natnet_problems
 from retarget.sources.natnet_wire import OLDEST
 from retarget.types import Notify
 

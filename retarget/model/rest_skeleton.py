@@ -17,7 +17,7 @@ LEAST_SHOULDERS, LEAST_HIPS, LEAST_FOOT = 0.1, 0.03, 0.03
 """Least width of shoulders and hips, and least length of a foot on the ground, as shares of stature. A foot without
 length is a file's end of the leg, not a toe."""
 
-_SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
+SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
 """Segments of limbs, by the joints where they begin and end."""
 _SEGMENT_OF = {"wrist": "elbow", "ankle": "knee", "toe": "knee"}
 """At rest a hand is turned as the forearm, and a foot as the shank, by the joint where that begins."""
@@ -32,8 +32,8 @@ def limb_turns(skeleton: Skeleton, sensors: Sequence[str]) -> FloatArray:
     for row, sensor in enumerate(sensors):
         side, part = sensor[:2], sensor[2:]
         near = _SEGMENT_OF.get(part, part)
-        if near in _SEGMENT_END:
-            along = skeleton.of(side + _SEGMENT_END[near]) - skeleton.of(side + near)
+        if near in SEGMENT_END:
+            along = skeleton.of(side + SEGMENT_END[near]) - skeleton.of(side + near)
             result[row] = rotations.shortest_arc(_DOWN, along)
     return result
 

@@ -17,6 +17,7 @@ from retarget.live.address import EVERYWHERE, KINDS, StreamAddress, for_others, 
 from retarget.live.admission import NEW_SOCKETS, NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
 from retarget.live.datagram_kinds import DAMAGED, advice_for, reads
+from retarget.live.natnet_session import natnet_problems
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
 from retarget.live.receivers import NatnetReceiver, port_holder
@@ -33,7 +34,6 @@ from retarget.setup.doctor_sensors import (
     role_findings,
 )
 from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.natnet_session import natnet_problems
 from retarget.sources.natnet_wire import DATA_PORT
 from retarget.sources.vmc import VmcDecoder
 from retarget.web.link import PoseReceiver

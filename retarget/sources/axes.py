@@ -20,20 +20,26 @@ UP_AXES: Mapping[str, FloatArray] = {
 """Name of a signed coordinate axis -> its unit vector (3,)."""
 
 UPRIGHT = 0.7
-"""Mean share of the line from ankles to head that must lie along an axis before the frames decide what is up."""
+"""Mean share of the line from ankles to head that must lie along an axis before the frames decide what is up: below
+(45 degrees), another axis may be as near."""
 NEAR_GROUND = 0.3
 """Greatest height of the ankles above the plane through the origin, as a share of the distance from ankles to head, of
-a body that stands there."""
+a body that stands there: ankles are 0.06 of it above the soles, and whoever stands on a box all the time stands no
+higher than a knee."""
 ON_FLOOR = (-0.03, 0.15)
 """Height of the lowest of head, hips and ankles above the plane through the origin, in the same share, of a body that
-stands, sits, crawls or lies on that floor."""
+stands, sits, crawls or lies on that floor: joints of a body that touches it are a few centimetres below (soft mats,
+errors of calibration) to a hand's breadth and more above (ankles on heels, hips in flesh)."""
 OFTEN = 0.9
-"""Share of the frames in which a body is on its floor."""
+"""Share of the frames in which a body is on its floor: people are in the air for parts of a second."""
 
 TOES_ALIGNED = 0.3
-"""Least mean cosine between a foot and where left and right say that it points, before it shows what is forward."""
-KNEES_BENT = 0.02
-"""Least mean distance of a knee from the line between hip and ankle, as a share of their distance, likewise."""
+"""Least mean cosine between a foot and where left and right say that it points, before it shows what is forward: feet
+turn out by up to 60 degrees (0.5), and lose some in steps to the side."""
+KNEES_FORWARD, KNEES_BACK = 0.02, -0.07
+"""Mean distance of a knee in front of the line between hip and ankle, as a share of their distance, from which it shows
+that the front is right, and from which that it is wrong. Healthy knees overstretch by up to 10 degrees (0.04), so only
+more than 16 degrees backwards is the bend of a knee in a mirrored file."""
 
 
 def named_axis(name: str) -> FloatArray:
@@ -51,9 +57,10 @@ def axis_name(axis: FloatArray) -> str:
 
 
 def axes_with_up(up: FloatArray) -> FloatArray:
-    """World axes (3, 3) of a file with this up axis (3,): the file's axes in their cyclic order (y up: forward z, left
-    x), as rows forward, left, up. The heading stays as recorded.
+    """World axes (3, 3) of a file with this signed up axis (3,): the file's axes in their cyclic order (y up: forward
+    z, left x), as rows forward, left, up. The heading stays as recorded.
     """
+    assert any(np.array_equal(up, axis) for axis in UP_AXES.values()), "up is a signed axis of the file"
     axis = int(np.argmax(np.abs(up)))
     first, second = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
     return np.stack((first, second, up) if up[axis] > 0 else (second, first, up))
@@ -72,7 +79,8 @@ def world_axes(
     `position @ axes.T` is the recording in the world; the determinant is -1 where the file is mirrored.
 
     tracks: canonical joints or sensors (T, 3) in file axes, NaN where lost; of use are head, hips, knees, ankles, toes.
-    declared (3,): up as the file has it, None if it says nothing. declared_by: what in the file says so, for notes.
+    declared (3,): the signed axis that is up as the file has it, None if it says nothing. declared_by: what in the file
+    says so, for notes.
     usual (3,): what is taken where neither the file nor the body says anything. asked (3,): what the user says
     (`--up`), which overrules all.
     """
@@ -143,13 +151,13 @@ def _standing_axis(tracks: Mapping[str, FloatArray]) -> FloatArray | None:
 
 
 def _near_ground(tracks: Mapping[str, FloatArray], up: FloatArray) -> bool:
-    """Whether the ankles of a body that stands along `up` come near the plane through the origin."""
+    """True where the ankles of a body that stands along `up` come near the plane through the origin."""
     lowest = np.nanmin(_heights(tracks, ("ankle",), up))
     return abs(float(lowest)) < NEAR_GROUND
 
 
 def _on_floor(tracks: Mapping[str, FloatArray], up: FloatArray) -> bool:
-    """Whether the body is on the floor through the origin with this up axis, in nearly all frames."""
+    """True where the body is on the floor through the origin with this up axis, in nearly all frames."""
     heights = _heights(tracks, ("head", "hip", "ankle"), up)
     lowest = np.fmin.reduce(heights, axis=1)
     lowest = lowest[np.isfinite(lowest)]
@@ -191,20 +199,20 @@ def forward_sign(tracks: Mapping[str, FloatArray]) -> float:
             across = tracks[f"l_{part}"] - tracks[f"r_{part}"]
     if across is None:
         return 0.0
-    found = {"toe": TOES_ALIGNED, "knee": KNEES_BENT}
+    shows = {"toe": (-TOES_ALIGNED, TOES_ALIGNED), "knee": (KNEES_BACK, KNEES_FORWARD)}
     signs = []
-    for part, least in found.items():
+    for part, (back, front) in shows.items():
         shares = [_pointing(tracks, side, part, across) for side in "lr"]
         known = np.concatenate([share[np.isfinite(share)] for share in shares])
         mean = float(np.mean(known)) if known.size else 0.0
-        if abs(mean) > least:
+        if not back <= mean <= front:
             signs.append(float(np.sign(mean)))
     return signs[0] if signs and min(signs) == max(signs) else 0.0
 
 
 def _pointing(tracks: Mapping[str, FloatArray], side: str, part: str, across: FloatArray) -> FloatArray:
-    """How far toe or knee point to the front that `across` (T, 3), from right to left, gives: (T,), or empty where the
-    leg is not known. A toe: the cosine; a knee: the bend as a share of the leg."""
+    """Share (T,) by which toe or knee point to the front that `across` (T, 3), from right to left, gives: of a toe its
+    cosine, of a knee its bend as a share of the leg. It is empty where the leg is not known."""
     needed = [f"{side}_{name}" for name in (("knee", "ankle", "toe") if part == "toe" else ("hip", "knee", "ankle"))]
     if not set(needed) <= set(tracks):
         return np.zeros(0)

@@ -41,10 +41,11 @@ _CHANNELS: dict[str, Channel] = {
 
 @dataclass(eq=False)
 class _Joint:
-    """A joint, or an End Site (no name), as it is read. parent: index, -1 for the root."""
+    """A joint, or an End Site (no name), as it is read. parent: index, -1 for the root. where: file and line."""
 
     name: str
     parent: int
+    where: str
     offset: list[float] | None = None
     channels: tuple[Channel, ...] = ()
     ends: list[FloatArray] = field(default_factory=list)
@@ -52,10 +53,12 @@ class _Joint:
 
 @dataclass(frozen=True)
 class BvhHierarchy:
-    """tree: the skeleton, file axes and units. channels (n): per joint its channels in order."""
+    """tree: the skeleton, file axes and units. channels (n): per joint its channels in order. places (n): per joint its
+    file and line."""
 
     tree: JointTree
     channels: tuple[tuple[Channel, ...], ...]
+    places: tuple[str, ...]
 
 
 def read_hierarchy(lines: list[str], path: Path) -> tuple[BvhHierarchy, int]:
@@ -118,7 +121,7 @@ def _assembled(joints: list[_Joint]) -> BvhHierarchy:
         offsets=np.array([joint.offset for joint in joints]),
         ends=tuple(tuple(joint.ends) for joint in joints),
     )
-    return BvhHierarchy(tree, tuple(joint.channels for joint in joints))
+    return BvhHierarchy(tree, tuple(joint.channels for joint in joints), tuple(joint.where for joint in joints))
 
 
 def _announced(keyword: str, name: str, joints: list[_Joint], blocks: list[_Joint], where: str) -> _Joint:
@@ -131,11 +134,11 @@ def _announced(keyword: str, name: str, joints: list[_Joint], blocks: list[_Join
         raise InputError("skeleton too large", where=where, allowed=allowed)
     parent = joints.index(blocks[-1]) if blocks else -1
     if keyword == "END":
-        return _Joint("", parent)
+        return _Joint("", parent, where)
     own = joints[joints.index(blocks[0]) :] if blocks else []  # performers may have joints of the same names
     if name in [joint.name for joint in own]:
         raise InputError("joint defined twice", where=where, found=repr(name)[:80])
-    joints.append(_Joint(name, parent))
+    joints.append(_Joint(name, parent, where))
     return joints[-1]
 
 
@@ -226,13 +229,12 @@ def read_motion(path: Path, *, root: str | None = None, rate: float | None = Non
     values = _read_values(lines[first:], sum(map(len, hierarchy.channels)), path, first)
     check_frame_count(len(values), str(path))
     notes = frames_held(len(values), declared, place)
-    places = [f"{path}:{number}" for number, text in _parts(lines[:motion_line]) if text.upper().startswith("ROOT ")]
-    return _of_root(BvhMotion(hierarchy, values, rate, notes), root, places)
+    return _of_root(BvhMotion(hierarchy, values, rate, notes), root)
 
 
-def _of_root(motion: BvhMotion, root: str | None, places: list[str]) -> BvhMotion:
-    """The joints below one ROOT of a motion, and their columns. places: where each ROOT is."""
-    tree, channels = motion.hierarchy.tree, motion.hierarchy.channels
+def _of_root(motion: BvhMotion, root: str | None) -> BvhMotion:
+    """The joints below one ROOT of a motion, and their columns."""
+    tree, channels, places = motion.hierarchy.tree, motion.hierarchy.channels, motion.hierarchy.places
     roots: dict[str, int] = {}
     for joint in (joint for joint, parent in enumerate(tree.parents) if parent < 0):
         name = tree.names[joint]
@@ -248,7 +250,7 @@ def _of_root(motion: BvhMotion, root: str | None, places: list[str]) -> BvhMotio
     if root is None and len(roots) > 1:
         raise InputError(
             f"{len(roots)} performers in the file",
-            where=places[1],
+            where=places[[*roots.values()][1]],
             found=f"ROOT {', ROOT '.join(roots)}",
             next_step=f"Say whom to follow, for example --performer-root {shlex.quote(next(iter(roots)))}",
         )
@@ -263,7 +265,7 @@ def _of_root(motion: BvhMotion, root: str | None, places: list[str]) -> BvhMotio
     )
     starts = np.cumsum([0, *map(len, channels)])
     columns = [column for joint in own for column in range(starts[joint], starts[joint + 1])]
-    hierarchy = BvhHierarchy(part, tuple(channels[joint] for joint in own))
+    hierarchy = BvhHierarchy(part, tuple(channels[joint] for joint in own), tuple(places[joint] for joint in own))
     return BvhMotion(hierarchy, motion.values[:, columns], motion.rate_hz, motion.notes)
 
 

@@ -74,7 +74,7 @@ class Parameter:
 class C3dFile:
     """content: all bytes. points: per frame. analog: values per frame that are passed over. first, last: frames by the
     header. scale: length of one step of whole numbers; 0 or less where points are floats. start: byte of the first
-    frame. rate_hz: by the header. parameters: by GROUP:NAME in upper case."""
+    frame. rate_hz: by the header. parameters: by GROUP:NAME in upper case. notes: to the user."""
 
     content: bytes
     processor: int
@@ -86,6 +86,7 @@ class C3dFile:
     start: int
     rate_hz: float
     parameters: Mapping[str, Parameter]
+    notes: tuple[str, ...] = ()
 
     def numbers(self, key: str) -> list[float]:
         """Values of a parameter, none without it."""
@@ -123,7 +124,11 @@ def read_c3d_file(path: Path) -> C3dFile:
         found = f"{len(content)} bytes without a header and parameters"
         step = "See that it is a C3D, and export or copy it again"
         raise InputError("damaged C3D file", where=str(path), found=found, next_step=step)
-    processor = content[at + 3] if content[at + 3] in (DEC, MIPS) else INTEL
+    processor = content[at + 3]
+    notes: tuple[str, ...] = ()
+    if processor not in (INTEL, DEC, MIPS):
+        notes = (f"the file names no known processor ({processor}): it is read as of {INTEL}, little-endian IEEE",)
+        processor = INTEL
     order = _order(processor)
     points, analog, first, last = Struct(f"{order}4H").unpack_from(content, 2)
     (block,) = Struct(f"{order}H").unpack_from(content, 16)
@@ -142,6 +147,7 @@ def read_c3d_file(path: Path) -> C3dFile:
         start=(max(block or int(value.get("POINT:DATA_START", 1)), 1) - 1) * BLOCK,
         rate_hz=value.get("POINT:RATE", rate),
         parameters=parameters,
+        notes=notes,
     )
 
 
@@ -150,7 +156,8 @@ _OF_THE_HEADER = ("POINT:USED", "POINT:SCALE", "POINT:RATE", "POINT:DATA_START")
 
 
 def _parameters(content: bytes, at: int, processor: int) -> dict[str, Parameter]:
-    """Parameters by GROUP:NAME, as far as they can be read. Groups may come after their parameters."""
+    """Parameters by GROUP:NAME, as far as they can be read. Groups may come after their parameters. The data of one end
+    where the next record begins, so all together are no longer than the file."""
     offset = Struct(f"{_order(processor)}H")
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Parameter]] = []
@@ -161,6 +168,8 @@ def _parameters(content: bytes, at: int, processor: int) -> dict[str, Parameter]
         name, place = _decoded(content[at + 2 : at + 2 + length]).strip().upper(), at + 2 + length
         if not length or not group or place + 4 > len(content):
             break
+        (step,) = offset.unpack_from(content, place)
+        end = place + step if step else len(content)
         if group >= 0x80:
             groups[0x100 - group] = name
         else:
@@ -168,12 +177,11 @@ def _parameters(content: bytes, at: int, processor: int) -> dict[str, Parameter]
             data = place + 4 + content[place + 3]
             dimensions = tuple(content[place + 4 : data])
             size = abs(kind) * prod(dimensions)
-            if kind in (CHARACTERS, BYTES, INTEGERS, FLOATS) and data + size <= len(content):
+            if kind in (CHARACTERS, BYTES, INTEGERS, FLOATS) and data + size <= min(end, len(content)):
                 found.append((group, name, Parameter(kind, dimensions, content[data : data + size], processor)))
-        (step,) = offset.unpack_from(content, place)
         if not step:
             break
-        at = place + step
+        at = end
     return {f"{groups.get(group, group)}:{name}": parameter for group, name, parameter in found}
 
 
@@ -192,7 +200,7 @@ def _points(file: C3dFile, columns: list[int], path: Path) -> tuple[FloatArray, 
         whole = values.reshape(count, width)[:, : 4 * file.points].reshape(count, file.points, 4)
         points = whole[:, columns].astype(float)
     position = points[..., :3] * (1.0 if size == 4 else file.scale)
-    seen = (points[..., 3] > -1.0) & np.all(np.abs(position) <= MAX_VALUE, axis=-1) & np.any(position != 0.0, axis=-1)
+    seen = (points[..., 3] >= 0.0) & np.all(np.abs(position) <= MAX_VALUE, axis=-1) & np.any(position != 0.0, axis=-1)
     return np.where(seen[..., None], position, np.nan), seen, notes
 
 
@@ -200,8 +208,8 @@ def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tupl
     """Frames of the recording, and a note. held: as many as the bytes of the file make, padding of its last block
     included.
 
-    Header, TRIAL and POINT say it, in 16 bits, in two words of 16 bits, or as a float. Where they differ, the largest
-    that the file holds counts.
+    Header, TRIAL and POINT say it, in 16 bits, which wrap or stay at their end, in two words of 16 bits, or as a float.
+    The largest that fills the file counts; where none does, the file may hold a few more or fewer than the largest.
     """
     ends = [file.numbers(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
     said = [file.last - file.first + 1.0]
@@ -211,11 +219,14 @@ def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tupl
     said += [value for key in ("FRAMES", "LONG_FRAMES") for value in file.numbers(f"POINT:{key}")[:1]]
     declared = [int(count) for count in said if isfinite(count)]
     longest = max(declared)
-    notes: tuple[str, ...] = ()
-    count = max((one for one in declared if 0 < one <= held), default=0)
-    if FULL <= longest <= FULL + 1:  # the counter is at its end
+    possible = [held - (held - count) % (FULL + 1) for count in declared if count <= held]
+    if filling := [count for count in possible if count > 0 and (held - count) * frame_bytes < BLOCK]:
+        count = max(filling)
+        wrapped = f"the file declares {longest} frames, a count that wrapped, and holds {count}: all of these are read"
+        notes: tuple[str, ...] = () if count in declared else (wrapped,)
+    elif FULL <= longest <= FULL + 1:  # the counter is at its end
         count, notes = held, frames_held(min(held, FULL), FULL, where)
-    elif count < longest and (not count or (held - count) * frame_bytes >= BLOCK):  # nor does it fill the file
+    else:
         check_frame_count(longest, where)
         count, notes = held, frames_held(held, longest, where)
     check_frame_count(count, where)
@@ -330,7 +341,7 @@ def read_c3d(
         usual=UP_AXES["z"],
         asked=up,
     )
-    notes = [*subject_note, *count_note, *unit_note, *axes_note, *far_note]
+    notes = [*file.notes, *subject_note, *count_note, *unit_note, *axes_note, *far_note]
     without = [sensor for sensor in MARKER_GROUPS if sensor not in chosen]
     others = [label for column, label in enumerate(labels) if column not in used]
     if without and others:
@@ -351,9 +362,9 @@ def read_c3d(
 
 def _labels(file: C3dFile, path: Path) -> tuple[str, ...]:
     """Labels of the points, which go on in LABELS2, LABELS3 and so on beyond 255; the number of one that has none."""
-    if not file.points:
+    if file.points < 1:
         step = "Export the recording with its labelled 3D markers (trajectories)"
-        raise InputError("the file holds no markers", where=str(path), found="0 points", next_step=step)
+        raise InputError("the file holds no markers", where=str(path), found=f"{file.points} points", next_step=step)
     if file.points > MAX_POINTS:
         raise InputError(
             "impossible number of points", where=str(path), found=file.points, allowed=f"1 to {MAX_POINTS}"
@@ -405,7 +416,7 @@ def _one_subject(labels: tuple[str, ...], groups: Groups) -> tuple[dict[str, int
     sensors = {subject: len(groups_in(columns, groups)) for subject, columns in subjects.items()}
     best = max(subjects, key=sensors.__getitem__)
     people = [subject for subject in subjects if sensors[subject]]
-    note = f"{len(people)} performers in the file ({', '.join(people)}): only {best!r} is read"
+    note = f"{len(people)} performers in the file ({_shown(people)}): only {best[:LABEL_CHARACTERS]!r} is read"
     return subjects[best], (note,) if len(people) > 1 else ()
 
 

@@ -1,9 +1,10 @@
 """The rest skeleton of a joint tree in motion, checked against the frames: which joint is which, the pose in which the
 tree is a body that stands, and where forward, left and up are in it.
 
-The pose with all rotations zero is that pose only where it is a body's. In many files it is not (bones along one local
-axis fold it to a stick); then the frame that stands most upright, limbs straight, takes its place. Distances between
-joints that one joint carries are the same in every frame, so lengths are exact either way.
+The pose with all rotations zero is that pose only where it is a body's that stands along an axis of the file. In many
+files it is not (bones along one local axis fold it to a stick); then the frame that stands most upright, limbs
+straight, takes its place. Distances between joints that one joint carries are the same in every frame, so lengths are
+exact either way.
 
 Canonical joints that the names do not give come from the tree: the pelvis is where legs and head part, the chest where
 neck and arms part, the spine joint lies half way up to it, the head's centre is half way between the head joint and the
@@ -21,7 +22,7 @@ from retarget import rotations
 from retarget.arithmetic import dot, matmul, norm, norms
 from retarget.errors import InputError
 from retarget.frames import ANKLE, HEAD_CENTRE, JOINTS, Skeleton
-from retarget.model.rest_skeleton import ALONG, hanging_toe, rest_faults
+from retarget.model.rest_skeleton import SEGMENT_END, hanging_toe, rest_faults
 from retarget.sources.axes import UP_AXES, axis_name, forward_sign, world_axes
 from retarget.sources.skeletons import (
     REQUIRED,
@@ -38,10 +39,11 @@ from retarget.types import FloatArray
 # Offsets of a tree, and what its frames say of them.
 
 SAME_LENGTH = (0.7, 1.4)
-"""Least and greatest ratio of a length in the frames to that at rest: beyond, the file's rest is wrong."""
+"""Least and greatest ratio of a length in the frames to that at rest: bones keep their length, and shoulders that are
+drawn up or forward stay within these; beyond, the file's rest is wrong."""
 DIFFERENCES = 0.3
 """Position channels that are less than this share of the offsets, in the median of all joints, are differences from
-them."""
+them: joints give way by a few per cent of a bone, and absolute positions are about the bone itself."""
 
 
 def true_offsets(
@@ -100,16 +102,14 @@ class CanonicalJoint:
     lacking: bool = False
 
 
-_SEGMENT_END = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
-"""Segments of limbs, by the joints where they begin and end. A file may split them (twist joints): the part next to the
-far joint gives the orientation."""
 _ARM = ("shoulder", "elbow", "wrist")
 _LIMBS = (("hip", "knee", "ankle"), _ARM)
 HEAD_RISE = 0.053
 """Height of the centre of the head above its joint, as a share of stature: 0.052 to 0.055 in skeletons that have a top
 of the head and a joint below the skull."""
 LIMB_SHARE = 0.15
-"""A chain beside the known joints that is longer than this share of the body's path from head to foot may be a limb."""
+"""A chain beside the known joints that is longer than this share of the body's path from head to foot may be a limb: an
+arm has a third of it, bones of a face or a chest a tenth at most."""
 
 
 def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
@@ -142,7 +142,7 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
 
 
 def _is_body(tree: JointTree, found: Mapping[str, int], *, but: str = "") -> bool:
-    """Whether the joints hang on each other as they do in a body. but: the side of an arm that is not looked at."""
+    """True where the joints hang on each other as they do in a body. but: the side of an arm that is not looked at."""
     trunk = shared_path(tree, [found[name] for name in ("l_hip", "r_hip", "head")])
     if not trunk:
         return False
@@ -179,7 +179,7 @@ def _arm_of(side: str) -> set[str]:
 
 
 def _no_body(tree: JointTree, missing: Mapping[str, str], *, where: str) -> InputError:
-    """What is missing: joints, where most names are known, or a body."""
+    """The error for a tree without a body: it names the joints that are missing, where most names are known."""
     if missing and 2 * len(missing) < len(REQUIRED):
         return InputError(
             "the body lacks joints that are needed",
@@ -206,12 +206,13 @@ def rest_joint_positions(tree: JointTree, joints: Mapping[str, CanonicalJoint]) 
 
 
 def segment_joint(tree: JointTree, joints: Mapping[str, CanonicalJoint], name: str) -> int:
-    """Joint of the tree whose frame is the orientation of the sensor `name`."""
+    """Joint of the tree whose frame is the orientation of the sensor `name`. A file may split a segment (twist joints):
+    the part next to its far joint gives the orientation."""
     side, part = name[:2], name[2:]
     if part == "toe":
         return joints[f"{side}ankle"].joint
-    if part in _SEGMENT_END and not joints[name].lacking:
-        return tree.parents[joints[side + _SEGMENT_END[part]].joint]
+    if part in SEGMENT_END and not joints[name].lacking:
+        return tree.parents[joints[side + SEGMENT_END[part]].joint]
     return joints[name].joint
 
 
@@ -256,7 +257,7 @@ def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | 
 
 
 def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
-    """Where the file has no toe joint: the end of the foot, wherever the chain below the ankle ends."""
+    """Add the end of the foot, wherever the chain below the ankle ends, as the toe of a file that has no toe joint."""
     if f"{side}_toe" in joints:
         return
     joint = joints[f"{side}_ankle"].joint
@@ -271,7 +272,7 @@ def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
     """An arm that the performer lacks: as long as the other one, hanging beside the trunk, which carries it."""
     at, other = rest_joint_positions(tree, joints), "r" if side == "l" else "l"
     hips, across = 0.5 * (at["l_hip"] + at["r_hip"]), at["l_hip"] - at["r_hip"]
-    up, shoulder = _direction(at["head"] - hips, least=ALONG), at[f"{other}_shoulder"]
+    up, shoulder = _direction(at["head"] - hips), at[f"{other}_shoulder"]
     point = shoulder - 2.0 * dot(shoulder - hips, across) / max(dot(across, across), 1e-12) * across
     bearer = joints.get("chest", joints["pelvis"])
     for part, above in zip(_ARM, ("", *_ARM), strict=False):
@@ -283,10 +284,12 @@ def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
 
 # The pose in which the tree is a body that stands.
 
-ALONG_AXIS = 0.95
-"""Cosine from which a direction of a rest pose is meant to be a coordinate axis."""
+ALONG_AXIS = 0.97
+"""Cosine (14 degrees) from which a direction of a rest pose is meant to be a coordinate axis: the head joint of a body
+that stands straight is up to 10 degrees ahead of its hips, more is a pose that leans."""
 MAX_LOOKED_AT = 2000
-"""Most frames of which the most upright one is taken."""
+"""Most frames of which the most upright one is taken: a body holds a pose for longer than the 0.8 s from one to the
+next of a recording of 28 minutes."""
 
 
 @dataclass(frozen=True)
@@ -322,7 +325,7 @@ def find_rest_skeleton(tree: JointTree, pose: Pose, *, up: FloatArray | None, ra
     tracks = {name: pose.point(at.joint, at.local) for name, at in joints.items()}
     front = -1.0 if forward_sign(tracks) < 0.0 else 1.0
     body, skeleton = _as_body(tree, joints, front=front)
-    faults = rest_faults(skeleton) or _unlike_frames(skeleton, tracks)
+    faults = rest_faults(skeleton) or _unlike_frames(skeleton, tracks) or _leaning(body[2])
     declared = None if faults else body[2]
     world, axis_notes = world_axes(tracks, declared=declared, declared_by="the rest pose", usual=UP_AXES["y"], asked=up)
     rest = RestSkeleton(tree, pose, joints, skeleton, body, world, (*axis_notes, *notes))
@@ -386,20 +389,28 @@ def _as_body(
     """
     at = rest_joint_positions(tree, joints)
     if up is None:
-        up = _direction(at["head"] - 0.5 * (at["l_hip"] + at["r_hip"]), least=ALONG)
+        up = _direction(at["head"] - 0.5 * (at["l_hip"] + at["r_hip"]))
     across = at["l_hip"] - at["r_hip"] + at["l_shoulder"] - at["r_shoulder"]
-    left = _direction(across - dot(across, up) * up, least=ALONG_AXIS)
+    left = _direction(across - dot(across, up) * up)
     axes = np.stack((front * np.cross(left, up), left, up)) + 0.0
     return axes, Skeleton(tuple(at), matmul(np.stack(list(at.values())), axes.T))
 
 
-def _direction(vector: FloatArray, *, least: float) -> FloatArray:
-    """Unit vector (3,) along another, or the coordinate axis to which its cosine is at least this; NaN for zero."""
+def _direction(vector: FloatArray) -> FloatArray:
+    """Unit vector (3,) along another, or the coordinate axis that it is meant to be; NaN for zero."""
     length = norm(vector)
     if not length > 0.0:
         return np.full(3, np.nan)
     axis = UP_AXES[axis_name(vector)]
-    return axis if dot(vector, axis) >= least * length else vector / length
+    return axis if dot(vector, axis) >= ALONG_AXIS * length else vector / length
+
+
+def _leaning(up: FloatArray) -> tuple[str, ...]:
+    """In words, that a rest pose whose up is this direction (3,) stands along no axis of the file."""
+    cosine = float(np.abs(up).max())
+    return (
+        () if cosine == 1.0 else (f"it leans {np.degrees(np.arccos(cosine)):.0f} degrees from every axis of the file",)
+    )
 
 
 def _refuse_swapped(skeleton: Skeleton, *, where: str) -> None:

@@ -11,8 +11,6 @@ from messages import shows
 from motion_texts import amc_text, bvh_text, c3d_bytes, write_amc
 from retarget.sources.raw_record import RawWriter
 
-pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
-
 
 def test_the_text_has_size_sensors_and_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_amc(tmp_path, amc_text(5))

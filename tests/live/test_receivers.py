@@ -335,6 +335,10 @@ def test_a_sender_with_a_new_socket_for_each_datagram_is_told_from_a_second_one(
     for port in [7000] * 20 + [*range(7000, 7010)]:
         assert not admit(admission, (owner[0], port))
     assert admission.refused.reasons == {SECOND_SOURCE: 23, NEW_SOCKETS: 7}
+    assert admission.confirm((owner[0], 7009), now=9.0, moving=False)
+    for restart in range(10):  # of the sender: each has one new socket, for long
+        assert not admit(admission, (owner[0], 8000 + restart), 9.0 + 0.4 * restart)
+    assert admission.refused.reasons == {SECOND_SOURCE: 33, NEW_SOCKETS: 7}
 
 
 def test_motive_answers_from_one_port_and_sends_frames_from_another() -> None:

@@ -11,8 +11,6 @@ from command_line import said_by
 from messages import mentions
 from motion_texts import JOINTS, amc_text, asf_text, bvh_text, c3d_bytes
 
-pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
-
 ARMS = {f"Left{part}": f"Right{part}" for part in ("Shoulder", "Arm", "ForeArm", "Hand")}
 CROSSED = ARMS | {right: left for left, right in ARMS.items()}
 STRANGE = {name: f"j{place}" for place, (name, _, _) in enumerate(JOINTS)}
@@ -79,14 +77,13 @@ def test_what_is_advised_helps(
     case: Advice, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write = {str: Path.write_text, bytes: Path.write_bytes}
     for name, content in {**(case.beside or {}), case.name: case.content}.items():
-        write[type(content)](tmp_path / name, content)
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     code, _, err = said_by(capsys, "inspect", case.name)
     assert code == 2
     mentions(err, case.advised)
     if case.better is not None:
-        write[type(case.better)](tmp_path / case.name, case.better)
+        (tmp_path / case.name).write_bytes(case.better if isinstance(case.better, bytes) else case.better.encode())
     code, out, err = said_by(capsys, "inspect", case.name, *case.options, "--json")
     assert code == 0, err
     assert json.loads(out)["refused"] is None

@@ -86,7 +86,9 @@ def test_without_a_head_or_ankles_the_file_decides() -> None:
 def test_toes_and_knees_that_disagree_or_are_unknown_show_no_front() -> None:
     backward = performer(bend=-0.1)
     assert forward_sign(backward) == 0.0
-    assert forward_sign({name: track for name, track in backward.items() if "toe" not in name}) == -1.0
+    for degrees, sign in ((20.0, 1.0), (5.0, 1.0), (0.0, 0.0), (-5.0, 0.0), (-12.0, 0.0), (-20.0, -1.0)):
+        legs = performer(bend=0.4 * np.tan(np.radians(0.5 * degrees)))
+        assert forward_sign({name: track for name, track in legs.items() if "toe" not in name}) == sign
     assert forward_sign({"head": backward["head"]}) == 0.0
     assert np.linalg.det(world_axes(backward, declared=UP_AXES["z"], usual=UP_AXES["z"])[0]) == 1.0
 

@@ -68,7 +68,9 @@ def test_one_of_several_performers_is_read_as_if_alone(tmp_path: Path) -> None:
         " ".join(pair) for pair in zip(rows.split("\n"), moved.split("0.008333\n")[1].split("\n"), strict=True)
     )
     both = write(tmp_path, one + other.removeprefix("HIERARCHY\n") + "MOTION" + header + "0.008333\n" + rows)
-    with refuses(InputError, ("Hips", "Hips (2)"), next_step="--performer-root"):
+    second = 1 + both.read_text().split("\n").index("ROOT Hips", 2)
+    both.write_text(both.read_text().replace("ROOT ", "ROOT\t"))
+    with refuses(InputError, ("Hips", "Hips (2)"), where=f"{both}:{second}", next_step="--performer-root"):
         read_bvh(both)
     with refuses(UsageError, found="hip", allowed="Hips (2)"):
         read_bvh(both, performer_root="hip")

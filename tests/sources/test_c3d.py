@@ -13,7 +13,7 @@ from messages import refuses, shows, shows_lines
 from motion_texts import C3D_PROCESSORS, MARKERS, c3d_bytes
 from retarget.errors import ConfigError, InputError
 from retarget.frames import SensorFrames
-from retarget.sources.c3d import MARKER_GROUPS, read_c3d, split_label
+from retarget.sources.c3d import MARKER_GROUPS, read_c3d, read_c3d_file, split_label
 
 KNOWN = frozenset(MARKERS)
 
@@ -177,6 +177,8 @@ def test_of_several_performers_the_best_seen_is_read(tmp_path: Path, plain: Sens
     frames = read_c3d(write(tmp_path, c3d_bytes(markers=both)))
     np.testing.assert_allclose(frames.position, plain.position, atol=1e-6)
     shows_lines("\n".join(frames.notes), ("2 performers", "Bo", "only 'Ann'"))
+    crowd = {f"{number:0200}:{name}": MARKERS[name] for number in range(80) for name in ("LANK", "LTOE")}
+    assert all(len(note) < 5000 for note in read_c3d(write(tmp_path, c3d_bytes(1, markers=crowd))).notes)
 
 
 def test_files_without_known_markers_are_refused_with_what_they_hold(tmp_path: Path) -> None:
@@ -185,8 +187,9 @@ def test_files_without_known_markers_are_refused_with_what_they_hold(tmp_path: P
         read_c3d(write(tmp_path, c3d_bytes(names=names)))
     with refuses(InputError, "--markers", found=("1", "2")):
         read_c3d(write(tmp_path, c3d_bytes(more={"POINT:LABELS": None})))
-    with refuses(InputError, "holds no markers", found="0 points"):
-        read_c3d(write(tmp_path, c3d_bytes(more={"POINT:USED": 0})))
+    for used, analog in ((0.0, 0), (-1.0, 4)):  # at -1, the values of a frame would be none
+        with refuses(InputError, "holds no markers", found=f"{used:.0f} points"):
+            read_c3d(write(tmp_path, c3d_bytes(analog=analog, more={"POINT:USED": used})))
     some = {name: f"M{i}" for i, name in enumerate(MARKERS) if "WR" in name}
     note = next(note for note in read_c3d(write(tmp_path, c3d_bytes(names=some))).notes if "--markers" in note)
     assert "l_wrist, r_wrist" in note and f"{', '.join(some.values())}" in note
@@ -244,6 +247,9 @@ FEW = {name: MARKERS[name] for name in ("LFHD", "RFHD", "LBHD", "RBHD")}
 @pytest.mark.parametrize(
     ("held", "more", "read"),
     [
+        (70_000, {"header": 4464, "POINT:FRAMES": 4464}, 70_000),  # both wrapped
+        (70_000, {"header": 4400, "POINT:FRAMES": 4400}, None),
+        (4432, {"header": 4400, "POINT:FRAMES": 4400}, 4432),  # a few more
         (70_000, {"TRIAL:ACTUAL_START_FIELD": np.array([1, 0]), "TRIAL:ACTUAL_END_FIELD": np.array([4464, 1])}, 70_000),
         (70_000, {"POINT:FRAMES": 70_000.0}, 70_000),
         (66_000, {}, 66_000),  # all counters are at their end
@@ -255,13 +261,14 @@ FEW = {name: MARKERS[name] for name in ("LFHD", "RFHD", "LBHD", "RBHD")}
 )
 def test_counts_beyond_16_bits(tmp_path: Path, held: int, more: dict[str, object], read: int | None) -> None:
     """The header counts to 65,535; POINT:FRAMES of 16 bits wraps, or stays at its end."""
+    header = more.pop("header", 65_535)
     one = c3d_bytes(8, markers=FEW, steps=0.1, more={"POINT:FRAMES": 65_535, **more})
     start = 512 * (struct.unpack_from("<H", one, 16)[0] - 1)
     head = bytearray(one[:start])
-    struct.pack_into("<2H", head, 6, 1, 65_535)
+    struct.pack_into("<2H", head, 6, 1, header)
     path = write(tmp_path, bytes(head) + one[start : start + 32 * 8] * (held // 8))
     if read is None:
-        with refuses(InputError, "cut short"):
+        with refuses(InputError, "frames than declared"):
             read_c3d(path)
     else:
         assert len(read_c3d(path)) == read
@@ -272,6 +279,22 @@ def test_one_frame_beside_the_declared_is_read_with_a_note(tmp_path: Path) -> No
     struct.pack_into("<2H", content, 6, 0, 8)  # counted from 0, but to the number of frames
     frames = read_c3d(write(tmp_path, bytes(content)))
     assert len(frames) == 8 and frames.notes[0] == "the file declares 9 frames and holds 8: all of these are read"
+
+
+def test_parameters_are_no_longer_than_the_file_whatever_they_say(tmp_path: Path) -> None:
+    names = (bytes((97 + n // 26, 97 + n % 26)) for n in range(100))
+    records = b"".join(struct.pack("bb2sHb3B", 2, 1, name, 6, -1, 2, 255, 255) for name in names)
+    content = c3d_bytes()[:512] + bytes((1, 0x50, 0, 84)) + records
+    file = read_c3d_file(write(tmp_path, content.ljust(100_000, b"x")))
+    assert sum(len(parameter.data) for parameter in file.parameters.values()) < 100_000
+
+
+def test_an_unknown_processor_is_read_as_intel_with_a_note(tmp_path: Path, plain: SensorFrames) -> None:
+    content = bytearray(c3d_bytes())
+    content[512 + 3] = 7
+    frames = read_c3d(write(tmp_path, bytes(content)))
+    np.testing.assert_array_equal(frames.position, plain.position)
+    shows((frames.notes[0],))
 
 
 def test_recordings(shared: Path) -> None:

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from natnet_packets import VERSIONS, Body, Catalogue, Motion, Pose, definitions, frame, server_info
+from retarget.live.natnet_session import NatnetSession, natnet_problems
 from retarget.sources.natnet_decoder import (
     BAD_DEFINITIONS,
     BAD_FRAME,
@@ -28,7 +29,6 @@ from retarget.sources.natnet_decoder import (
     TOO_MANY,
     NatnetDecoder,
 )
-from retarget.sources.natnet_session import NatnetSession, natnet_problems
 from retarget.sources.natnet_wire import (
     MessageId,
     Version,

@@ -18,8 +18,6 @@ from retarget.sources import files
 from retarget.sources.files import MAX_FILE_BYTES
 from retarget.sources.open import open_source, recognise
 
-pytestmark = pytest.mark.filterwarnings("ignore:No analog data found:UserWarning")
-
 
 def test_content_comes_before_suffix_and_case_does_not_matter(tmp_path: Path) -> None:
     for name in ("a.bvh", "A.BVH", "a.txt", "a", "a.amc"):

@@ -108,6 +108,13 @@ def carried(tree: JointTree, pose: Pose, prefix: str, carriers: int) -> tuple[Jo
     )
 
 
+def rest_turned(tree: JointTree, pose: Pose, turn: FloatArray) -> tuple[JointTree, Pose]:
+    """The same motion of a rig whose zero pose is turned as a whole, by a quaternion (4,)."""
+    ends = tuple(tuple(rotations.rotate(turn, end) for end in ends) for ends in tree.ends)
+    orientation = rotations.multiply(pose.orientation, rotations.conjugate(turn))
+    return replace(tree, offsets=rotations.rotate(turn, tree.offsets), ends=ends), Pose(pose.position, orientation)
+
+
 def in_axes(
     tree: JointTree, pose: Pose, up: FloatArray, *, mirrored: bool, heading: float, unit: float
 ) -> tuple[JointTree, Pose]:

@@ -17,9 +17,9 @@ from natnet_packets import (
     server_info,
 )
 from retarget.frames import SensorFrames
+from retarget.live.natnet_session import KEEP_ALIVE_S, UNNAMED_S, NatnetSession, natnet_problems
 from retarget.rotations import angle_between
 from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.natnet_session import KEEP_ALIVE_S, UNNAMED_S, NatnetSession, natnet_problems
 from retarget.sources.natnet_wire import (
     MessageId,
     Version,
