@@ -228,10 +228,10 @@ SHOULDER = 0.1
 def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     """Canonical joint -> joint of the tree, or None if the tree does not look like a body.
 
-    The mirror plane of the leaves gives the sides (left and right by the direction of the toes), a middle leaf is the
-    head, the lowest leaf of each side ends a leg, the farthest other one an arm; the two longest bones of a limb are
-    thigh and shank, or upper arm and forearm. All is measured from the fork of the body: what carries it (a root on the
-    floor) does not count.
+    The mirror plane of the leaves gives the sides: left and right by their names where those say it, else by the
+    direction of the toes. A middle leaf is the head, the lowest leaf of each side ends a leg, the farthest other one an
+    arm; the two longest bones of a limb are thigh and shank, or upper arm and forearm. All is measured from the fork of
+    the body: what carries it (a root on the floor) does not count.
     """
     rest = tree.rest_positions()
     rest -= rest[tree.fork()]
@@ -258,11 +258,9 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     first, second = limbs
     if first is None or second is None:
         return None
-    # Left is up x forward, forward being where the feet point.
-    forward = 3 - side - up
-    toes = fsum(_toes(tree, limb["ankle"], forward) for limb in (first, second))
-    axes = np.eye(3)
-    if np.cross(axes[up] * np.sign(leaves[crown][up]), axes[forward] * np.sign(toes))[side] < 0.0:
+    rising = np.eye(3)[up] * np.sign(leaves[crown][up])
+    left = _named_left(tree, first) - _named_left(tree, second) or _pointed_left(tree, (first, second), rising, side)
+    if left < 0:
         first, second = second, first
     joints = {f"l_{part}": joint for part, joint in first.items()}
     joints |= {f"r_{part}": joint for part, joint in second.items()}
@@ -274,6 +272,29 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     rise = leaves[crown] - rest[head]
     is_top = crown != head and float(rise[up] * np.sign(leaves[crown][up])) >= STRAIGHT_UP * norm(rise)
     return joints | {"head_top": crown} if is_top else joints
+
+
+SIDE_WORDS = {
+    1: "l left links linker linke linkes gauche izquierda izquierdo izq sinistra sinistro sx esquerda esquerdo lewa",
+    -1: "r right rechts rechter rechte rechtes droite droit derecha derecho destra destro dx direita direito prawa",
+}
+"""Words in names of joints that are 1: of the left, -1: of the right."""
+_SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words.split()} | {"左": 1, "右": -1}
+_WORD = re.compile(r"[左右]|[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+
+
+def _named_left(tree: JointTree, limbs: Mapping[str, int]) -> int:
+    """How many more joints of these limbs are named as of the left than as of the right."""
+    words = [word.lower() for joint in limbs.values() for word in _WORD.findall(tree.names[joint])]
+    return sum(_SIDE_OF.get(word, 0) for word in words)
+
+
+def _pointed_left(tree: JointTree, limbs: Sequence[Mapping[str, int]], rising: FloatArray, side: int) -> float:
+    """Above 0 where the first limbs are the left ones: left is up (rising, (3,)) x forward, where the feet point. side:
+    the axis across the body."""
+    forward = 3 - side - int(np.argmax(np.abs(rising)))
+    toes = fsum(_toes(tree, limb["ankle"], forward) for limb in limbs)
+    return float(np.cross(rising, np.eye(3)[forward] * np.sign(toes))[side])
 
 
 def _head_below(tree: JointTree, crown: int, middle: list[int], arms: list[int]) -> int:

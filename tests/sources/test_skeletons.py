@@ -1,5 +1,6 @@
 """Joint names as data: every style is complete and finds itself."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,21 +62,26 @@ def turned(tree: JointTree, matrix: np.ndarray[tuple[int, int], np.dtype[np.floa
     return JointTree(tree.names, tree.parents, tree.offsets @ matrix.T, ends)
 
 
-def test_shape_and_names_agree_however_the_figure_stands(tmp_path: Path) -> None:
-    for z_up in (False, True):
-        tree = figure(tmp_path, z_up=z_up)
-        by_name = joints_by_name(tree.names)
-        assert by_name is not None
-        for matrix in (
-            np.eye(3),
-            np.diag([-1.0, 1.0, -1.0]),
-            np.roll(np.eye(3), 1, axis=0),
-            np.diag([1.0, -1.0, -1.0]),
-        ):
-            by_shape = joints_by_shape(turned(tree, matrix))
-            assert by_shape is not None
-            for name in ("head", *LIMBS):
-                assert by_shape[name] == by_name[name], name
+TURNS = (np.eye(3), np.diag([-1.0, 1.0, -1.0]), np.roll(np.eye(3), 1, axis=0), np.diag([1.0, -1.0, -1.0]))
+MIRRORS = (np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0]))
+SIDES = {"numbers": None, "de": ("_links", "_rechts"), "jp": ("左", "右"), "camel": ("L", "R"), "it": (".Sx", ".Dx")}
+
+
+@pytest.mark.parametrize("language", SIDES)
+@pytest.mark.parametrize("z_up", [False, True])
+def test_shape_finds_the_limbs_however_the_figure_stands(language: str, z_up: bool, tmp_path: Path) -> None:
+    """Sides by names where those say them, also of a mirrored figure; else by the toes, which tell no mirrored one."""
+    tree, words = figure(tmp_path, z_up=z_up), SIDES[language]
+    by_name = joints_by_name(tree.names)
+    assert by_name is not None
+    sides = {"Left": 0, "Right": 1}
+    marks = [next((words[k] for side, k in sides.items() if words and side in name), "") for name in tree.names]
+    names = tuple(f"q{place}{mark}" for place, mark in enumerate(marks))
+    for matrix in (*TURNS, *(MIRRORS if words else ())):
+        by_shape = joints_by_shape(replace(turned(tree, matrix), names=names))
+        assert by_shape is not None
+        for name in ("head", *LIMBS):
+            assert by_shape[name] == by_name[name], name
 
 
 def test_recordings_are_recognised_without_their_names(shared: Path) -> None:
