@@ -47,7 +47,7 @@ def read_robot(path: Path, *, no_meshes: bool = False) -> UnknownRobot:
     source = read_source(path)
     body = draft_body(source, no_meshes=no_meshes)
     tree = read_tree(body.model, source=str(path))
-    return UnknownRobot(source, body, tree, propose_links(tree, welded=body.ready.welded))
+    return UnknownRobot(source, body, tree, propose_links(tree, welded=body.welded))
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
     if name in {entry.name for entry in entries(Kind.ROBOT)}:
         note = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
         notes.insert(0, f"{note}; give this one another --name")
-    changed = [f"{one.joint} ({one.note})" for one in servos if one.note and one.joint not in body.ready.limits]
+    changed = [f"{one.joint} ({one.note})" for one in servos if one.note and one.joint not in body.limits]
     if changed:
         notes.append(f"limits that are not those of the body: {listed(changed)}")
     root = _root(folder / "body.xml", found, has_legs=bool(anatomy.legs), notes=notes)

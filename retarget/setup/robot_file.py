@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import takewhile
-from math import isfinite, pi, radians
+from math import isfinite
 from pathlib import Path
 from urllib.parse import unquote
 from xml.etree import ElementTree
@@ -175,18 +175,16 @@ TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
 SHAPES = ("collision", "visual")
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-WHOLE_TURN = 2.0 * pi + 1e-3
-"""[rad] A limit beyond it is taken for degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReadyUrdf:
-    """A URDF that is imported. notes: what was changed. limits: joint -> what was changed of its limits. speeds: joint
-    -> rad/s that the file states. welded: True if its torso is fixed to a link `world`."""
+    """A URDF that is imported. notes: what was changed. limited: names of joints with limits. speeds: joint -> rad/s
+    that the file states. welded: True if its torso is fixed to a link `world`."""
 
     text: str
     notes: list[str]
-    limits: dict[str, str] = field(default_factory=dict)
+    limited: frozenset[str] = frozenset()
     speeds: dict[str, float] = field(default_factory=dict)
     welded: bool = False
 
@@ -196,10 +194,9 @@ def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUr
 
     Raises InputError with all of its problems.
     """
-    root, notes, limits = copy.deepcopy(source.root), list[str](), dict[str, str]()
+    root, notes = copy.deepcopy(source.root), list[str]()
     problems = [
         *_joints(root, source, notes),
-        *_limits(root, source, notes, limits),
         *_masses(root, source, notes),
         *_meshes(root, source, meshes, notes, no_meshes=no_meshes),
         *meshes.problems,
@@ -211,12 +208,14 @@ def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUr
     above = {
         one.get("link", "").lower() for joint in root.iterfind("joint[@type='fixed']") for one in joint.iter("parent")
     }
-    return ReadyUrdf(ElementTree.tostring(root, encoding="unicode"), notes, limits, speeds, welded="world" in above)
+    limited = frozenset(joint.get("name", "") for joint in root.iterfind("joint[@type='revolute']"))
+    return ReadyUrdf(ElementTree.tostring(root, encoding="unicode"), notes, limited, speeds, welded="world" in above)
 
 
 def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
-    """Make rigid what no servo of its own drives."""
+    """Make rigid what no servo of its own drives; limit what turns on and on, but states limits."""
     found: dict[str, list[str]] = {}
+    bounded = list[str]()
     for joint in root.findall("joint"):
         kind, name = joint.get("type", ""), joint.get("name", "without a name")
         if kind not in KNOWN:
@@ -229,51 +228,15 @@ def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
             joint.set("type", "fixed")
             if mimic is not None:
                 joint.remove(mimic)
-    notes += [f"{kind} joints, which no servo drives, made rigid: {listed(names)}" for kind, names in found.items()]
-
-
-def _limits(root: ElementTree.Element, source: Source, notes: list[str], changed: dict[str, str]) -> Iterator[Problem]:
-    """Mend the limits of revolute joints, which MuJoCo would drop where they are wrong: a joint never gets a wider
-    range than the file may mean. A file most of whose joints have limits in degrees has all of them so."""
-    joints = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "revolute"}
-    read = {name: [_limit(joint, key) for key in ("lower", "upper")] for name, joint in joints.items()}
-    for name, both in read.items():
-        if not all(map(isfinite, both)):
+        low, high = (_limit(joint, key) for key in ("lower", "upper"))
+        if kind in TURNS and not isfinite(low + high):
             step = "Write numbers in rad, the lower one first"
             yield Problem("limits that are no numbers", str(source.path), f"joint {name}", next_step=step)
-    beyond = [name for name, both in read.items() if max(map(abs, both)) > WHOLE_TURN]
-    in_degrees = set(read if 2 * len(beyond) > len(read) else beyond)
-    found: dict[str, list[str]] = {"look like degrees": [], "swapped": [], "rigid": []}
-    for name, (lower, upper) in read.items():
-        kinds = ["look like degrees"] if name in in_degrees else []
-        if lower == upper:
-            kinds = ["rigid"]
-            joints[name].set("type", "fixed")
-        elif lower > upper:
-            kinds.append("swapped")
-        for kind in kinds:
-            found[kind].append(f"{name} ({lower:g} to {upper:g})")
-        if not kinds or lower == upper:
-            continue
-        low, high = sorted(map(radians, (lower, upper)) if name in in_degrees else (lower, upper))
-        limit = joints[name].find("limit")
-        assert limit is not None, "limits that differ are written there"
-        limit.set("lower", repr(low))
-        limit.set("upper", repr(high))
-        changed[name] = f"{' and '.join(kinds)} in the file, {lower:g} to {upper:g}"
-    if len(found["rigid"]) == len(joints) > 0 and not any(
-        one.get("type") == "continuous" for one in root.iter("joint")
-    ):
-        step = "Write lower and upper, in rad, into the <limit> of each joint that a servo turns"
-        yield Problem(
-            "no joint has a range", str(source.path), f"limits of no range: {listed(found['rigid'])}", "", step
-        )
-    words = {
-        "look like degrees": "limits that look like degrees, and are taken for that; a URDF has rad",
-        "swapped": "limits with the upper one first, exchanged",
-        "rigid": "joints whose lower limit is their upper one, made rigid; write a range where a servo turns them",
-    }
-    notes += [f"{words[kind]}: {listed(names)}" for kind, names in found.items() if names]
+        if kind == "continuous" and low < high:
+            joint.set("type", "revolute")
+            bounded.append(f"{name} ({low:g} to {high:g})")
+    notes += [f"continuous joints that state limits, which are kept: {listed(bounded)}"] if bounded else []
+    notes += [f"{kind} joints, which no servo drives, made rigid: {listed(names)}" for kind, names in found.items()]
 
 
 def _limit(joint: ElementTree.Element, key: str) -> float:

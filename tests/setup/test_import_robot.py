@@ -28,7 +28,6 @@ from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
 from retarget.setup.body_draft import BodyDraft
 from retarget.setup.draft import Draft, profile_text
 from retarget.setup.import_robot import Imported, import_robot
-from retarget.setup.robot_file import ReadyUrdf
 from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos, models_in_names
 from unknown_robots import (
     ARM,
@@ -328,7 +327,7 @@ def test_what_is_only_a_draft_is_marked() -> None:
 
 def guessed(text: str, speeds: dict[str, float] | None = None, **more: str) -> tuple[ServoDraft, ...]:
     tree, model = text_tree(text), compile_body_text(text, source="test").model
-    body = BodyDraft(None, model, b"", (), (), ReadyUrdf("", [], speeds=speeds or {}), (), "")
+    body = BodyDraft(None, model, b"", speeds=speeds or {})
     return guess_servos(body, tree, proposed_anatomy(tree), **more)
 
 
@@ -433,6 +432,13 @@ def test_names_tell_a_model_in_any_writing(known: str, write: Callable[[str], st
     else:
         assert [one.name.startswith(told) for one in found] == [True]
     assert not models_in_names(["left_arm", "xmas", "body_430"])
+
+
+def test_limits_that_no_servo_reaches_are_refused() -> None:
+    drafts = guessed(arm(2.5, limits='lower="2.5" upper="5.0"'))
+    assert max(draft.entry.limits[1] for draft in drafts) < np.pi
+    with refuses(InputError, "j_turn"):
+        guessed(arm(2.5, limits='lower="3.5" upper="5.0"'))
 
 
 def test_a_model_that_is_given_fills_the_column() -> None:
