@@ -134,14 +134,15 @@ class MeshFiles:
         faces = int.from_bytes(content[80:84], "little")
         if content[:5].lower() == b"solid" and len(content) != 84 + 50 * faces:
             try:
-                corners = np.array(_VERTEX.findall(content), dtype=np.float32).reshape(-1, 3, 3)
+                ends = content.rstrip().rpartition(b"\n")[2].lower().lstrip().startswith(b"endsolid")
+                corners = np.array(_VERTEX.findall(content) if ends else [], dtype=np.float32).reshape(-1, 3, 3)
             except ValueError:
                 corners = np.zeros((0, 3, 3), dtype=np.float32)
             rows = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
             rows["corners"], faces = corners, len(corners)
             content = bytes(80) + faces.to_bytes(4, "little") + rows.tobytes()
         if not 0 < faces <= MOST_FACES or len(content) < 84 + 50 * faces:
-            allowed = f"an STL file, binary or text, of 1 to {MOST_FACES} triangles"
+            allowed = f"an STL file, binary or text up to its endsolid, of 1 to {MOST_FACES} triangles"
             step = "Export it again, with fewer triangles (decimated) where there are too many"
             self.problems.append(Problem("a mesh that cannot be read", str(path), f"{faces} triangles", allowed, step))
         return content
@@ -286,18 +287,21 @@ def _number(text: str | None) -> float:
 def _meshes(
     root: ElementTree.Element, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool
 ) -> Iterator[Problem]:
-    """Leave each link its <collision> shapes that can be read, or else its <visual> ones in their place."""
+    """Leave each link its <collision> shapes, and where one of them is missing or there are none, its <visual> ones:
+    what cannot be read is missing where no complete kind stands for it."""
     missing, dropped = dict[str, None](), list[str]()
     for link in root.findall("link"):
         shapes, unread = [link.findall(kind) for kind in SHAPES], list[str]()
-        usable: list[ElementTree.Element] = []
+        usable, complete = list[ElementTree.Element](), False
         for kind in shapes:
-            usable = usable or [shape for shape in kind if _is_read(shape, meshes, unread)]
+            found = [] if complete else [shape for shape in kind if _is_read(shape, meshes, unread)]
+            usable += found
+            complete = complete or 0 < len(kind) == len(found)
         for shape in (*shapes[0], *shapes[1]):
             shape.tag = "collision"
             if shape not in usable:
                 link.remove(shape)
-        if unread and not usable:
+        if unread and not complete:
             missing |= dict.fromkeys(unread)
         elif unread:
             dropped.append(f"{link.get('name', 'without a name')} ({unread[0]})")

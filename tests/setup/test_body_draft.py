@@ -191,7 +191,15 @@ def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
     assert not body.too_large
 
 
-@pytest.mark.parametrize("content", [b"solid\nnothing", b"\0" * 84, binary_stl()[:-60]], ids=["text", "empty", "cut"])
+CUT = {
+    "text": b"solid\nnothing",
+    "empty": b"\0" * 84,
+    "cut": binary_stl()[:-60],
+    "cut text": text_stl()[: text_stl().index(b"endfacet") + 9],
+}
+
+
+@pytest.mark.parametrize("content", CUT.values(), ids=CUT)
 def test_a_damaged_mesh_is_named_as_the_user_knows_it(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "foot.stl").write_bytes(content)
     with refuses(InputError, "foot.stl") as caught:
@@ -323,17 +331,22 @@ def test_no_warning_of_mujoco_is_printed_and_none_logged(
 
 
 @pytest.mark.parametrize("first", [True, False], ids=["before the other shape", "after it"])
-def test_a_dropped_collision_mesh_is_reported_with_its_link(first: bool, tmp_path: Path) -> None:
-    """Of a link that has another shape; the picture of another link goes without a word."""
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_collision_mesh_that_is_missing_beside_another_shape(*, first: bool, seen: bool, tmp_path: Path) -> None:
+    """What is seen of the link stands for it, and else it is missing; other pictures go without a word."""
     mesh = '<collision><geometry><mesh filename="gone/foot.stl"/></geometry></collision>'
     shape = re.search(r"<collision>(?:(?!</collision>).)*" + re.escape(FOOT) + ".*?</collision>", humanoid(), re.DOTALL)
     assert shape is not None
-    text = humanoid().replace(shape[0], mesh + shape[0] if first else shape[0] + mesh, 1)
+    picture = shape[0].replace("collision", "visual") if seen else ""
+    text = humanoid().replace(shape[0], (mesh + shape[0] if first else shape[0] + mesh) + picture, 1)
     shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
-    body = drafted_urdf(text.replace("</link>", shown), tmp_path)
-    left_out = "meshes that cannot be read are left out, these links have other shapes: "
-    assert body.notes == (f"{left_out}p5 (gone/foot.stl)",)
-    assert body.model.ngeom == len(HUMANOID) + 1
+    text = text.replace("</link>", shown) if not seen else text
+    if not seen:
+        with refuses(InputError, "gone/foot.stl", "--no-meshes"):
+            drafted_urdf(text, tmp_path)
+    body = drafted_urdf(text, tmp_path, no_meshes=not seen)
+    shows(body.notes[0], "gone/foot.stl")
+    assert body.model.ngeom == len(HUMANOID) + 1 + seen
 
 
 def test_speeds_that_are_stated(tmp_path: Path) -> None:
