@@ -161,6 +161,8 @@ def fitted_shapes(model: Any, *, source: str) -> tuple[LinkShape, ...]:
 
 RIM_POINTS = 64
 BALL_POINTS = 800
+MOST_AXES = 50
+"""Orientations of a link's geoms that its shape is tried along: each takes a millisecond and more."""
 MAX_LINKS = 200
 """A profile holds no more observers."""
 NAME = re.compile(r"[^\s/\\]{1,80}")
@@ -169,7 +171,8 @@ NAME = re.compile(r"[^\s/\\]{1,80}")
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
-    """centres (k, 3) and radii (k,) of the balls, m; axes (j, 3, 3): orientations of the link's geoms, as columns.
+    """centres (k, 3) and radii (k,) of the balls, m; axes (j, 3, 3): different orientations of the link's geoms, as
+    columns, MOST_AXES at most.
 
     link, name: index and name. around_mesh: True if one of the geoms is a mesh.
     """
@@ -194,14 +197,17 @@ def link_geometries(model: Any) -> tuple[LinkGeometry, ...]:
         if not solid:
             continue
         turns = [to_matrix(model.geom_quat[geom]) for geom, _ in solid]
-        parts = zip(solid, turns, strict=True)
+        parts = list(zip(solid, turns, strict=True))
+        sided = [turn for (geom, _), turn in parts if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE]
+        axes = np.array(sided).reshape(-1, 3, 3)
+        _, first = np.unique(axes.round(4), axis=0, return_index=True)
         found.append(
             LinkGeometry(
                 link=link,
                 name=model.body(link).name,
                 centres=np.concatenate([points @ turn.T + model.geom_pos[geom] for (geom, (points, _)), turn in parts]),
                 radii=np.concatenate([np.full(len(points), radius) for _, (points, radius) in solid]),
-                axes=np.array(turns),
+                axes=axes[np.sort(first)[:MOST_AXES]],
                 around_mesh=any(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH for geom, _ in solid),
             )
         )
