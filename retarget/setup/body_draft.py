@@ -226,18 +226,13 @@ def _mend_limits(spec: Any, source: Source, notes: list[str]) -> dict[str, str]:
     """
     mujoco = engine()
     hinges = {joint.name: joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE}
-    auto, never = mujoco.mjtLimited.mjLIMITED_AUTO, mujoco.mjtLimited.mjLIMITED_FALSE
-    read = {
-        name: joint.range.tolist()
-        for name, joint in hinges.items()
-        if joint.limited != never and (joint.limited != auto or joint.range.any())
-    }
+    read = {name: joint.range.tolist() for name, joint in hinges.items() if _states_limits(joint)}
 
     def shown(names: Iterable[str]) -> str:
         return listed([f"{name} ({read[name][0]:g} to {read[name][1]:g})" for name in names])
 
     rigid = [name for name, (low, high) in read.items() if low == high]
-    ranges = {name: both for name, both in read.items() if name not in rigid}
+    ranges = {name: both for name, both in read.items() if both[0] != both[1]}
     beyond = [name for name, both in ranges.items() if not spec.compiler.degree and max(map(abs, both)) > WHOLE_TURN]
     in_degrees = 0 < len(ranges) <= 2 * len(beyond)
     swapped = [name for name, (low, high) in ranges.items() if low > high]
@@ -253,7 +248,7 @@ def _mend_limits(spec: Any, source: Source, notes: list[str]) -> dict[str, str]:
             next_step="Write all of them in rad; limits of a joint that makes more turns: at most 6.28",
         )
     if rigid and len(rigid) == len(hinges):
-        step = "Write the lower and the upper limit of each joint that a servo turns: <limit> in URDF, range in MJCF"
+        step = "Write a lower and an upper limit for each joint that a servo turns"
         raise InputError("no joint has a range", where=str(source.path), found=shown(rigid), next_step=step)
     kinds = {
         "look like degrees": (
@@ -270,12 +265,14 @@ def _mend_limits(spec: Any, source: Source, notes: list[str]) -> dict[str, str]:
             hinges[name].range = np.radians(sorted(both)) if in_degrees else sorted(both)
             hinges[name].limited = mujoco.mjtLimited.mjLIMITED_TRUE
             changed[name] = f"{what} in the file, {both[0]:g} to {both[1]:g}"
-    for actuator in list(spec.actuators):
-        if actuator.target in rigid:
-            spec.delete(actuator)
-    for name in rigid:
-        spec.delete(hinges[name])
+    _make_rigid(spec, [hinges[name] for name in rigid])
     return changed
+
+
+def _states_limits(joint: Any) -> bool:
+    """True for a joint with limits in its file, right or wrong."""
+    kinds = engine().mjtLimited
+    return bool(joint.limited == kinds.mjLIMITED_TRUE or (joint.limited == kinds.mjLIMITED_AUTO and joint.range.any()))
 
 
 def _read_meshes(spec: Any, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool) -> None:
@@ -316,12 +313,18 @@ def _freeze_passive(spec: Any, notes: list[str]) -> None:
     if not stuck:
         return
     stuck_names = [joint.name or "without a name" for joint in stuck]
-    for actuator in list(spec.actuators):
-        if actuator.target in stuck_names:
-            spec.delete(actuator)
     for kind in ("sensors", "equalities", "tendons"):
         for part in list(getattr(spec, kind)):
             spec.delete(part)
-    for joint in stuck:
-        spec.delete(joint)
+    _make_rigid(spec, stuck)
     notes.append(f"joints made rigid, as no servo of their own turns them: {listed(stuck_names)}")
+
+
+def _make_rigid(spec: Any, joints: list[Any]) -> None:
+    """Delete joints, with their actuators."""
+    names = {joint.name for joint in joints}
+    for actuator in list(spec.actuators):
+        if actuator.target in names:
+            spec.delete(actuator)
+    for joint in joints:
+        spec.delete(joint)

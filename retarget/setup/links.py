@@ -92,7 +92,7 @@ def completed(proposed: Links, given: Links, tree: Tree) -> Links:
         for pair in combinations([end for end in ends if ways[end] != [BASE]], 2)
         if ways[pair[0]][-1] in ways[pair[1]] or ways[pair[1]][-1] in ways[pair[0]]
     ]
-    for side in "lr":
+    for side in "lr" if not problems else "":
         for bend, last in BENDS.items():
             middle, end = f"{side}_{bend}", f"{side}_{last}"
             if middle in ways and end not in ways:

@@ -64,9 +64,8 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) 
 
     It is the smallest of those along `axes` (j, 3) and the balls' own spread, through the middle of their shadow.
     """
-    spread = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2]
     found = []
-    for u in (*np.eye(3), *spread, *axes):
+    for u in (*np.eye(3), *principal_axes(centres), *axes):
         height = centres @ u
         shadow = centres - height[:, None] * u
         middle = 0.5 * (shadow.max(axis=0) + shadow.min(axis=0))
@@ -85,6 +84,12 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) 
     return start, end, round_up(max(radius, MIN_RADIUS))
 
 
+def principal_axes(points: FloatArray) -> FloatArray:
+    """Unit vectors (3, 3), as rows, along which points (k, 3) spread, most first."""
+    # All of U would be (k, k); V has three rows without it, except of one or two points.
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=len(points) < 3)[2])
+
+
 def _capsule_volume(radius: float, length: float) -> float:
     return math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
 
@@ -101,7 +106,7 @@ def enclosing_box(geometry: "LinkGeometry") -> tuple[FloatArray, FloatArray, Flo
     """Size (3,), position (3,) m and quat (4,) of the smallest box along the link's own axes, its geoms' or the
     principal ones; in doubt of the earlier of these. It is rounded outwards to DIGITS."""
     centres, radii = geometry.centres, geometry.radii[:, None]
-    principal = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2].T
+    principal = principal_axes(centres).T
     boxes = []
     for axes in (np.eye(3), *geometry.axes, principal):
         turn = axes if np.linalg.det(axes) > 0.0 else axes * [1.0, 1.0, -1.0]

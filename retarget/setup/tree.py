@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.setup.shape_fit import DIRECTIONS, hull_of_balls, link_geometries
+from retarget.setup.shape_fit import DIRECTIONS, hull_of_balls, link_geometries, principal_axes
 from retarget.types import FloatArray
 
 BASE = 0
@@ -184,8 +184,7 @@ def flat_underside(tree: Tree, nodes: Sequence[int]) -> Sole | None:
     lowest = centres + radii[:, None] * down
     depth = lowest @ down
     touching = lowest[depth >= depth.max() - TOUCHING_M]
-    around = touching - touching.mean(axis=0)
-    sides = np.ptp(around @ np.linalg.svd(around)[2][:2].T, axis=0)
+    sides = np.ptp(touching @ principal_axes(touching)[:2].T, axis=0)
     return None if sides.prod() < MIN_AREA else Sole(-down, touching)
 
 
