@@ -394,15 +394,18 @@ def ask(question: str, *, enter: bool = True, where: str = "") -> bool:
     """
     answers = {"": enter, "y": True, "yes": True, "n": False, "no": False}
     while True:
-        try:
-            answer = answers.get(input(printable(f"{question} [{'Y/n' if enter else 'y/N'}] ")).strip().lower())
-        except EOFError as error:
-            echo()
-            raise UsageError(
-                "the question has no answer: the input has ended", where=where, next_step="Run it in a terminal"
-            ) from error
+        answer = answers.get(answered(f"{question} [{'Y/n' if enter else 'y/N'}] ", where=where).lower())
         if answer is not None:
             return answer
+
+
+def answered(question: str, *, where: str = "", step: str = "Run it in a terminal") -> str:
+    """What the operator types in answer. Raises UsageError, with this next step, when the input has ended."""
+    try:
+        return input(printable(question)).strip()
+    except EOFError as error:
+        echo()
+        raise UsageError("the question has no answer: the input has ended", where=where, next_step=step) from error
 
 
 # A line about what goes on, on a terminal (stderr), and nothing in a pipe.

@@ -1,6 +1,6 @@
 """`retarget check FILE...`: validate profiles, priorities, performers, scenes and sessions; say what is in them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,8 +135,8 @@ def _robot(path: Path) -> str:
         facts["to rest"] = str(to_rest)
         how, stays = topples_at_rest(robot), profile.postures.stays_at_rest
         facts["at rest"] = f"{at_rest(robot)}; {_rests(how, stays=stays)}"
-    if wide := list(questioned_ranges(robot, observers)):
-        facts["warning"] = f"{counted(len(wide), 'wide range')}: {listed(wide, limit=3)}. {WIDE}"
+    if wide := tuple(questioned_ranges(robot, observers)):
+        facts["warning"] = wide_ranges(wide)
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
     named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
     facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"
@@ -149,7 +149,10 @@ def _robot(path: Path) -> str:
     return _paragraph("robot", profile, path, facts, verdict=verdict)
 
 
-WIDE = "Draw `limits` in to what the robot can do: the gate stops at a touch, and nothing else does"
+def wide_ranges(wide: Sequence[str]) -> str:
+    """What `questioned_ranges` found, shortly, and what to do about it."""
+    advice = "Draw `limits` in to what the robot can do: the gate stops at a touch, and nothing else does"
+    return f"{counted(len(wide), 'wide range')}: {listed(wide, limit=3)}. {advice}"
 
 
 def _rests(how: str | None, *, stays: bool) -> str:

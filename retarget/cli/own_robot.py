@@ -5,8 +5,9 @@ import shlex
 import sys
 from pathlib import Path
 
-from hardware.errors import counted, printable
-from retarget.cli.application import Overwrite
+from hardware.errors import counted
+from retarget.cli.application import Overwrite, answered
+from retarget.cli.check import wide_ranges
 from retarget.cli.exit import echo
 from retarget.errors import RefusedError, UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
@@ -14,6 +15,8 @@ from retarget.setup.fit_observers import Zones, fit
 from retarget.setup.import_robot import Imported, UnknownRobot, import_robot, read_robot
 from retarget.setup.links import PARTS, Links, completed, read_links
 from retarget.setup.servo_guess import NO_TORQUE
+
+NO_ANSWER = "Give --yes to take what is proposed, or --links FILE.yaml"
 
 
 def import_body(
@@ -63,13 +66,13 @@ def _asked(robot: UnknownRobot) -> Links:
         echo("  part      link, and the joint that moves it")
         for part, link in rows:
             echo(f"  {part:<9} {link or '-'}{f'  ({joints[link]})' if link and joints[link] else ''}")
-        answer = input(printable("ENTER if this is right, else PART=LINK (PART= for none, ? for all links): ")).strip()
+        answer = answered("ENTER if this is right, else PART=LINK (PART= for none, ? for all links): ", step=NO_ANSWER)
         if not answer:
             return given
         part, _, link = (word.strip() for word in answer.partition("="))
-        if part in PARTS and (not link or link in robot.tree.links):
+        if part in PARTS:
             try:
-                new = Links.model_validate({**given.model_dump(include=given.model_fields_set), part: link or None})
+                new = given.model_copy(update={part: link or None})  # `completed` looks at the name
                 completed(robot.proposed, new, robot.tree)
                 given = new
             except RefusedError as error:
@@ -96,7 +99,7 @@ def _drafted(done: Imported) -> str:
     lines = [f"{folder}: profile of {draft.name}, drafted from {draft.source}"]
     lines += [f"  {key + ':':<{width}}{value}" for key, value in facts.items()]
     lines += [f"  missing: {text}" for text in draft.missing]
-    lines += [f"  note: {text}" for text in draft.notes]
+    lines += [f"  note: {text}" for text in (*draft.notes, *([wide_ranges(done.wide)] if done.wide else ()))]
     profile = shlex.quote(str(folder / "robot.yaml"))
     if done.again:
         return "\n".join([*lines, f"Next: correct {draft.source}, and import it again"])

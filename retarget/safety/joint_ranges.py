@@ -52,13 +52,10 @@ def questioned_ranges(robot: RobotBody, observers: Observers) -> Iterator[str]:
 def _deep(robot: RobotBody, observers: Observers, pairs: IntArray, postures: FloatArray) -> BoolArray:
     """Whether pairs (p, 2) touch in postures (t, nq): (t, p)."""
     position, quat = placed(robot.body, observers, postures)
-    sides: list[Any] = []
-    for half in pairs.T:
-        kinds, sizes = (
-            np.repeat(part[half][None], len(postures), axis=0) for part in (observers.kinds, observers.sizes)
-        )
-        shaped = (position[:, half].reshape(-1, 3), quat[:, half].reshape(-1, 4))
-        sides += [kinds.ravel(), sizes.reshape(-1, 3), *map(np.ascontiguousarray, shaped)]
-    if not pairs.size:
-        return np.zeros((len(postures), 0), dtype=np.bool_)
-    return np.asarray(_solver.shape_distances(*sides)[0].reshape(len(postures), -1) < -DEEP_M)
+    deep = np.zeros((len(postures), len(pairs)), dtype=np.bool_)
+    for time in range(len(postures)) if pairs.size else ():
+        sides: list[Any] = []
+        for half in map(np.ascontiguousarray, pairs.T):
+            sides += [observers.kinds[half], observers.sizes[half], position[time, half], quat[time, half]]
+        deep[time] = _solver.shape_distances(*sides)[0] < -DEEP_M
+    return deep

@@ -1,7 +1,8 @@
 """The body file of a drafted profile: MJCF with simple shapes, which stands by itself."""
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from retarget.types import FloatArray
 
 FAR_TOO_LARGE = 5.0
 """A mesh of so many times the distance between the joints is in another unit."""
+WHOLE_TURN = 2.0 * np.pi + 1e-3
+"""[rad] A limit beyond it may be in degrees."""
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
 
@@ -26,17 +29,20 @@ _THIN = re.compile(r"mesh volume is too small: (\S+)")
 class BodyDraft:
     """spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source, meshes and all, with the names of the body that
     is written. content: that body, MJCF. shapes: of its links, which stand for meshes there. notes: what was changed,
-    for the user. ready: of a URDF. hints: names of the meshes, which may tell servos. too_large: meshes that are in
-    another unit, in words, else empty."""
+    for the user. limits: joint -> what was changed of its limits. speeds: joint -> rad/s that the file states. welded:
+    True if its torso is fixed to a link `world`. hints: names of the meshes, which may tell servos. too_large: meshes
+    that are in another unit, in words, else empty."""
 
     spec: Any
     model: Any
     content: bytes
-    shapes: tuple[LinkShape, ...]
-    notes: tuple[str, ...]
-    ready: ReadyUrdf
-    hints: tuple[str, ...]
-    too_large: str
+    shapes: tuple[LinkShape, ...] = ()
+    notes: tuple[str, ...] = ()
+    limits: dict[str, str] = field(default_factory=dict)
+    speeds: dict[str, float] = field(default_factory=dict)
+    welded: bool = False
+    hints: tuple[str, ...] = ()
+    too_large: str = ""
 
 
 def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
@@ -58,6 +64,8 @@ def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
         if source.kind == "urdf":
             ready = ready_urdf(source, meshes, no_meshes=no_meshes)
             spec = mujoco.MjSpec.from_string(ready.text)
+            for joint in spec.joints:  # MuJoCo keeps no difference between no limits and limits that it drops
+                joint.limited = joint.name in ready.limited
             spec.compiler.balanceinertia = True
             spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
             spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
@@ -69,13 +77,24 @@ def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
         spec.assets = {**spec.assets, **meshes.contents}
         spec.compiler.fusestatic = False
         _strip(spec)
-        _rename(spec, notes)
+        renamed = _rename(spec, notes)
+        limits = _mend_limits(spec, source, notes)
         model = _compiled(spec)
         check_numbers(model, source=str(source.path))
         shapes = fitted_shapes(model, source=str(source.path))
         written = _written(spec, model, shapes, notes)
-        hints = tuple(meshes.names.values())
-        return BodyDraft(spec, model, written, shapes, tuple(notes), ready, hints, _far_too_large(model, meshes))
+        return BodyDraft(
+            spec,
+            model,
+            written,
+            shapes,
+            tuple(notes),
+            limits,
+            {renamed.get(name, name): speed for name, speed in ready.speeds.items()},
+            ready.welded,
+            hints=tuple(meshes.names.values()),
+            too_large=_far_too_large(model, meshes),
+        )
     except (ValueError, RuntimeError) as error:
         raise refusal(str(source.path), type(error)(meshes.in_words(str(error))), spec) from error
 
@@ -175,9 +194,9 @@ def _far_too_large(model: Any, meshes: MeshFiles) -> str:
     )
 
 
-def _rename(spec: Any, notes: list[str]) -> None:
-    """Give every link and joint a name that a profile can hold."""
-    changed = []
+def _rename(spec: Any, notes: list[str]) -> dict[str, str]:
+    """Give every link and joint a name that a profile can hold. Returns the new names of joints by their old ones."""
+    changed, renamed = [], dict[str, str]()
     for kind, parts in (("link", list(spec.bodies)[1:]), ("joint", list(spec.joints))):
         taken = {part.name for part in parts}
         for number, part in enumerate(parts, 1):
@@ -190,10 +209,70 @@ def _rename(spec: Any, notes: list[str]) -> None:
                 if actuator.target == part.name:
                     actuator.target = name
             changed.append(f"{part.name!r} is now {name}" if part.name else name)
+            renamed |= {part.name: name} if kind == "joint" else {}
             part.name = name
             taken.add(name)
     if changed:
         notes.append(f"names that a profile cannot hold were changed: {listed(changed)}")
+    return renamed
+
+
+def _mend_limits(spec: Any, source: Source, notes: list[str]) -> dict[str, str]:
+    """Mend limits that MuJoCo would drop: a joint never gets a wider range than the file may mean. Returns joint ->
+    what was changed.
+
+    Limits in rad of which at least half are beyond a whole turn are in degrees, all of them. Raises InputError: some
+    are, and it is not clear which; limits that are no numbers; no joint has a range.
+    """
+    mujoco = engine()
+    hinges = {joint.name: joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE}
+    read = {name: joint.range.tolist() for name, joint in hinges.items() if _states_limits(joint)}
+
+    def shown(names: Iterable[str]) -> str:
+        return listed([f"{name} ({read[name][0]:g} to {read[name][1]:g})" for name in names])
+
+    rigid = [name for name, (low, high) in read.items() if low == high]
+    ranges = {name: both for name, both in read.items() if both[0] != both[1]}
+    beyond = [name for name, both in ranges.items() if not spec.compiler.degree and max(map(abs, both)) > WHOLE_TURN]
+    in_degrees = 0 < len(ranges) <= 2 * len(beyond)
+    swapped = [name for name, (low, high) in ranges.items() if low > high]
+    if wrong := [name for name, both in read.items() if not np.isfinite(both).all()]:
+        step = "Write numbers, the lower one first"
+        raise InputError("limits that are no numbers", where=str(source.path), found=shown(wrong), next_step=step)
+    if beyond and not in_degrees:
+        raise InputError(
+            "limits beyond a whole turn, among others that are not: are some, or all, in degrees?",
+            where=str(source.path),
+            found=shown(beyond),
+            allowed="limits of one unit",
+            next_step="Write all of them in rad; limits of a joint that makes more turns: at most 6.28",
+        )
+    if rigid and len(rigid) == len(hinges):
+        step = "Write a lower and an upper limit for each joint that a servo turns"
+        raise InputError("no joint has a range", where=str(source.path), found=shown(rigid), next_step=step)
+    kinds = {
+        "look like degrees": (
+            list(ranges) if in_degrees else [],
+            "limits that look like degrees, and are taken for that",
+        ),
+        "swapped": (swapped, "limits with the upper one first, exchanged"),
+        "": (rigid, "joints whose lower limit is their upper one, made rigid; write a range where a servo turns them"),
+    }
+    notes += [f"{words}: {shown(names)}" for names, words in kinds.values() if names]
+    changed = {}
+    for name, both in ranges.items():
+        if what := " and ".join(kind for kind, (names, _) in kinds.items() if name in names):
+            hinges[name].range = np.radians(sorted(both)) if in_degrees else sorted(both)
+            hinges[name].limited = mujoco.mjtLimited.mjLIMITED_TRUE
+            changed[name] = f"{what} in the file, {both[0]:g} to {both[1]:g}"
+    _make_rigid(spec, [hinges[name] for name in rigid])
+    return changed
+
+
+def _states_limits(joint: Any) -> bool:
+    """True for a joint with limits in its file, right or wrong."""
+    kinds = engine().mjtLimited
+    return bool(joint.limited == kinds.mjLIMITED_TRUE or (joint.limited == kinds.mjLIMITED_AUTO and joint.range.any()))
 
 
 def _read_meshes(spec: Any, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool) -> None:
@@ -234,12 +313,18 @@ def _freeze_passive(spec: Any, notes: list[str]) -> None:
     if not stuck:
         return
     stuck_names = [joint.name or "without a name" for joint in stuck]
-    for actuator in list(spec.actuators):
-        if actuator.target in stuck_names:
-            spec.delete(actuator)
     for kind in ("sensors", "equalities", "tendons"):
         for part in list(getattr(spec, kind)):
             spec.delete(part)
-    for joint in stuck:
-        spec.delete(joint)
+    _make_rigid(spec, stuck)
     notes.append(f"joints made rigid, as no servo of their own turns them: {listed(stuck_names)}")
+
+
+def _make_rigid(spec: Any, joints: list[Any]) -> None:
+    """Delete joints, with their actuators."""
+    names = {joint.name for joint in joints}
+    for actuator in list(spec.actuators):
+        if actuator.target in names:
+            spec.delete(actuator)
+    for joint in joints:
+        spec.delete(joint)

@@ -35,9 +35,16 @@ ARM, LEG = 0.97, 0.99
 length has its knee 28 degrees bent, which is seen; at 0.99 it is 16."""
 
 
-def find_landmarks(posed: Posed, standing: Angles) -> dict[str, Landmark]:
-    """standing: angles of the robot standing, trunk upright, rad."""
-    at, found = posed.place(standing).positions, dict[str, Landmark]()
+SHORTEST = 1e-3
+"""[m] A shorter limb has no direction to follow."""
+
+
+def find_landmarks(posed: Posed, standing: Angles) -> tuple[dict[str, Landmark], list[str]]:
+    """The landmarks by name, and what is too short to be one, in words.
+
+    standing: angles of the robot standing, trunk upright, rad.
+    """
+    at, found, missing = posed.place(standing).positions, dict[str, Landmark](), list[str]()
 
     def add(
         frame: str,
@@ -50,6 +57,9 @@ def find_landmarks(posed: Posed, standing: Angles) -> dict[str, Landmark]:
         name: str = "",
         **more: Any,
     ) -> None:
+        if length < SHORTEST:
+            missing.append(f"landmark {name or frame}: its limb is {1e3 * length:.1f} mm long")
+            return
         limb = {"follows": follows, "from": measured_from, "anchor": anchor, "human_length": human}
         entry = {"frame": frame, "robot_length": round(length, 4), **limb, **more}
         found[name or frame] = Landmark.model_validate(entry)
@@ -72,7 +82,7 @@ def find_landmarks(posed: Posed, standing: Angles) -> dict[str, Landmark]:
             hip, knee, ankle, sole = (f"{side}_{part}" for part in ("hip", "knee", "ankle", "sole"))
             offset = (posed.anatomy.axes.T @ (at[sole] - at[ankle])).round(4).tolist()
             add(sole, ankle, hip, hip, length, [hip, knee, ankle], offset=offset)
-    return found
+    return found, missing
 
 
 @dataclass(frozen=True)

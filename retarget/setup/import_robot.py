@@ -9,10 +9,12 @@ from retarget.errors import InputError, RefusedError, UsageError
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import body_from_file
 from retarget.model.body_file import Root, compile_body
+from retarget.model.observers import robot_observers
 from retarget.model.robot import load_uncalibrated
 from retarget.run.options import RunOptions
 from retarget.run.prepare import try_robot
 from retarget.run.rest_trajectory import at_rest
+from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path
 from retarget.schema.profile import marked_lines
@@ -47,7 +49,7 @@ def read_robot(path: Path, *, no_meshes: bool = False) -> UnknownRobot:
     source = read_source(path)
     body = draft_body(source, no_meshes=no_meshes)
     tree = read_tree(body.model, source=str(path))
-    return UnknownRobot(source, body, tree, propose_links(tree, welded=body.ready.welded))
+    return UnknownRobot(source, body, tree, propose_links(tree, welded=body.welded))
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ class Imported:
 
     problems: what keeps a run from beginning, as `retarget check` says it; empty: it can be run. margin: how far (m)
     the centre of mass is inside the soles, None without soles or with problems. rest: how it is at rest, in words.
-    drafts: lines that are marked so. again: True if the body file must be corrected first.
+    wide: questioned ranges of joints, in words. drafts: lines that are marked so. again: True if the body file
+    must be corrected first.
     """
 
     folder: Path
@@ -64,6 +67,7 @@ class Imported:
     problems: tuple[str, ...]
     margin: float | None
     rest: str
+    wide: tuple[str, ...]
     drafts: int
     again: bool = False
 
@@ -96,25 +100,26 @@ def import_robot(
             folder.mkdir()
             draft = _drafted(folder, known, robot, links or Links(), servo)
             too_large = robot.body.too_large
-            problems, margin, rest = ((too_large,), None, "") if too_large else _checked(folder)
+            problems, margin, rest, wide = ((too_large,), None, "", ()) if too_large else _checked(folder)
             _check_out(out)
             folder.rename(out)
     except OSError as error:
         raise UsageError("cannot write here", where=OPTION, found=f"{out}: {error.strerror}") from error
     drafts = len(marked_lines(profile_text(draft)))
-    return Imported(out, draft, problems, margin, rest, drafts, again=bool(too_large))
+    return Imported(out, draft, problems, margin, rest, wide, drafts, again=bool(too_large))
 
 
-def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str]:
-    """What keeps a run from beginning, without the folder's passing name; how safely it stands; how it is at rest."""
+def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str, tuple[str, ...]]:
+    """What keeps a run from beginning, without the folder's passing name; how safely it stands; how it is at rest; wide
+    ranges."""
     try:
         robot = load_uncalibrated(folder)
         margin, rest = check_stand(robot), at_rest(robot)
         try_robot(robot, RunOptions(robot=str(folder), bus="mock"))
-        return (), margin, rest
+        return (), margin, rest, tuple(questioned_ranges(robot, robot_observers(robot)))
     except RefusedError as error:
         texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
-        return tuple(text.replace(f"{folder}/", "") for text in texts), None, ""
+        return tuple(text.replace(f"{folder}/", "") for text in texts), None, "", ()
 
 
 def _check_out(out: Path) -> None:
@@ -143,7 +148,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
     if name in {entry.name for entry in entries(Kind.ROBOT)}:
         note = f"a robot {name} is known already: --robot {name} means that one, and both would share a calibration"
         notes.insert(0, f"{note}; give this one another --name")
-    changed = [f"{one.joint} ({one.note})" for one in servos if one.note and one.joint not in body.ready.limits]
+    changed = [f"{one.joint} ({one.note})" for one in servos if one.note and one.joint not in body.limits]
     if changed:
         notes.append(f"limits that are not those of the body: {listed(changed)}")
     root = _root(folder / "body.xml", found, has_legs=bool(anatomy.legs), notes=notes)
@@ -153,6 +158,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
     if soles and not postures.stands:
         notes.append("no posture was found in which it stands with flat soles: correct `postures`")
     others = {name: angles for name, angles in postures.angles.items() if name in ("stand", "attractor")}
+    landmarks, missing = find_landmarks(posed, postures.angles["stand"])
     draft = Draft(
         name=name,
         source=robot.source.path.name,
@@ -162,11 +168,11 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
         servos=servos,
         feet=found.feet if soles else {},
         postures=postures.angles,
-        landmarks=find_landmarks(posed, postures.angles["stand"]),
+        landmarks=landmarks,
         shapes=body.shapes,
         ignored=ignored_links(placed, postures.angles["neutral"], others),
         links=links,
-        missing=found.missing,
+        missing=(*found.missing, *missing),
         notes=tuple(notes),
     )
     (folder / "robot.yaml").write_text(profile_text(draft), encoding="utf-8")

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from retarget.errors import ConfigError, Problem
-from retarget.schema.strict_models import Name, Schema, read_model, unknown_name
+from retarget.errors import ConfigError, Problem, suggest
+from retarget.schema.strict_models import Name, Schema, listed, read_model, unknown_name
+from retarget.schema.strict_yaml import Document
 from retarget.setup.tree import BASE, UP, Tree, flat_underside, words_of
 from retarget.types import FloatArray
 
@@ -49,32 +50,60 @@ BENDS = {"elbow": "hand", "knee": "sole"}
 def read_links(path: Path, tree: Tree) -> Links:
     """The parts that a file names. Raises ConfigError: all of its problems, with lines."""
 
-    def check(links: Links, document: object) -> list[Problem]:
-        named = {part: link for part, link in links.model_dump().items() if link is not None}
-        unknown = [part for part, link in named.items() if link not in tree.links]
-        return [unknown_name(document, (part,), "link", named[part], tree.links) for part in unknown]  # type: ignore[arg-type]
+    def check(links: Links, document: Document) -> list[Problem]:
+        return [unknown_name(document, (part,), "link", link, tree.links) for part, link in _unknown(links, tree)]
 
     return read_model(Links, path, check=check)[0]
 
 
+def _unknown(given: Links, tree: Tree) -> list[tuple[str, str]]:
+    """The parts and links that the body does not have."""
+    named = given.model_dump(include=given.model_fields_set)
+    return [(part, link) for part, link in named.items() if link is not None and link not in tree.links]
+
+
 def completed(proposed: Links, given: Links, tree: Tree) -> Links:
     """The proposal with what is given in its place. Raises ConfigError for links that cannot be those parts."""
+    if unknown := _unknown(given, tree):
+        known = listed(tree.links)
+        problems = [
+            Problem(
+                "unknown link", "--links", f"{part}: {link!r}", known, suggest(link, tree.links) or "Name a known one"
+            )
+            for part, link in unknown
+        ]
+        raise ConfigError.from_problems(problems)
     parts: dict[str, str | None] = proposed.model_dump() | given.model_dump(include=given.model_fields_set)
     for part in given.model_fields_set:
         other = f"r{part[1:]}"
         if part.startswith("l_") and other not in given.model_fields_set:
             parts[other] = _counterpart(parts[part], proposed, part, tree)
-    links = Links.model_validate(parts)
-    problems = [
-        Problem("not on the way from the trunk to the end of the limb", "--links", f"{side}_{bend}: {middle}", end)
-        for side in "lr"
-        for bend, last in BENDS.items()
-        if (middle := parts[f"{side}_{bend}"]) and (end := parts[f"{side}_{last}"])
-        if tree.links[middle] not in tree.path(tree.links[end])[1:]
+    ways = {part: tree.path(tree.links[link]) for part, link in parts.items() if link is not None}
+
+    def refused(what: str, part: str, other: str) -> Problem:
+        found = ", ".join(f"{one}: {parts[one]}" for one in (part, other) if parts.get(one))
+        step = f"Name another link, or write {part}: null where it has none; retarget import in a terminal shows them"
+        return Problem(what, "--links", found, next_step=step)
+
+    ends = [part for part in ways if part == "head" or part[2:] in BENDS.values()]
+    problems = [refused("the base is not the end of a limb", end, "") for end in ends if ways[end] == [BASE]]
+    problems += [
+        refused("one end of a limb carries the other, or is the same", *sorted(pair, key=lambda one: len(ways[one])))
+        for pair in combinations([end for end in ends if ways[end] != [BASE]], 2)
+        if ways[pair[0]][-1] in ways[pair[1]] or ways[pair[1]][-1] in ways[pair[0]]
     ]
+    for side in "lr" if not problems else "":
+        for bend, last in BENDS.items():
+            middle, end = f"{side}_{bend}", f"{side}_{last}"
+            if middle in ways and end not in ways:
+                parts[middle] = None  # nothing is left to bend
+            elif middle in ways and ways[middle][-1] not in ways[end][1:]:
+                problems.append(refused("not on the way from the trunk to the end of the limb", middle, end))
+            elif bend == "knee" and parts.get(middle) and parts[middle] == parts[end]:
+                problems.append(refused("the shin is not the foot", middle, end))
     if problems:
         raise ConfigError.from_problems(problems)
-    return links
+    return Links.model_validate(parts)
 
 
 def _counterpart(link: str | None, proposed: Links, part: str, tree: Tree) -> str | None:
@@ -279,7 +308,8 @@ def _leg(tree: Tree, nodes: list[int], side: str, normal: FloatArray) -> dict[st
     pitches, floor = pitch_joints(tree, nodes, normal), float(tree.points(tree.below(nodes[-1]))[:, 2].min())
     heights = {node: float(tree.nodes[node].anchor[2]) for node in pitches}
     top = max((heights[node] for node in pitches), default=0.0)
-    knee = max(pitches[1:], key=lambda node: min(top - heights[node], heights[node] - floor), default=None)
+    middles = [node for node in pitches[1:] if node != nodes[-1]]
+    knee = max(middles, key=lambda node: min(top - heights[node], heights[node] - floor), default=None)
     return {f"{side}_sole": _link(tree, nodes[-1]), f"{side}_knee": None if knee is None else _link(tree, knee)}
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import takewhile
-from math import isfinite, pi, radians
+from math import isfinite
 from pathlib import Path
 from urllib.parse import unquote
 from xml.etree import ElementTree
@@ -134,14 +134,15 @@ class MeshFiles:
         faces = int.from_bytes(content[80:84], "little")
         if content[:5].lower() == b"solid" and len(content) != 84 + 50 * faces:
             try:
-                corners = np.array(_VERTEX.findall(content), dtype=np.float32).reshape(-1, 3, 3)
+                ends = content.rstrip().rpartition(b"\n")[2].lower().lstrip().startswith(b"endsolid")
+                corners = np.array(_VERTEX.findall(content) if ends else [], dtype=np.float32).reshape(-1, 3, 3)
             except ValueError:
                 corners = np.zeros((0, 3, 3), dtype=np.float32)
             rows = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
             rows["corners"], faces = corners, len(corners)
             content = bytes(80) + faces.to_bytes(4, "little") + rows.tobytes()
         if not 0 < faces <= MOST_FACES or len(content) < 84 + 50 * faces:
-            allowed = f"an STL file, binary or text, of 1 to {MOST_FACES} triangles"
+            allowed = f"an STL file, binary or text up to its endsolid, of 1 to {MOST_FACES} triangles"
             step = "Export it again, with fewer triangles (decimated) where there are too many"
             self.problems.append(Problem("a mesh that cannot be read", str(path), f"{faces} triangles", allowed, step))
         return content
@@ -175,18 +176,16 @@ TURNS = ("revolute", "continuous")
 KNOWN = (*TURNS, "fixed", "prismatic", "floating", "planar")
 SHAPES = ("collision", "visual")
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-WHOLE_TURN = 2.0 * pi + 1e-3
-"""[rad] A limit beyond it is taken for degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReadyUrdf:
-    """A URDF that is imported. notes: what was changed. limits: joint -> what was changed of its limits. speeds: joint
-    -> rad/s that the file states. welded: True if its torso is fixed to a link `world`."""
+    """A URDF that is imported. notes: what was changed. limited: names of joints with limits. speeds: joint -> rad/s
+    that the file states. welded: True if its torso is fixed to a link `world`."""
 
     text: str
     notes: list[str]
-    limits: dict[str, str] = field(default_factory=dict)
+    limited: frozenset[str] = frozenset()
     speeds: dict[str, float] = field(default_factory=dict)
     welded: bool = False
 
@@ -196,10 +195,9 @@ def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUr
 
     Raises InputError with all of its problems.
     """
-    root, notes, limits = copy.deepcopy(source.root), list[str](), dict[str, str]()
+    root, notes = copy.deepcopy(source.root), list[str]()
     problems = [
         *_joints(root, source, notes),
-        *_limits(root, source, notes, limits),
         *_masses(root, source, notes),
         *_meshes(root, source, meshes, notes, no_meshes=no_meshes),
         *meshes.problems,
@@ -211,12 +209,14 @@ def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUr
     above = {
         one.get("link", "").lower() for joint in root.iterfind("joint[@type='fixed']") for one in joint.iter("parent")
     }
-    return ReadyUrdf(ElementTree.tostring(root, encoding="unicode"), notes, limits, speeds, welded="world" in above)
+    limited = frozenset(joint.get("name", "") for joint in root.iterfind("joint[@type='revolute']"))
+    return ReadyUrdf(ElementTree.tostring(root, encoding="unicode"), notes, limited, speeds, welded="world" in above)
 
 
 def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iterator[Problem]:
-    """Make rigid what no servo of its own drives."""
+    """Make rigid what no servo of its own drives; limit what turns on and on, but states limits."""
     found: dict[str, list[str]] = {}
+    bounded = list[str]()
     for joint in root.findall("joint"):
         kind, name = joint.get("type", ""), joint.get("name", "without a name")
         if kind not in KNOWN:
@@ -229,51 +229,15 @@ def _joints(root: ElementTree.Element, source: Source, notes: list[str]) -> Iter
             joint.set("type", "fixed")
             if mimic is not None:
                 joint.remove(mimic)
-    notes += [f"{kind} joints, which no servo drives, made rigid: {listed(names)}" for kind, names in found.items()]
-
-
-def _limits(root: ElementTree.Element, source: Source, notes: list[str], changed: dict[str, str]) -> Iterator[Problem]:
-    """Mend the limits of revolute joints, which MuJoCo would drop where they are wrong: a joint never gets a wider
-    range than the file may mean. A file most of whose joints have limits in degrees has all of them so."""
-    joints = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "revolute"}
-    read = {name: [_limit(joint, key) for key in ("lower", "upper")] for name, joint in joints.items()}
-    for name, both in read.items():
-        if not all(map(isfinite, both)):
+        low, high = (_limit(joint, key) for key in ("lower", "upper"))
+        if kind in TURNS and not isfinite(low + high):
             step = "Write numbers in rad, the lower one first"
             yield Problem("limits that are no numbers", str(source.path), f"joint {name}", next_step=step)
-    beyond = [name for name, both in read.items() if max(map(abs, both)) > WHOLE_TURN]
-    in_degrees = set(read if 2 * len(beyond) > len(read) else beyond)
-    found: dict[str, list[str]] = {"look like degrees": [], "swapped": [], "rigid": []}
-    for name, (lower, upper) in read.items():
-        kinds = ["look like degrees"] if name in in_degrees else []
-        if lower == upper:
-            kinds = ["rigid"]
-            joints[name].set("type", "fixed")
-        elif lower > upper:
-            kinds.append("swapped")
-        for kind in kinds:
-            found[kind].append(f"{name} ({lower:g} to {upper:g})")
-        if not kinds or lower == upper:
-            continue
-        low, high = sorted(map(radians, (lower, upper)) if name in in_degrees else (lower, upper))
-        limit = joints[name].find("limit")
-        assert limit is not None, "limits that differ are written there"
-        limit.set("lower", repr(low))
-        limit.set("upper", repr(high))
-        changed[name] = f"{' and '.join(kinds)} in the file, {lower:g} to {upper:g}"
-    if len(found["rigid"]) == len(joints) > 0 and not any(
-        one.get("type") == "continuous" for one in root.iter("joint")
-    ):
-        step = "Write lower and upper, in rad, into the <limit> of each joint that a servo turns"
-        yield Problem(
-            "no joint has a range", str(source.path), f"limits of no range: {listed(found['rigid'])}", "", step
-        )
-    words = {
-        "look like degrees": "limits that look like degrees, and are taken for that; a URDF has rad",
-        "swapped": "limits with the upper one first, exchanged",
-        "rigid": "joints whose lower limit is their upper one, made rigid; write a range where a servo turns them",
-    }
-    notes += [f"{words[kind]}: {listed(names)}" for kind, names in found.items() if names]
+        if kind == "continuous" and low < high:
+            joint.set("type", "revolute")
+            bounded.append(f"{name} ({low:g} to {high:g})")
+    notes += [f"continuous joints that state limits, which are kept: {listed(bounded)}"] if bounded else []
+    notes += [f"{kind} joints, which no servo drives, made rigid: {listed(names)}" for kind, names in found.items()]
 
 
 def _limit(joint: ElementTree.Element, key: str) -> float:
@@ -323,18 +287,21 @@ def _number(text: str | None) -> float:
 def _meshes(
     root: ElementTree.Element, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool
 ) -> Iterator[Problem]:
-    """Leave each link its <collision> shapes that can be read, or else its <visual> ones in their place."""
+    """Leave each link its <collision> shapes, and where one of them is missing or there are none, its <visual> ones:
+    what cannot be read is missing where no complete kind stands for it."""
     missing, dropped = dict[str, None](), list[str]()
     for link in root.findall("link"):
         shapes, unread = [link.findall(kind) for kind in SHAPES], list[str]()
-        usable: list[ElementTree.Element] = []
+        usable, complete = list[ElementTree.Element](), False
         for kind in shapes:
-            usable = usable or [shape for shape in kind if _is_read(shape, meshes, unread)]
+            found = [] if complete else [shape for shape in kind if _is_read(shape, meshes, unread)]
+            usable += found
+            complete = complete or 0 < len(kind) == len(found)
         for shape in (*shapes[0], *shapes[1]):
             shape.tag = "collision"
             if shape not in usable:
                 link.remove(shape)
-        if unread and not usable:
+        if unread and not complete:
             missing |= dict.fromkeys(unread)
         elif unread:
             dropped.append(f"{link.get('name', 'without a name')} ({unread[0]})")

@@ -12,6 +12,7 @@ import numpy as np
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import SERVO_MODELS, ServoModel, find_model
+from retarget.errors import InputError
 from retarget.schema.profile_parts import Gains, Servo
 from retarget.setup.body_draft import BodyDraft
 from retarget.setup.frames import Anatomy
@@ -65,9 +66,9 @@ def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = 
     """A servo for each hinge. Ids are the numbers in the names of the joints, else from 1 in the order of the body.
     model: of all servos; else as names of meshes and links tell it, else by torque and speed.
 
-    Raises HardwareError for an unknown model.
+    Raises HardwareError for an unknown model, InputError for limits that no servo reaches.
     """
-    torques, speeds = _torques(body.model), body.ready.speeds
+    torques, speeds = _torques(body.model), body.speeds
     stated = [torque for torque in torques.values() if torque > 0.0]
     told = [find_model(model)] if model else models_in_names([*body.hints, *tree.links])
     candidates = told or _candidates(max(stated, default=0.0))
@@ -80,8 +81,8 @@ def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = 
         chosen, why = candidates[0], "as given" if model else "by the names in the file"
         if (len(told) > 1 and torque > 0.0) or not told:
             chosen, why = _chosen(candidates, torque, speeds.get(node.joint, 0.0))
-        limits, note = _limits(node.lower, node.upper, chosen)
-        note = "; ".join(filter(None, (body.ready.limits.get(node.joint, ""), note)))
+        limits, note = _limits(node.joint, node.lower, node.upper, chosen)
+        note = "; ".join(filter(None, (body.limits.get(node.joint, ""), note)))
         speed = math.floor(10.0 * SPARE_SPEED * chosen.no_load_speed) / 10.0
         most = IN_LEGS if number in carrying else ACCELERATIONS[1]
         can = SPARE_TORQUE * chosen.stall_torque / max(inertias[node.joint], 1e-6)
@@ -163,14 +164,19 @@ def _inertias(model: Any) -> dict[str, float]:
     return {model.joint(joint).name: float(matrix[dof, dof]) for joint, dof in enumerate(model.jnt_dofadr)}
 
 
-def _limits(lower: float, upper: float, model: ServoModel) -> tuple[tuple[float, float], str]:
+def _limits(joint: str, lower: float, upper: float, model: ServoModel) -> tuple[tuple[float, float], str]:
     """The joint's range inside the servo's travel with 0 at its middle."""
     half = 0.5 * model.travel - END_TICKS * model.tick_rad
     low, high = max(lower, -half), min(upper, half)
     if not (math.isfinite(lower) and math.isfinite(upper)):
         return (_down(low), _up(high)), "the body sets no limits"
-    if low >= high:  # all beyond half a turn: another zero_tick is needed
-        return (lower, upper), "beyond half a turn: choose another zero_tick, or mode extended_position"
+    if low >= high:
+        raise InputError(
+            "a joint that its servo cannot turn as far as its limits",
+            found=f"{joint}: {lower:.4g} to {upper:.4g} rad",
+            allowed=f"some of -{half:.4g} to {half:.4g} rad, half of the servo's turn to either side of 0",
+            next_step="Turn the zero of the joint in the body file (<origin>, or ref) so that its limits are around 0",
+        )
     changed = (low, high) != (lower, upper)
     return (_down(low), _up(high)), "drawn into the servo's turn" if changed else ""
 

@@ -64,9 +64,8 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) 
 
     It is the smallest of those along `axes` (j, 3) and the balls' own spread, through the middle of their shadow.
     """
-    spread = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2]
     found = []
-    for u in (*np.eye(3), *spread, *axes):
+    for u in (*np.eye(3), *principal_axes(centres), *axes):
         height = centres @ u
         shadow = centres - height[:, None] * u
         middle = 0.5 * (shadow.max(axis=0) + shadow.min(axis=0))
@@ -85,6 +84,12 @@ def enclosing_capsule(centres: FloatArray, radii: FloatArray, axes: FloatArray) 
     return start, end, round_up(max(radius, MIN_RADIUS))
 
 
+def principal_axes(points: FloatArray) -> FloatArray:
+    """Unit vectors (3, 3), as rows, along which points (k, 3) spread, most first."""
+    # All of U would be (k, k); V has three rows without it, except of one or two points.
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=len(points) < 3)[2])
+
+
 def _capsule_volume(radius: float, length: float) -> float:
     return math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
 
@@ -101,7 +106,7 @@ def enclosing_box(geometry: "LinkGeometry") -> tuple[FloatArray, FloatArray, Flo
     """Size (3,), position (3,) m and quat (4,) of the smallest box along the link's own axes, its geoms' or the
     principal ones; in doubt of the earlier of these. It is rounded outwards to DIGITS."""
     centres, radii = geometry.centres, geometry.radii[:, None]
-    principal = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2].T
+    principal = principal_axes(centres).T
     boxes = []
     for axes in (np.eye(3), *geometry.axes, principal):
         turn = axes if np.linalg.det(axes) > 0.0 else axes * [1.0, 1.0, -1.0]
@@ -161,6 +166,8 @@ def fitted_shapes(model: Any, *, source: str) -> tuple[LinkShape, ...]:
 
 RIM_POINTS = 64
 BALL_POINTS = 800
+MOST_AXES = 50
+"""Orientations of a link's geoms that its shape is tried along: each takes a millisecond and more."""
 MAX_LINKS = 200
 """A profile holds no more observers."""
 NAME = re.compile(r"[^\s/\\]{1,80}")
@@ -169,7 +176,8 @@ NAME = re.compile(r"[^\s/\\]{1,80}")
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
-    """centres (k, 3) and radii (k,) of the balls, m; axes (j, 3, 3): orientations of the link's geoms, as columns.
+    """centres (k, 3) and radii (k,) of the balls, m; axes (j, 3, 3): different orientations of the link's geoms, as
+    columns, MOST_AXES at most.
 
     link, name: index and name. around_mesh: True if one of the geoms is a mesh.
     """
@@ -194,14 +202,17 @@ def link_geometries(model: Any) -> tuple[LinkGeometry, ...]:
         if not solid:
             continue
         turns = [to_matrix(model.geom_quat[geom]) for geom, _ in solid]
-        parts = zip(solid, turns, strict=True)
+        parts = list(zip(solid, turns, strict=True))
+        sided = [turn for (geom, _), turn in parts if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE]
+        axes = np.array(sided).reshape(-1, 3, 3)
+        _, first = np.unique(axes.round(4), axis=0, return_index=True)
         found.append(
             LinkGeometry(
                 link=link,
                 name=model.body(link).name,
                 centres=np.concatenate([points @ turn.T + model.geom_pos[geom] for (geom, (points, _)), turn in parts]),
                 radii=np.concatenate([np.full(len(points), radius) for _, (points, radius) in solid]),
-                axes=np.array(turns),
+                axes=axes[np.sort(first)[:MOST_AXES]],
                 around_mesh=any(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH for geom, _ in solid),
             )
         )

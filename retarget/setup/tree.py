@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.setup.shape_fit import DIRECTIONS, hull_of_balls, link_geometries
+from retarget.setup.shape_fit import DIRECTIONS, hull_of_balls, link_geometries, principal_axes
 from retarget.types import FloatArray
 
 BASE = 0
@@ -102,7 +102,7 @@ class Tree:
 def read_tree(model: Any, *, source: str = "") -> Tree:
     """The tree of a compiled `mujoco.MjModel` in its zero pose; source names it in messages.
 
-    Raises InputError: no joints that servos turn, or too many.
+    Raises InputError: no joints that servos turn, or too many; no base.
     """
     import mujoco
 
@@ -123,6 +123,13 @@ def read_tree(model: Any, *, source: str = "") -> Tree:
         moved = model.body_weldid[body]  # the link above that a joint moves
         last_dof = int(model.body_dofadr[moved] + model.body_dofnum[moved] - 1)
         carried[numbers.get(last_dof, BASE)].append(body)
+    if not carried[BASE]:
+        raise InputError(
+            "a robot without a base: a joint moves its first link",
+            where=source,
+            found=model.body(1).name,
+            next_step="Put a <body> around it that no joint moves, or only a <freejoint>",
+        )
     geometries = {geometry.link: geometry for geometry in link_geometries(model)}
     found = []
     for joint, links in zip([-1, *hinges], carried, strict=True):
@@ -177,8 +184,7 @@ def flat_underside(tree: Tree, nodes: Sequence[int]) -> Sole | None:
     lowest = centres + radii[:, None] * down
     depth = lowest @ down
     touching = lowest[depth >= depth.max() - TOUCHING_M]
-    around = touching - touching.mean(axis=0)
-    sides = np.ptp(around @ np.linalg.svd(around)[2][:2].T, axis=0)
+    sides = np.ptp(touching @ principal_axes(touching)[:2].T, axis=0)
     return None if sides.prod() < MIN_AREA else Sole(-down, touching)
 
 

@@ -31,7 +31,6 @@ NEEDS = {
 SHORTER = {
     "--source sample": ["--end", "0.2"],
     "run first_run": ["--end", "0.5"],
-    "retarget import": ["--samples", "50"],
     "retarget view": ["--port", "0"],
 }
 """What is added to a line, so that it takes seconds; and a port that no other process has."""

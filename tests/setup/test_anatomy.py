@@ -177,7 +177,7 @@ def test_names_show_limbs_and_neck_where_the_sides_differ() -> None:
 # Links that are given in place of the proposal.
 
 
-@given(part=st.sampled_from(["elbow", "hand", "knee", "sole"]), place=st.integers(0, 3))
+@given(part=st.sampled_from(["elbow", "hand", "knee", "sole"]), place=st.integers(0, 2))
 def test_a_link_on_the_left_gives_its_counterpart_on_the_right(part: str, place: int) -> None:
     """Whatever link of a limb is named, by name or by its place on a limb whose names do not tell."""
     for robot, (left, right) in {"op3": ("l_", "r_"), "stranger": ("p", "q")}.items():
@@ -203,6 +203,29 @@ def test_links_are_read_strictly(tmp_path: Path) -> None:
     assert links.head is None and links.l_hand is not None
     with refuses(ConfigError, "l_elbow"):
         completed(propose_links(tree), Links(l_elbow=links.l_sole), tree)
+
+
+WRONG = {
+    "unknown": ({"l_hand": "nope"}, ("l_hand", "nope")),
+    "same soles": ({"l_sole": "r_ank_roll_link", "r_sole": "r_ank_roll_link"}, ("l_sole", "r_sole")),
+    "the shin as sole": ({"l_sole": "l_knee_link"}, ("l_sole", "l_knee")),
+    "base": ({"l_hand": "body_link"}, ("l_hand", "l_hand: null")),
+    "hand on the other arm": ({"l_hand": "r_el_link", "r_hand": "r_sho_roll_link"}, ("l_hand", "r_hand")),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_links_that_cannot_be_those_parts_are_refused(case: str) -> None:
+    parts, facts = WRONG[case]
+    tree = shipped_tree("op3")
+    with refuses(ConfigError, facts):
+        completed(propose_links(tree), Links(**parts), tree)
+
+
+def test_without_a_hand_there_is_no_elbow() -> None:
+    tree = shipped_tree("op3")
+    links = completed(propose_links(tree), Links(l_hand=None), tree)
+    assert links.l_elbow is links.r_elbow is None and links.l_knee is not None
 
 
 LOOSE = {"head": 0.01, "l_hand": 0.03, "r_hand": 0.03}  # [m]; drawn by eye in the shipped profiles

@@ -2,13 +2,14 @@
 
 import re
 import struct
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
+import hypothesis
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from messages import Facts, refuses, shows
@@ -17,7 +18,7 @@ from retarget.model.body import load_body
 from retarget.model.body_xml import MAX_DEPTH
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.robot_file import MeshFiles, read_source
-from unknown_robots import HUMANOID, Part, humanoid
+from unknown_robots import HUMANOID, Part, humanoid, urdf
 
 
 def drafted(text: str, folder: Path, *, suffix: str = "xml", no_meshes: bool = False) -> BodyDraft:
@@ -190,7 +191,15 @@ def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
     assert not body.too_large
 
 
-@pytest.mark.parametrize("content", [b"solid\nnothing", b"\0" * 84, binary_stl()[:-60]], ids=["text", "empty", "cut"])
+CUT = {
+    "text": b"solid\nnothing",
+    "empty": b"\0" * 84,
+    "cut": binary_stl()[:-60],
+    "cut text": text_stl()[: text_stl().index(b"endfacet") + 9],
+}
+
+
+@pytest.mark.parametrize("content", CUT.values(), ids=CUT)
 def test_a_damaged_mesh_is_named_as_the_user_knows_it(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "foot.stl").write_bytes(content)
     with refuses(InputError, "foot.stl") as caught:
@@ -218,39 +227,95 @@ def test_visual_shapes_stand_in_where_no_others_are(tmp_path: Path) -> None:
         drafted_urdf(bare, tmp_path)
 
 
+Ranges = Sequence[tuple[float, float] | None]
+LIMITED = ("urdf", "xml", "radian xml")
+"""Files of joints with limits: URDF, MJCF in degrees, which it has without a word, and in rad."""
+
+
+def chain(ranges: Ranges, form: str) -> str:
+    """A chain of joints `j 0`, `j 1`, ... with limits in rad; None: without limits."""
+    if form == "urdf":
+        parts = [
+            Part(f"p{n}", f"p{n - 1}" if n else "base", (0, 0, 0.1), (0, 1, 0), both or (0, 0), (0.02, 0.02, 0.08))
+            for n, both in enumerate(ranges)
+        ]
+        text = urdf(parts, base="base", size=(0.1, 0.1, 0.1), speed=0.3)
+        return re.sub(
+            'name="j_p', 'name="j ', re.sub('(revolute"(?:(?!</joint).)*)<limit lower="0" upper="0"', r"\1<limit", text)
+        )
+    unit = 1.0 if form == "radian xml" else 180.0 / np.pi
+    begun = ""
+    for n, both in enumerate(ranges):
+        limits = f'range="{both[0] * unit!r} {both[1] * unit!r}"' if both else ""
+        begun += f'<body name="p{n}" pos="0 0 0.1"><joint name="j {n}" axis="0 1 0" {limits}/><geom size="0.02"/>'
+    compiler = '<compiler angle="radian"/>' if form == "radian xml" else ""
+    return f"<mujoco>{compiler}<worldbody>{begun}{'</body>' * len(ranges)}</worldbody></mujoco>"
+
+
+def drafted_chain(ranges: Ranges, form: str, folder: Path) -> tuple[BodyDraft, dict[str, tuple[float, float]]]:
+    """The body, and the range of each of its joints."""
+    body = drafted(chain(ranges, form), folder, suffix=form.split()[-1])
+    model = body.model
+    return body, {model.joint(n).name: tuple(model.jnt_range[n]) for n in range(model.njnt) if model.jnt_limited[n]}
+
+
 @given(
-    data=st.data(),
     low=st.floats(-3.0, 3.0).map(lambda value: round(value, 3)),
     width=st.sampled_from([0.0, 0.3, 2.5]),
-    kind=st.sampled_from(["right", "swapped", "degrees"]),
+    swapped=st.booleans(),
+    wrong=st.integers(1, 3),
+    form=st.sampled_from(LIMITED),
 )
-def test_limits_never_become_wider_than_the_file_may_mean(
-    data: st.DataObject, low: float, width: float, kind: str, tmp_path_factory: pytest.TempPathFactory
+@settings(max_examples=25)
+def test_limits_that_are_swapped_or_equal(
+    low: float, width: float, wrong: int, form: str, *, swapped: bool, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Of one joint, any of them, or of all."""
-    folder, high = tmp_path_factory.mktemp("limits"), round(low + width, 3)
-    unit = 57.29577951308232 if kind == "degrees" else 1.0
-    written = sorted((low * unit, high * unit), reverse=kind == "swapped")
-    names = [f"j_{part.name}" for part in HUMANOID]
-    chosen = names if data.draw(st.booleans()) else [data.draw(st.sampled_from(names))]
-    parts = [
-        replace(part, limits=(written[0], written[1])) if f"j_{part.name}" in chosen else part for part in HUMANOID
-    ]
-    if width == 0.0 and len(chosen) > 1:
+    """Of some or all of three joints. They become no wider, and notes have the names of the profile."""
+    folder, both = tmp_path_factory.mktemp("limits"), (low, low + width)
+    hypothesis.assume(any(both))
+    ranges: Ranges = [both[::-1] if swapped else both] * wrong + [(-0.5, 0.5)] * (3 - wrong)
+    if width == 0.0 and wrong == 3:
         with refuses(InputError, "range"):
-            drafted_urdf(humanoid(parts), folder)
+            drafted_chain(ranges, form, folder)
         return
-    body = drafted_urdf(humanoid(parts), folder)
-    joints = {body.model.joint(number).name: body.model.jnt_range[number] for number in range(body.model.njnt)}
-    in_degrees = kind == "degrees" and max(map(abs, written)) > 6.2842
-    for name in chosen:
-        if width == 0.0:
-            assert name not in joints
-        elif kind != "degrees" or in_degrees:
-            assert joints[name] == pytest.approx((low, high), abs=1e-6) and body.model.jnt_limited.all()
-    changed = width == 0.0 or kind == "swapped" or in_degrees
-    assert bool(body.notes) == changed
-    assert set(body.ready.limits) == (set(chosen) if changed and width else set())
+    body, found = drafted_chain(ranges, form, folder)
+    names = {f"j_{n}" for n in range(wrong)}
+    expected = {f"j_{n}": both if f"j_{n}" in names else (-0.5, 0.5) for n in range(3)}
+    if width == 0.0:
+        expected = {name: one for name, one in expected.items() if name not in names}
+    assert body.model.njnt == len(expected) and found == {name: pytest.approx(one) for name, one in expected.items()}
+    assert set(body.limits) == (names if swapped and width else set())
+    assert len(body.notes) == 1 + (swapped or width == 0.0)  # the names are no names of a profile
+    assert body.speeds == ({f"j_{n}": 0.3 for n in range(3)} if form == "urdf" else {})
+
+
+@pytest.mark.parametrize("form", ["urdf", "radian xml"])
+@pytest.mark.parametrize(
+    ("degrees", "allowed"),
+    [([90, 5, 120, 4], True), ([90, 5, 4, 3], False), ([90, 120, 1.5, None], True), ([7, 6, None, None], True)],
+)
+def test_limits_in_degrees(degrees: list[float | None], form: str, *, allowed: bool, tmp_path: Path) -> None:
+    """Where at least half are beyond a turn in rad, all are degrees; where fewer are, it is not clear."""
+    ranges: Ranges = [None if one is None else (-one, one) for one in degrees]
+    if not allowed:
+        with refuses(InputError, "j_0", "rad"):
+            drafted_chain(ranges, form, tmp_path)
+        return
+    _, found = drafted_chain(ranges, form, tmp_path)
+    wanted = {f"j_{n}": np.radians(one) for n, one in enumerate(degrees) if one is not None}
+    assert {name: both[1] for name, both in found.items()} == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("limits", [None, (-1.0, 1.0), (1.0, -1.0), (np.nan, 1.0)])
+def test_a_continuous_joint_keeps_limits_that_it_states(limits: tuple[float, float] | None, tmp_path: Path) -> None:
+    text = chain([limits, (-0.5, 0.5)], "urdf").replace("revolute", "continuous", 1)
+    if limits is not None and np.isnan(limits[0]):
+        with refuses(InputError, "j 0", "numbers"):
+            drafted_urdf(text, tmp_path)
+        return
+    body = drafted_urdf(text, tmp_path)
+    assert body.model.njnt == 2 and body.model.jnt_limited[0] == (limits == (-1.0, 1.0))
+    assert len(body.notes) == 1 + (limits == (-1.0, 1.0))
 
 
 def test_no_warning_of_mujoco_is_printed_and_none_logged(
@@ -266,22 +331,27 @@ def test_no_warning_of_mujoco_is_printed_and_none_logged(
 
 
 @pytest.mark.parametrize("first", [True, False], ids=["before the other shape", "after it"])
-def test_a_dropped_collision_mesh_is_reported_with_its_link(first: bool, tmp_path: Path) -> None:
-    """Of a link that has another shape; the picture of another link goes without a word."""
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_collision_mesh_that_is_missing_beside_another_shape(*, first: bool, seen: bool, tmp_path: Path) -> None:
+    """What is seen of the link stands for it, and else it is missing; other pictures go without a word."""
     mesh = '<collision><geometry><mesh filename="gone/foot.stl"/></geometry></collision>'
     shape = re.search(r"<collision>(?:(?!</collision>).)*" + re.escape(FOOT) + ".*?</collision>", humanoid(), re.DOTALL)
     assert shape is not None
-    text = humanoid().replace(shape[0], mesh + shape[0] if first else shape[0] + mesh, 1)
+    picture = shape[0].replace("collision", "visual") if seen else ""
+    text = humanoid().replace(shape[0], (mesh + shape[0] if first else shape[0] + mesh) + picture, 1)
     shown = '<visual><geometry><mesh filename="nice.dae"/></geometry></visual></link>'
-    body = drafted_urdf(text.replace("</link>", shown), tmp_path)
-    left_out = "meshes that cannot be read are left out, these links have other shapes: "
-    assert body.notes == (f"{left_out}p5 (gone/foot.stl)",)
-    assert body.model.ngeom == len(HUMANOID) + 1
+    text = text.replace("</link>", shown) if not seen else text
+    if not seen:
+        with refuses(InputError, "gone/foot.stl", "--no-meshes"):
+            drafted_urdf(text, tmp_path)
+    body = drafted_urdf(text, tmp_path, no_meshes=not seen)
+    shows(body.notes[0], "gone/foot.stl")
+    assert body.model.ngeom == len(HUMANOID) + 1 + seen
 
 
 def test_speeds_that_are_stated(tmp_path: Path) -> None:
     text = humanoid().replace('velocity="5.0"', 'velocity="fast"', 1).replace('velocity="5.0"', 'velocity="0"', 1)
-    speeds = drafted_urdf(text, tmp_path).ready.speeds
+    speeds = drafted_urdf(text, tmp_path).speeds
     assert len(speeds) == len(HUMANOID) - 2 and set(speeds.values()) == {5.0}
 
 

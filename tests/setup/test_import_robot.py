@@ -28,7 +28,6 @@ from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
 from retarget.setup.body_draft import BodyDraft
 from retarget.setup.draft import Draft, profile_text
 from retarget.setup.import_robot import Imported, import_robot
-from retarget.setup.robot_file import ReadyUrdf
 from retarget.setup.servo_guess import UNKNOWN, ServoDraft, guess_servos, models_in_names
 from unknown_robots import (
     ARM,
@@ -163,7 +162,7 @@ def test_robots_as_newcomers_bring_them_can_run(like: str, tmp_path: Path) -> No
     near = [*(geom.position for geom in shapes), *children]
     assert all(min(np.linalg.norm(vertex - place) for place in near) < reach + 0.02 for vertex in vertices)
     wide = list(questioned_ranges(robot, robot_observers(robot)))
-    assert bool(wide) == (like == "darwin")
+    assert bool(wide) == bool(done.wide) == (like == "darwin")
 
 
 def test_a_supply_that_is_not_one_of_the_servos_is_refused(tmp_path: Path) -> None:
@@ -222,7 +221,7 @@ def test_what_to_do_next_can_be_pasted_into_a_shell(
     ]
 
 
-@pytest.mark.parametrize("answers", [[""], ["?", "l_knee=nothing", "l_elbow=p1", "l_elbow=", ""]])
+@pytest.mark.parametrize("answers", [[""], ["?", "l_knee=no thing", "l_elbow=p1", "l_elbow=", ""]])
 def test_a_terminal_is_asked(
     answers: list[str], bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,6 +234,37 @@ def test_a_terminal_is_asked(
     shows(out, "l_hand", "p2")
     frames = load_profile(tmp_path / "new").frames
     assert ("l_elbow" in frames) == ("r_elbow" in frames) == (len(answers) == 1)
+
+
+def test_a_question_without_an_answer(
+    bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(_: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("retarget.cli.own_robot.is_asked", lambda: True)
+    monkeypatch.setattr("builtins.input", ended)
+    code, _, err = run(capsys, "import", bust, "--out", tmp_path / "new")
+    assert code == 2
+    shows(err, "--yes", "--links")
+
+
+JOINTS = {"none": ("0 0 0",), "three": ("0 0 0.1", "0 0 0.1", "0 0 0"), "one point": ("0 0 0.1", "0 0 0", "0 0 0")}
+
+
+@pytest.mark.parametrize("places", JOINTS.values(), ids=JOINTS)
+def test_small_arms_are_imported_without_landmarks_that_have_no_length(places: tuple[str, ...], tmp_path: Path) -> None:
+    opened = "".join(
+        f'<body name="b{n}" pos="{place}"><joint name="j{n}" axis="0 {n % 2} {1 - n % 2}"/><geom size=".03"/>'
+        for n, place in enumerate(places)
+    )
+    end = "</body>" * len(places) + "</worldbody></mujoco>"
+    done = imported(f'<mujoco><worldbody><body name="x"><geom size=".05"/>{opened}</body>{end}', tmp_path, suffix="xml")
+    assert done.problems and all(landmark.robot_length >= 1e-3 for landmark in done.draft.landmarks.values())
+    assert ("landmark r_hand" in " ".join(done.draft.missing)) == (len(places) > 1)
+    with refuses(InputError, "b0", "base"):
+        (tmp_path / "new").rename(tmp_path / "old")
+        imported(f"<mujoco><worldbody>{opened}{end}", tmp_path, suffix="xml")
 
 
 def test_import_again(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -328,7 +358,7 @@ def test_what_is_only_a_draft_is_marked() -> None:
 
 def guessed(text: str, speeds: dict[str, float] | None = None, **more: str) -> tuple[ServoDraft, ...]:
     tree, model = text_tree(text), compile_body_text(text, source="test").model
-    body = BodyDraft(None, model, b"", (), (), ReadyUrdf("", [], speeds=speeds or {}), (), "")
+    body = BodyDraft(None, model, b"", speeds=speeds or {})
     return guess_servos(body, tree, proposed_anatomy(tree), **more)
 
 
@@ -433,6 +463,13 @@ def test_names_tell_a_model_in_any_writing(known: str, write: Callable[[str], st
     else:
         assert [one.name.startswith(told) for one in found] == [True]
     assert not models_in_names(["left_arm", "xmas", "body_430"])
+
+
+def test_limits_that_no_servo_reaches_are_refused() -> None:
+    drafts = guessed(arm(2.5, limits='lower="2.5" upper="5.0"'))
+    assert max(draft.entry.limits[1] for draft in drafts) < np.pi
+    with refuses(InputError, "j_turn"):
+        guessed(arm(2.5, limits='lower="3.5" upper="5.0"'))
 
 
 def test_a_model_that_is_given_fills_the_column() -> None:

@@ -15,6 +15,7 @@ from retarget.rotations import normalise, rotate, to_matrix
 from retarget.setup.fit_observers import Zones
 from retarget.setup.shape_fit import (
     MIN_RADIUS,
+    MOST_AXES,
     LinkGeometry,
     LinkShape,
     distances_to_segment,
@@ -127,6 +128,13 @@ def test_a_mesh_counts_with_its_vertices_wherever_the_compiler_moved_it() -> Non
     expected = np.array([[0, 0, 0], [0, 0, 0.05], [0, 0.1, 0], [0.2, 0, 0]])
     found = geometry.centres[np.lexsort(np.round(geometry.centres, 6).T[::-1])]
     assert np.allclose(found, expected, atol=1e-6)  # the inner one is not on the hull
+
+
+def test_a_link_of_many_shapes_is_tried_along_few_axes() -> None:
+    """Each orientation once, that of balls never."""
+    boxes = "".join(f'<geom type="box" size="0.01 0.01 0.01" euler="0 0 {n % 70}"/>' for n in range(140))
+    assert len(arm(boxes).axes) == MOST_AXES
+    assert len(arm('<geom size="0.1" euler="0 0 9"/>' + 3 * '<geom type="box" size="1 1 1"/>').axes) == 1
 
 
 def test_what_collides_counts_and_else_what_is_seen() -> None:
