@@ -105,7 +105,7 @@ class Layout(Enum):
 
     X = "the layout of the X series"
     """X series, and MX with protocol 2.0: operating modes, turns, currents, a bus watchdog, 32-bit positions."""
-    OLDER = "the older layout"
+    OLDER = "the older layout (protocol 1.0, XL-320)"
     """Protocol 1.0 servos and the XL-320: one turn or a wheel, 16-bit positions, a moving speed and a torque limit."""
 
 

@@ -628,7 +628,7 @@ class BusLine:
         self.images: dict[int, ServoImage] = {}
         """Registers as read last, by id."""
         self.seen: dict[int, ControlTable] = {}
-        """Tables of the servos that a look at the bus has found, by id, also of those that the profile does not have."""
+        """Tables of the servos that a look at the bus has found, by id, also of those that no profile has."""
         self._expected = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
         self._cyclic = self._wire(self._expected)
 

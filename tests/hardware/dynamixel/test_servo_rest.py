@@ -75,20 +75,20 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
     assert code == 0 and "torque_enable := 0" in out and lab.sent == []
 
 
-XM540 = 1120
-"""A model without a table."""
+UNKNOWN = 4711
+"""The number of a model without a table."""
 WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
 
 
 @pytest.mark.parametrize("words", WAYS)
 @pytest.mark.parametrize("unknown", [(7,), tuple(range(1, 21))])
 def test_servos_of_unknown_models_go_limp_too(words: tuple[str, ...], unknown: tuple[int, ...], lab: ServoLab) -> None:
-    lab.models = dict.fromkeys(unknown, XM540)
+    lab.models = dict.fromkeys(unknown, UNKNOWN)
     code, out, err = lab.run("rest", *words, "--port", "emulator", "--yes")
     assert code == 0 and not any(_torques(lab))
     shows(out, 20)
     assert f"(id {unknown[0]}) is a model" in err or f"id {unknown[0]} is a model" in err
-    assert "number 1120" in err
+    assert f"number {UNKNOWN}" in err
 
 
 @pytest.mark.parametrize("moved", [30, 252])
@@ -102,7 +102,7 @@ def test_an_id_unknown_to_the_profile_goes_limp_too(moved: int, lab: ServoLab) -
 
 @pytest.mark.parametrize("words", WAYS)
 def test_an_unknown_one_that_does_not_confirm_is_named(words: tuple[str, ...], lab: ServoLab) -> None:
-    lab.models = {7: XM540}
+    lab.models = {7: UNKNOWN}
     lab.upon = {Instruction.SYNC_WRITE: Fault(FaultKind.MISSING, ids=(7,))}
     code, out, err = lab.run("rest", *words, "--port", "emulator", "--yes")
     assert code == 1
