@@ -115,10 +115,7 @@ def _robot(path: Path) -> str:
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
     models = [servo.model for servo in profile.servos.values()]
     layouts = profile.layouts()
-    buses = (
-        f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus, layouts[bus.name])})"
-        for bus in profile.bus_specs()
-    )
+    buses = [_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()]
     facts = {
         "body": f"{profile.body_path.name}, root {profile.root}",
         "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
@@ -193,11 +190,12 @@ def _calibration(robot: RobotBody) -> str:
     return f"{len(servos)} of {len(robot.profile.servos)} servos homed on {when} ({path})"
 
 
-def _watchdog(bus: BusSpec, layout: Layout) -> str:
-    """What the servos of a bus do when the host goes silent."""
+def _bus(bus: BusSpec, layout: Layout) -> str:
+    """A bus in words, with what its servos do when the host goes silent."""
+    watchdog = f"bus watchdog {bus.watchdog:g} s" if bus.watchdog else "bus watchdog off"
     if layout is Layout.OLDER:
-        return f"no bus watchdog: servos of {layout.value} hold their last goal when the host goes silent"
-    return f"bus watchdog {bus.watchdog:g} s" if bus.watchdog else "bus watchdog off"
+        watchdog = f"no bus watchdog: servos of {layout.value} hold their last goal when the host goes silent"
+    return f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {watchdog})"
 
 
 def _unknown_priorities(document: Document) -> list[Problem]:

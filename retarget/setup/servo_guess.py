@@ -28,8 +28,8 @@ ALIKE = 1.35
 """Largest ratio of a stated torque to a model's stall torque that identifies the model."""
 UNKNOWN = "XM430-W350"
 NO_TORQUE = "the body states no torque"
-LOW_VOLTAGE = 9.0
-"""[V] servos made for less do not share a line with the others."""
+LOW_VOLTAGE = 6.0
+"""[V] servos made for less (5 V) do not share a line with the others."""
 SHORTEST = 4
 """Letters of a model that its name is known by inside of others."""
 END_TICKS = 4

@@ -115,6 +115,7 @@ REFUSALS = {
     1: Refusals(Error1.INSTRUCTION, Error1.INSTRUCTION, Error1.RANGE, Error1.ANGLE_LIMIT, Error1.RANGE),
     2: Refusals(Error2.DATA_LENGTH, Error2.INSTRUCTION, Error2.DATA_RANGE, Error2.DATA_LIMIT, Error2.ACCESS),
 }
+"""By protocol (e-Manual, errors of a status packet)."""
 
 
 class EmulatedServo1(ServoBody):

@@ -175,7 +175,7 @@ def test_first_values_are_the_manuals(model: str) -> None:
 
 
 def test_first_values_of_the_older_layout_are_the_manuals() -> None:
-    names = ("baud_rate", "control_mode", "temperature_limit", "min_voltage_limit", "max_voltage_limit", "max_torque")
+    names = ["baud_rate", "control_mode", "temperature_limit", "min_voltage_limit", "max_voltage_limit", "max_torque"]
     names += ("shutdown", "d_gain", "i_gain", "p_gain", "punch")
     table = find_table("XL-320", 2)
     assert tuple(table[name].initial for name in names) == (3, 2, 65, 60, 90, 1023, 3, 0, 0, 32, 32)
