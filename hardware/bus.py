@@ -6,7 +6,6 @@ from enum import IntFlag
 from typing import Protocol
 
 from hardware.arrays import BoolArray, ByteArray, FloatArray, TickArray
-from hardware.servo import ServoModel
 
 
 class ServoAlert(IntFlag):
@@ -135,8 +134,8 @@ class PowerSwitch:
 class BusSpec:
     """One bus of a robot. ids: every device expected on it, servos and others.
 
-    watchdog: longest time without an instruction, s, after which a servo stops by itself; 0: off (Protocol 1.0 servos
-    have none). return_delay: pause of a servo before it answers, s.
+    watchdog: longest time without an instruction, s, after which a servo stops by itself; 0: off (servos of the
+    older layout have none). return_delay: pause of a servo before it answers, s.
     """
 
     name: str
@@ -157,10 +156,3 @@ class BusSpec:
     def return_delay_value(self) -> int:
         """Value of the register Return Delay Time."""
         return round(self.return_delay / RETURN_DELAY_STEP)
-
-
-def fastest_baud(model: ServoModel) -> int:
-    """Highest speed that a model can be set to, bits per second (e-Manual, Baud Rate of each model)."""
-    if model.name.startswith("AX-"):
-        return 1_000_000
-    return 4_000_000 if "330-" in model.name else 4_500_000

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum
 
 import numpy as np
 
@@ -99,11 +99,21 @@ class Stiffness:
         return Stiffness(factor * self.nominal, factor * self.lowest, factor * self.highest)
 
 
+class Layout(Enum):
+    """How the control table of a servo is laid out, which is apart from the protocol that carries its registers: what
+    registers there are, and what gains count. All servos of a bus have one layout."""
+
+    X = "the layout of the X series"
+    """X series, and MX with protocol 2.0: operating modes, turns, currents, a bus watchdog, 32-bit positions."""
+    OLDER = "the older layout (protocol 1.0, XL-320)"
+    """Protocol 1.0 servos and the XL-320: one turn or a wheel, 16-bit positions, a moving speed and a torque limit."""
+
+
 FULL_PWM = 885.0  # register value of full drive
 GAIN_UNIT = 128.0  # position P gain register per unit of gain
 DEFAULT_P_GAIN = 800  # XM430 series
-DEFAULT_P_GAIN_1 = 32
-"""Default P gain of Protocol 1.0, whose default loop is taken to be as stiff as that of 2.0."""
+DEFAULT_P_GAINS = {Layout.X: DEFAULT_P_GAIN, Layout.OLDER: 32}
+"""Default P gain; the default loop of the older layout is taken to be as stiff as that of the X series."""
 
 
 def full_drive_error(gain: float) -> float:
@@ -132,7 +142,8 @@ class ServoModel:
 
     `ticks` counts over `travel` rad, `centre_tick` is the middle of travel; `no_load_speed` rad/s and `stall_torque` N
     m at `voltage` V; `current_unit` A per register step, None where the servo neither reports nor limits a current;
-    `protocols`: those that its firmware can speak; `stiffness`: with the default P gain, at `voltage`.
+    `protocols`: those that its firmware can speak; `stiffness`: with the default P gain, at `voltage`. `layout`: of its
+    control table with protocol 2.0, see `layout_in`.
     """
 
     name: str
@@ -145,6 +156,16 @@ class ServoModel:
     current_unit: float | None
     stiffness: Stiffness
     protocols: tuple[int, ...] = (2,)
+    layout: Layout = Layout.X
+
+    def layout_in(self, protocol: int) -> Layout:
+        """The layout of its control table with a protocol; with 1.0 it is the older one for all models."""
+        return Layout.OLDER if protocol == 1 else self.layout
+
+    @property
+    def has_turns(self) -> bool:
+        """Whether it has modes of many turns, with one of its protocols."""
+        return any(self.layout_in(protocol) is Layout.X for protocol in self.protocols)
 
     @property
     def tick_rad(self) -> float:
@@ -161,6 +182,13 @@ def _turn(
     stiffness = estimated_stiffness(stall_torque if stall is None else stall)
     speed = rpm * RPM
     return ServoModel(name, 4096, 2.0 * math.pi, 2048, speed, stall_torque, voltage, current_unit, stiffness, protocols)
+
+
+def _part_of_turn(name: str, rpm: float, stall_torque: float, voltage: float, *, protocol: int) -> ServoModel:
+    """A servo of the older layout with a potentiometer: 1024 ticks over 300 degrees, 0 rad at 512."""
+    stiffness, speed = estimated_stiffness(stall_torque), rpm * RPM
+    travel, layout = math.radians(300.0), Layout.OLDER
+    return ServoModel(name, 1024, travel, 512, speed, stall_torque, voltage, None, stiffness, (protocol,), layout)
 
 
 # name, no-load speed [rpm], stall torque [N m], both at [V], current step [A]; identified stall torque [N m]: kt V / R
@@ -185,31 +213,17 @@ _MODELS = (
     _turn("MX-28", 55.0, 2.5, 12.0, None),
     _turn("MX-64", 63.0, 6.0, 12.0, 3.36e-3, 4.93),
     _turn("MX-106", 45.0, 8.4, 12.0, 3.36e-3, 8.87),
-    ServoModel("AX-12A", 1024, math.radians(300.0), 512, 59.0 * RPM, 1.5, 12.0, None, estimated_stiffness(1.5), (1,)),
+    _part_of_turn("AX-12A", 59.0, 1.5, 12.0, protocol=1),
+    _part_of_turn("XL-320", 114.0, 0.39, 7.4, protocol=2),
 )
 
 SERVO_MODELS: dict[str, ServoModel] = {model.name: model for model in _MODELS}
 """Every known model by its maker's name, without the suffix of the connector (-T, -R)."""
 
 
-UNSERVED_MODELS = {350: "XL-320"}
-"""Models that the driver does not serve, by the number that they report. The XL-320 speaks protocol 2.0, but with the
-control table of older servos (torque at 24, position at 37): what is meant for the others of its bus does not reach it,
-torque off included."""
-UNSERVED = "a servo model that this driver does not serve: its control table is no other's of its protocol"
-UNSERVED_STEP = "Use a servo of the list; do not put this one on the bus of a robot"
-
-
-def is_unserved(name: str) -> bool:
-    """Whether a name is that of a model in UNSERVED_MODELS, however it is written (XL320)."""
-    return name.upper().replace("-", "") in {known.replace("-", "") for known in UNSERVED_MODELS.values()}
-
-
 def find_model(name: str) -> ServoModel:
     """Return the model called `name`; a trailing connector suffix (-T or -R) is accepted. Raises HardwareError with the
     known names."""
-    if is_unserved(name):
-        raise HardwareError(UNSERVED, found=repr(name), allowed=", ".join(SERVO_MODELS), then=UNSERVED_STEP)
     model = SERVO_MODELS.get(name) or SERVO_MODELS.get(name.removesuffix("-T").removesuffix("-R"))
     if model is None:
         known = ", ".join(SERVO_MODELS)
@@ -221,7 +235,7 @@ def find_model(name: str) -> ServoModel:
 
 @dataclass(frozen=True)
 class ServoGains:
-    """Position gains as written to the servo's registers (0 to 16383, Protocol 1.0: 0 to 254); None keeps the servo's
+    """Position gains as written to the servo's registers (0 to 16383, older layout: 0 to 254); None keeps the servo's
     own default."""
 
     position_p: int | None = None
@@ -309,7 +323,7 @@ class ServoSpec:
                 f"{self.joint}: homing_offset {self.homing_offset} ticks; allowed in mode {self.mode}: "
                 f"{-HOMING_REACH} to {HOMING_REACH}"
             )
-        if self.mode.many_turns and 2 not in self.model.protocols:
+        if self.mode.many_turns and not self.model.has_turns:
             found.append(f"{self.joint}: {self.model.name} has no mode {self.mode}")
         if self.mode is ServoMode.CURRENT_BASED_POSITION and self.model.current_unit is None:
             found.append(f"{self.joint}: {self.model.name} limits no current, so it has no mode {self.mode}")
@@ -345,7 +359,7 @@ def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:
     """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load
     speed.
 
-    Source: e-Manual, Position PID Gain (84, unit 1/128; protocol 1: 28) and Goal PWM (100, full at 885).
+    Source: e-Manual, Position PID Gain (84, unit 1/128; MX with protocol 1: 28) and Goal PWM (100, full at 885).
     """
     return lag_of_gain(servo.model, p_gain(servo, protocol))
 
@@ -360,16 +374,17 @@ def integral_rate(servo: ServoSpec, *, protocol: int = 2) -> float:
     """Share of its error that the servo's I gain adds to it in a second, 1/s: with it a shaft that is held off its goal
     by a load creeps towards it.
 
-    Source: e-Manual, Position PID Gain (82, unit 1/65536 per ms; protocol 1: 27, 1/2048).
+    Source: e-Manual, Position PID Gain (82, unit 1/65536 per ms; MX with protocol 1: 27, 1/2048).
     """
-    unit = 2048.0 / 8.0 if protocol == 1 else 65536.0 / GAIN_UNIT  # of the I gain, in units of the P gain
-    gain = servo.gains.position_p or (DEFAULT_P_GAIN_1 if protocol == 1 else DEFAULT_P_GAIN)
+    layout = servo.model.layout_in(protocol)
+    unit = 2048.0 / 8.0 if layout is Layout.OLDER else 65536.0 / GAIN_UNIT  # of the I gain, in units of the P gain
+    gain = servo.gains.position_p or DEFAULT_P_GAINS[layout]
     return 1e3 * (servo.gains.position_i or 0) / (unit * gain)
 
 
 def p_gain(servo: ServoSpec, protocol: int) -> float:
     """The servo's P gain, or its default, in register counts of the X series."""
-    usual = DEFAULT_P_GAIN if protocol == 2 else DEFAULT_P_GAIN_1
+    usual = DEFAULT_P_GAINS[servo.model.layout_in(protocol)]
     return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
 
 

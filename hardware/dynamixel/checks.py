@@ -5,6 +5,7 @@ from typing import NamedTuple
 from hardware.bus import BusSpec, ServoAlert, alert_names
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
+from hardware.dynamixel.readings import names_of
 from hardware.dynamixel.settings import OWN_OPTION, ServoImage, differing, eeprom_settings, setup_command
 from hardware.joint_map import JointMap
 from hardware.servo import ServoMode, ServoSpec
@@ -39,8 +40,8 @@ def _limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span) -> dict[s
 
 
 def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
-    """Which mode the limits of a 1.0 servo make that follows no position; "" for none."""
-    if image.table.protocol == 1:
+    """Which mode the angle limits make that follows no position; "" for none, and where a register has the mode."""
+    if image.has("cw_angle_limit") and not image.has("control_mode"):
         if low == high == 0:
             return "is in wheel mode (both angle limits 0)"
         if image.has("multi_turn_offset") and low == high == servo.model.ticks - 1:
@@ -50,7 +51,7 @@ def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str
 
 def _limits(servo: ServoSpec, image: ServoImage) -> tuple[str, ...]:
     """Names of the two registers that limit goals; none where no register does."""
-    if image.table.protocol == 1:
+    if image.has("cw_angle_limit"):
         return ("cw_angle_limit", "ccw_angle_limit")
     return ("min_position_limit", "max_position_limit") if servo.mode is ServoMode.POSITION else ()
 
@@ -89,9 +90,8 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) 
     """
     found = _supply(image) + _current(servo, image)
     found += [text + setup_command(bus, servo.id, counts) for text, counts in _corrections(servo, image, needed)]
-    if image.table.protocol == 2:
-        found += _errors(image) + _firmware(bus, image)
-    elif image.has("lock") and image.value("lock"):
+    found += _errors(image) + _firmware(bus, image)
+    if image.has("lock") and image.value("lock"):
         found.append("has its EEPROM locked (register lock): switch its power off and on, nothing else opens it")
     due = differing(eeprom_settings(servo, bus, image.table), image)
     if due and image.value("torque_enable"):
@@ -146,7 +146,7 @@ def _corrections(servo: ServoSpec, image: ServoImage, needed: Span) -> list[tupl
 
 def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
     """Notes about a servo that may be driven: limits that leave it little of its drive."""
-    names = ["max_torque"] if image.table.protocol == 1 else ["pwm_limit"]
+    names = ["max_torque", "pwm_limit"]
     found = []
     if servo.mode is ServoMode.CURRENT_BASED_POSITION:
         names.append("current_limit")
@@ -161,14 +161,14 @@ def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
 
 
 def _errors(image: ServoImage) -> list[str]:
-    bits = image.value("hardware_error_status")
+    bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
     if not bits:
         return []
     return [f"has latched {alert_text(bits)}: fix the cause, then `retarget servo reboot` (or switch its power)"]
 
 
 def _supply(image: ServoImage) -> list[str]:
-    volts = image.value("present_input_voltage" if image.table.protocol == 2 else "present_voltage") / 10
+    volts = image.value(names_of(image.table).voltage) / 10
     low, high = image.value("min_voltage_limit") / 10, image.value("max_voltage_limit") / 10
     if low <= volts <= high:
         return []

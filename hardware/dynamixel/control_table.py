@@ -7,7 +7,7 @@ from functools import cache, cached_property
 from pathlib import Path
 
 from hardware.errors import HardwareError
-from hardware.servo import find_model
+from hardware.servo import Layout, find_model
 
 # One register of a control table: where it lies, what its bytes mean, what may be written.
 
@@ -16,9 +16,11 @@ from hardware.servo import find_model
 class Register:
     """`size` bytes at `address`, little-endian; one count is `scale` of the SI `unit`, both None for plain counts.
 
-    A signed register holds two's complement, unless `direction_bit` is set (protocol 1.0's speeds and loads): then that
-    bit says clockwise, hence negative, and the bits below it hold the magnitude. `lowest`, `highest`: the widest range
-    that may be written, counts, None without a limit of its own; what limit registers and modes narrow is not in it.
+    A signed register holds two's complement, unless `direction_bit` is set (speeds and loads of the older layout): then
+    that bit says clockwise, hence negative, and the bits below it hold the magnitude. `bits`: of the counts, one for
+    each bit of the bytes from the lowest on, where a table numbers its hardware errors in its own way. `lowest`,
+    `highest`: the widest range that may be written, counts, None without a limit of its own; what limit registers and
+    modes narrow is not in it.
     `initial`: the maker's default in counts, None where the servo itself finds it at start.
     """
 
@@ -33,6 +35,7 @@ class Register:
     highest: int | None
     initial: int | None
     direction_bit: int | None = None
+    bits: tuple[int, ...] = ()
 
     @property
     def end(self) -> int:
@@ -57,6 +60,9 @@ class Register:
         """Return the counts in `data`, exactly `size` bytes. Raises ValueError for another length."""
         if len(data) != self.size:
             raise ValueError(f"{self.name} has {self.size} bytes, not {len(data)}")
+        if self.bits:
+            raw = int.from_bytes(data, "little")
+            return sum(1 << bit for place, bit in enumerate(self.bits) if raw >> place & 1)
         if self.direction_bit is None:
             return int.from_bytes(data, "little", signed=self.signed)
         raw = int.from_bytes(data, "little")
@@ -67,6 +73,8 @@ class Register:
         """Return the bytes of `counts`. Raises ValueError beyond the register's width."""
         if not self.narrowest <= counts <= self.widest:
             raise ValueError(f"{self.name} holds {self.narrowest} to {self.widest}, not {counts}")
+        if self.bits:
+            counts = sum(1 << place for place, bit in enumerate(self.bits) if counts >> bit & 1)
         if self.direction_bit is not None and counts < 0:
             return ((1 << self.direction_bit) - counts).to_bytes(self.size, "little")
         return counts.to_bytes(self.size, "little", signed=self.signed)
@@ -89,18 +97,14 @@ _FOLDER = Path(__file__).parent / "tables"
 _NOTHING = "none"
 
 
-_EEPROM_END = {1: 24, 2: 64}
-"""First address of the RAM, by protocol (e-Manual): registers below it are EEPROM."""
-
-
 @dataclass(frozen=True)
 class ControlTable:
     """The registers of one model, ascending by address, as firmware `firmware[0]` to `firmware[1]` has them.
 
     `number` is what the servo answers in its model number register, `eeprom_end` the first address of the RAM area,
     `fast_since` the first firmware that answers Fast Sync Read and Fast Bulk Read, `modes` its operating modes (none in
-    protocol 1.0), `usual_firmware` a version of this range for an emulated servo, `baud_family` names the codes of its
-    baud rate register. `layers` of rows make the registers, see `registers_of`; a row of `models.tsv` has none yet.
+    the older layout), `usual_firmware` a version of this range for an emulated servo, `baud_family` names the codes of
+    its baud rate register. `layers` of rows make the registers, see `registers_of`; a row of `models.tsv` has none yet.
     """
 
     model: str
@@ -121,8 +125,14 @@ class ControlTable:
 
     @property
     def eeprom_end(self) -> int:
-        """First address of the RAM area."""
-        return _EEPROM_END[self.protocol]
+        """First address of the RAM area, which begins with Torque Enable (e-Manual, all models); a device that is no
+        servo has none."""
+        return self["torque_enable"].address if self.has("torque_enable") else self.size
+
+    @property
+    def layout(self) -> Layout:
+        """The layout that it has in common with other models."""
+        return find_model(self.model).layout_in(self.protocol)
 
     @cached_property
     def size(self) -> int:
@@ -151,6 +161,11 @@ class ControlTable:
     def has(self, name: str) -> bool:
         """Whether there is a register of that name."""
         return name in self._by_name
+
+    @property
+    def p_gain(self) -> Register | None:
+        """The register of the position loop's P gain; None for a loop without one (AX-12A)."""
+        return self._by_name.get("p_gain" if self.layout is Layout.OLDER else "position_p_gain")
 
     def at(self, address: int) -> Register | None:
         """Return the register that covers `address`, None where the table has a hole or ends."""
@@ -228,19 +243,21 @@ def _registers(name: str, cells: dict[str, str]) -> Iterator[Register]:
     size = int(filled["size"])
     initial = filled.get("initial")
     step = 1 if initial is not None and initial.endswith("+") else 0
+    kind, numbers = filled["sign"][0], filled["sign"][1:]
     for place, index in enumerate(range(first, last + 1)):
         yield Register(
             name=f"{stem}{index}" if span else stem,
             address=int(filled["address"]) + place * size,
             size=size,
-            signed=filled["sign"] != "u",
+            signed=kind in "sd",
             writable=filled["access"] == "rw",
             scale=float(filled["scale"]) if "scale" in filled else None,
             unit=filled.get("unit"),
             lowest=_whole(filled.get("lowest")),
             highest=_whole(filled.get("highest")),
             initial=None if initial is None else int(initial.rstrip("+")) + place * step,
-            direction_bit=int(filled["sign"].removeprefix("d")) if filled["sign"].startswith("d") else None,
+            direction_bit=int(numbers) if kind == "d" else None,
+            bits=tuple(map(int, numbers.split(","))) if kind == "b" else (),
         )
 
 
@@ -277,6 +294,11 @@ def table_of_number(number: int, firmware: int | None = None) -> ControlTable | 
     return next((_table_at(row, firmware) for row in model_rows() if row.number == number), None)
 
 
+def usual_table(protocol: int) -> ControlTable:
+    """The table of the layout that most servos of a protocol have, for those of models that are not known here."""
+    return find_table({1: "MX-28", 2: "XM430-W350"}[protocol], protocol)
+
+
 def _table_at(row: ControlTable, firmware: int | None) -> ControlTable:
     """The table of a model whose range holds `firmware`."""
     wanted = row.usual_firmware if firmware is None else firmware
@@ -311,6 +333,12 @@ def baud_of(table: ControlTable, code: int) -> int | None:
         return None
     listed = _listed(table.baud_family).get(code)
     return round(_DIVIDED / (code + 1)) if listed is None and table.protocol == 1 else listed
+
+
+def fastest_baud(table: ControlTable) -> int:
+    """Highest speed that a servo with this table can be set to, bits per second."""
+    register = table["baud_rate"]
+    return max(baud_of(table, code) or 0 for code in range((register.highest or 0) + 1))
 
 
 def code_of(table: ControlTable, baud: int) -> int | None:

@@ -34,12 +34,12 @@ from hardware.dynamixel.codec import (
     valid_parts,
     whole_reply,
 )
-from hardware.dynamixel.control_table import ControlTable, Register, find_table
+from hardware.dynamixel.control_table import ControlTable, Register, find_table, usual_table
 from hardware.dynamixel.readings import Names, Readings, Torque, names_of
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.settings import ServoImage
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
-from hardware.servo import ServoSpec
+from hardware.servo import Layout, ServoSpec
 
 # Group reads of several servos. Nothing waits longer than needed. The SDK throws away every answer of a group when one
 # is missing, and hides error bytes; here each answer counts by itself.
@@ -228,8 +228,8 @@ def block_of(table: ControlTable, first: str, last: str) -> Block:
 
 # Goal positions of all servos of a port as one sync write: only the goals change from cycle to cycle.
 #
-# A goal switches the torque of a 1.0 servo on (field knowledge, in no manual). No goal is sent to one that is limp or
-# may have restarted.
+# A goal switches the torque of a 1.0 servo on (field knowledge, in no manual), and may do so in all of the older
+# layout. No goal is sent to one that is limp or may have restarted.
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,10 +242,11 @@ class Wired:
 
 
 class GoalPacket:
-    """One sync write to the servos of a port that keep their goal position in one place."""
+    """One sync write to the servos of a port that keep their goal position in one place. wakes: whether a goal may
+    switch their torque on."""
 
-    def __init__(self, protocol: int, address: int, size: int, servos: Sequence[Wired]) -> None:
-        self._codec = CODECS[protocol]
+    def __init__(self, protocol: int, address: int, size: int, wakes: bool, servos: Sequence[Wired]) -> None:
+        self._codec, self._wakes = CODECS[protocol], wakes
         self._who = np.array([servo.index for servo in servos])
         self._rows = np.zeros(len(servos), dtype=[("id", "u1"), ("goal", f"<i{size}")])
         self._rows["id"] = [servo.id for servo in servos]
@@ -256,17 +257,17 @@ class GoalPacket:
         servos have torque."""
         rows = self._rows
         rows["goal"] = ticks[self._who]
-        if self._codec is protocol1:
+        if self._wakes:
             rows = rows[driven[self._who]]
         return self._codec.frame(BROADCAST, Instruction.SYNC_WRITE, self._span + rows.tobytes()) if rows.size else b""
 
 
 def goal_packets(servos: Sequence[Wired]) -> list[GoalPacket]:
     """The packets: one for each place where servos keep their goal position."""
-    places: dict[tuple[int, int, int], list[Wired]] = {}
+    places: dict[tuple[int, int, int, bool], list[Wired]] = {}
     for servo in servos:
-        goal = servo.table["goal_position"]
-        places.setdefault((servo.table.protocol, goal.address, goal.size), []).append(servo)
+        goal, wakes = servo.table["goal_position"], servo.table.layout is Layout.OLDER
+        places.setdefault((servo.table.protocol, goal.address, goal.size, wakes), []).append(servo)
     return [GoalPacket(*place, members) for place, members in places.items()]
 
 
@@ -413,6 +414,7 @@ class CyclicPort:
         self._goals = goal_packets(servos)
         self._groups = _groups(servos)
         self._index_of = {servo.id: servo.index for servo in servos}
+        self._tables = {servo.id: servo.table for servo in servos}
         self._status = {servo.id: (kind_of(servo.table), status_block(servo.table)) for servo in servos}
         self._missing = MissingServos(list(self._index_of))
         self._unanswered = 0.0  # requests of this cycle without any byte; minus infinity once there was one
@@ -497,12 +499,14 @@ class CyclicPort:
         return np.array([self._index_of[device] for device in ids])
 
     def _keep_status(self, readings: Readings, block: Block, answers: Answers) -> None:
-        for device, values in zip(answers.ids, block.unpack(answers), strict=True):
-            index = self._index_of[device]
-            status = dict(zip(block.dtype.names or (), values.item(), strict=True))
-            tripped = status.get("bus_watchdog", 0) in (-1, 0xFF)
-            readings.drive[index] = Torque.OFF if not status["torque_enable"] else Torque.HELD if tripped else Torque.ON
-            readings.take_alert(index, status.get("hardware_error_status", 0))
+        for status in answers.statuses:
+            index, table = self._index_of[status.id], self._tables[status.id]
+            parts = [table[name] for name in STATUS if table.has(name)]
+            places = [(one, one.address - block.address) for one in parts]
+            said = {one.name: one.decode(status.data[at : at + one.size]) for one, at in places}
+            tripped = said.get("bus_watchdog", 0) == -1
+            readings.drive[index] = Torque.OFF if not said["torque_enable"] else Torque.HELD if tripped else Torque.ON
+            readings.take_alert(index, said.get("hardware_error_status", 0))
 
     def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
         """Ask those that did not answer once more, the first of them last: it may have silenced the rest.
@@ -549,10 +553,13 @@ class CyclicPort:
         return Transaction(ask, self._places(ids), ask.request(), timeouts, block, again, names, tries)
 
 
+STATUS = ("torque_enable", "hardware_error_status", "bus_watchdog")
+"""Registers of a servo's torque, errors and watchdog, ascending by address."""
+
+
 def status_block(table: ControlTable) -> Block:
-    """The registers of a servo's torque, hardware errors and watchdog."""
-    last = next(name for name in ("bus_watchdog", "hardware_error_status", "torque_enable") if table.has(name))
-    return block_of(table, "torque_enable", last)
+    """The registers of STATUS that a table has, and those between."""
+    return block_of(table, STATUS[0], [name for name in STATUS if table.has(name)][-1])
 
 
 def kind_of(table: ControlTable) -> Kind:
@@ -620,6 +627,8 @@ class BusLine:
         self.client = OneOff(port, spec.protocol)
         self.images: dict[int, ServoImage] = {}
         """Registers as read last, by id."""
+        self.seen: dict[int, ControlTable] = {}
+        """Tables of the servos that a look at the bus has found, by id, also of those that no profile has."""
         self._expected = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
         self._cyclic = self._wire(self._expected)
 
@@ -648,6 +657,15 @@ class BusLine:
     def tables(self) -> dict[int, ControlTable]:
         """Control tables of all its servos, by id."""
         return self._expected | {device: image.table for device, image in self.images.items()}
+
+    def places(self, name: str, ids: Iterable[int]) -> dict[Register, list[int]]:
+        """Ids by the register of that name: one for servos of one layout. A servo of a model that is not known here is
+        taken to have it where most servos of the protocol do."""
+        known = self._expected | self.seen | {device: image.table for device, image in self.images.items()}
+        usual, found = usual_table(self.spec.protocol), dict[Register, list[int]]()
+        for device in ids:
+            found.setdefault(known.get(device, usual)[name], []).append(device)
+        return found
 
     def write_all(self, register: Register, values: Iterable[tuple[int, int]]) -> None:
         """Send (id, counts) for one register; no servo answers. Raises BusError when the port is gone."""

@@ -6,30 +6,26 @@ from dataclasses import dataclass, replace
 
 from hardware.bus import MAX_RETURN_DELAY, BusSpec, PowerSwitch
 from hardware.dynamixel.codec import BROADCAST, CODECS, MAX_ID
-from hardware.dynamixel.control_table import Register
+from hardware.dynamixel.control_table import ControlTable, Register, usual_table
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.line_scan import Sighting, Speed, elsewhere_texts, speed_refused
 from hardware.dynamixel.serial_port import ECHOES, BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
 from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError, ping_time
-from hardware.dynamixel.torque import TORQUE_ENABLE
 from hardware.errors import BusError
 from hardware.servo import ServoSpec, find_model
 
 # Servos whose Status Return Level is 0: they answer pings, and carry out everything else without an answer.
 
-LEVEL = {
-    1: Register("status_return_level", 16, 1, False, True, None, None, 0, 2, ANSWER_ALL),
-    2: Register("status_return_level", 68, 1, False, True, None, None, 0, 2, ANSWER_ALL),
-}
-"""By protocol: all models have it at one address."""
+LEVEL = "status_return_level"
+"""The register of it."""
 PINGS_ONLY = "answers pings only (status return level 0)"
 
 
 def answers_pings_only(client: OneOff, device: int) -> bool:
     """Whether a servo answers a ping, but no read. Raises BusError when the port is gone."""
     try:
-        client.read(device, LEVEL[client.protocol])
+        client.read_block(device, 0, 2)  # the model number of every servo
     except NoAnswer as silence:
         found = client.ping(device)
         return not silence.damaged and found is not None and not found.clash
@@ -40,7 +36,7 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
 
 def status_return_off_text(bus: BusSpec, device: int) -> str:
     """The problem, and the command that fixes it."""
-    return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL[bus.protocol].name: ANSWER_ALL})}"
+    return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL: ANSWER_ALL})}"
 
 
 CONTROLLERS = frozenset((0x7400,))
@@ -121,6 +117,7 @@ def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
         if image is not None:
             images[device] = image
     line.adopt(images)
+    line.seen = {device: one.table for device, one in seen.items() if one.table is not None}
     unknown = tuple(one for one in sightings if one.found.id not in images and _is_unknown(one, line))
     others = [one for one in unknown if one.found.id not in line.servos]
     wrong += [f"id {one.found.id} is a model that is not known here: {one.model}" for one in others if not one.table]
@@ -231,21 +228,23 @@ MARGIN = 0.002
 """[s] After the last byte, before the speed changes: what the adapter still holds would be spoiled."""
 
 
-def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed]) -> None:
+def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed], known: Sequence[ControlTable] = ()) -> None:
     """Write torque off to all ids at each speed, in this order; no servo answers. Under 1 s for all speeds there are.
 
-    The port is left at the last speed. A speed that the adapter does not have is left out. Raises BusError when the
-    port is gone.
+    It is written where most servos of the protocol have it, and where the tables `known` to be on the line have it: not
+    everywhere, since an OpenCR has its power switch where an XL-320 has its torque. The port is left at the last speed.
+    A speed that the adapter does not have is left out. Raises BusError when the port is gone.
     """
     for speed in speeds:
         if speed_refused(port, speed.baud):
             continue
-        data = _off(speed.protocol) * TIMES
+        there = [usual_table(speed.protocol), *(table for table in known if table.protocol == speed.protocol)]
+        places = dict.fromkeys(table["torque_enable"] for table in there)
+        data = b"".join(_off(speed.protocol, register) for register in places) * TIMES
         port.write(data)
         port.sleep_until(port.now() + 10 * len(data) / speed.baud + port.latency + MARGIN)
         port.drop()
 
 
-def _off(protocol: int) -> bytes:
-    register = TORQUE_ENABLE[protocol]
+def _off(protocol: int, register: Register) -> bytes:
     return CODECS[protocol].write(BROADCAST, register.address, register.encode(0))

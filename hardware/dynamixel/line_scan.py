@@ -13,7 +13,6 @@ from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import Setting, setup_command
 from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
 from hardware.errors import BusError
-from hardware.servo import UNSERVED_MODELS
 
 PROTOCOLS = (2, 1)
 """In the order in which they are tried."""
@@ -56,8 +55,7 @@ class Sighting:
         """Model in words."""
         if self.found.model is None:
             return "does not say"
-        unknown = UNSERVED_MODELS.get(self.found.model, f"number {self.found.model}")
-        return self.table.model if self.table is not None else unknown
+        return self.table.model if self.table is not None else f"number {self.found.model}"
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def examine(line: BusLine, joint_map: JointMap) -> Opening:
             opening.notes += [f"servo {servo.label} {text}" for text in notes(servo, image)]
     _look_at_adapter(line, opening)
     unwatched = [str(device) for device, image in line.images.items() if not image.table.has("bus_watchdog")]
-    if unwatched and (bus.watchdog or bus.protocol == 1):
+    if unwatched:
         opening.notes.append(
             f"bus {bus.name}: ids {', '.join(unwatched)} have no bus watchdog: they hold their last goal when the host "
             "goes silent"

@@ -11,6 +11,7 @@ from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import UNREAD_AFTER_S, ServoAlert, ServoStates
 from hardware.dynamixel.codec import ALERT, Error1
 from hardware.dynamixel.control_table import ControlTable
+from hardware.servo import Layout
 
 SLOW_PERIOD = 0.2
 """[s] Between two reads of voltage and temperature."""
@@ -22,7 +23,6 @@ _ALERTS1 = (
     (Error1.OVERHEATING, ServoAlert.OVERHEATING),
     (Error1.OVERLOAD, ServoAlert.OVERLOAD),
 )
-_SIGN1, _SIZE1 = 0x400, 0x3FF  # direction and size of a 1.0 speed
 
 
 class Torque(IntEnum):
@@ -40,7 +40,11 @@ _ON = int(Torque.ON)
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """The registers that a cycle reads: first and last of the motion block and of the wide one, and what they mean."""
+    """The registers that a cycle reads: first and last of the motion block and of the wide one, and what they mean.
+
+    direction: the bit of the velocity that says clockwise, as a mask; 0: two's complement. latches: whether a register
+    says which errors a servo reports; else its error byte does.
+    """
 
     motion: tuple[str, str]
     wide: tuple[str, str]
@@ -49,21 +53,22 @@ class Names:
     current: str | None
     voltage: str
     temperature: str
-
-
-_ALL1 = ("present_position", "present_temperature")
-NAMES1 = Names(_ALL1, _ALL1, _ALL1[0], "present_speed", None, "present_voltage", _ALL1[1])
-"""The names for protocol 1.0: eight bytes hold all values."""
+    direction: int
+    latches: bool
 
 
 def names_of(table: ControlTable) -> Names:
-    """The names for a servo's table; a servo that reports a load reports no current."""
-    if table.protocol == 1:
-        return NAMES1
+    """The names for a servo's table; a servo that reports a load reports no current. In the older layout a few bytes
+    hold all values."""
+    latches, position, last = table.has("hardware_error_status"), "present_position", "present_temperature"
+    if table.layout is Layout.OLDER:
+        wide, speed = (position, last), "present_speed"
+        direction = 1 << (table[speed].direction_bit or 0)
+        return Names(wide, wide, position, speed, None, "present_voltage", last, direction, latches)
     current = "present_current" if table.has("present_current") else None
-    first, position, last = current or "present_load", "present_position", "present_temperature"
-    wide = (first, last)
-    return Names((first, position), wide, position, "present_velocity", current, "present_input_voltage", last)
+    first = current or "present_load"
+    motion, wide = (first, position), (first, last)
+    return Names(motion, wide, position, "present_velocity", current, "present_input_voltage", last, 0, latches)
 
 
 class SlowValues:
@@ -128,9 +133,9 @@ class Readings:
         if names.current is not None:
             self._current[who] = rows[names.current]
         speed = rows[names.velocity]
-        if names is NAMES1:
-            size = (speed & _SIZE1).astype(np.int64)
-            speed = np.where(speed & _SIGN1, -size, size)
+        if names.direction:
+            size = (speed & names.direction - 1).astype(np.int64)
+            speed = np.where(speed & names.direction, -size, size)
         self._velocity[who] = speed
         if self._faulty or any(errors):
             self._take_errors(who, np.frombuffer(errors, np.uint8), names)
@@ -140,7 +145,7 @@ class Readings:
             self.slow.take(who, rows, names, now, self._valid)
 
     def _take_errors(self, who: NDArray[np.int64], errors: NDArray[np.uint8], names: Names) -> None:
-        if names is NAMES1:
+        if not names.latches:
             self._alert[who] = sum(np.where(errors & ours, theirs, 0) for ours, theirs in _ALERTS1)
         else:
             # Which error it is, a read shows later. An answer without ALERT ends it.

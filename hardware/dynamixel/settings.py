@@ -10,13 +10,13 @@ from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import ControlTable, Register, baud_of, code_of
 from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
-from hardware.servo import ServoMode, ServoSpec
+from hardware.servo import Layout, ServoMode, ServoSpec
 
 # The registers of one servo, read in a few blocks before anything moves.
 
 CHUNK = 64
 """Most bytes that are read at once."""
-LAST = ("present_temperature", "present_input_voltage", "present_voltage", "lock", "goal_acceleration")
+LAST = ("present_temperature", "hardware_error_status", "lock", "goal_acceleration")
 """The last registers that are read: no table has one of interest behind them."""
 
 
@@ -46,11 +46,13 @@ def read_image(client: OneOff, device: int, table: ControlTable) -> ServoImage:
 
 MODES = {ServoMode.POSITION: 3, ServoMode.EXTENDED_POSITION: 4, ServoMode.CURRENT_BASED_POSITION: 5}
 """Operating Mode, register 11."""
+JOINT_MODE = 2
+"""Control Mode, register 11 of the XL-320: it follows a position."""
 ANSWER_ALL = 2
 """Status Return Level: every instruction is answered."""
 WAKING = {"moving_speed": 0}
-"""Written to a limp servo of protocol 1.0 only when its torque may come on: like a goal position, a moving speed
-switches torque on (field knowledge, in no manual). 0: full speed."""
+"""Written to a limp servo only when its torque may come on: like a goal position, a moving speed of the older layout
+switches torque on (field knowledge of protocol 1.0, in no manual). 0: full speed."""
 
 
 class Setting(NamedTuple):
@@ -62,14 +64,15 @@ class Setting(NamedTuple):
 
 def eeprom_settings(servo: ServoSpec, bus: BusSpec, table: ControlTable) -> list[Setting]:
     """The values that EEPROM must hold; it is writable only with torque off."""
-    values = {"return_delay_time": bus.return_delay_value}
-    if table.protocol == 2:
-        values["operating_mode"] = MODES[servo.mode]
-        if servo.current_limit is not None and not _by_current(servo) and table.has("current_limit"):
-            values["current_limit"] = _current(servo, table["current_limit"])
-    else:
-        values["status_return_level"] = ANSWER_ALL
-    return _settings(table, values)
+    values = {
+        "return_delay_time": bus.return_delay_value,
+        "operating_mode": MODES[servo.mode],
+        "control_mode": JOINT_MODE,
+        "status_return_level": ANSWER_ALL,
+    }
+    if servo.current_limit is not None and not _by_current(servo) and table.has("current_limit"):
+        values["current_limit"] = _current(servo, table["current_limit"])
+    return [setting for setting in _settings(table, values) if setting.register.address < table.eeprom_end]
 
 
 def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
@@ -77,6 +80,7 @@ def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
     themselves, so the servo has no profile."""
     gains, table = servo.gains, image.table
     values: dict[str, int | None] = {
+        "status_return_level": ANSWER_ALL,
         "feedforward_1st_gain": gains.feedforward_1,
         "feedforward_2nd_gain": gains.feedforward_2,
         "profile_acceleration": 0,
@@ -84,22 +88,18 @@ def ram_settings(servo: ServoSpec, image: ServoImage) -> list[Setting]:
         "goal_acceleration": 0,
         "torque_ctrl_mode_enable": 0,  # 1.0: it follows a torque, not a position
     }
-    names = ("position_p_gain", "position_i_gain", "position_d_gain")
-    if table.protocol == 1:
-        names = ("p_gain", "i_gain", "d_gain")
-        values |= WAKING
-    else:
-        values["status_return_level"] = ANSWER_ALL  # 1.0: it is in EEPROM
+    values |= WAKING
     if _by_current(servo):
         values["goal_pwm"] = image.value("pwm_limit")  # it limits the drive as well as the current does
-    values |= dict(zip(names, (gains.position_p, gains.position_i, gains.position_d), strict=True))
-    return _settings(table, values)
+    own = "" if table.layout is Layout.OLDER else "position_"
+    values |= {f"{own}p_gain": gains.position_p, f"{own}i_gain": gains.position_i, f"{own}d_gain": gains.position_d}
+    return [setting for setting in _settings(table, values) if setting.register.address >= table.eeprom_end]
 
 
 def full_drive(servo: ServoSpec, image: ServoImage) -> Setting:
     """The register that limits the servo's drive, with its value while the robot moves."""
     table = image.table
-    if table.protocol == 1:
+    if table.has("torque_limit"):
         return Setting(table["torque_limit"], image.value("max_torque"))
     if _by_current(servo):
         most = _current(servo, table["goal_current"])

@@ -75,11 +75,6 @@ def not_kept(line: BusLine, register: Register, values: Mapping[int, int], wrong
     return BusError(what, where=line.where, found=found, then=then)
 
 
-TORQUE_ENABLE = {
-    1: Register("torque_enable", 24, 1, False, True, None, None, 0, 1, 0),
-    2: Register("torque_enable", 64, 1, False, True, None, None, 0, 1, 0),
-}
-"""By protocol (AX, MX; X). All models have it at one address, so torque goes off without any other register read."""
 GOAL_SLACK = 0.06
 """[rad] of the shaft that a limp joint may have moved since its goal was set to its position."""
 
@@ -132,9 +127,9 @@ def confirm_goals(line: BusLine, goals: dict[int, int]) -> None:
 
 
 def wake(line: BusLine, ids: Sequence[int]) -> None:
-    """Write the registers that themselves switch torque on (protocol 1.0), now that it may come on. Raises BusError."""
+    """Write the registers that themselves switch torque on (WAKING), now that it may come on. Raises BusError."""
     for name, value in WAKING.items():
-        held = [device for device in ids if line.images[device].table.has(name) and line.spec.protocol == 1]
+        held = [device for device in ids if line.images[device].table.has(name)]
         if held:
             write_and_read(line, register_of(line, name), dict.fromkeys(held, value))
 
@@ -153,8 +148,10 @@ def enable(line: BusLine, ids: Sequence[int]) -> None:
 
 def not_limp(line: BusLine, ids: Iterable[int]) -> list[int]:
     """Those with torque, and those that do not answer. Raises BusError when the port is gone."""
+    found: dict[int, int] = {}
     ids = list(ids)
-    found = line.read_all(TORQUE_ENABLE[line.spec.protocol], ids)
+    for register, own in line.places("torque_enable", ids).items():
+        found |= line.read_all(register, own)
     return [device for device in ids if found.get(device) != 0]
 
 
@@ -182,7 +179,8 @@ def off_everywhere(buses: Mapping[BusLine, Collection[int]]) -> list[str]:
 
 
 def _send_off(line: BusLine, ids: Iterable[int]) -> list[str]:
-    line.write_all(TORQUE_ENABLE[line.spec.protocol], [(device, 0) for device in ids])
+    for register, own in line.places("torque_enable", ids).items():
+        line.write_all(register, [(device, 0) for device in own])
     return []
 
 
@@ -213,7 +211,7 @@ def _refuse_moved(line: BusLine, present: dict[int, int], goals: dict[int, int])
 
 
 def _watched(line: BusLine) -> list[int]:
-    """Servos with a bus watchdog: protocol 2.0, firmware 38 and later."""
+    """Servos with a bus watchdog: X layout, firmware 38 and later."""
     return [device for device, image in line.images.items() if image.table.has("bus_watchdog")]
 
 
@@ -222,7 +220,7 @@ def _why_off(line: BusLine, device: int, said: int | None) -> str:
     if said is None:
         return f"{name} does not answer"
     bits = 0
-    if line.spec.protocol == 2:
+    if line.images[device].has("hardware_error_status"):
         bits = line.read_all(register_of(line, "hardware_error_status"), [device]).get(device, 0)
     return f"{name} " + (f"has latched {alert_text(bits)}" if bits else "stays off")
 
@@ -261,7 +259,7 @@ class Drive:
             write_and_read(self._line, register, values)
 
     def _values(self, share: float) -> list[tuple[Register, dict[int, int]]]:
-        """Registers with counts by id: which one limits the drive depends on mode and protocol."""
+        """Registers with counts by id: which one limits the drive depends on layout and mode."""
         found: dict[str, tuple[Register, dict[int, int]]] = {}
         for device, (register, full) in self._full.items():
             values = found.setdefault(register.name, (register, {}))[1]
@@ -275,8 +273,8 @@ class Drive:
 def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     """Write the profile's values into one servo where they differ. Return the changes, one text each.
 
-    limp: it has no torque. A servo with torque does not accept EEPROM values. For a limp one of protocol 1.0, values
-    that would switch it on are left to `wake`. Raises BusError (NoAnswer, ServoError) when it does not answer, refuses,
+    limp: it has no torque. A servo with torque does not accept EEPROM values. For a limp one, values that would switch
+    it on are left to `wake`. Raises BusError (NoAnswer, ServoError) when it does not answer, refuses,
     or does not keep a value.
     """
     table = line.images[servo.id].table
@@ -290,7 +288,7 @@ def provision(line: BusLine, servo: ServoSpec, *, limp: bool) -> list[str]:
     if eeprom:
         image = read_image(line.client, servo.id, table)
     for register, value in differing(ram_settings(servo, image), image):
-        if limp and table.protocol == 1 and register.name in WAKING:
+        if limp and register.name in WAKING:
             continue
         line.client.write(servo.id, register, value, verify=True)
         if not limp:

@@ -8,7 +8,7 @@ import typer
 
 from hardware.bus import BusSpec
 from hardware.errors import counted
-from hardware.servo import DEFAULT_P_GAIN, p_gain
+from hardware.servo import DEFAULT_P_GAIN, Layout, p_gain
 from retarget.cli.exit import echo
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
@@ -114,9 +114,8 @@ def _robot(path: Path) -> str:
     for bus in ("mock", "profile"):  # without mass, and with it
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
     models = [servo.model for servo in profile.servos.values()]
-    buses = (
-        f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {_watchdog(bus)})" for bus in profile.bus_specs()
-    )
+    layouts = profile.layouts()
+    buses = [_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()]
     facts = {
         "body": f"{profile.body_path.name}, root {profile.root}",
         "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
@@ -194,11 +193,12 @@ def _calibration(robot: RobotBody) -> str:
     return f"{len(servos)} of {len(robot.profile.servos)} servos homed on {when} ({path})"
 
 
-def _watchdog(bus: BusSpec) -> str:
-    """What the servos of a bus do when the host goes silent."""
-    if bus.protocol == 1:
-        return "no bus watchdog: servos of protocol 1.0 hold their last goal when the host goes silent"
-    return f"bus watchdog {bus.watchdog:g} s" if bus.watchdog else "bus watchdog off"
+def _bus(bus: BusSpec, layout: Layout) -> str:
+    """A bus in words, with what its servos do when the host goes silent."""
+    watchdog = f"bus watchdog {bus.watchdog:g} s" if bus.watchdog else "bus watchdog off"
+    if layout is Layout.OLDER:
+        watchdog = f"no bus watchdog: servos of {layout.value} hold their last goal when the host goes silent"
+    return f"{bus.name} ({bus.port}, {bus.baud} baud, {len(bus.ids)} ids, {watchdog})"
 
 
 def _unknown_priorities(document: Document) -> list[Problem]:

@@ -7,7 +7,7 @@ from pydantic import Field, PrivateAttr
 
 from hardware.bus import BusSpec
 from hardware.guard_state import GuardLimits
-from hardware.servo import ServoSpec, find_model
+from hardware.servo import Layout, ServoSpec, find_model
 from retarget.schema.catalogue import Kind, read_as
 from retarget.schema.profile_parts import (
     Bus,
@@ -91,8 +91,17 @@ class RobotProfile(Schema):
         )
 
     def bus_specs(self) -> tuple[BusSpec, ...]:
-        """The buses for the hardware side, in the profile's order."""
-        return tuple(bus.spec(name) for name, bus in self.buses.items())
+        """The buses for the hardware side, in the profile's order. Raises HardwareError for an unknown model."""
+        layouts = self.layouts()
+        return tuple(bus.spec(name, layouts[name]) for name, bus in self.buses.items())
+
+    def layouts(self) -> dict[str, Layout]:
+        """The layout of the control tables on each bus, by its name. Raises HardwareError for an unknown model."""
+        servos = self.servos.values()
+        return {
+            name: bus.layout(find_model(servo.model) for servo in servos if servo.bus == name)
+            for name, bus in self.buses.items()
+        }
 
     def guard_limits(self) -> GuardLimits:
         """What the guard tolerates, by the profile's `safety`."""

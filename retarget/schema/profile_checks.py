@@ -4,21 +4,19 @@ Every check takes the valid part of a profile and its document, and returns prob
 up among the keys of the document, so that an entry with an error of its own is not called unknown as well.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import pi, radians
 
-from hardware.bus import BAUDS, WATCHDOG_STEP, fastest_baud
-from hardware.dynamixel.control_table import find_table
+from hardware.bus import BAUDS, WATCHDOG_STEP
+from hardware.dynamixel.control_table import fastest_baud, find_table
 from hardware.errors import HardwareError
 from hardware.joint_map import coupling_problems
 from hardware.servo import (
     HOMING_REACH,
     SERVO_MODELS,
-    UNSERVED,
-    UNSERVED_STEP,
+    Layout,
     ServoModel,
     find_model,
-    is_unserved,
 )
 from retarget.errors import Problem
 from retarget.frames import JOINTS
@@ -29,8 +27,6 @@ from retarget.schema.strict_yaml import Document, KeyPath
 
 # Servos, couplings and buses: what the servo side itself would refuse, with its place.
 
-MAX_GAIN_1 = 254
-"""Highest gain of a Protocol 1.0 servo (e-Manual, MX-28, registers 26 to 28)."""
 TOLERANCE = 1e-9  # [s] by which a watchdog may miss a multiple of its step
 
 
@@ -46,10 +42,6 @@ def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]
         elif bus is not None and servo.id not in bus.ids:
             found = f"{servo.id}, which is not among the ids of bus {servo.bus!r}"
             yield document.problem((*here, "id"), "servo id not on its bus", found=found)
-        if is_unserved(servo.model):
-            path, allowed = (*here, "model"), ", ".join(SERVO_MODELS)
-            yield document.problem(path, UNSERVED, found=repr(servo.model), allowed=allowed, next_step=UNSERVED_STEP)
-            continue
         if model is None:
             yield unknown_name(document, (*here, "model"), "servo model", servo.model, SERVO_MODELS)
             continue
@@ -121,8 +113,10 @@ def check_buses(profile: RobotProfile, document: Document) -> Iterable[Problem]:
         if twice:
             yield document.problem((*here, "ids"), "an id is listed twice", found=", ".join(map(str, twice)))
         servos = [servo for servo in profile.servos.values() if servo.bus == name]
-        yield from _baud(here, bus, servos, document)
-        yield from _watchdog(here, bus, document)
+        models = [one for one in dict.fromkeys(map(_model, servos)) if one and bus.protocol in one.protocols]
+        yield from _baud(here, bus, models, document)
+        yield from _layouts(here, bus, models, document)
+        yield from _watchdog(here, bus, models, document)
         yield from _power(here, bus, servos, document)
 
 
@@ -166,43 +160,58 @@ def _protocol(here: KeyPath, servo: Servo, model: ServoModel, bus: Bus, document
         spoken = " and ".join(map(str, model.protocols))
         found = f"{model.name} on bus {servo.bus!r} of protocol {bus.protocol}"
         yield document.problem((*here, "model"), "the servo speaks another protocol", found=found, allowed=spoken)
-    if bus.protocol != 1:
         return
-    reason = "servos of protocol 1 have none"
+    if model.layout_in(bus.protocol) is not Layout.OLDER:
+        return
+    table, who = find_table(model.name, bus.protocol), f"the {model.name} with protocol {bus.protocol}"
     if servo.mode != "position":
-        what = "servos of protocol 1 hold positions within one turn only"
+        what = f"{who} holds positions within one turn only"
         yield document.problem((*here, "mode"), what, found=servo.mode, allowed="position")
     if servo.current is not None and model.current_unit is not None:
-        yield document.problem((*here, "current"), f"no current limit: {reason}", found=f"{servo.current} A")
+        yield document.problem((*here, "current"), f"{who} limits no current", found=f"{servo.current} A")
     if servo.homing_offset:
-        yield document.problem((*here, "homing_offset"), f"no homing offset: {reason}", found=str(servo.homing_offset))
+        what = f"{who} has no homing offset"
+        yield document.problem((*here, "homing_offset"), what, found=str(servo.homing_offset))
     for key, value in servo.gains.model_dump(exclude_none=True).items():
-        if model.name.startswith("AX-") or key.startswith("feedforward"):
-            yield document.problem((*here, "gains", key), f"the {model.name} has no such gain", found=str(value))
-        elif value > MAX_GAIN_1:
-            what, allowed = "wrong value for protocol 1", f"0 to {MAX_GAIN_1}"
+        name = f"{key}_gain"
+        if not table.has(name):
+            yield document.problem((*here, "gains", key), f"{who} has no such gain", found=str(value))
+        elif not table[name].allows(value):
+            what, allowed = f"wrong value for {who}", f"0 to {table[name].highest}"
             yield document.problem((*here, "gains", key), what, found=str(value), allowed=allowed)
 
 
-def _baud(here: KeyPath, bus: Bus, servos: list[Servo], document: Document) -> Iterable[Problem]:
+def _baud(here: KeyPath, bus: Bus, models: Sequence[ServoModel], document: Document) -> Iterable[Problem]:
     allowed = BAUDS[bus.protocol]
     if bus.baud not in allowed:
         what, speeds = f"no speed of protocol {bus.protocol} servos", ", ".join(map(str, allowed))
         yield document.problem((*here, "baud"), what, found=str(bus.baud), allowed=speeds)
         return
-    for model in dict.fromkeys(filter(None, map(_model, servos))):
-        most = fastest_baud(model)
+    for model in models:
+        most = fastest_baud(find_table(model.name, bus.protocol))
         if bus.baud > most:
             what = f"too fast for the {model.name} on this bus"
             yield document.problem((*here, "baud"), what, found=str(bus.baud), allowed=f"at most {most}")
 
 
-def _watchdog(here: KeyPath, bus: Bus, document: Document) -> Iterable[Problem]:
+def _layouts(here: KeyPath, bus: Bus, models: Sequence[ServoModel], document: Document) -> Iterable[Problem]:
+    """Servos that keep their registers in other places than the others of the bus."""
+    by_layout: dict[Layout, list[str]] = {}
+    for model in models:
+        by_layout.setdefault(model.layout_in(bus.protocol), []).append(model.name)
+    if len(by_layout) > 1:
+        what = "servos with control tables of two layouts: what is sent to all of them, torque off too, fits one only"
+        found = "; ".join(f"{', '.join(names)} with {layout.value}" for layout, names in by_layout.items())
+        step = "Give the servos of each layout a bus of their own, with its own port"
+        yield document.problem(here, what, found=found, allowed="one layout for each bus", next_step=step)
+
+
+def _watchdog(here: KeyPath, bus: Bus, models: Sequence[ServoModel], document: Document) -> Iterable[Problem]:
     silence = bus.watchdog_s
     if silence is None:
         return
-    if bus.protocol == 1 and silence > 0:
-        what, step = "servos of protocol 1 have no watchdog", "Leave it out, or write 0"
+    if bus.layout(models) is Layout.OLDER and silence > 0:
+        what, step = f"servos of {Layout.OLDER.value} have no watchdog", "Leave it out, or write 0"
         yield document.problem((*here, "watchdog_s"), what, found=f"{silence:g} s", next_step=step)
     elif abs(silence - round(silence / WATCHDOG_STEP) * WATCHDOG_STEP) > TOLERANCE:
         allowed = "a multiple of 0.02 s up to 2.54 s, or 0 for none"

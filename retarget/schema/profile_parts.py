@@ -1,6 +1,6 @@
 """Models of the sections of a robot profile, one for each kind of entry. SI units; frames as each docstring says."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from typing import Annotated, Any, Literal
@@ -10,7 +10,17 @@ from pydantic import BeforeValidator, Field
 import hardware.servo
 from hardware.bus import MAX_WATCHDOG, BusSpec, PowerSwitch
 from hardware.guard_state import GuardLimits
-from hardware.servo import DEFAULT_P_GAIN, MULTI_TURN_REACH, ServoGains, ServoMode, ServoSpec, find_model, p_gain
+from hardware.servo import (
+    DEFAULT_P_GAIN,
+    MULTI_TURN_REACH,
+    Layout,
+    ServoGains,
+    ServoMode,
+    ServoModel,
+    ServoSpec,
+    find_model,
+    p_gain,
+)
 from retarget.schema.shapes import SolidShape
 from retarget.schema.strict_models import (
     Integer,
@@ -59,7 +69,7 @@ class Frame(Schema):
 
 
 class Gains(Schema):
-    """Gains as register values (e-Manual: Position P, I, D Gain, Feedforward 1st and 2nd Gain; Protocol 1.0: P, I, D
+    """Gains as register values (e-Manual: Position P, I, D Gain, Feedforward 1st and 2nd Gain; older layout: P, I, D
     Gain); absent: the servo keeps its own."""
 
     p: Register | None = None
@@ -160,18 +170,23 @@ class Bus(Schema):
     ids: Annotated[tuple[ServoId, ...], Field(min_length=1, max_length=253)]
     """Every device that is expected to answer, servos and others."""
     watchdog_s: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX_WATCHDOG)] | None = None
-    """[s] Silence after which servos stop by themselves, a multiple of 0.02, 0: never. Absent: 0.1; 0 with protocol 1,
-    which has none."""
+    """[s] Silence after which servos stop by themselves, a multiple of 0.02, 0: never. Absent: 0.1; 0 for protocol 1
+    and XL-320, which have none."""
     return_delay_us: Annotated[Integer, Field(ge=0, le=508, multiple_of=2)] = 0
     """[us] Pause before an answer, even."""
     power: Power | None = None
     """Switch for the servos' power; absent: there is none."""
 
-    def spec(self, name: str) -> BusSpec:
-        """The bus of that name for the hardware side; servos of Protocol 1.0 have no watchdog."""
+    def layout(self, models: Iterable[ServoModel]) -> Layout:
+        """The layout of the control tables on it; models: of its servos."""
+        older = self.protocol == 1 or any(model.layout is Layout.OLDER for model in models)
+        return Layout.OLDER if older else Layout.X
+
+    def spec(self, name: str, layout: Layout) -> BusSpec:
+        """The bus of that name for the hardware side; servos of the older layout have no watchdog."""
         watchdog = self.watchdog_s
         if watchdog is None:
-            watchdog = DEFAULT_WATCHDOG if self.protocol == 2 else 0.0
+            watchdog = DEFAULT_WATCHDOG if layout is Layout.X else 0.0
         return BusSpec(
             name=name,
             port=self.port,

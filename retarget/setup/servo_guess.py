@@ -11,7 +11,7 @@ import numpy as np
 
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.control_table import find_table
-from hardware.servo import SERVO_MODELS, ServoModel, find_model
+from hardware.servo import SERVO_MODELS, Layout, ServoModel, find_model
 from retarget.errors import InputError
 from retarget.schema.profile_parts import Gains, Servo
 from retarget.setup.body_draft import BodyDraft
@@ -29,8 +29,8 @@ ALIKE = 1.35
 """Largest ratio of a stated torque to a model's stall torque that identifies the model."""
 UNKNOWN = "XM430-W350"
 NO_TORQUE = "the body states no torque"
-LOW_VOLTAGE = 9.0
-"""[V] servos made for less do not share a line with the others."""
+LOW_VOLTAGE = 6.0
+"""[V] servos made for less (5 V) do not share a line with the others."""
 SHORTEST = 4
 """Letters of a model that its name is known by inside of others."""
 END_TICKS = 4
@@ -86,8 +86,8 @@ def guess_servos(body: BodyDraft, tree: Tree, anatomy: Anatomy, *, model: str = 
         speed = math.floor(10.0 * SPARE_SPEED * chosen.no_load_speed) / 10.0
         most = IN_LEGS if number in carrying else ACCELERATIONS[1]
         can = SPARE_TORQUE * chosen.stall_torque / max(inertias[node.joint], 1e-6)
-        protocol = max(chosen.protocols)
-        gains = {"p": find_table(chosen.name, protocol)["position_p_gain"].initial} if protocol == 2 else {}
+        gain = find_table(chosen.name, max(chosen.protocols)).p_gain
+        gains = {} if gain is None else {"p": gain.initial}
         entry = Servo(
             id=ids[number - 1] if ids else number,
             model=chosen.name,
@@ -114,8 +114,9 @@ def _numbers(names: Iterable[str]) -> list[int]:
 
 
 def _candidates(strongest: float) -> list[ServoModel]:
-    """Models of protocol 2 of one supply: that of the model which is nearest to the strongest joint, N m."""
-    known = [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols]
+    """Models of protocol 2 and one layout, of one supply: that of the model which is nearest to the strongest joint,
+    N m."""
+    known = [entry for entry in SERVO_MODELS.values() if 2 in entry.protocols and entry.layout is Layout.X]
     nearest = _chosen(known, strongest, 0.0)[0]
     return [entry for entry in known if (entry.voltage < LOW_VOLTAGE) == (nearest.voltage < LOW_VOLTAGE)]
 

@@ -11,7 +11,8 @@ from sim.emulator.memory import Memory, Part
 
 _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
 _OBEYED = frozenset((Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION))  # through a secondary id
-_REGISTERED = {1: "registered", 2: "registered_instruction"}  # whether a Reg Write waits for its Action
+_REGISTERED = {1: "registered", 2: "registered_instruction"}  # by protocol: whether a Reg Write waits for its Action
+_PING = ("model_number", "firmware_version")  # the registers that a ping of protocol 2.0 returns
 
 
 class Answer(NamedTuple):
@@ -168,8 +169,8 @@ class Device:
         wide = self.protocol  # bytes of an address
         address, data = int.from_bytes(params[:wide], "little"), params[wide:]
         if instruction == Instruction.PING:
-            image = self.memory.image
-            return self.answer(0, bytes(image[0:2] + image[6:7]) if self.protocol == 2 else b"")
+            said = [self.table[name].encode(self.memory.value(name)) for name in _PING]
+            return self.answer(0, b"".join(said) if self.protocol == 2 else b"")
         if instruction == Instruction.READ and len(data) == wide:
             return self.read(address, int.from_bytes(data, "little"), now)
         if instruction == Instruction.WRITE and data:

@@ -8,7 +8,7 @@ from hardware.bus import BusSpec
 from hardware.dynamixel.control_table import code_of, find_table
 from hardware.dynamixel.settings import MODES
 from hardware.errors import HardwareError, describe
-from hardware.servo import ServoSpec
+from hardware.servo import Layout, ServoSpec
 from sim.emulator.controller import EmulatedController
 from sim.emulator.conversation import Conduct
 from sim.emulator.device import Device
@@ -50,7 +50,8 @@ def devices_of(
         position = float(spec.zero_tick if start is None else start[index])
         warmth = AMBIENT + WARMER * chance.random()
         build = ServoBuild(position, now=now, supply=shared, boot_time=behaviour.boot_time, warmth=warmth)
-        device = (EmulatedServo if table.protocol == 2 else EmulatedServo1)(table, spec.model, build)
+        kind = EmulatedServo if table.layout is Layout.X else EmulatedServo1
+        device = kind(table, spec.model, build)
         device.memory.put("id", spec.id)
         if (baud := (bauds or {}).get(spec.bus)) is not None:
             code = code_of(table, baud)
@@ -60,9 +61,8 @@ def devices_of(
             device.memory.put("baud_rate", code)
         if (delay := (return_delays or {}).get(spec.bus)) is not None:
             device.memory.put("return_delay_time", delay)
-        if table.protocol == 2:
-            device.memory.put("operating_mode", MODES[spec.mode])
-            device.memory.put("homing_offset", spec.homing_offset)
+        device.memory.put("operating_mode", MODES[spec.mode])
+        device.memory.put("homing_offset", spec.homing_offset)
         device.place(position)
         devices.append(device)
     return tuple(devices)

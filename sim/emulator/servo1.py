@@ -1,27 +1,31 @@
-"""An emulated servo of protocol 1.0: MX-28/64 and AX-12A.
+"""An emulated servo of the older layout: MX-28/64 and AX-12A with protocol 1.0, XL-320 with 2.0.
 
-Source: e-Manual, protocol 1.0, MX-28, MX-64 and AX-12A. Its errors are not latched: they stand in every status as long
-as the cause lasts (an overload: until torque or torque limit are written again). Errors that Shutdown (18) names switch
-torque off and set Torque Limit (34) to 0. There is no bus watchdog. The D gain has no effect here.
+Source: e-Manual, both protocols, MX-28, MX-64, AX-12A and XL-320. Its errors are not latched: they stand as long as the
+cause lasts (an overload: until torque or torque limit are written again), with protocol 1.0 in every status, with 2.0
+in Hardware Error Status, and every status has the alert bit. Whether an XL-320 latches them the e-Manual does not say.
+Errors that Shutdown (18) names switch torque off and set Torque Limit to 0. There is no bus watchdog. The D gain has no
+effect here.
 
 A write that reaches Goal Position (30) or Moving Speed (32) switches torque on by itself. The e-Manual is silent on
-that; it is public field knowledge (vanadiumlabs/arbotix_ros #9, Luos-io/Pyluos #59, poppy-docs #36), not verified on
-hardware.
+that; it is public field knowledge of protocol 1.0 (vanadiumlabs/arbotix_ros #9, Luos-io/Pyluos #59, poppy-docs #36),
+not verified on hardware, and taken for the XL-320, too.
 """
 
 from enum import Enum, auto
 from math import inf
+from typing import NamedTuple
 
-from hardware.dynamixel.codec import Error1, Error2, Instruction
+from hardware.dynamixel.codec import ALERT, Error1, Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable
 from hardware.servo import DEFAULT_P_GAIN, ServoModel, lag_of_gain
 from sim.emulator.device import Answer
 from sim.emulator.memory import Memory, Part
+from sim.emulator.servo2_registers import RESETS, factory_reset
 from sim.emulator.servo_body import OVERLOAD, ServoBody, ServoBuild
 from sim.emulator.shaft import Law, Shaft, path_by_velocity
 from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT
 
-# From the registers of a 1.0 servo to the numbers of its loop, and back to the registers that show its state.
+# From the registers of this layout to the numbers of the servo's loop, and back to the registers that show its state.
 
 FULL_TORQUE = 1023.0
 """Torque Limit (34) and Max Torque (14) that do not limit: 100 % (e-Manual)."""
@@ -31,15 +35,21 @@ _TICKS = 32768  # the realtime tick wraps, ms
 
 
 class Mode1(Enum):
-    """What the two angle limits make of a servo (e-Manual, 6 and 8)."""
+    """What the two angle limits (e-Manual, 6 and 8), or Control Mode (XL-320, 11), make of a servo."""
 
     JOINT = auto()
     WHEEL = auto()
     MULTI_TURN = auto()
 
 
+WHEEL_MODE = 1
+"""Control Mode of an XL-320 that turns without end."""
+
+
 def mode_of(memory: Memory) -> Mode1:
-    """Return the mode that the angle limits stand for."""
+    """Return the mode that its registers stand for."""
+    if memory.table.has("control_mode"):
+        return Mode1.WHEEL if memory.value("control_mode") == WHEEL_MODE else Mode1.JOINT
     limits = memory.value("cw_angle_limit"), memory.value("ccw_angle_limit")
     if limits == (0, 0):
         return Mode1.WHEEL
@@ -90,16 +100,35 @@ def tune_loop1(shaft: Shaft, memory: Memory, model: ServoModel, supplied: float)
 _MOVERS = frozenset(("goal_position", "moving_speed"))  # a write to them switches torque on
 
 
-class EmulatedServo1(ServoBody):
-    """A servo with the table of a 1.0 model. A goal position or moving speed switches torque on (field knowledge, not
-    verified)."""
+class Refusals(NamedTuple):
+    """The numbers of a protocol for what a servo refuses: an instruction with wrong parameters, an unknown one, a count
+    out of a register's range, a goal beyond the limits, a write to what is locked."""
 
-    malformed = unknown = Error1.INSTRUCTION
+    malformed: int
+    unknown: int
+    range: int
+    limit: int
+    locked: int
+
+
+REFUSALS = {
+    1: Refusals(Error1.INSTRUCTION, Error1.INSTRUCTION, Error1.RANGE, Error1.ANGLE_LIMIT, Error1.RANGE),
+    2: Refusals(Error2.DATA_LENGTH, Error2.INSTRUCTION, Error2.DATA_RANGE, Error2.DATA_LIMIT, Error2.ACCESS),
+}
+"""By protocol (e-Manual, errors of a status packet)."""
+
+
+class EmulatedServo1(ServoBody):
+    """A servo with a table of the older layout, in the protocol of the table. A goal position or moving speed switches
+    torque on (field knowledge, not verified)."""
+
     shown = 36, 52
 
     def __init__(self, table: ControlTable, model: ServoModel, build: ServoBuild) -> None:
         super().__init__(table, model, build)
-        self._wrong = 0  # as in every status
+        self._refusals = REFUSALS[table.protocol]
+        self.malformed, self.unknown = self._refusals.malformed, self._refusals.unknown
+        self._wrong = 0  # errors, bits of `servo_body`
         self._overload = False
         self._reset()
 
@@ -110,12 +139,13 @@ class EmulatedServo1(ServoBody):
         self.tune()
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
-        """Return an answer with the errors that last."""
-        return Answer(error | self._wrong, data)
+        """Return an answer with the errors that last; with protocol 2.0 it only says that there are some."""
+        standing = self._wrong if self.protocol == 1 else ALERT * bool(self._wrong)
+        return Answer(error | standing, data)
 
     def error_of(self, error: Error2) -> int:
-        """Return the one error that there is for a bad range of registers."""
-        return Error1.RANGE
+        """Return an error of the memory; protocol 1.0 has one for every bad range of registers."""
+        return Error1.RANGE if self.protocol == 1 else error
 
     def live(self, now: float) -> dict[str, float]:
         """What the registers that show its state show at `now` (s)."""
@@ -140,36 +170,52 @@ class EmulatedServo1(ServoBody):
     @property
     def barred(self) -> bool:
         """Whether an error that Shutdown names keeps torque off."""
-        return bool(self._wrong & self.memory.value("shutdown"))
+        return bool(self._raw_errors & self.memory.value("shutdown"))
+
+    @property
+    def _raw_errors(self) -> int:
+        """The errors as the bits of Shutdown: those of the status, or of Hardware Error Status."""
+        if not self.table.has("hardware_error_status"):
+            return self._wrong
+        return int.from_bytes(self.table["hardware_error_status"].encode(self._wrong), "little")
 
     def note(self, wrong: int) -> None:
         """Errors last as long as their cause; those that Shutdown names switch torque off."""
         self._overload = self._overload or bool(wrong & OVERLOAD)
-        self._wrong = wrong | (OVERLOAD if self._overload else 0)
+        self._take_errors(wrong | (OVERLOAD if self._overload else 0))
         if self.barred and self.shaft.torque:
             self.memory.put("torque_limit", 0)
             self._set_torque(False)
 
+    def _take_errors(self, wrong: int) -> None:
+        self._wrong = wrong
+        self.memory.put("hardware_error_status", wrong)
+
     def special(self, instruction: int, params: bytes, now: float) -> Answer:
-        """Carry out a factory reset."""
-        if instruction != Instruction.FACTORY_RESET:
-            return self.answer(self.unknown)
+        """Carry out a factory reset, or a restart (2.0)."""
         answer = self.answer()
-        self.defaults(0, self.table.eeprom_end)
+        if instruction == Instruction.FACTORY_RESET and self.protocol == 1:
+            self.defaults(0, self.table.eeprom_end)
+        elif instruction == Instruction.FACTORY_RESET and params in RESETS:
+            factory_reset(self.memory, params[0])
+        elif instruction == Instruction.FACTORY_RESET:
+            return self.answer(self._refusals.range if len(params) == 1 else self.malformed)
+        elif instruction != Instruction.REBOOT or self.protocol == 1:
+            return self.answer(self.unknown)
         self.reboot(now)
         return answer
 
     def refusal(self, part: Part) -> int:
         """Return the error by which a register refuses a value."""
         register, value = part
-        locked = self.memory.value("lock") != 0
+        locked = self.shaft.torque if self.protocol == 2 else self.memory.value("lock") != 0
         if locked and (register.address < self.table.eeprom_end or (register.name == "lock" and not value)):
-            return Error1.RANGE
+            return self._refusals.locked
         if not register.allows(value):
-            return Error1.RANGE
+            return self._refusals.range
         if register.name == "goal_position":
             low, high = goal_bounds1(self.memory)
-            return 0 if low <= value <= high else Error1.ANGLE_LIMIT
+            return 0 if low <= value <= high else self._refusals.limit
         return 0
 
     def react(self, names: set[str], now: float) -> None:
@@ -177,7 +223,7 @@ class EmulatedServo1(ServoBody):
         if {"torque_enable", "torque_limit"} & names:
             self._overload = False
             self.check()
-        if {"cw_angle_limit", "ccw_angle_limit"} & names:
+        if {"cw_angle_limit", "ccw_angle_limit", "control_mode"} & names:
             self._goal_to(self.memory.value("goal_position"))
         self.tune()
         if "torque_enable" in names:
@@ -231,7 +277,7 @@ class EmulatedServo1(ServoBody):
         """RAM after a start; the position is counted within one turn again where the model has a whole turn."""
         super()._reset()
         self._overload = False
-        self._wrong = 0
+        self._take_errors(0)
         self.memory.put("torque_limit", self.memory.value("max_torque"))
         if self._starting and mode_of(self.memory) is not Mode1.JOINT:
             self.shaft.position %= self.servo_model.ticks

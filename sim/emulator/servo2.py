@@ -1,4 +1,4 @@
-"""An emulated servo of protocol 2.0: registers that work, and motion behind them.
+"""An emulated servo of the X layout: registers that work, and motion behind them.
 
 Source: e-Manual, X series and protocol 2.0. Motion, current and heat: `sim.emulator.shaft` and `sim.emulator.power`.
 """
@@ -13,10 +13,9 @@ from sim.emulator.device import Answer
 from sim.emulator.memory import Part
 from sim.emulator.servo2_registers import (
     ALL,
-    BUT_ID,
-    BUT_ID_AND_BAUD,
     GOALS,
     POSITION,
+    RESETS,
     BusWatchdog,
     Condition,
     Encoder,
@@ -40,7 +39,7 @@ CLEAR_TURNS = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 STORE = bytes((0x01, 0x43, 0x54, 0x52, 0x4C))
 RESTORE = bytes((0x02, 0x43, 0x54, 0x52, 0x4C))
 _PARAMETERS: dict[int, tuple[bytes, ...]] = {
-    Instruction.FACTORY_RESET: tuple(bytes((option,)) for option in (ALL, BUT_ID, BUT_ID_AND_BAUD)),
+    Instruction.FACTORY_RESET: RESETS,
     Instruction.CLEAR: (CLEAR_TURNS,),
     Instruction.CONTROL_TABLE_BACKUP: (STORE, RESTORE),
 }
@@ -69,7 +68,7 @@ def _wrapped(position: float) -> int:
 
 
 class EmulatedServo(ServoBody):
-    """A servo with the table of a 2.0 model."""
+    """A servo with a table of the X layout."""
 
     shown = 120, 147
 

@@ -210,6 +210,8 @@ def _here(shaft: Shaft, fresh: bool) -> tuple[float, float]:
 RAM_RESTORE = 0x02  # bit of Startup Configuration
 ALL, BUT_ID, BUT_ID_AND_BAUD = 0xFF, 0x01, 0x02
 """Options of a factory reset."""
+RESETS = tuple(bytes((option,)) for option in (ALL, BUT_ID, BUT_ID_AND_BAUD))
+"""What stands behind the instruction."""
 _FIXED = frozenset(("model_number", "model_information", "firmware_version"))
 _SPARED = {ALL: frozenset[str](), BUT_ID: frozenset(("id",)), BUT_ID_AND_BAUD: frozenset(("id", "baud_rate"))}
 _PROFILE = frozenset(("profile_acceleration", "profile_velocity"))

@@ -12,7 +12,8 @@ from sim.emulator.shaft import Shaft
 from sim.servo_model import AMBIENT
 
 VOLTAGE, HEAT, OVERLOAD = 0x01, 0x04, 0x20
-"""Bits of the errors that a servo finds: in every status of protocol 1.0, in Hardware Error Status (70) of 2.0."""
+"""Bits of the errors that a servo finds: in every status of protocol 1.0, in Hardware Error Status (70) of the X
+layout."""
 BOOT_TIME = 0.2  # [s] not documented; long enough for the pauses that field software makes
 
 

@@ -23,13 +23,13 @@ from hardware.arrays import BoolArray, ByteArray, FloatArray
 from hardware.bus import ServoAlert
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import (
-    DEFAULT_P_GAIN,
-    DEFAULT_P_GAIN_1,
     FULL_PWM,
+    Layout,
     ServoModel,
     ServoSpec,
     full_drive_error,
     integral_rate,
+    p_gain,
 )
 from retarget.model.body_file import engine
 from sim.emulator.power import OVERLOAD_EFFORT, OVERLOAD_TIME
@@ -41,7 +41,7 @@ from sim.servo_model import AMBIENT, HEAT_PER_AMPERE2, HEAT_TIME, IDLE_CURRENT, 
 #
 # Source: e-Manual, Position PID Gain (80, 82, 84: units 1/16, 1/65536, 1/128 of a PWM count per tick) and Goal PWM
 # (100, full at 885). The units of time that it leaves open are those of `sim.emulator.servo2_registers`, as is the rule
-# that the default D gain belongs to the loop that P alone describes. Protocol 1.0 (28: P, 32 the default):
+# that the default D gain belongs to the loop that P alone describes. The older layout (MX, 28: P, 32 the default):
 # `sim.emulator.servo1`.
 
 
@@ -58,10 +58,11 @@ class PositionLoop:
 def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     """The loop of a servo with the profile's gains. A model without a P gain (AX-12A) has its default slope."""
     gains, model = servo.gains, servo.model
+    if model.layout_in(protocol) is Layout.OLDER:
+        return PositionLoop(
+            1.0 / full_drive_error(p_gain(servo, protocol)), 0.0, integral_rate(servo, protocol=protocol)
+        )
     register = gains.position_p
-    if protocol == 1:
-        gain = DEFAULT_P_GAIN * (register or DEFAULT_P_GAIN_1) / DEFAULT_P_GAIN_1
-        return PositionLoop(1.0 / full_drive_error(gain), 0.0, integral_rate(servo, protocol=protocol))
     if not register:
         return PositionLoop(0.0, 0.0, 0.0)
     usual = find_table(model.name, 2)["position_d_gain"].initial or 0
@@ -75,11 +76,7 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
 
 def gain_missing(servo: ServoSpec, *, protocol: int) -> bool:
     """Whether the profile does not have the P gain of this servo."""
-    return servo.gains.position_p is None and find_table(servo.model.name, protocol).has(_P_GAIN[protocol])
-
-
-_P_GAIN = {1: "p_gain", 2: "position_p_gain"}
-"""Name of the register of the P gain by protocol."""
+    return servo.gains.position_p is None and find_table(servo.model.name, protocol).p_gain is not None
 
 
 # Measured motors and gears of servos, one row per model in `motors.yaml`. Values without a measurement are derived, as

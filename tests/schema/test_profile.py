@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from command_line import OP3, copy_of_op3
 from hardware.joint_map import JointMap
-from hardware.servo import ServoMode, full_drive_error, loop_stiffness
+from hardware.servo import Layout, ServoMode, find_model, full_drive_error, loop_stiffness
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.model.robot import load_profile
@@ -273,6 +273,27 @@ def test_what_protocol_1_has_not_is_refused_at_once(tmp_path: Path) -> None:
         *("buses.main.watchdog_s", "buses.main.baud", "servos.head_pan.mode", "servos.head_pan.gains.p"),
         *("servos.head_tilt.homing_offset", "servos.head_tilt.gains.p", "servos.head_tilt.gains.feedforward_1"),
     }
+
+
+def test_layouts_of_a_bus_are_told_apart_and_never_mixed(tmp_path: Path) -> None:
+    """XL-320 beside the X series: one problem of the bus; and what an XL-320 has not, each in its place."""
+    pan = servo("head_pan", 19, model="XL-320", extra=", mode: extended_position", gains="{p: 255, feedforward_1: 1}")
+    tilt = servo("head_tilt", 20, model="XL-320", extra=", homing_offset: 9", gains="{p: 254, i: 1}")
+    error = refused(tmp_path, (LINE, f"{pan}  {tilt}"))
+    said = {problem.where.rpartition(": ")[2]: str(problem) for problem in error.problems}
+    assert "XM430-W350" in said["buses.main"] and "XL-320" in said["buses.main"] and "layout" in said["buses.main"]
+    assert set(said) >= {
+        *("buses.main.baud", "servos.head_pan.mode", "servos.head_pan.gains.p"),
+        *("servos.head_pan.gains.feedforward_1", "servos.head_tilt.homing_offset"),
+    }
+    assert not {"servos.head_tilt.gains.p", "servos.head_tilt.gains.i"} & set(said)
+
+
+def test_a_bus_of_the_older_layout_has_no_watchdog() -> None:
+    x, older = (find_model(name) for name in ("XM430-W350", "XL-320"))
+    line = bus(2)
+    assert line.spec("a", line.layout([x])).watchdog > 0.0 == line.spec("a", line.layout([older])).watchdog
+    assert bus(1).layout([]) is line.layout([older]) is Layout.OLDER and line.layout([]) is Layout.X
 
 
 LEAST = {"rate_hz": 100.0, "freshness": 0.1, "temperature_c": 65.0, "voltage": [10.0, 14.8], "following_error": 0.35}

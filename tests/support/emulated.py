@@ -31,8 +31,9 @@ def servo2(model: str = "XM430-W350", *, position: float = 2048.0, firmware: int
 
 
 def servo1(model: str = "MX-28", *, position: float = 2048.0) -> EmulatedServo1:
-    """A 1.0 servo at time 0."""
-    return EmulatedServo1(find_table(model, 1), find_model(model), ServoBuild(position))
+    """A servo of the older layout at time 0."""
+    found = find_model(model)
+    return EmulatedServo1(find_table(model, min(found.protocols)), found, ServoBuild(position))
 
 
 def write_register(servo: Servo, name: str, value: int, now: float = 0.0) -> int:

@@ -13,6 +13,7 @@ from rich.table import Table
 from hardware.arrays import BoolArray, FloatArray
 from hardware.clock import MonotonicClock, VirtualClock, today
 from hardware.dynamixel.serial_port import is_pseudo_terminal
+from hardware.servo import Layout
 from retarget.cli.application import Overwrite, ask, console
 from retarget.cli.buses import make_bus
 from retarget.cli.exit import echo
@@ -199,7 +200,7 @@ def _opening(body: RobotBody) -> str:
     """The effects of opening the bus of a robot on its servos, in words."""
     buses = body.profile.bus_specs()
     power = [f"device {bus.power.id} switches the servos' power on" for bus in buses if bus.power is not None]
-    old = ", status return level" if any(bus.protocol == 1 for bus in buses) else ""
+    old = ", status return level" if Layout.OLDER in body.profile.layouts().values() else ""
     text = f"servos without torque get the profile's operating mode, return delay{old} (EEPROM) and gains (RAM)"
     return ", ".join([*power, text + " where they have others"])
 

@@ -7,7 +7,7 @@ import typer
 
 from hardware.dynamixel.checks import wishes
 from hardware.dynamixel.codec import MAX_ID
-from hardware.dynamixel.control_table import tables
+from hardware.dynamixel.control_table import tables, usual_table
 from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only
 from hardware.dynamixel.line_scan import Sighting, Speed, write_setting
 from hardware.dynamixel.settings import (
@@ -66,10 +66,8 @@ def check_device(device: int, protocol: int | None) -> None:
 def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
     """Raise UsageError for what no servo (of this protocol, of this model; None: any) can hold."""
     check_speed(protocol, asked.baud)
-    if asked.registers.get(LEVEL[2].name) == ANSWER_ALL:  # any servo can hold it, be it in RAM
-        asked = replace(
-            asked, registers={name: asked.registers[name] for name in asked.registers if name != LEVEL[2].name}
-        )
+    if asked.registers.get(LEVEL) == ANSWER_ALL:  # any servo can hold it, be it in RAM
+        asked = replace(asked, registers={name: asked.registers[name] for name in asked.registers if name != LEVEL})
     possible = [one for one in tables() if protocol in (None, one.protocol) and model in (None, one.model)]
     if not possible:
         return
@@ -90,12 +88,12 @@ def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
 def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
     """The options, completed by the profile.
 
-    Status Return Level is in RAM with protocol 2.0, and is left out: a servo with status return off was set before, and
-    every run sets it. Raises BusError for a servo that is not of the profile's model and protocol.
+    Status Return Level is left out where it is in RAM: a servo with status return off was set before, and every run
+    sets it. Raises BusError for a servo that is not of the profile's model and protocol.
     """
     registers = dict(asked.registers)
-    if image.table.protocol == 2:
-        registers.pop(LEVEL[2].name, None)
+    if image.table[LEVEL].address >= image.table.eeprom_end:
+        registers.pop(LEVEL, None)
     servo, bus = target.servo, target.place.spec
     if servo is None or bus is None or target.needed is None:
         return replace(asked, registers=registers)
@@ -212,19 +210,19 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
     client = OneOff(place.port, seen.speed.protocol)
     if not answers_pings_only(client, device):
         return seen
-    name = LEVEL[client.protocol].name
-    if asked.registers.get(name, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
-        then = f"Add --register {name}={ANSWER_ALL}: that is written without its answer, and read back"
+    if asked.registers.get(LEVEL, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
+        then = f"Add --register {LEVEL}={ANSWER_ALL}: that is written without its answer, and read back"
         raise BusError(f"id {device} {PINGS_ONLY}", where=place.where, then=then)
     echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
-    echo(f"  {name}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
+    echo(f"  {LEVEL}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
     if dry_run:
         echo("dry run: nothing was written")
         return None
     if not agreed("Write this?", yes=yes):
         return None
-    client.write(device, LEVEL[client.protocol], ANSWER_ALL, verify=True)
-    echo(f"written and read back: {name}")
+    table = seen.table or usual_table(client.protocol)  # one of protocol 1.0 does not say its model
+    client.write(device, table[LEVEL], ANSWER_ALL, verify=True)
+    echo(f"written and read back: {LEVEL}")
     return _find(place, device, seen.speed.protocol)
 
 

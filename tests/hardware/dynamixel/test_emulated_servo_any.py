@@ -6,13 +6,14 @@ from hypothesis import strategies as st
 
 from emulated import read_register, servo1, servo2, write_register
 from hardware.dynamixel.codec import Instruction
+from hardware.servo import Layout, find_model
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
 from sim.emulator.servo2_registers import GOALS, goal_bounds
 from sim.emulator.servo_body import ServoBody
 
 MODELS = [
-    *((model, 2) for model in ("XM430-W350", "XL430-W250", "XL330-M288", "MX-28", "MX-106")),
+    *((model, 2) for model in ("XM430-W350", "XL430-W250", "XL330-M288", "MX-28", "MX-106", "XL-320")),
     *((model, 1) for model in ("MX-28", "MX-64", "AX-12A")),
 ]
 
@@ -85,7 +86,8 @@ def sound(servo: ServoBody) -> None:
 def test_no_instruction_breaks_a_servo(
     model: str, protocol: int, steps: list[tuple[float, tuple[int | str, bytes | None]]]
 ) -> None:
-    servo = servo2(model) if protocol == 2 else servo1(model, position=512.0)
+    x = find_model(model).layout_in(protocol) is Layout.X
+    servo = servo2(model) if x else servo1(model, position=512.0)
     now = 0.0
     for wait, (what, with_what) in steps:
         now += wait

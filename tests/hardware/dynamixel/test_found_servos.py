@@ -25,11 +25,13 @@ def _rig(model: str = "XM430-W350", protocol: int = 2) -> BusRig:
     return rig
 
 
-@pytest.mark.parametrize(("model", "protocol"), [("XM430-W350", 2), ("MX-28", 2), ("MX-28", 1), ("AX-12A", 1)])
+@pytest.mark.parametrize(
+    ("model", "protocol"), [("XM430-W350", 2), ("MX-28", 2), ("XL-320", 2), ("MX-28", 1), ("AX-12A", 1)]
+)
 def test_all_servos_receive_it_within_a_second_at_any_speed(model: str, protocol: int) -> None:
     rig = _rig(model, protocol)
     begun = rig.clock.now()
-    broadcast_torque_off(rig.port, all_speeds())
+    broadcast_torque_off(rig.port, all_speeds(), [rig.devices[0].table])
     assert rig.clock.now() - begun < 1.0
     assert rig.shown("torque_enable") == [0, 0, 0]
 

@@ -75,8 +75,8 @@ def test_a_dry_run_sends_nothing(lab: ServoLab) -> None:
     assert code == 0 and "torque_enable := 0" in out and lab.sent == []
 
 
-UNKNOWN = 64999
-"""A model without a table."""
+UNKNOWN = 4711
+"""The number of a model without a table."""
 WAYS = [("--robot", "op3"), ("--baud", "2000000", "--protocol", "2")]
 
 

@@ -14,7 +14,7 @@ from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.torque import PATIENCE, Drive, restart
 from hardware.errors import BusError
-from hardware.servo import ServoGains, ServoMode, ServoSpec
+from hardware.servo import Layout, ServoGains, ServoMode, ServoSpec
 from messages import refuses, shows
 from sim.emulator.faults import Direction, Fault, FaultKind
 from sim.emulator.line import Timing
@@ -405,10 +405,18 @@ def test_a_line_without_known_servos_switches_them_off_and_asks(protocol: int) -
     assert rig.shown("torque_enable") == [0, 1, 1, 0]
 
 
-def test_every_known_model_has_its_torque_there() -> None:
+def test_every_model_of_a_layout_has_its_torque_and_goal_in_the_same_places() -> None:
+    """What is sent to all servos of a bus fits each of them."""
+    places: dict[tuple[int, Layout], set[tuple[int, ...]]] = {}
     for table in tables():
-        known = table["torque_enable"]
-        assert (known.address, known.size) == (torque.TORQUE_ENABLE[table.protocol].address, 1), table.model
+        torque_on, goal = table["torque_enable"], table["goal_position"]
+        where = (torque_on.address, torque_on.size, goal.address, goal.size)
+        places.setdefault((table.protocol, table.layout), set()).add(where)
+    assert places == {
+        (1, Layout.OLDER): {(24, 1, 30, 2)},
+        (2, Layout.OLDER): {(24, 1, 30, 2)},
+        (2, Layout.X): {(64, 1, 116, 4)},
+    }
 
 
 def test_a_port_that_is_gone_is_named_and_the_others_are_switched_off() -> None:
