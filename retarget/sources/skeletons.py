@@ -280,6 +280,7 @@ SIDE_WORDS = {
 }
 """Words in names of joints that are 1: of the left, -1: of the right."""
 _SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words.split()} | {"左": 1, "右": -1}
+"""Each of them, and the signs for left and right, -> 1 or -1."""
 _WORD = re.compile(r"[左右]|[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 
