@@ -74,10 +74,12 @@ def completed(proposed: Links, given: Links, tree: Tree) -> Links:
         ]
         raise ConfigError.from_problems(problems)
     parts: dict[str, str | None] = proposed.model_dump() | given.model_dump(include=given.model_fields_set)
+    chosen = set(given.model_fields_set)
     for part in given.model_fields_set:
         other = f"r{part[1:]}"
         if part.startswith("l_") and other not in given.model_fields_set:
             parts[other] = _counterpart(parts[part], proposed, part, tree)
+            chosen.add(other)
     ways = {part: tree.path(tree.links[link]) for part, link in parts.items() if link is not None}
 
     def refused(what: str, part: str, other: str) -> Problem:
@@ -97,6 +99,8 @@ def completed(proposed: Links, given: Links, tree: Tree) -> Links:
             middle, end = f"{side}_{bend}", f"{side}_{last}"
             if middle in ways and end not in ways:
                 parts[middle] = None  # nothing is left to bend
+            elif middle in ways and ways[middle][-1] not in ways[end][1:] and middle not in chosen:
+                parts[middle] = _bend(tree, ways[end], ways.get(f"{'r' if side == 'l' else 'l'}_{last}", []), end)
             elif middle in ways and ways[middle][-1] not in ways[end][1:]:
                 problems.append(refused("not on the way from the trunk to the end of the limb", middle, end))
             elif bend == "knee" and parts.get(middle) and parts[middle] == parts[end]:
@@ -104,6 +108,16 @@ def completed(proposed: Links, given: Links, tree: Tree) -> Links:
     if problems:
         raise ConfigError.from_problems(problems)
     return Links.model_validate(parts)
+
+
+def _bend(tree: Tree, way: list[int], other: list[int], end: str) -> str | None:
+    """The elbow or knee of a limb whose end was given. way: its nodes from the base; other: those of the limb of the
+    other side."""
+    nodes, side = [node for node in way if node not in (BASE, *other)], end[0]
+    if not end.endswith("sole"):
+        return _arm(tree, nodes, side, NORMALS[0])[f"{side}_elbow"]
+    apart = tree.nodes[way[-1]].anchor - tree.nodes[other[-1]].anchor if other else NORMALS[0]
+    return _leg(tree, nodes, side, max(NORMALS, key=lambda normal: abs(float(apart @ normal))))[f"{side}_knee"]
 
 
 def _counterpart(link: str | None, proposed: Links, part: str, tree: Tree) -> str | None:

@@ -192,6 +192,18 @@ def test_a_link_on_the_left_gives_its_counterpart_on_the_right(part: str, place:
         assert getattr(links, f"r_{part}") == link.replace(left, right, 1), (robot, link)
 
 
+def test_what_is_derived_from_a_limb_is_derived_again_where_its_end_is_given() -> None:
+    """The elbow and the knee that were proposed lie beyond a hand or a sole that is nearer to the trunk."""
+    tree = shipped_tree("op3")
+    proposed = propose_links(tree)
+    assert proposed.l_elbow is not None and proposed.l_knee is not None
+    links = completed(proposed, Links(l_hand="l_sho_roll_link", l_sole="l_hip_pitch_link"), tree)
+    assert (links.r_hand, links.r_sole) == ("r_sho_roll_link", "r_hip_pitch_link")
+    assert links.l_elbow == "l_sho_roll_link" and links.r_knee is None
+    ankle = completed(proposed, Links(l_sole="l_ank_pitch_link"), tree)
+    assert (ankle.l_knee, ankle.r_knee) == (proposed.l_knee, proposed.r_knee)
+
+
 def test_links_are_read_strictly(tmp_path: Path) -> None:
     tree, path = shipped_tree("op3"), tmp_path / "links.yaml"
     path.write_text("l_hand: l_elbo\nhat: head\n")
