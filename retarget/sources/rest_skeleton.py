@@ -19,7 +19,7 @@ from math import fsum
 import numpy as np
 
 from retarget import rotations
-from retarget.arithmetic import dot, matmul, norm, norms
+from retarget.arithmetic import arccos, dot, matmul, norm, norms
 from retarget.errors import InputError
 from retarget.frames import ANKLE, HEAD_CENTRE, JOINTS, Skeleton
 from retarget.model.rest_skeleton import SEGMENT_END, hanging_toe, rest_faults
@@ -408,9 +408,9 @@ def _direction(vector: FloatArray) -> FloatArray:
 def _leaning(up: FloatArray) -> tuple[str, ...]:
     """In words, that a rest pose whose up is this direction (3,) stands along no axis of the file."""
     cosine = float(np.abs(up).max())
-    return (
-        () if cosine == 1.0 else (f"it leans {np.degrees(np.arccos(cosine)):.0f} degrees from every axis of the file",)
-    )
+    if cosine == 1.0:
+        return ()
+    return (f"it leans {np.degrees(float(arccos(cosine))):.0f} degrees from every axis of the file",)
 
 
 def _refuse_swapped(skeleton: Skeleton, *, where: str) -> None:

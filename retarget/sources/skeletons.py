@@ -284,10 +284,10 @@ _SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words.s
 _WORD = re.compile(r"[左右]|[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 
-def _named_left(tree: JointTree, limbs: Mapping[str, int]) -> int:
+def _named_left(tree: JointTree, limbs: Mapping[str, int]) -> float:
     """How many more joints of these limbs are named as of the left than as of the right."""
     words = [word.lower() for joint in limbs.values() for word in _WORD.findall(tree.names[joint])]
-    return sum(_SIDE_OF.get(word, 0) for word in words)
+    return fsum(_SIDE_OF.get(word, 0) for word in words)
 
 
 def _pointed_left(tree: JointTree, limbs: Sequence[Mapping[str, int]], rising: FloatArray, side: int) -> float:
