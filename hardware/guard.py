@@ -156,10 +156,7 @@ class Guard:
         on. Raises BusError when the bus fails."""
         now = self._clock.now()
         self._refuse_pause(now, "no tick for")
-        idle = self._clock.idle()
-        if self._read_at is not None and isinf(self.limits.max_pause) and idle - self._idle > SUSPENDED_S:
-            self.health.warnings.add(f"warning: {DID_NOT_RUN.format(idle - self._idle)}; real servos would stop")
-        self._read_at, self._idle = now, idle
+        self._read_at, self._idle = now, self._clock.idle()
         self.states = states = self._bus.read()
         goal = self.goal
         deflected = None if goal is None or goal.posture.tobytes() == goal.joints.tobytes() else goal.posture
@@ -224,11 +221,16 @@ class Guard:
             raise
 
     def _refuse_pause(self, now: float, what: str) -> None:
-        """Latch a tick, begun by `_read_at`, that has lasted too long by `now`, s."""
+        """Latch a tick, begun by `_read_at`, that has lasted too long by `now`, s. Servos that wait for a slow host
+        (simulated ones) need no stop: there a suspension is a warning."""
         if self._read_at is None:
             return
         pause, idle, most = now - self._read_at, self._clock.idle() - self._idle, self.limits.max_pause
-        if idle > max(SUSPENDED_S, most):
+        if isinf(most):
+            if idle > SUSPENDED_S:
+                self._idle += idle  # it is named once
+                self.health.warnings.add(f"warning: {DID_NOT_RUN.format(idle)}; real servos would stop")
+        elif idle > max(SUSPENDED_S, most):
             self.latch(StopCause.STALE_GOAL, DID_NOT_RUN.format(idle))
         elif pause > most:
             self.latch(StopCause.STALE_GOAL, f"{what} {pause:.3g} s, allowed {most:g} s")

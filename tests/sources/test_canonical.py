@@ -14,6 +14,7 @@ from retarget.sources.canonical import UNITS, canonical_frames, choose_unit, nam
 from retarget.sources.rest_skeleton import canonical_joints
 from retarget.sources.skeletons import JointTree, forward_kinematics
 from retarget.types import FloatArray
+from rigs import tree_of
 
 LIMBS = ((1.0, "Left"), (-1.0, "Right"))
 
@@ -44,13 +45,7 @@ def build(*, twist: bool = False, neck: bool = True, toes: bool = True, top: boo
         ends[f"{side}Foot"] = np.array([0.0, -0.06, 0.15])
         if toes:
             rows.append((f"{side}ToeBase", f"{side}Foot", (0.0, -0.06, 0.13)))
-    names = tuple(name for name, _, _ in rows)
-    return JointTree(
-        names=names,
-        parents=tuple(names.index(parent) if parent else -1 for _, parent, _ in rows),
-        offsets=np.array([offset for _, _, offset in rows]),
-        ends=tuple((ends[name],) if name in ends else () for name in names),
-    )
+    return tree_of(rows, ends)
 
 
 def joints_of(tree: JointTree) -> dict[str, str]:

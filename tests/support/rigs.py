@@ -1,7 +1,7 @@
 """One motion of one body, written by many rigs: which local axis bones lie along, what carries the hips, which way is
 up, mirrored or not, in any unit. Every rig must be read as the plain one."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,18 @@ from retarget.types import FloatArray
 
 FRAMES = 12
 SIDES = ((1.0, "Left"), (-1.0, "Right"))
+
+
+def tree_of(rows: Sequence[tuple[str, str, tuple[float, float, float]]], ends: Mapping[str, FloatArray]) -> JointTree:
+    """The tree of joints, each with the name of its parent ("" of the root) and its offset (3,), and the ends (3,) of
+    leaves."""
+    names = tuple(name for name, _, _ in rows)
+    return JointTree(
+        names=names,
+        parents=tuple(names.index(parent) if parent else -1 for _, parent, _ in rows),
+        offsets=np.array([offset for _, _, offset in rows]),
+        ends=tuple((ends[name],) if name in ends else () for name in names),
+    )
 
 
 def body(*, arms: Sequence[str] = ("Left", "Right"), toe: Sequence[float] = (0.0, -0.06, 0.13)) -> JointTree:
@@ -32,13 +44,7 @@ def body(*, arms: Sequence[str] = ("Left", "Right"), toe: Sequence[float] = (0.0
         rows += [(f"{side}UpLeg", "Hips", (0.09 * sign, -0.06, 0.0)), (f"{side}Leg", f"{side}UpLeg", (0.0, -0.42, 0.0))]
         rows += [(f"{side}Foot", f"{side}Leg", (0.0, -0.41, 0.0))]
         rows += [(f"{side}ToeBase", f"{side}Foot", (toe[0], toe[1], toe[2]))]
-    names = tuple(name for name, _, _ in rows)
-    return JointTree(
-        names=names,
-        parents=tuple(names.index(parent) if parent else -1 for _, parent, _ in rows),
-        offsets=np.array([offset for _, _, offset in rows]),
-        ends=tuple((ends[name],) if name in ends else () for name in names),
-    )
+    return tree_of(rows, ends)
 
 
 def moved(tree: JointTree) -> Pose:
