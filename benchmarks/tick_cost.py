@@ -119,7 +119,7 @@ def measure(seconds: float, *, parts: bool) -> dict[str, Floats]:
             stack.enter_context(patch.object(kind, name, meter.other(getattr(kind, name))))
         for label, (owner, name) in wanted.items():
             stack.enter_context(patch.object(owner, name, meter.part(label, getattr(owner, name))))
-        stack.enter_context(patch.object(Loop, "_run_tick", meter.tick(Loop._run_tick)))
+        stack.enter_context(patch.object(Loop, "tick", meter.tick(Loop.tick)))
         trace = Bench(FakeSender(five()), duration=seconds).run()
     if trace.error:
         raise RuntimeError(trace.error)

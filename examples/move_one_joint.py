@@ -18,7 +18,7 @@ def main() -> None:
     joints = robot.joint_map
     gate = Gate(joints, dt=DT)
     bus = emulated_bus(robot, clock, start=posture_ticks(robot), notify=print)
-    guard = Guard(bus=bus, joint_map=joints, clock=clock, limits=robot.profile.guard_limits())
+    guard = Guard(bus=bus, joint_map=joints, limits=robot.profile.guard_limits())
     head, ticks = joints.joints.index("head_pan"), round(SECONDS / DT)
     bus.open()  # checks every servo and writes what the profile wants
     try:
@@ -28,6 +28,7 @@ def main() -> None:
         for tick, angle in enumerate(path):
             clock.sleep_until(due + (tick + 1) * DT)
             states, target[head] = guard.read(), angle
+            guard.check(states, clock.now(), clock.idle())  # latches what is wrong with a servo
             guard.write((None if guard.stop else gate.check(target)) or gate.brake())
     finally:
         bus.close()  # torque off, whatever happened

@@ -14,7 +14,6 @@ import numpy as np
 
 from hardware.arrays import FloatArray, TickArray
 from hardware.bus import ServoBus, ServoGoals, ServoStates
-from hardware.clock import Clock
 from hardware.errors import GuardError
 from hardware.guard_state import BEARABLE, FAULTLESS, GuardLimits, Stop, StopCategory, StopCause
 from hardware.joint_map import JointMap
@@ -87,8 +86,8 @@ class Guard:
     not safe, and the stop's reason says so.
     """
 
-    def __init__(self, *, bus: ServoBus, joint_map: JointMap, clock: Clock, limits: GuardLimits | None = None) -> None:
-        self._bus, self._map, self._clock = bus, joint_map, clock
+    def __init__(self, *, bus: ServoBus, joint_map: JointMap, limits: GuardLimits | None = None) -> None:
+        self._bus, self._map = bus, joint_map
         self.limits = limits or GuardLimits()
         self.health = ServoHealth(joint_map, self.limits)
         self.torque = Torque.OFF
@@ -100,7 +99,7 @@ class Guard:
         """The goal written last."""
         self.sent: TickArray | None = None
         """Its ticks, (n,)."""
-        self._read_at: float | None = None  # [s] when the present tick began
+        self._checked_at: float | None = None  # [s] of the present tick
         self._idle = 0.0  # [s] idle time then
 
     @property
@@ -146,18 +145,22 @@ class Guard:
             if not np.array_equal(self._map.to_ticks(goal.joints), states.position):
                 raise GuardError("the gate moved the present posture", then="Begin the gate where the robot is")
             self._send(goal)
-            self._read_at = None
+            self._checked_at = None
             self.torque = Torque.ON  # before the command: any interrupt from here on switches it off
             self._bus.torque(True)
 
     def read(self) -> ServoStates:
-        """Read the servos, at the start of a tick. What is wrong with one is latched; where the robot cannot brake,
-        torque goes off. A pause between two ticks is latched, too: the servos stand by then, and the goals have moved
-        on. Raises BusError when the bus fails."""
-        now = self._clock.now()
-        self._refuse_pause(now, "no tick for")
-        self._read_at, self._idle = now, self._clock.idle()
-        self.states = states = self._bus.read()
+        """Read the servos, before `check`. Raises BusError when the bus fails."""
+        return self._bus.read()
+
+    def check(self, states: ServoStates, now: float, idle: float) -> None:
+        """Check the states of a tick at `now`, s; idle: idle time by then, s (see `Clock.idle`).
+
+        What is wrong with a servo is latched; where the robot cannot brake, torque goes off. A pause between two ticks
+        is latched, too: the servos stand by then, and the goals have moved on."""
+        self._refuse_pause(now, idle)
+        self._checked_at, self._idle = now, idle
+        self.states = states
         goal = self.goal
         deflected = None if goal is None or goal.posture.tobytes() == goal.joints.tobytes() else goal.posture
         fault = self.health.check(states, self.sent, deflected)
@@ -165,18 +168,16 @@ class Guard:
             self.switch_off(fault.cause, fault.reason)
         elif fault is not None and fault.category is StopCategory.BRAKE_AND_TORQUE_OFF:
             self.latch(fault.cause, fault.reason)
-        return states
 
     def write(self, goal: CheckedGoal) -> None:
-        """Send a goal to the servos. One that took too long since the servos were read is the last of its kind: a stop
-        is latched. Raises GuardError for anything but the gate's next goal, BusError when the bus fails."""
+        """Send a goal to the servos. Raises GuardError for anything but the gate's next goal, BusError when the bus
+        fails."""
         last = self.goal
         if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal is last:
             raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
         self._refuse_copy(goal)
         if self.torque is not Torque.ON:
             raise self._impossible("writing")
-        self._refuse_pause(self._clock.now(), "the goal took")
         self._send(goal)
 
     @staticmethod
@@ -189,7 +190,7 @@ class Guard:
         before it with which the robot still goes to rest."""
         stop = self.stop
         if stop is None:
-            self.stop = Stop(cause, reason, self._clock.now())
+            self.stop = Stop(cause, reason)
             return
         known = cause in FAULTLESS or (cause in (stop.cause, stop.then) and cause is not StopCause.LIMB_LOST)
         if not known and reason not in stop.reason and (stop.then is None or stop.then in BEARABLE):
@@ -206,7 +207,7 @@ class Guard:
             else:
                 reason, then = f"{first}, then: {reason}", cause
             cause = self.stop.cause
-        self.stop = Stop(cause, reason + CUT_POWER, self._clock.now(), powered=True, then=then)
+        self.stop = Stop(cause, reason + CUT_POWER, powered=True, then=then)
         with suppress(Exception):  # then it stays latched as powered
             self._torque_off()
 
@@ -220,20 +221,19 @@ class Guard:
                 self.switch_off(StopCause.BUS, text_of(error))
             raise
 
-    def _refuse_pause(self, now: float, what: str) -> None:
-        """Latch a tick, begun by `_read_at`, that has lasted too long by `now`, s. Servos that wait for a slow host
+    def _refuse_pause(self, now: float, idle: float) -> None:
+        """Latch a tick at `now`, s, that comes too long after the one before. Servos that wait for a slow host
         (simulated ones) need no stop: there a suspension is a warning."""
-        if self._read_at is None:
+        if self._checked_at is None:
             return
-        pause, idle, most = now - self._read_at, self._clock.idle() - self._idle, self.limits.max_pause
+        pause, idle, most = now - self._checked_at, idle - self._idle, self.limits.max_pause
         if isinf(most):
             if idle > SUSPENDED_S:
-                self._idle += idle  # it is named once
                 self.health.warnings.add(f"warning: {DID_NOT_RUN.format(idle)}; real servos would stop")
         elif idle > max(SUSPENDED_S, most):
             self.latch(StopCause.STALE_GOAL, DID_NOT_RUN.format(idle))
         elif pause > most:
-            self.latch(StopCause.STALE_GOAL, f"{what} {pause:.3g} s, allowed {most:g} s")
+            self.latch(StopCause.STALE_GOAL, f"no tick for {pause:.3g} s, allowed {most:g} s")
 
     @contextmanager
     def _arming(self) -> Iterator[None]:

@@ -48,7 +48,7 @@ BEARABLE = (*FAULTLESS, StopCause.LIMB_LOST, StopCause.NOT_READ, StopCause.FILTE
 
 @dataclass(frozen=True)
 class Stop:
-    """A latched stop: its cause, its reason in words, and when it began, in s on the guard's clock.
+    """A latched stop: its cause, and its reason in words.
 
     powered: not every servo confirmed that its torque is off; the operator has to cut the power, and `reason` says so.
     then: what ended the braking before the robot stood, if anything did.
@@ -56,7 +56,6 @@ class Stop:
 
     cause: StopCause
     reason: str
-    time: float
     powered: bool = False
     then: StopCause | None = None
 
@@ -71,7 +70,7 @@ class GuardLimits:
     """What the guard tolerates; limits that are not given are not watched.
 
     max_age: s since a servo's last answer. max_silence: s without a valid answer from any servo of a bus; until then
-    the robot holds. max_pause: s between ticks, and from the start of a tick to its goal.
+    the robot holds. max_pause: s between ticks.
     max_temperature: degrees Celsius. voltage: lowest and highest, V. following_error: rad of the joint between the
     present position and the way to the goal of the last tick, at once; sustained_error: rad, for sustained_time, s.
     max_current: A, for current_time, s. lag: s by which each servo's loop follows its goal, in servo order: errors are

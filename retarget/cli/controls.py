@@ -35,7 +35,7 @@ from retarget.types import Notify, RunState
 
 if TYPE_CHECKING:
     from retarget.live.performer import LivePerformer
-    from retarget.run.loop import Machine
+    from retarget.run.tick import Machine
 
 
 class Asked(Enum):

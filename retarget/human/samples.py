@@ -85,6 +85,24 @@ class Samples(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class PerformerInput:
+    """The performer at a tick, in states in which the robot moves with it.
+
+    tick: of the performance, None before following begins. sample: to follow; None: the robot is to hold. may_go_on:
+    whether the robot may follow, or go on with its approach; hold_reason: why not. paused: by the operator. settled:
+    how much of its speed the robot may use beyond that of its slow approach, 0 to 1. over: whether the performance is.
+    """
+
+    tick: int | None = None
+    sample: SensorSample | None = None
+    may_go_on: bool = False
+    hold_reason: str = ""
+    paused: bool = False
+    settled: float = 1.0
+    over: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class Performance:
     """A performer: their samples, their size, notes for the operator, and how sensors leave and come back."""
 

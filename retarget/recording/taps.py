@@ -14,8 +14,8 @@ from retarget.human.samples import Clip, Samples
 from retarget.recording.cycles import READINGS, Asked, Boundary, Done
 from retarget.recording.mcap_writer import MOST_EVENTS, Event, Level, Ring
 from retarget.recording.topics import SERVO_FIELDS
-from retarget.run.loop import Machine
 from retarget.run.record import Record
+from retarget.run.tick import Machine
 from retarget.types import FloatArray, RunState
 
 # What the taps write into: the cycle that runs, its events, and the state of the run.

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from retarget.human.reconstruction import Reconstructor
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
-from retarget.run.supervisor import BUS_SILENT
 from retarget.safety.gate import Gate
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
@@ -222,23 +220,14 @@ class Approach(Controller):
         return self._move.brake()
 
 
-class Pace(Protocol):
-    """How fast a performer is followed; each as in `retarget.human.samples.Samples`."""
+@dataclass(slots=True)
+class Pace:
+    """How fast a performer is followed. dt: s between ticks; motion_dt: s of the performer's time between them.
+    settled: how much of its speed the robot may use beyond that of its slow approach, 0 to 1."""
 
-    @property
-    def dt(self) -> float:
-        """Seconds between ticks."""
-        ...
-
-    @property
-    def motion_dt(self) -> float:
-        """Seconds of the performer's time between ticks."""
-        ...
-
-    @property
-    def settled(self) -> float:
-        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1."""
-        ...
+    dt: float
+    motion_dt: float
+    settled: float = 1.0
 
 
 class Follow(Controller):
@@ -463,31 +452,6 @@ def require_finite(posture: RobotPosture) -> RobotPosture:
     return posture
 
 
-NOT_FOLLOWABLE = "the performer could not be followed ({})"
-"""A hold reason; what is wrong with the performer, in a few words, is put in."""
-
-
-class Performing(Protocol):
-    """The performer tick by tick; each as in `retarget.human.samples.Samples`."""
-
-    @property
-    def hold_reason(self) -> str:
-        """Why the performer is not followed, in a few words."""
-        ...
-
-    def may_approach(self) -> bool:
-        """Whether the robot is to go on with its approach."""
-        ...
-
-    def sample(self, tick: int) -> SensorSample | None:
-        """The sensors at a tick; None: the robot is to hold."""
-        ...
-
-    def hold(self) -> None:
-        """The robot holds though the sensors are valid."""
-        ...
-
-
 class RobotMotion:
     """Moves one robot: the controller of each state, the gate, and where the robot was commanded to last.
 
@@ -509,7 +473,7 @@ class RobotMotion:
         """first: the sample that the robot approaches. goals (T, n): rad, recorded ones that it sends, a row a tick,
         instead of following. keyframes: of its way to rest; None: those of the profile. Raises RetargetError where the
         posture to approach is not known."""
-        self._follower, self._gate, dt = follower, gate, pace.dt
+        self._follower, self._gate, self.pace, dt = follower, gate, pace, pace.dt
         human = reconstructor.start(first)
         self.commanded = commanded = Commanded(robot, dt=dt)
         self.approach = Approach(robot, follower, commanded, human, dt=dt, goal=None if goals is None else goals[0])
@@ -542,24 +506,6 @@ class RobotMotion:
         if self._playback is not None and self.approach.arrived and self._playback.is_refused:
             return "the recorded goals"
         return ""
-
-    def look_at(
-        self, performer: Performing, tick: int, state: RunState, *, bus_is_silent: bool = False
-    ) -> tuple[SensorSample | None, str]:
-        """Take the sample of a tick, None during the approach, and see whether the robot can go on in this state, in
-        which it moves with the performer. Returns the sample and the hold reason, "" where the robot can go on."""
-        sample = performer.sample(tick) if self.approach.arrived else None
-        may_go_on = sample is not None if self.approach.arrived else performer.may_approach()
-        if not may_go_on:
-            return sample, NOT_FOLLOWABLE.format(performer.hold_reason)
-        if bus_is_silent:
-            return sample, BUS_SILENT
-        if self.refused:
-            return sample, f"the gate refuses {self.refused}"
-        if state is RunState.FOLLOW and self.follow.lost:
-            performer.hold()
-            return sample, "no posture found"
-        return sample, ""
 
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
@@ -604,6 +550,10 @@ class RobotMotion:
             alternative = self._stop.halt()
             goal, target = self._passed(alternative), alternative or target
         return goal or self._gate.brake(), target
+
+    def brake_at_once(self) -> CheckedGoal:
+        """The next goal of the gate's braking trajectory."""
+        return self._gate.brake()
 
     def sent(self, goal: CheckedGoal, target: Target | None) -> None:
         """Take over where the robot was commanded to by a goal that was sent for a target."""

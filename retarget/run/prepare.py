@@ -1,6 +1,6 @@
 """Load and check everything a run needs; what cannot run is refused before anything moves or is written."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -30,12 +30,13 @@ from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
 from retarget.robot.step_plan import StepTally, with_steps
-from retarget.run.loop import Ending, Loop, Machine, Watch, run_human
+from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.performers import RecordedPerformer
 from retarget.run.rest_trajectory import EndPlan, plan_end
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import Supervisor
+from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.schema.catalogue import Kind, entries
@@ -145,17 +146,22 @@ class Prepared:
     steps: StepTally | None = None
     parts: Parts = "whole"
 
-    def loop(self, watch: Watch) -> Loop:
-        """The loop of a run of the robot. Raises RetargetError where the posture to approach is not known."""
+    def loop(
+        self, operator: Operator | None = None, observers: Sequence[Observer] = (), inputs: Inputs | None = None
+    ) -> Loop:
+        """The loop of a run of the robot, as `Loop` says. Raises RetargetError where the posture to approach is not
+        known."""
         assert self.machine is not None, "a human alone has no loop of a robot"
-        return Loop(self.machine, self.samples, self.reconstructor, watch)
+        return Loop(self.machine, self.samples, self.reconstructor, operator or Operator(), observers, inputs)
 
-    def run(self, watch: Watch | None = None) -> RunResult:
-        """Run it. Raises GuardError or BusError when the robot cannot be armed."""
-        watch, machine = Watch() if watch is None else watch, self.machine
-        if machine is None:
-            return self.result(run_human(self.samples, self.reconstructor, watch))
-        return self.result(self.loop(watch).run())
+    def run(
+        self, operator: Operator | None = None, observers: Sequence[Observer] = (), inputs: Inputs | None = None
+    ) -> RunResult:
+        """Run it. inputs: of the ticks of a robot, see `Loop`. Raises GuardError or BusError when the robot cannot be
+        armed."""
+        if self.machine is None:
+            return self.result(run_human(self.samples, self.reconstructor, operator or Operator(), observers))
+        return self.result(self.loop(operator, observers, inputs).run())
 
     def result(self, ending: Ending) -> RunResult:
         """The run, with all that metrics, pictures and files need."""
@@ -262,7 +268,7 @@ def prepare_for(
     _say(of_follower, notify)
     real = not options.simulated
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
-    guard = Guard(bus=bus, joint_map=robot.joint_map, clock=clock, limits=limits)
+    guard = Guard(bus=bus, joint_map=robot.joint_map, limits=limits)
     supervisor = supervisor or Supervisor(notify=notify)
     machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify)
     prepared = replace(

@@ -258,19 +258,17 @@ class TickRecorder:
         samples: Samples,
         human: HumanPosture,
         sensors: int,
-        on_row: Callable[[Record, int], object],
         *,
         robot: RobotBody | None = None,
         posture: RobotPosture | None = None,
         stopping: float = 0.0,
     ) -> None:
-        """human, posture: the first ones. sensors: number of them. stopping: s that a stop may take. on_row: receives
-        the record and the row that was just filled."""
+        """human, posture: the first ones. sensors: number of them. stopping: s that a stop may take."""
         approach = 0 if robot is None else round(LONGEST_APPROACH_S / samples.dt)
         self._rows = RecordRows(approach=approach, follow=samples.kept, brake=round(stopping / samples.dt))
-        self._samples, self._on_row, self._robot = samples, on_row, robot
+        self._samples, self._robot = samples, robot
         self._wall, self._begun, self._followed_at = MonotonicClock(), 0.0, (0.0, 0.0)
-        self._record = self._empty(self._rows.room, human, sensors, posture)
+        self.record = self._empty(self._rows.room, human, sensors, posture)
         self._followed = 0  # ticks
 
     def _empty(self, rows: int, human: HumanPosture, sensors: int, posture: RobotPosture | None) -> Record:
@@ -295,8 +293,8 @@ class TickRecorder:
 
     def started(self, present: FloatArray) -> None:
         """Keep the joint positions (n,) rad before the first tick."""
-        if self._record.robot is not None:
-            self._record.robot.start[:] = present
+        if self.record.robot is not None:
+            self.record.robot.start[:] = present
 
     def begin(self) -> None:
         """Begin the row of a tick."""
@@ -304,7 +302,7 @@ class TickRecorder:
 
     def keep_human(self, human: HumanPosture, sample: SensorSample | None, *, error: bool) -> None:
         """The human of this tick, and the sample; error: whether the balance error is one of following."""
-        kept, row = self._record.human, self._rows.row
+        kept, row = self.record.human, self._rows.row
         kept.q[row], kept.joints[row] = human.q, human.joints
         kept.observer_modes[row] = human.observer_modes
         kept.sensors[row] = np.nan if sample is None else sample.position
@@ -312,7 +310,7 @@ class TickRecorder:
 
     def keep_costs(self, reconstruct: float, retarget: float) -> None:
         """Thread CPU of both stages, s."""
-        timing, row = self._record.timing, self._rows.row
+        timing, row = self.record.timing, self._rows.row
         timing.reconstruct[row], timing.retarget[row] = reconstruct, retarget
 
     def keep_robot(
@@ -327,7 +325,7 @@ class TickRecorder:
     ) -> None:
         """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target; gated:
         whether the gate refused what was asked; followed: for the performer."""
-        record, robot, row = self._record.robot, self._robot, self._rows.row
+        record, robot, row = self.record.robot, self._robot, self._rows.row
         assert record is not None and robot is not None, "a goal was written"
         assert guard.states is not None and guard.sent is not None, "a goal was written"
         record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent
@@ -337,13 +335,14 @@ class TickRecorder:
             record.observer_modes[row] = followed.observer_modes
         record.keep_servos(row, guard.states, robot.joint_map)
 
-    def keep(self, phase: Phase, *, approaches: bool = False) -> None:
-        """The tick is over. approaches: the next one is still of the approach."""
-        record, row = self._record, self._rows.row
+    def keep(self, phase: Phase, look: Callable[[Record, int], object], *, approaches: bool = False) -> None:
+        """The tick is over. look: receives the record and the row. approaches: the next tick is still of the
+        approach."""
+        record, row = self.record, self._rows.row
         record.phase[row] = phase
         now = self._wall.now()
         record.timing.cycle[row] = now - self._begun
-        self._on_row(record, row)
+        look(record, row)
         record.timing.cycle[row] = self._wall.now() - self._begun  # callbacks are part of the tick
         if phase is Phase.FOLLOW and not self._rows.closed:
             self._followed_at = (self._followed_at[0] if self._followed else self._begun, now)
@@ -356,7 +355,7 @@ class TickRecorder:
 
     def finish(self) -> tuple[Record, float]:
         """The record of the run, and the wall time of the following that is in it, s."""
-        record = self._rows.of(self._record)
+        record = self._rows.of(self.record)
         followed = record.following
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
         record.time[:] = (np.arange(len(record)) - begins) * self._samples.dt

@@ -12,6 +12,7 @@ from math import inf
 from hardware.clock import Clock
 from hardware.guard import Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
+from retarget.human.samples import PerformerInput
 from retarget.types import Notify, RunState
 
 
@@ -167,29 +168,35 @@ class End(Enum):
     """Where it has braked, without torque: nothing would go down."""
 
 
-@dataclass(slots=True)
-class Situation:
-    """What one tick knows. followable: whether the performer can be followed now; hold_reason: why not.
+@dataclass(frozen=True)
+class OperatorInput:
+    """What the operator asks for. stop: why the robot is to stop, None: it is not. torque_off: whether torque is to go
+    off at once; it counts once the robot stops. fault: cause and reason of a stop that is latched whatever the state:
+    the robot has fallen."""
 
-    paused: the operator pauses the robot: then a hold has no limit in time. approached: whether the approach is over.
-    arrived: whether the controller of the present state has arrived. stands: whether nothing is left to brake;
-    straight: whether that is on the straight part of the approach. end: how the run is to end. over: the performance
-    is. stop: why a stop is asked for; torque_off: why torque is to go off at once. released: the operator switches
-    torque off at the end.
+    stop: str | None = None
+    torque_off: bool = False
+    fault: tuple[StopCause, str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What the robot has done so far. hold_reason: why it cannot go on with the performer, "" where it can.
+
+    approached: whether the approach is over. arrived: whether the controller of the present state has arrived. stands:
+    whether nothing is left to brake; straight: whether that is on the straight part of the approach. end: how the run
+    is to end.
     """
 
-    followable: bool = False
     hold_reason: str = ""
-    paused: bool = False
     approached: bool = False
     arrived: bool = False
     stands: bool = False
     straight: bool = False
     end: End = End.BRAKED
-    over: bool = False
-    stop: str | None = None
-    torque_off: str | None = None
-    released: bool = False
+
+
+FORCED_STOP = "torque off before the robot stood, forced by the user"
 
 
 class Supervisor:
@@ -235,15 +242,17 @@ class Supervisor:
             raise ValueError(f"no transition from {self.state.value} to {state.value}")
         self.take(events[0], clock.now())
 
-    def step(self, now: float, situation: Situation, guard: Guard) -> RunState:
+    def step(
+        self, now: float, operator: OperatorInput, performer: PerformerInput, situation: Situation, guard: Guard
+    ) -> RunState:
         """The state of the tick at `now`, s. The reason of a stop is latched in the guard; where a transition switches
         torque off at once, the guard has switched it off."""
-        if self.state is RunState.HOLD and not situation.followable:
+        if self.state is RunState.HOLD and situation.hold_reason:
             self.hold_reason = situation.hold_reason
-            self._held_since = now if situation.paused else self._held_since
-        for event in self._events(now, situation, guard):
+            self._held_since = now if performer.paused else self._held_since
+        for event in self._events(now, operator, performer, situation, guard):
             if (self.state, event) in TRANSITIONS:
-                self._latch(event, now, situation, guard)
+                self._latch(event, now, operator, situation, guard)
                 self.take(event, now)
                 break
         return self.state
@@ -264,23 +273,25 @@ class Supervisor:
         with suppress(Exception):  # a lost terminal must not keep the robot from going to rest
             self._notify(f"return to stance: {why}; the robot goes on from where it is")
 
-    def _events(self, now: float, situation: Situation, guard: Guard) -> Iterator[Event]:
+    def _events(
+        self, now: float, operator: OperatorInput, performer: PerformerInput, situation: Situation, guard: Guard
+    ) -> Iterator[Event]:
         """What is the case now, in the order of `Event`."""
-        if situation.released:
+        if operator.torque_off:
             yield Event.RELEASED
-        if situation.torque_off is not None or guard.torque is not Torque.ON:
+        if self._is_forced(operator) or guard.torque is not Torque.ON:
             yield Event.TORQUE_OFF
         if not guard.may_go_to_rest:
             yield Event.FAULT
-        if situation.stop is not None or guard.stop is not None:
+        if operator.stop is not None or guard.stop is not None:
             yield Event.STOP
-        if situation.over:
+        if performer.over:
             yield Event.OVER
         began = self._held_since if self.state is RunState.HOLD else self.since
         stopping = now - self._entered.get(RunState.STOPPING, inf)
         if now - began > STATES[self.state].limit_s or stopping > LONGEST_STOP_S:
             yield Event.TIMEOUT
-        if not situation.followable:
+        if situation.hold_reason:
             yield Event.NO_COMMAND
         else:
             yield Event.RESUME if situation.approached else Event.RESUME_APPROACH
@@ -289,6 +300,10 @@ class Supervisor:
             yield Event.ENDS_STANDING if stays else Event.ARRIVED
         if situation.stands:
             yield self._stands(situation, guard)
+
+    def _is_forced(self, operator: OperatorInput) -> bool:
+        """Whether torque is to go off at once. A robot that moves with the performer brakes first."""
+        return operator.torque_off and self.state not in AT_RISK
 
     def _stands(self, situation: Situation, guard: Guard) -> Event:
         if not guard.may_go_to_rest:
@@ -299,16 +314,16 @@ class Supervisor:
             return Event.STANDS_ON_SOLES
         return Event.STANDS_ON_ITS_WAY if situation.end is End.AT_REST else Event.ENDS_STANDING
 
-    def _latch(self, event: Event, now: float, situation: Situation, guard: Guard) -> None:
+    def _latch(self, event: Event, now: float, operator: OperatorInput, situation: Situation, guard: Guard) -> None:
         """Latch why, where a transition stops the robot."""
         answered = f"the bus answered in only {guard.health.buses.answered:.0%} of the cycles"
         why = answered if self.hold_reason == BUS_SILENT else self.hold_reason
         held = f"{why} for {now - self._held_since:.3g} s, allowed {LONGEST_HOLD_S:g} s"
         if event is Event.TORQUE_OFF:
-            if situation.torque_off is not None:
-                guard.switch_off(StopCause.REQUESTED, situation.torque_off)
-        elif event is Event.STOP and situation.stop is not None:
-            guard.latch(StopCause.REQUESTED, situation.stop)
+            if self._is_forced(operator):
+                guard.switch_off(StopCause.REQUESTED, FORCED_STOP)
+        elif event is Event.STOP and operator.stop is not None:
+            guard.latch(StopCause.REQUESTED, operator.stop)
         elif event is Event.NO_COMMAND:
             self.hold_reason = situation.hold_reason
         elif event is Event.TIMEOUT and self.state is RunState.HOLD:

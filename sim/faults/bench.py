@@ -22,9 +22,10 @@ from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
-from retarget.run.loop import Machine, Watch
+from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, performance_of, prepare_for
+from retarget.run.tick import Machine
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, RunState
 from sim.buses import simulation_of

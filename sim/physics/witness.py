@@ -12,8 +12,8 @@ from hardware.bus import ServoBus, ServoGoals, ServoStates
 from retarget.ik.support_polygon import plant, sole_outline, support_distance, support_edges
 from retarget.model.body import JointType
 from retarget.model.robot import RobotBody
-from retarget.run.loop import NEAR_REST
 from retarget.run.run_result import Fallen, PhysicsRun
+from retarget.run.tick import NEAR_REST
 from sim.physics.mount import Support
 from sim.physics.simulation import Simulation
 from sim.physics.state import LOADED_SHARE, PhysicsState, StateReader

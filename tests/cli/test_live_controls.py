@@ -31,11 +31,12 @@ from retarget.cli.exit import StopRequest
 from retarget.cli.stop import connect_to
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
-from retarget.run.loop import Machine, Watch
+from retarget.run.loop import Watch
 from retarget.run.prepare import Prepared
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import LONGEST_HOLD_S
+from retarget.run.tick import Machine
 from retarget.types import FloatArray
 from sim.faults.sender import FakeSender
 

@@ -366,7 +366,7 @@ def test_states_and_stops_are_logged_when_they_change(note: Note, rig: Rig) -> N
         rig.supervisor.state = state
         note.look()
         note.before()
-    rig.supervisor.state, rig.guard.stop = RunState.FAULT, Stop(StopCause.REQUESTED, "enough", 3.0)
+    rig.supervisor.state, rig.guard.stop = RunState.FAULT, Stop(StopCause.REQUESTED, "enough")
     note.look()
     note.before()
     events = list(note.events)

@@ -126,9 +126,7 @@ def test_only_our_own_script_may_run(html: str) -> None:
 def test_a_hostile_name_does_nothing(run: RunResult, report: Report, html: str) -> None:
     assert run.robot is not None
     profile = run.robot.profile.model_copy(update={"name": EVIL})
-    hostile = replace(
-        run, robot=replace(run.robot, profile=profile), reason=EVIL, stop=Stop(StopCause.SOURCE, EVIL, 0.0)
-    )
+    hostile = replace(run, robot=replace(run.robot, profile=profile), reason=EVIL, stop=Stop(StopCause.SOURCE, EVIL))
     worse = replace(
         measure(hostile), source=EVIL, performer=EVIL, priorities=(EVIL,), notes=(EVIL,), tracking_mm={
             EVIL: next(iter(report.tracking_mm.values()))
@@ -244,7 +242,7 @@ def test_a_browser_draws_the_bodies_or_says_why_not(html: str, tmp_path: Path) -
 
 
 def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
-    stop = Stop(StopCause.VOLTAGE, "9.1 V", 0.0, powered=True, then=StopCause.BUS)
+    stop = Stop(StopCause.VOLTAGE, "9.1 V", powered=True, then=StopCause.BUS)
     stopped = replace(run, reason="the supply is low", stop=stop)
     (moment,) = moments(stopped)
     braking = run.record.time[run.record.following.stop]

@@ -20,18 +20,19 @@ from hardware.servo_health import ServoWarnings
 from live_rig import LiveRig
 from messages import refuses, shows, shows_lines
 from retarget.errors import UsageError
-from retarget.human.samples import Playback
+from retarget.human.samples import Clip, Playback
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.model.robot import RobotBody, load_robot
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
-from retarget.run.loop import FORCED_STOP, INTERRUPTED, Ending, Watch
+from retarget.run.loop import INTERRUPTED, Ending, Watch
 from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
 from retarget.run.prepare import limbs_of, make_gate, prepare
 from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
 from retarget.run.run_result import RunResult
+from retarget.run.supervisor import FORCED_STOP
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
@@ -164,16 +165,14 @@ def test_a_lost_bus_stops() -> None:
 @pytest.mark.parametrize("again", [1, 10**6])
 def test_a_tick_that_fails_on_a_robot_that_stands_leads_to_rest(again: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, failures = Rig(still(), goes_to_rest=True), 0
-    read = rig.guard.health.warnings.take_news
 
-    def fail() -> list[str]:
+    def fail(clip: Clip) -> None:
         nonlocal failures
         if rig.follower.tick > 12 and failures < again:
             failures += 1
             raise ArithmeticError("the tick broke")
-        return read()
 
-    monkeypatch.setattr(rig.guard.health.warnings, "take_news", fail)
+    monkeypatch.setattr(Clip, "poll", fail)
     ending = play(rig)
     assert ending.state is RunState.OFF and ending.reason == "the tick broke" and not rig.bus.torque_on
     assert ending.record.robot is not None

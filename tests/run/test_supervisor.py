@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from guard_rig import Rig
 from hardware.clock import VirtualClock
-from hardware.guard import Torque
+from hardware.guard import Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from messages import shows
+from retarget.human.samples import PerformerInput
 from retarget.run.supervisor import (
     AT_RISK,
     BUS_SILENT,
@@ -26,6 +27,7 @@ from retarget.run.supervisor import (
     TRANSITIONS,
     End,
     Event,
+    OperatorInput,
     Situation,
     Supervisor,
 )
@@ -33,9 +35,25 @@ from retarget.types import RunState
 from state_tables import tables_of_states
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "stops.md"
-FOLLOWED = Situation(followable=True, approached=True)
+FOLLOWED = Situation(approached=True)
 LOST = Situation(hold_reason="no data", approached=True)
 STANDS = Situation(approached=True, stands=True, end=End.AT_REST)
+
+
+NOTHING, MOVES = OperatorInput(), PerformerInput()
+STOP, TORQUE_OFF = OperatorInput(stop="space bar"), OperatorInput(torque_off=True)
+
+
+def step(
+    supervisor: Supervisor,
+    now: float,
+    situation: Situation,
+    guard: Guard,
+    operator: OperatorInput = NOTHING,
+    performer: PerformerInput = MOVES,
+) -> RunState:
+    """The state of a tick at `now`, s."""
+    return supervisor.step(now, operator, performer, situation, guard)
 
 
 def running(*, state: RunState = RunState.FOLLOW) -> tuple[Supervisor, Rig]:
@@ -124,9 +142,9 @@ def test_a_live_performer_is_measured_before_the_robot_is_armed() -> None:
 
 def test_a_hold_ends_in_a_stop_with_its_reason() -> None:
     supervisor, rig = running()
-    supervisor.step(1.0, LOST, rig.guard)
-    assert supervisor.step(1.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
-    assert supervisor.step(1.1 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.STOPPING
+    step(supervisor, 1.0, LOST, rig.guard)
+    assert step(supervisor, 1.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
+    assert step(supervisor, 1.1 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.STOPPING
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.STALE_GOAL
     shows(rig.guard.stop.reason)
 
@@ -138,7 +156,7 @@ def test_a_hold_for_a_bus_that_answers_now_and_then_says_how_often() -> None:
     for tick in range(600):
         is_silent, now = tick % 2 == 0, 1.0 + 0.01 * tick
         health.silence(replace(quiet if is_silent else states, time=now))
-        supervisor.step(now, waits if is_silent else FOLLOWED, rig.guard)
+        step(supervisor, now, waits if is_silent else FOLLOWED, rig.guard)
     assert supervisor.state is RunState.STOPPING and rig.guard.stop is not None
     shows(rig.guard.stop.reason)
 
@@ -146,45 +164,48 @@ def test_a_hold_for_a_bus_that_answers_now_and_then_says_how_often() -> None:
 def test_a_robot_that_has_lost_a_limb_goes_by_the_stance_to_rest() -> None:
     supervisor, rig = running()
     rig.guard.latch(StopCause.LIMB_LOST, "an arm is silent")
-    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.STOPPING
-    assert supervisor.step(1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
-    assert supervisor.step(1.3, Situation(arrived=True), rig.guard) is RunState.GO_TO_REST
+    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.STOPPING
+    assert step(supervisor, 1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    assert step(supervisor, 1.3, Situation(arrived=True), rig.guard) is RunState.GO_TO_REST
     rig.guard.latch(StopCause.SERVO_LOST, "a leg is silent")
-    assert supervisor.step(1.4, Situation(), rig.guard) is RunState.STOPPING
-    assert supervisor.step(1.6, STANDS, rig.guard) is RunState.FAULT
+    assert step(supervisor, 1.4, Situation(), rig.guard) is RunState.STOPPING
+    assert step(supervisor, 1.6, STANDS, rig.guard) is RunState.FAULT
 
 
 @pytest.mark.parametrize(("between", "ends"), [(0.9 * COMMANDED_S, True), (1.1 * COMMANDED_S, False)])
 def test_holds_with_single_goals_between_them_count_as_one(between: float, ends: bool) -> None:
     supervisor, rig = running()
-    supervisor.step(10.0, LOST, rig.guard)
-    supervisor.step(13.0, FOLLOWED, rig.guard)
-    supervisor.step(13.0 + between, LOST, rig.guard)
-    state = supervisor.step(10.1 + LONGEST_HOLD_S, LOST, rig.guard)
+    step(supervisor, 10.0, LOST, rig.guard)
+    step(supervisor, 13.0, FOLLOWED, rig.guard)
+    step(supervisor, 13.0 + between, LOST, rig.guard)
+    state = step(supervisor, 10.1 + LONGEST_HOLD_S, LOST, rig.guard)
     assert state is (RunState.STOPPING if ends else RunState.HOLD)
 
 
 def test_a_pause_on_purpose_is_not_counted() -> None:
     supervisor, rig = running()
-    paused = Situation(approached=True, paused=True, hold_reason="paused by the operator")
+    paused, waits = PerformerInput(paused=True), Situation(approached=True, hold_reason="paused by the operator")
     for second in range(100):
-        assert supervisor.step(float(second), paused, rig.guard) is RunState.HOLD
-    assert supervisor.step(99.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
+        assert step(supervisor, float(second), waits, rig.guard, performer=paused) is RunState.HOLD
+    assert step(supervisor, 99.0 + LONGEST_HOLD_S, LOST, rig.guard) is RunState.HOLD
 
 
 @pytest.mark.parametrize("state", AT_RISK)
-@pytest.mark.parametrize("situation", [Situation(stop="space bar"), Situation(over=True)])
-def test_a_stop_that_is_asked_for_and_the_end_stop_the_robot(state: RunState, situation: Situation) -> None:
+@pytest.mark.parametrize("over", [False, True])
+def test_a_stop_that_is_asked_for_and_the_end_stop_the_robot(state: RunState, over: bool) -> None:
     supervisor, rig = running(state=state)
-    assert supervisor.step(1.0, situation, rig.guard) is RunState.STOPPING
-    assert (rig.guard.stop is None) == situation.over
+    operator, performer = OperatorInput() if over else STOP, PerformerInput(over=over)
+    assert step(supervisor, 1.0, Situation(), rig.guard, operator, performer) is RunState.STOPPING
+    assert (rig.guard.stop is None) == over
     assert rig.guard.stop is None or rig.guard.stop.cause is StopCause.REQUESTED
 
 
-@pytest.mark.parametrize("state", [state for state, row in STATES.items() if row.torque])
+@pytest.mark.parametrize(
+    "state", [state for state, row in STATES.items() if row.torque and state not in (*AT_RISK, RunState.STANDING)]
+)
 def test_a_forced_stop_switches_torque_off_at_once(state: RunState) -> None:
     supervisor, rig = running(state=state)
-    assert supervisor.step(1.0, Situation(torque_off="forced"), rig.guard) is RunState.FAULT
+    assert step(supervisor, 1.0, Situation(), rig.guard, TORQUE_OFF) is RunState.FAULT
     assert rig.guard.torque is Torque.OFF and not rig.bus.torque_on
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
 
@@ -193,69 +214,69 @@ def test_a_forced_stop_switches_torque_off_at_once(state: RunState) -> None:
 def test_torque_that_the_guard_switched_off_ends_the_run(state: RunState) -> None:
     supervisor, rig = running(state=state)
     rig.guard.switch_off(StopCause.BUS_SILENT, "no answer")
-    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.FAULT
+    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.FAULT
 
 
 @pytest.mark.parametrize("state", AT_RISK)
 def test_a_stop_that_the_guard_latched_stops_the_robot(state: RunState) -> None:
     supervisor, rig = running(state=state)
     rig.guard.latch(StopCause.STALE_GOAL, "no tick")
-    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.STOPPING
-    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.STOPPING
+    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
 
 
 def test_a_stop_in_the_last_tick_keeps_its_reason() -> None:
     supervisor, rig = running()
-    assert supervisor.step(1.0, Situation(stop="space bar", over=True), rig.guard) is RunState.STOPPING
+    assert step(supervisor, 1.0, Situation(), rig.guard, STOP, PerformerInput(over=True)) is RunState.STOPPING
     assert rig.guard.stop is not None and rig.guard.stop.reason == "space bar"
 
 
 def test_a_hold_that_was_too_long_does_not_resume() -> None:
     supervisor, rig = running()
-    supervisor.step(1.0, LOST, rig.guard)
-    assert supervisor.step(1.1 + LONGEST_HOLD_S, FOLLOWED, rig.guard) is RunState.STOPPING
+    step(supervisor, 1.0, LOST, rig.guard)
+    assert step(supervisor, 1.1 + LONGEST_HOLD_S, FOLLOWED, rig.guard) is RunState.STOPPING
 
 
 @pytest.mark.parametrize("state", [*AT_RISK, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
 def test_a_fault_brakes_and_does_not_lead_to_rest(state: RunState) -> None:
     supervisor, rig = running(state=state)
     rig.guard.latch(StopCause.SERVO_ALERT, "too hot")
-    assert supervisor.step(1.0, FOLLOWED, rig.guard) is RunState.STOPPING
+    assert step(supervisor, 1.0, FOLLOWED, rig.guard) is RunState.STOPPING
     assert rig.guard.torque is Torque.ON
-    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.FAULT
+    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.FAULT
 
 
 def test_a_stop_goes_by_the_stance_to_rest() -> None:
     supervisor, rig = running()
-    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
-    assert supervisor.step(1.1, Situation(approached=True), rig.guard) is RunState.STOPPING
-    assert supervisor.step(1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
-    assert supervisor.step(1.3, Situation(arrived=True, stands=True), rig.guard) is RunState.GO_TO_REST
-    assert supervisor.step(1.4, Situation(arrived=True, stands=True), rig.guard) is RunState.OFF
+    step(supervisor, 1.0, Situation(), rig.guard, STOP)
+    assert step(supervisor, 1.1, Situation(approached=True), rig.guard) is RunState.STOPPING
+    assert step(supervisor, 1.2, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    assert step(supervisor, 1.3, Situation(arrived=True, stands=True), rig.guard) is RunState.GO_TO_REST
+    assert step(supervisor, 1.4, Situation(arrived=True, stands=True), rig.guard) is RunState.OFF
     assert supervisor.over and not supervisor.torque
 
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_return_to_stance_that_is_broken_off_is_not_tried_again(fails: bool) -> None:
     supervisor, rig = running()
-    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
-    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
+    step(supervisor, 1.0, Situation(), rig.guard, STOP)
+    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.RETURN_TO_STANCE
     now = 1.2 + LONGEST_RETURN_S * (not fails)
     if fails:
         supervisor.fail(now, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
     else:
-        supervisor.step(now, Situation(), rig.guard)
+        step(supervisor, now, Situation(), rig.guard)
     assert state_of(supervisor) is RunState.STOPPING
-    assert supervisor.step(now + 0.1, STANDS, rig.guard) is RunState.GO_TO_REST
+    assert step(supervisor, now + 0.1, STANDS, rig.guard) is RunState.GO_TO_REST
 
 
 @pytest.mark.parametrize("state", [RunState.STOPPING, RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
 def test_a_stop_has_a_bound_as_a_whole(state: RunState) -> None:
     supervisor, rig = running()
-    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    step(supervisor, 1.0, Situation(), rig.guard, STOP)
     supervisor.state, supervisor.since = state, 1.0 + LONGEST_STOP_S
-    assert supervisor.step(1.0 + LONGEST_STOP_S, Situation(), rig.guard) is state
-    assert supervisor.step(1.1 + LONGEST_STOP_S, Situation(), rig.guard) is TRANSITIONS[state, Event.TIMEOUT].to
+    assert step(supervisor, 1.0 + LONGEST_STOP_S, Situation(), rig.guard) is state
+    assert step(supervisor, 1.1 + LONGEST_STOP_S, Situation(), rig.guard) is TRANSITIONS[state, Event.TIMEOUT].to
 
 
 def state_of(supervisor: Supervisor) -> RunState:
@@ -264,8 +285,8 @@ def state_of(supervisor: Supervisor) -> RunState:
 
 def test_braking_has_a_bound() -> None:
     supervisor, rig = running()
-    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
-    assert supervisor.step(1.1 + LONGEST_BRAKE_S, Situation(), rig.guard) is RunState.FAULT
+    step(supervisor, 1.0, Situation(), rig.guard, STOP)
+    assert step(supervisor, 1.1 + LONGEST_BRAKE_S, Situation(), rig.guard) is RunState.FAULT
     assert rig.guard.torque is Torque.OFF and rig.guard.stop is not None
     shows(rig.guard.stop.reason)
 
@@ -273,7 +294,7 @@ def test_braking_has_a_bound() -> None:
 @pytest.mark.parametrize("state", [RunState.RETURN_TO_STANCE, RunState.GO_TO_REST])
 def test_the_way_to_rest_has_a_bound(state: RunState) -> None:
     supervisor, rig = running(state=state)
-    after = supervisor.step(1.0 + STATES[state].limit_s, Situation(), rig.guard)
+    after = step(supervisor, 1.0 + STATES[state].limit_s, Situation(), rig.guard)
     assert after is TRANSITIONS[state, Event.TIMEOUT].to
     assert (rig.guard.stop is not None) == (state is RunState.GO_TO_REST), "a run that does not end at rest failed"
 
@@ -302,13 +323,13 @@ def test_only_the_operator_a_servo_or_the_bus_take_the_torque_of_a_robot_that_ca
     assert supervisor.state is RunState.STANDING
     supervisor.fail(1.05, "it broke again", StopCause.FILTER, rig.guard, may_brake=True)
     for now in (1.1, 1e3, 1e6):
-        assert supervisor.step(now, STANDS, rig.guard) is RunState.STANDING
+        assert step(supervisor, now, STANDS, rig.guard) is RunState.STANDING
     assert rig.guard.torque is Torque.ON and rig.guard.stop is not None
     assert rig.guard.stop.reason == "it broke, then: it broke again"
-    assert supervisor.step(2e6, Situation(released=True), rig.guard) is RunState.OFF
+    assert step(supervisor, 2e6, Situation(), rig.guard, TORQUE_OFF) is RunState.OFF
     supervisor, rig = running(state=RunState.STANDING)
     rig.guard.latch(StopCause.TEMPERATURE, "hot")
-    assert supervisor.step(1.1, STANDS, rig.guard) is RunState.FAULT
+    assert step(supervisor, 1.1, STANDS, rig.guard) is RunState.FAULT
 
 
 @pytest.mark.parametrize("straight", [False, True])
@@ -316,14 +337,14 @@ def test_a_run_that_is_to_end_standing_stands_in_its_stance_or_where_it_was_on_i
     supervisor, rig = running(state=RunState.STOPPING)
     stands = Situation(stands=True, straight=straight, end=End.STANDING)
     if not straight:
-        assert supervisor.step(1.1, stands, rig.guard) is RunState.RETURN_TO_STANCE
+        assert step(supervisor, 1.1, stands, rig.guard) is RunState.RETURN_TO_STANCE
         stands = Situation(arrived=True, end=End.STANDING)
-    assert supervisor.step(1.2, stands, rig.guard) is RunState.STANDING
+    assert step(supervisor, 1.2, stands, rig.guard) is RunState.STANDING
 
 
 def test_on_the_straight_approach_a_stop_goes_straight_to_rest() -> None:
     supervisor, rig = running(state=RunState.APPROACH)
-    supervisor.step(1.0, Situation(stop="space bar"), rig.guard)
+    step(supervisor, 1.0, Situation(), rig.guard, STOP)
     assert (
-        supervisor.step(1.1, Situation(stands=True, straight=True, end=End.AT_REST), rig.guard) is RunState.GO_TO_REST
+        step(supervisor, 1.1, Situation(stands=True, straight=True, end=End.AT_REST), rig.guard) is RunState.GO_TO_REST
     )

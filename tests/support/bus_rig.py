@@ -184,7 +184,7 @@ class GuardedBus:
     def __init__(self, rig: BusRig) -> None:
         joint_map = JointMap(rig.servos)
         self._clock, self._gate = rig.clock, Gate(joint_map, dt=CYCLE)
-        self.guard = Guard(bus=rig.bus, joint_map=joint_map, clock=rig.clock)
+        self.guard = Guard(bus=rig.bus, joint_map=joint_map)
 
     def arm(self) -> FloatArray:
         """Switch torque on. Returns the present posture, rad (n,)."""
@@ -197,7 +197,7 @@ class GuardedBus:
         for _ in range(ticks):
             if self.guard.torque is Torque.ON:
                 begun = self._clock.now()
-                self.guard.read()
+                self.guard.check(self.guard.read(), begun, 0.0)
                 if self.guard.torque is Torque.ON:
                     self.guard.write(self._gate.brake())
                 self._clock.sleep_until(begun + CYCLE)

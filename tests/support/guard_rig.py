@@ -44,7 +44,7 @@ class Rig:
         self.clock = VirtualClock()
         self.bus = Recorder(self.clock, faults)
         self.gate = Gate(MAP, dt=DT)
-        self.guard = Guard(bus=self.bus, joint_map=MAP, clock=self.clock, limits=limits)
+        self.guard = Guard(bus=self.bus, joint_map=MAP, limits=limits)
         self.bus.open()
 
     def arm(self) -> FloatArray:
@@ -59,9 +59,13 @@ class Rig:
         for _ in range(ticks):
             if self.guard.torque is Torque.ON:
                 self.clock.advance(DT)
-                self.guard.read()
+                self.read()
             if self.guard.torque is Torque.ON:
                 self.guard.write(self.gate.brake() if self.guard.stop else (next_goal or self.faster)())
+
+    def read(self) -> None:
+        """Read the servos and check them, at the beginning of a tick."""
+        self.guard.check(self.guard.read(), self.clock.now(), self.clock.idle())
 
     def stopped(self) -> Stop | None:
         """The latched stop, as it is now."""

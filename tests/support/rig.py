@@ -1,5 +1,6 @@
 """Stand-ins for both stages, so that the loop, the metrics and the files are tested without a solver."""
 
+from collections.abc import Sequence
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -18,10 +19,11 @@ from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
-from retarget.run.loop import Ending, Loop, Machine, Watch
+from retarget.run.loop import Ending, Loop, Observer, Operator
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.run.supervisor import End, Supervisor
+from retarget.run.tick import Machine
 from retarget.safety.gate import Gate
 from retarget.schema.performer import Performer, load_performer
 from retarget.types import BoolArray, FloatArray, HumanPosture, RobotPosture
@@ -148,7 +150,7 @@ class Rig:
         self.bus = FaultyBus(self.robot.joint_map.servos, self.clock, start=start, **bus_options)  # type: ignore[arg-type]
         self.bus.open()
         self.gate = Gate(self.robot.joint_map, dt=self.dt)
-        self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map, clock=self.clock)
+        self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map)
         self.follower = StubFollower(self.robot, script)
         self.notes: list[str] = []
         self.supervisor = Supervisor(notify=self.notes.append)
@@ -165,10 +167,12 @@ class Rig:
             notify=self.notes.append,
         )
 
-    def loop(self, clip: Clip | None = None, watch: Watch | None = None) -> Loop:
+    def loop(
+        self, clip: Clip | None = None, operator: Operator | None = None, observers: Sequence[Observer] = ()
+    ) -> Loop:
         """A run of a clip; None: 0.4 s of the synthetic performer."""
         clip = short_clip(seconds=0.4) if clip is None else clip
-        return Loop(self.machine, clip, StubReconstructor(person()), Watch() if watch is None else watch)
+        return Loop(self.machine, clip, StubReconstructor(person()), operator or Operator(), observers)
 
 
 @cache
@@ -198,5 +202,5 @@ def scripted_run() -> RunResult:
     return result(ending, clip, human, rig.robot)
 
 
-def play(rig: Rig, watch: Watch | None = None) -> Ending:
-    return rig.loop(watch=watch).run()
+def play(rig: Rig, operator: Operator | None = None, *observers: Observer) -> Ending:
+    return rig.loop(None, operator, observers).run()

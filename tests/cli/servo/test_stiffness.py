@@ -128,7 +128,7 @@ def test_what_is_refused_before_anything_moves(
 def test_a_servo_that_gives_way_is_to_carry_less(
     cause: StopCause, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stop = Stop(cause, "the guard stopped it", 1.0)
+    stop = Stop(cause, "the guard stopped it")
     ended = SimpleNamespace(record=SimpleNamespace(robot=None), reason=stop.reason, stop=stop)
     monkeypatch.setattr("retarget.cli.servo.stiffness._play", lambda *_: ended)
     assert run("op3", "--joint", "l_knee", "--bus", "physics", *WEIGHT) == STOPPED

@@ -1,0 +1,273 @@
+"""A tick of a run as a function: what is known when it begins goes in, its goal comes out.
+
+`step` is the whole of a tick between reading and writing, in its order: look at the servos, let the supervisor choose
+the state, find a target, check it. It reads no clock, no bus and no stream. The loop of a run, `retarget.Pipeline` and
+the replay of a recording gather a `TickInput`, call it, and write the goal.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hardware.bus import ServoStates
+from hardware.clock import Clock
+from hardware.errors import BusError
+from hardware.guard import CheckedGoal, Guard, text_of
+from hardware.guard_state import StopCause
+from retarget.frames import SensorSample
+from retarget.human.samples import PerformerInput
+from retarget.model.observers import robot_observers
+from retarget.model.robot import RobotBody
+from retarget.robot.follower import Follower
+from retarget.run.controllers import RobotMotion, Target, rest_joints
+from retarget.run.rest_trajectory import EndPlan
+from retarget.run.supervisor import AT_RISK, BUS_SILENT, End, OperatorInput, Situation, Supervisor
+from retarget.safety.gate import Gate
+from retarget.types import FloatArray, Notify, RobotPosture, RunState
+
+TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
+"""States in which the robot brakes and waits while the bus is silent."""
+STANDS = "the run ends standing, with torque: {}"
+HOLDS_ON_ITS_WAY = "on its way to rest the robot holds, and tries again: {}"
+NOT_FOLLOWABLE = "the performer could not be followed ({})"
+"""A hold reason; what is wrong with the performer, in a few words, is put in."""
+NEAR_REST = 0.2
+"""A robot is at rest when no joint is farther than this from posture `rest`, rad."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An exception in a tick. cause: of the stop that it leads to; reason: the exception in words."""
+
+    cause: StopCause
+    reason: str
+
+
+@contextmanager
+def caught(failures: list[Failure], cause: StopCause) -> Iterator[None]:
+    """Append what fails to `failures`; no exception gets farther in a tick. Only a BusError is a failure of the bus:
+    after any other the robot can still brake."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
+        if cause is StopCause.BUS and not isinstance(error, BusError):
+            cause = StopCause.FILTER
+        failures.append(Failure(cause, text_of(error)))
+
+
+@dataclass(frozen=True, eq=False)
+class TickInput:
+    """All that a tick is given. now: s, on the run's clock, when its inputs were there; idle: s, see `Clock.idle`.
+
+    servos: their states; None: they could not be read.
+    failures: of what gathered all this, and of an attempt before at this tick.
+    """
+
+    now: float
+    idle: float = 0.0
+    servos: ServoStates | None = None
+    performer: PerformerInput = field(default_factory=PerformerInput)
+    operator: OperatorInput = field(default_factory=OperatorInput)
+    failures: tuple[Failure, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the tick is to brake: what asks for a stop, or looks on, may fail without that."""
+        return any(failure.cause is not StopCause.SOURCE for failure in self.failures)
+
+
+@dataclass(frozen=True, eq=False)
+class TickState:
+    """What a tick hands to the next one. tick: of the performance, the next. sample: the last of the performer, or the
+    one that the robot approaches; None: it was not valid. refused: why goals on the way to rest were refused; standing:
+    why the robot stands at the end."""
+
+    tick: int = 0
+    sample: SensorSample | None = None
+    refused: str = ""
+    standing: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class TickOutput:
+    """What a tick leads to. goal: to be written now, None once torque is off; target: what it is for, None where there
+    was none. gated: the gate refused what was asked. followed: the robot's posture for the performer, where it follows.
+    lost: no posture was found, and the performer is to be told that the robot holds. news: sentences for the
+    operator."""
+
+    state: TickState
+    run_state: RunState
+    goal: CheckedGoal | None = None
+    target: Target | None = None
+    gated: bool = False
+    followed: RobotPosture | None = None
+    lost: bool = False
+    news: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A robot that can run. clock: of the run, which its loop reads, and no tick. waits: a robot that stands at the end
+    waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals (T, n):
+    rad, recorded ones that are sent instead of following."""
+
+    robot: RobotBody
+    follower: Follower
+    gate: Gate
+    guard: Guard
+    supervisor: Supervisor
+    clock: Clock
+    dt: float
+    end_plan: EndPlan = field(default_factory=EndPlan)
+    waits: bool = True
+    notify: Notify = lambda text: None
+    goals: FloatArray | None = None
+
+    def not_at_rest(self, standing: str) -> tuple[str, ...]:
+        """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it. standing:
+        why it stood at the end, "" where it did not."""
+        states, robot, state = self.guard.states, self.robot, self.supervisor.state
+        if standing:
+            until = ", until the operator switched torque off" if state is RunState.OFF else ""
+            return (f"it ended standing, with torque{until}: {standing}",)
+        if states is None or state is not RunState.OFF or self.end_plan.end is End.BRAKED or not robot.stands:
+            return ()
+        off = np.abs(robot.joint_map.to_radians(states.position) - rest_joints(robot))
+        off[self.guard.health.lost] = 0.0
+        worst = int(off.argmax())
+        if off[worst] <= NEAR_REST:
+            return ()
+        return (f"not at rest: torque went off with {robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it",)
+
+    @property
+    def refused(self) -> str:
+        """What was in the way of the goal that the gate checked last, in words; "" where it passed."""
+        clearance = self.gate.clearance
+        way = "" if clearance is None else clearance.in_the_way(robot_observers(self.robot).names)
+        return f"the gate refused goals that bring {way} too near to each other" if way else ""
+
+
+def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickOutput:
+    """The goal of a tick, and the state after it. Servos, gate, supervisor and controllers remember what they are
+    given."""
+    guard, supervisor = machine.guard, machine.supervisor
+    _look_at_servos(machine, given)
+    news = tuple(guard.health.warnings.take_news())
+    hold_reason, lost = _hold_reason(machine, motion, given)
+    state = _with_sample(state, given)
+    situation = _situation(machine, motion, hold_reason)
+    run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
+    state, standing = _standing(machine, state)
+    if supervisor.over:
+        return TickOutput(state, run_state, lost=lost, news=news + standing)
+    unwritten = _unwritten(machine)
+    wanted = None if unwritten else _target(machine, motion, state, given)
+    goal, target = (unwritten, None) if unwritten else motion.check(run_state, wanted)
+    if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
+        refused = machine.refused or "the gate refuses the goal"
+        news += () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
+        state = replace(state, refused=refused)
+    return TickOutput(
+        state,
+        run_state,
+        goal,
+        target,
+        gated=wanted is not None and not (goal.passed and target is wanted),
+        followed=motion.follow.posture if run_state is RunState.FOLLOW else None,
+        lost=lost,
+        news=news + standing,
+    )
+
+
+def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickOutput:
+    """The tick after a failure: the robot brakes, or torque goes off. Without the bus no robot brakes."""
+    supervisor, guard = machine.supervisor, machine.guard
+    for failure in given.failures:
+        if failure.cause is StopCause.SOURCE:
+            guard.latch(failure.cause, failure.reason)
+            continue
+        before, may_brake = supervisor.state, failure.cause is not StopCause.BUS
+        supervisor.fail(given.now, failure.reason, failure.cause, guard, may_brake=may_brake)
+        if supervisor.state is before:  # a stop that goes on failing has its limits, too
+            situation = _situation(machine, motion, "")
+            supervisor.step(given.now, OperatorInput(), PerformerInput(), situation, guard)
+    state, news = _standing(machine, _with_sample(state, given))
+    goal = None if supervisor.over else _unwritten(machine) or motion.brake_at_once()
+    return TickOutput(state, supervisor.state, goal, news=news)
+
+
+def _unwritten(machine: Machine) -> CheckedGoal | None:
+    """The goal that an interrupt has kept from being written. Without it the next step would be twice as long."""
+    goal = machine.gate.goal
+    return None if goal is machine.guard.goal else goal
+
+
+def _look_at_servos(machine: Machine, given: TickInput) -> None:
+    """Latch what has failed, and what is wrong with the robot."""
+    guard, clearance = machine.guard, machine.gate.clearance
+    for failure in given.failures:
+        guard.latch(failure.cause, failure.reason)
+    if given.operator.fault is not None:
+        guard.latch(*given.operator.fault)
+    assert given.servos is not None, "servos that could not be read are a failure"
+    guard.check(given.servos, given.now, given.idle)
+    if clearance is not None:
+        clearance.measure(machine.robot.joint_map.to_radians(given.servos.position))
+
+
+def _with_sample(state: TickState, given: TickInput) -> TickState:
+    """The state with the sample of this tick, if following has begun."""
+    tick = given.performer.tick
+    return state if tick is None else replace(state, sample=given.performer.sample, tick=tick + 1)
+
+
+def _hold_reason(machine: Machine, motion: RobotMotion, given: TickInput) -> tuple[str, bool]:
+    """Why the robot cannot go on in a state in which it moves with the performer, "" where it can; and whether that is
+    because no posture was found."""
+    state, performer = machine.supervisor.state, given.performer
+    if state not in AT_RISK or performer.over:
+        return "", False
+    if not performer.may_go_on:
+        return NOT_FOLLOWABLE.format(performer.hold_reason), False
+    if machine.guard.is_silent:
+        return BUS_SILENT, False
+    if motion.refused:
+        return f"the gate refuses {motion.refused}", False
+    if state is RunState.FOLLOW and motion.follow.lost:
+        return "no posture found", True
+    return "", False
+
+
+def _situation(machine: Machine, motion: RobotMotion, hold_reason: str) -> Situation:
+    """What the robot has done so far."""
+    return Situation(
+        hold_reason=hold_reason,
+        approached=motion.approach.arrived,
+        arrived=motion.has_arrived(machine.supervisor.state),
+        stands=motion.stands,
+        straight=motion.on_approach,
+        end=machine.end_plan.end,
+    )
+
+
+def _target(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> Target | None:
+    """What the controller of the present state asks for; None: brake, or stand."""
+    guard, run_state = machine.guard, machine.supervisor.state
+    if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
+        return motion.brake(run_state)
+    if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:
+        machine.follower.set_contact_state(None if guard.states is None else guard.states.soles)
+    motion.pace.settled = given.performer.settled
+    return motion.target(run_state, state.sample, speed_override=guard.health.warnings.speed_override)
+
+
+def _standing(machine: Machine, state: TickState) -> tuple[TickState, tuple[str, ...]]:
+    """The state that says why the robot stands at the end of the run, once it does, and the news of that."""
+    if machine.supervisor.state is not RunState.STANDING or state.standing:
+        return state, ()
+    stop = machine.guard.stop
+    failed = "" if stop is None else stop.reason
+    why = machine.end_plan.why or f"it did not get to rest: {state.refused or failed}"
+    return replace(state, standing=why), (STANDS.format(why),)
