@@ -250,10 +250,16 @@ class Guard:
                 self.switch_off(StopCause.BUS, text_of(error))
             raise
 
-    def _send(self, goal: CheckedGoal) -> None:
+    def ticks_of(self, goal: CheckedGoal) -> TickArray:
+        """The ticks (n,) that are sent for a goal. A lost servo gets the goal that it had: one that is back would
+        jump."""
         ticks = self._map.to_ticks(goal.joints)
-        if self.sent is not None and self.health.lost.any():  # one that is back would jump
+        if self.sent is not None and self.health.lost.any():
             ticks = np.where(self.health.lost, self.sent, ticks)
+        return ticks
+
+    def _send(self, goal: CheckedGoal) -> None:
+        ticks = self.ticks_of(goal)
         self._bus.write(ServoGoals(ticks))
         self.goal, self.sent = goal, ticks
 

@@ -73,7 +73,7 @@ def _note_damage(found: "Played") -> None:
     """Say which part of the recording there is, if it is not whole."""
     recording, cycles = found.recording, found.cycles
     if recording.damage:
-        seconds = float(cycles.clock[-1, 0] - cycles.clock[0, 0])
+        seconds = float(cycles.now[-1] - cycles.now[0])
         until = f"its first {seconds:.2f} s are read, up to cycle {cycles.index[-1]}"
         note(f"{recording.path}: {recording.damage}; {until}")
     if found.missing:
@@ -107,11 +107,11 @@ def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
 def _run(found: "Played", configs: "Configs") -> "Replayed":
     """Run it again, and say what differs."""
     from retarget.recording.replay import replay as run_again
-    from retarget.run.loop import Watch
+    from retarget.run.loop import Progress
 
     session = found.recording.session
     with progress_bar(session.robot, found.last_tick + 1) as show:
-        again = run_again(found, configs, watch=Watch(show))
+        again = run_again(found, configs, observers=[Progress(show)])
     for changed in again.changed:
         note(changed)
     echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")

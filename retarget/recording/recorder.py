@@ -1,36 +1,196 @@
 """`retarget run --record`: records a run while it goes on. The tick copies, a thread of its own writes."""
 
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from hardware.bus import ServoStates
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
+from hardware.guard import CheckedGoal
+from hardware.guard_state import Stop, StopCause
+from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human_dimensions import POINTS
-from retarget.recording.cycles import Asked, Shape
-from retarget.recording.mcap_writer import OPTION, RecordingFile, Ring, WritingThread, check_target
+from retarget.recording.cycles import STATES_OF_RUN, Asked, Cycles, Done, Shape
+from retarget.recording.mcap_writer import (
+    MOST_EVENTS,
+    OPTION,
+    Event,
+    Level,
+    RecordingFile,
+    Ring,
+    WritingThread,
+    check_target,
+)
 from retarget.recording.session import config_files, session_of
-from retarget.recording.taps import Note, TappedBus, TappedClock, TappedSamples
-from retarget.recording.topics import Topic, topics
-from retarget.run.loop import ObserverCallback, Watch
+from retarget.recording.topics import SERVO_FIELDS, Topic, topics
+from retarget.run.loop import Observer, Tick
 from retarget.run.options import RunOptions
-from retarget.run.prepare import MakeBus, Prepared
+from retarget.run.prepare import Prepared
+from retarget.run.record import Record
 from retarget.run.run_result import truth_names
+from retarget.run.tick import Machine, TickInput
 from retarget.schema.files import refuse_existing, remove
-from retarget.types import FloatArray, Notify
+from retarget.types import FloatArray, Notify, RunState
 
 SWITCH_S = 1e-3
 """Time, s, that a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5
 ms."""
 
 
+class CycleObserver(Observer):
+    """Fills a row of a ring in each cycle of a run: the arming of a robot is one, and so is each tick.
+
+    ring: None before the run and after it: nothing is recorded. events: to be written. rows: of the record that were
+    copied.
+    """
+
+    def __init__(self, truth: Callable[[], FloatArray | None], warn: Callable[[], object]) -> None:
+        """truth: gives the numbers (t,) of `truth_names` of a simulated body; None: not known. warn: called in every
+        tick."""
+        self._truth, self._warn = truth, warn
+        self.ring: Ring | None = None
+        self.events: deque[Event] = deque(maxlen=MOST_EVENTS)
+        self.rows = 0
+        self._now = 0.0  # [s] of the present cycle
+        self._machine: Machine | None = None
+        self._stop: Stop | None = None
+        self._state: RunState | None = None
+
+    def begin(self, ring: Ring, machine: Machine | None, *, now: float) -> None:
+        """Record every cycle from now on. machine: None: of a human alone."""
+        ring.rows.landmarks[:] = np.nan
+        self.ring, self._machine, self._now = ring, machine, now
+
+    def end(self) -> None:
+        """The run has ended."""
+        if self.ring is not None and self._machine is not None:
+            self._say_changes(self._machine)
+            self.say("bus", f"torque {self._machine.guard.torque.value}")
+        self.ring = None
+
+    def say(self, who: str, text: str, level: Level = Level.INFO) -> None:
+        """Log an event of this cycle."""
+        if self.ring is not None:
+            self.events.append(Event(self._now, self.ring.index, level, who, text))
+
+    def armed(self, given: TickInput, goal: CheckedGoal) -> None:
+        """Fill the row of the arming."""
+        self._fill(given, goal)
+
+    def see(self, tick: Tick) -> None:
+        """Fill the row of a tick."""
+        self._warn()
+        self._fill(tick.given, tick.tried, tick)
+
+    def _fill(self, given: TickInput, goal: CheckedGoal | None, tick: Tick | None = None) -> None:
+        ring, machine = self.ring, self._machine
+        if ring is None:
+            return
+        rows, at = ring.rows, ring.at
+        self._now = rows.time[at] = given.now
+        rows.clock[at, :2], rows.readings[at] = given.now, 2
+        rows.asked[at] = _asked(given)
+        if given.servos is not None:
+            _keep_servos(rows, at, given.servos)
+        self._say_failures(rows, at, given)
+        performer = given.performer
+        if performer.tick is not None:
+            rows.tick[at], rows.settled[at] = performer.tick, performer.settled
+            _keep_sample(rows, at, performer.sample)
+        if goal is not None and machine is not None:
+            rows.goal[at] = machine.guard.ticks_of(goal)
+            rows.written[at] = Done.WELL if goal is machine.guard.goal else Done.FAILED
+        if tick is not None and tick.row is not None:
+            self._keep_row(rows, at, tick.record, tick.row)
+        if machine is not None:
+            rows.state[at] = STATES_OF_RUN[machine.supervisor.state]
+            self._say_changes(machine)
+        ring.turn()
+
+    def _say_failures(self, rows: Cycles, at: int, given: TickInput) -> None:
+        for failure in given.failures:
+            who = failure.cause.value
+            if given.servos is None and failure.cause is not StopCause.SOURCE:
+                who, rows.read[at] = "bus read", Done.FAILED
+            elif failure.cause is StopCause.BUS:
+                who = "bus write"
+            self.say(who, failure.reason, Level.ERROR)
+        if given.operator.fault is not None:
+            cause, reason = given.operator.fault
+            self.say("outside", f"{cause.value}: {reason}", Level.ERROR)
+
+    def _say_changes(self, machine: Machine) -> None:
+        """Log the stop and the state of the run where they are new."""
+        state, stop = machine.supervisor.state, machine.guard.stop
+        if stop is not None and stop is not self._stop:
+            self.say("guard", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
+        if state is not self._state:
+            self.say("run", state.value)
+        self._state, self._stop = state, stop
+
+    def _keep_row(self, rows: Cycles, at: int, record: Record, row: int) -> None:
+        """Copy a row of the record."""
+        self.rows += 1
+        human, robot, timing = record.human, record.robot, record.timing
+        rows.kept[at], rows.phase[at] = True, record.phase[row]
+        rows.human_q[at], rows.human_joints[at] = human.q[row], human.joints[row]
+        own, modes = rows.human_observer_modes[at], human.observer_modes[row]
+        own[: modes.size] = modes[: own.size]
+        rows.cost[at] = timing.reconstruct[row], timing.retarget[row], timing.cycle[row]
+        if robot is None or self._machine is None:
+            return
+        body = self._machine.robot
+        q, names = robot.q[row], tuple(body.profile.landmarks)
+        rows.q[at], rows.rest[at] = q[body.servo_columns], np.delete(q, body.servo_columns)
+        rows.landmarks[at, [names.index(name) for name in robot.landmark_names]] = robot.landmarks_asked[row]
+        own, modes = rows.observer_modes[at], robot.observer_modes[row]
+        own[: modes.size] = modes[: own.size]
+        rows.gated[at], rows.no_command[at] = robot.gated[row], robot.no_command[row]
+        if rows.truth.shape[1]:
+            truth = self._truth()
+            rows.truth[at] = np.nan if truth is None else truth
+
+
+def _asked(given: TickInput) -> int:
+    operator, performer = given.operator, given.performer
+    asked = {
+        Asked.STOP: operator.stop is not None,
+        Asked.TORQUE_OFF: operator.torque_off,
+        Asked.OVER: performer.over,
+        Asked.PAUSED: performer.paused,
+        Asked.APPROACH: performer.may_go_on,
+        Asked.OUTSIDE: operator.fault is not None,
+    }
+    return sum(flag for flag, is_so in asked.items() if is_so)
+
+
+def _keep_servos(rows: Cycles, at: int, states: ServoStates) -> None:
+    rows.read[at] = Done.WELL
+    rows.bus_time[at], rows.retries[at], rows.error_rate[at] = states.time, states.retries, states.error_rate
+    for name in SERVO_FIELDS:
+        getattr(rows, name)[at] = getattr(states, name)
+
+
+def _keep_sample(rows: Cycles, at: int, sample: SensorSample | None) -> None:
+    rows.sampled[at] = Done.FAILED if sample is None else Done.WELL
+    if sample is None:
+        return
+    rows.sensor_position[at], rows.sensor_orientation[at] = sample.position, sample.orientation
+    rows.sensor_valid[at], rows.weighted[at] = sample.valid, sample.weight is not None
+    if sample.weight is not None:
+        rows.sensor_weight[at] = sample.weight
+
+
 class Recorder:
-    """Records one run. path: None: nothing is recorded, and nothing is changed.
+    """Records one run. path: None: nothing is recorded.
 
     clock: of the run; where its time is not real, the run may wait for the disk, else what comes while the disk hangs
-    is counted and missing. notify: called with what became of the recording.
+    is counted and missing. notify: called with what became of the recording. observer: to be given to the run.
     """
 
     def __init__(
@@ -53,64 +213,29 @@ class Recorder:
                 refuse_existing(path, option=OPTION)
         self._overwrite = overwrite
         self._path, self._options, self._notify = path, options, notify
-        self._note = Note(truth)
         self._clock = clock
         self._thread: WritingThread | None = None
-        self._keeps = ObserverCallback(self._note.kept)
         self._warned = ""
-        self.clock: Clock = clock if path is None else TappedClock(clock, self._note)
-        """Of the guard and the robot's side."""
+        self.observer = CycleObserver(truth, self._warn_of_failure)
 
     @property
     def failure(self) -> str:
         """Why the recording is not whole; "" while it is."""
-        return "" if self._thread is None else self._thread.failure or self._keeps.failure or self._missing()
+        return "" if self._thread is None else self._thread.failure or self.observer.failure or self._missing()
 
     @property
     def cpu_s(self) -> float:
         """CPU time of the thread that writes, s."""
         return 0.0 if self._thread is None else self._thread.cpu_s
 
-    def make_bus(self, make: MakeBus) -> MakeBus:
-        """What makes the run's bus, instead of `make`."""
-        if self._path is None:
-            return make
-        return lambda robot, clock: TappedBus(make(robot, self._clock), self._note)
-
     def recorded_notify(self, notify: Notify) -> Notify:
         """A `notify` that also records each message, to be used instead."""
 
         def record_and_notify(text: str) -> None:
-            self._note.say("run", text)
+            self.observer.say("run", text)
             notify(text)
 
-        return notify if self._path is None else record_and_notify
-
-    def watch(self, watch: Watch, prepared: Prepared) -> Watch:
-        """A watch that also records what is asked for, to be used instead."""
-        if self._path is None:
-            return watch
-        note, guard = self._note, None if prepared.machine is None else prepared.machine.guard
-
-        def stop_asked() -> bool:
-            note.before()
-            if not self._warned:
-                self._warn_of_failure()
-            before = None if guard is None else guard.stop
-            answer = watch.stop_asked()
-            note.stopped_outside(before)
-            if answer:
-                note.ask(Asked.STOP)
-            return answer
-
-        def torque_off_asked() -> bool:
-            note.before()
-            answer = watch.torque_off_asked()
-            if answer:
-                note.ask(Asked.TORQUE_OFF)
-            return answer
-
-        return replace(watch, stop_asked=stop_asked, torque_off_asked=torque_off_asked, on_row=self._keeps)
+        return record_and_notify
 
     def code(self, code: int) -> int:
         """The exit code of a run that ended with `code`: a recording that is not whole is a file not written."""
@@ -118,7 +243,8 @@ class Recorder:
 
     @contextmanager
     def recording(self, prepared: Prepared, *, source: str) -> Iterator[Prepared]:
-        """Record while the context lasts what is run of it. Raises UsageError if the file cannot be begun."""
+        """Record while the context lasts what `observer` is shown of it. Raises UsageError if the file cannot be
+        begun."""
         if self._path is None:
             yield prepared
             return
@@ -132,25 +258,27 @@ class Recorder:
         shape, messages = _layout(prepared, simulated=self._options.has_physics)
         file.announce(messages)
         ring = Ring(shape, patient=isinstance(self._clock, VirtualClock))
+        observer = self.observer
         thread = WritingThread(
-            file, ring, self._note.events, messages, lambda time: begun_ns + round((time - started) * 1e9)
+            file, ring, observer.events, messages, lambda time: begun_ns + round((time - started) * 1e9)
         )
-        self._note.begin(ring, now=started, dt=prepared.samples.dt, machine=prepared.machine)
+        observer.begin(ring, prepared.machine, now=started)
         self._thread, self._ring = thread, ring
         thread.start()
         switching = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_S)
         try:
-            yield replace(prepared, samples=TappedSamples(prepared.samples, self._note))
+            yield prepared
         finally:
             sys.setswitchinterval(switching)
-            self._note.end()
+            observer.end()
             thread.close()
-            if not self._note.rows:
+            if not observer.rows:
                 file.discard()  # it was refused, or stopped, before it made a tick
             elif not self.failure:
                 self._notify(f"recording: {self._path}, {self._path.stat().st_size / 1e6:.1f} MB")
             elif self.failure != self._warned:
+                self._warned = ""
                 self._warn_of_failure()
 
     def _missing(self) -> str:
@@ -159,6 +287,8 @@ class Recorder:
 
     def _warn_of_failure(self) -> None:
         """Once while the run goes on; when it has ended, only what is new by then."""
+        if self._warned:
+            return
         self._warned = self.failure
         if self._warned:
             self._notify(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._warned}")

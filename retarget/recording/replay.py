@@ -1,101 +1,120 @@
-"""Replay: the recorded sensors, servos and clock through the pipeline of now, and how its goals differ."""
+"""Replay: the recorded inputs through the pipeline of now, and how its goals differ."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 import retarget
 from hardware.arrays import TickArray
 from hardware.bus import ServoGoals, ServoStates
+from hardware.clock import VirtualClock
 from hardware.errors import BusError, counted
-from hardware.guard import Guard
 from hardware.guard_state import StopCause
 from retarget.errors import InputError
 from retarget.frames import SensorSample
-from retarget.human.samples import Clip, Performance
+from retarget.human.samples import MAX_KEPT, Clip, Performance, PerformerInput
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_recorded
-from retarget.recording.cycles import Asked, Cursor, Done
+from retarget.recording.cycles import Asked, Done
 from retarget.recording.reading import Played
 from retarget.recording.session import Session, machine_name
 from retarget.recording.topics import SERVO_FIELDS
-from retarget.run.loop import Watch
-from retarget.run.prepare import Prepared, prepare_for
-from retarget.run.record import Record
+from retarget.run.loop import Observer
+from retarget.run.prepare import prepare_for
 from retarget.run.run_result import RunResult
+from retarget.run.supervisor import AT_RISK, OperatorInput
+from retarget.run.tick import Failure, TickInput, TickState
 from retarget.schema.performer import Performer
-from retarget.types import FloatArray, IntArray, Notify
+from retarget.types import FloatArray, IntArray, Notify, RunState
 
-# What stands in for clock, servos and performer while a recording is run again: each gives what it gave then.
-
-
-class ReplayedClock:
-    """A `Clock` that reads as it read in the recorded cycle, one reading after the other."""
-
-    def __init__(self, cursor: Cursor) -> None:
-        self._cursor, self._cycle, self._reading = cursor, -1, 0
-        self._now = float(cursor.cycles.clock[0, 0])
-
-    def now(self) -> float:
-        """The time in s; never decreases."""
-        cursor, row = self._cursor, self._cursor.row
-        if cursor.cycle != self._cycle:
-            self._cycle, self._reading = cursor.cycle, 0
-        if self._reading < cursor.cycles.readings[row]:
-            self._now = max(self._now, float(cursor.cycles.clock[row, self._reading]) - cursor.clock_lead)
-            self._reading += 1
-        return self._now
-
-    def sleep_until(self, deadline: float) -> None:
-        """The next tick is due."""
-        self._cursor.before()
-
-    def idle(self) -> float:
-        """Idle times are not recorded: a suspension is replayed as a pause."""
-        return 0.0
+# The performer of a recording, and the inputs of its ticks.
 
 
-class ReplayedBus:
-    """A `ServoBus` whose servos are as far from their goals as they were. sent: rows of the recording and goals (n,).
+class RecordedSamples:
+    """`retarget.human.samples.Samples` of a recording. A tick that is missing has the sample of the one before it.
 
-    Where the same goals are sent, they are where they were, to the tick.
+    rows (T,): of the cycles, in which the ticks were followed.
     """
 
-    def __init__(self, played: Played, cursor: Cursor) -> None:
-        self._texts, self._cursor = played.recording.texts, cursor
+    over: ClassVar[bool] = False
+    paused: ClassVar[bool] = False
+    settled: ClassVar[float] = 1.0
+    hold_reason: ClassVar[str] = ""
+
+    def __init__(self, played: Played) -> None:
+        session, cycles = played.recording.session, played.cycles
+        self.ticks, self.dt, self.motion_dt = played.last_tick + 1, session.dt, session.motion_dt
+        self.kept = min(self.ticks, MAX_KEPT)
+        self._played, self._cycles, self._names = played, cycles, session.sensors
+        rows, sampled = np.zeros(self.ticks, dtype=np.intp), np.flatnonzero(cycles.sampled != Done.NOT)
+        rows[cycles.tick[sampled]] = sampled  # the first tick is sampled twice, and the second time counts
+        self.rows = np.maximum.accumulate(rows)
+
+    def may_approach(self) -> bool:
+        """Always: `RecordedInputs` says where the approach was held."""
+        return True
+
+    def poll(self) -> None:
+        """Do nothing: all samples are there from the start."""
+
+    def hold(self) -> None:
+        """Do nothing: the recording has the samples that followed."""
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """The sensors at a tick; None: the robot held."""
+        cycles, row = self._cycles, self.rows[tick]
+        if cycles.sampled[row] != Done.WELL:
+            return None
+        weight = cycles.sensor_weight[row].copy() if cycles.weighted[row] else None
+        position, orientation = cycles.sensor_position[row].copy(), cycles.sensor_orientation[row].copy()
+        return SensorSample(self._names, position, orientation, cycles.sensor_valid[row].copy(), weight)
+
+    def recorded(self) -> Clip:
+        """The samples as a motion."""
+        return self._played.clip(self.rows[: self.kept], self.ticks, dt=self.dt, speed=self.motion_dt / self.dt)
+
+
+class RecordedInputs:
+    """`retarget.run.loop.Inputs` of the ticks of a recording. It is also the `hardware.bus.ServoBus` of the replay.
+
+    Servos are as far from their goals as they were: where the same goals are sent, they are where they were, to the
+    tick. The approach may last longer or shorter than it did: following begins in both with the same cycle. The run
+    ends after the last cycle. clock: shows the time of the present tick. sent: the goals (n,), ticks, each with the row
+    of its cycle, or -1 where that was not recorded.
+    """
+
+    late_ticks = 0
+
+    def __init__(self, played: Played, samples: RecordedSamples) -> None:
+        self._cycles = cycles = played.cycles
+        self._now, self._texts, self._samples = cycles.now, played.recording.texts, samples
+        self.clock = VirtualClock(float(self._now[0]))
         self.sent: list[tuple[int, TickArray]] = []
-        cycles = cursor.cycles
-        wrote = cycles.written != Done.NOT
-        last = np.maximum.accumulate(np.where(wrote, np.arange(len(cycles)), -1))
-        self._before = np.concatenate([[-1], last[:-1]])  # row of the last goal before each
+        wrote = np.where(cycles.written != Done.NOT, np.arange(len(cycles)), -1)
+        self._last_goal = np.append(-1, np.maximum.accumulate(wrote)[:-1])  # row of the last goal before each row
+        following = cycles.index[1:][cycles.sampled[1:] != Done.NOT]
+        self._last = int(cycles.index[-1])
+        self._first = int(following[0]) if following.size else self._last + 1  # cycle in which following begins
+        self._cycle, self._row = -1, 0  # recorded cycle that is replayed, and its row, or the last before it
+        self._follows = False
+        self._clock_lead = 0.0  # [s] by which the recorded clock is ahead, where cycles are skipped or repeated
 
     def open(self) -> None:
         """Do nothing: there is nothing to open."""
 
     def read(self) -> ServoStates:
-        """What the servos said. Raises BusError where the bus failed."""
-        self._cursor.look()
-        cycles, row = self._cursor.cycles, self._cursor.row
-        if cycles.read[row] == Done.FAILED:
-            raise BusError(self._text("bus read", row))
-        before, position = int(self._before[row]), cycles.position[row].copy()
-        if self.sent and before >= 0:
-            position += self.sent[-1][1] - cycles.goal[before]
-        said = {name: getattr(cycles, name)[row].copy() for name in SERVO_FIELDS}
-        return ServoStates(
-            **said | {"position": position},
-            time=float(cycles.bus_time[row]) - self._cursor.clock_lead,
-            retries=int(cycles.retries[row]),
-            error_rate=float(cycles.error_rate[row]),
-        )
+        """What the servos reported in the next cycle, while the robot is armed."""
+        self._go_on(follows=False)
+        return self._servos()
 
     def write(self, goals: ServoGoals) -> None:
         """Keep a goal. Raises BusError where the bus failed."""
-        row = self._cursor.row
-        recorded = self._cursor.recorded and not self._cursor.late
-        self.sent.append((row if recorded else -1, goals.ticks.copy()))
-        if recorded and self._cursor.cycles.written[row] == Done.FAILED:
-            raise BusError(self._text("bus write", row))
+        recorded = self._is_recorded and not self._is_late
+        self.sent.append((self._row if recorded else -1, goals.ticks.copy()))
+        if recorded and self._cycles.written[self._row] == Done.FAILED:
+            raise BusError(self._text("bus write"))
 
     def torque(self, on: bool) -> None:
         """Do nothing: there is no torque to switch."""
@@ -103,78 +122,82 @@ class ReplayedBus:
     def close(self) -> None:
         """Do nothing: there is nothing to close."""
 
-    def _text(self, who: str, row: int) -> str:
-        return self._texts.get((int(self._cursor.cycles.index[row]), who), "as recorded")
+    def restart(self) -> None:
+        """Do nothing: the recording says when each tick was."""
 
+    def gather(self, state: TickState, run_state: RunState, *, approached: bool) -> TickInput:
+        """The input of the next cycle, see `Inputs.gather`."""
+        moves = run_state in AT_RISK
+        self._go_on(follows=moves and approached)
+        failed = self._cycles.read[self._row] == Done.FAILED
+        failures = [Failure(StopCause.BUS, self._text("bus read"))] if failed else []
+        if (self._cycle, StopCause.SOURCE.value) in self._texts:
+            failures.append(Failure(StopCause.SOURCE, self._text(StopCause.SOURCE.value)))
+        return TickInput(
+            self.clock.now(),
+            servos=None if failed else self._servos(),
+            performer=self._performer(state.tick, approached=approached) if moves else PerformerInput(),
+            operator=OperatorInput(
+                stop="stopped, as recorded" if self._asked(Asked.STOP) else None,
+                torque_off=self._asked(Asked.TORQUE_OFF) or self._cycle > self._last,
+                fault=_fault(self._text("outside")) if self._asked(Asked.OUTSIDE) else None,
+            ),
+            failures=tuple(failures),
+        )
 
-class ReplayedSamples:
-    """`Samples` that say what was followed then."""
-
-    def __init__(self, played: Played, cursor: Cursor) -> None:
-        session, cycles = played.recording.session, cursor.cycles
-        self.ticks, self.dt, self.motion_dt = session.ticks, session.dt, session.motion_dt
-        self.kept = min(session.ticks, played.last_tick + 1)
-        self._played, self._cursor = played, cursor
-        self._rows = np.full(self.kept, -1)
-        sampled = np.flatnonzero(cycles.sampled != Done.NOT)
-        self._rows[cycles.tick[sampled]] = sampled  # of the first tick, which is asked for twice, the second time
-        self._rows = np.maximum.accumulate(self._rows)  # where a tick is missing, the one before it
-        self._next = self._row = 0
+    def _go_on(self, *, follows: bool) -> None:
+        """Go on to the next cycle. follows: whether the robot follows from now on."""
+        cycles, before = self._cycles, self._row
+        self._cycle += 1
+        if not self._follows and self._first <= self._last:
+            self._cycle = self._first if follows else min(self._cycle, self._first)
+            self._follows = follows
+        self._row = max(int(np.searchsorted(cycles.index, self._cycle, side="right")) - 1, 0)
+        if self._cycle > 0 and cycles.index[self._row] - cycles.index[before] != 1:
+            self._clock_lead += float(self._now[self._row] - self._now[before]) - self._samples.dt
+        self.clock.sleep_until(float(self._now[self._row]) - self._clock_lead)
 
     @property
-    def over(self) -> bool:
-        """Whether it ended here, or ends here."""
-        return self._cursor.asked(Asked.OVER) or (self._next >= self.kept and self._cursor.cycle > 0)
+    def _is_recorded(self) -> bool:
+        return int(self._cycles.index[self._row]) == self._cycle
 
     @property
-    def settled(self) -> float:
-        """How much of its speed the robot might use at this tick of the recording, 0 to 1 (see `Samples.settled`)."""
-        return float(self._cursor.cycles.settled[self._row])
+    def _is_late(self) -> bool:
+        """True if the robot still approaches where the recorded one had begun to follow."""
+        return not self._follows and self._cycle >= self._first
 
-    @property
-    def hold_reason(self) -> str:
-        """Return the reason to hold at this tick of the recording, without words."""
-        return "as recorded"
+    def _asked(self, asked: Asked) -> bool:
+        return self._is_recorded and bool(int(self._cycles.asked[self._row]) & asked)
 
-    @property
-    def paused(self) -> bool:
-        """Whether the operator had paused at this tick of the recording."""
-        return self._cursor.asked(Asked.PAUSED)
+    def _text(self, who: str) -> str:
+        return self._texts.get((self._cycle, who), "as recorded")
 
-    def may_approach(self) -> bool:
-        """Return whether the approach went on in the recording; where this run is later than that one was, it goes
-        on."""
-        return self._cursor.late or self._cursor.asked(Asked.APPROACH)
+    def _servos(self) -> ServoStates:
+        cycles, row = self._cycles, self._row
+        states = {name: getattr(cycles, name)[row].copy() for name in SERVO_FIELDS}
+        if self.sent and self._last_goal[row] >= 0:
+            states["position"] += self.sent[-1][1] - cycles.goal[self._last_goal[row]]
+        time = float(cycles.bus_time[row]) - self._clock_lead
+        retries, error_rate = int(cycles.retries[row]), float(cycles.error_rate[row])
+        return ServoStates(**states, time=time, retries=retries, error_rate=error_rate)
 
-    def poll(self) -> None:
-        """Do nothing: all samples are there from the start."""
+    def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
+        samples = self._samples
+        if self._asked(Asked.OVER) or tick >= samples.ticks:
+            return PerformerInput(over=True)
+        paused, words = self._asked(Asked.PAUSED), "as recorded"
+        if not approached:
+            may_go_on = self._is_late or self._asked(Asked.APPROACH)
+            return PerformerInput(may_go_on=may_go_on, hold_reason=words, paused=paused)
+        sample, settled = samples.sample(tick), float(self._cycles.settled[samples.rows[tick]])
+        return PerformerInput(tick, sample, sample is not None, words, paused, settled)
 
-    def hold(self) -> None:
-        """What followed is in the recording."""
 
-    def sample(self, tick: int) -> SensorSample | None:
-        """What was said at a tick."""
-        cursor = self._cursor
-        if cursor.cycle > 0:
-            cursor.follow()
-        if cursor.follows:
-            self._next = max(self._next, tick + 1)
-        self._row = max(int(self._rows[tick]), 0)
-        return self._at(self._row)
-
-    def recorded(self) -> Clip:
-        """What was said at the ticks that were followed."""
-        rows = np.maximum.accumulate(np.maximum(self._rows, 0))
-        return self._played.clip(rows, len(rows), dt=self.dt, speed=self.motion_dt / self.dt)
-
-    def _at(self, row: int) -> SensorSample | None:
-        cycles = self._cursor.cycles
-        if cycles.sampled[row] != Done.WELL:
-            return None
-        weight = cycles.sensor_weight[row].copy() if cycles.weighted[row] else None
-        position, orientation = cycles.sensor_position[row].copy(), cycles.sensor_orientation[row].copy()
-        names, valid = self._played.recording.session.sensors, cycles.sensor_valid[row].copy()
-        return SensorSample(names, position, orientation, valid, weight)
+def _fault(text: str) -> tuple[StopCause, str]:
+    """Cause and reason from the text of an event."""
+    name, _, reason = text.partition(": ")
+    cause = next((cause for cause in StopCause if cause.value == name), StopCause.REQUESTED)
+    return cause, reason or "as recorded"
 
 
 # How a run that was replayed differs from what was recorded: in how many goals, from which tick, by how much.
@@ -238,13 +261,14 @@ def _other_machine(played: Played) -> str:
     return "" if machine == machine_name() else machine
 
 
-def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Difference:
-    """Compare goals, in ticks. Goals after the end of a recording that breaks off are no difference."""
+def goal_difference(played: Played, goals: Sequence[tuple[int, TickArray]], robot: RobotBody) -> Difference:
+    """Compare goals (n,), in ticks, each with the row of its cycle, -1 where that was not recorded. Goals after the end
+    of a recording that breaks off are no difference."""
     cycles = played.cycles
     wrote = np.flatnonzero(cycles.written != Done.NOT)
     now = np.full((len(cycles), cycles.goal.shape[1]), np.iinfo(np.int64).min)
     extra = 0
-    for row, goal in bus.sent:
+    for row, goal in goals:
         if row < 0 or cycles.written[row] == Done.NOT or now[row, 0] != np.iinfo(np.int64).min:
             extra += 1
         else:
@@ -253,7 +277,7 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
     servos = robot.joint_map
     off = np.abs(np.rad2deg(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])), dtype=np.float64)
     return replace(
-        _located(off, cycles.index[sent], servos.joints, cycles.clock[sent, 0] - cycles.clock[0, 0]),
+        _located(off, cycles.index[sent], servos.joints, cycles.now[sent] - cycles.now[0]),
         compared=len(wrote),
         ticks=int(np.abs(now[sent] - cycles.goal[sent]).max(initial=0)),
         unit="degrees",
@@ -301,18 +325,21 @@ class Replayed:
 
 
 def replay(
-    played: Played, configs: Configs | None = None, *, watch: Watch | None = None, notify: Notify = lambda text: None
+    played: Played,
+    configs: Configs | None = None,
+    *,
+    observers: Sequence[Observer] = (),
+    notify: Notify = lambda text: None,
 ) -> Replayed:
-    """Run it again. configs: None: those of then. watch: only its `on_tick` is called. notify: as of `prepare_for`.
+    """Run it again. configs: None: those of then. notify: as of `prepare_for`.
 
     Raises RetargetError for what cannot be run any more; InputError where robot or performer are others now.
     """
     if configs is None:
         with as_recorded(played.recording) as then:
-            return replay(played, then, watch=watch, notify=notify)
-    session, has_robot = played.recording.session, bool(played.recording.session.joints)
-    cursor = Cursor(played.cycles, has_robot=has_robot, dt=session.dt)
-    samples, bus, clock = ReplayedSamples(played, cursor), ReplayedBus(played, cursor), ReplayedClock(cursor)
+            return replay(played, then, observers=observers, notify=notify)
+    session, samples = played.recording.session, RecordedSamples(played)
+    inputs = RecordedInputs(played, samples)
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         now, allowed = tuple(performer.sensors), ", ".join(session.sensors)
@@ -325,18 +352,18 @@ def replay(
     with prepare_for(
         perform,
         configs.options,
-        clock=clock,
-        make_bus=lambda robot, clock: bus,
+        clock=inputs.clock,
+        make_bus=lambda robot, clock: inputs,
         end_plan=None if robot is None else session.end_plan(robot),
         notify=notify,
         robot=robot,
     ) as prepared:
-        result = prepared.run(_watch(played, cursor, prepared, watch or Watch()))
+        result = prepared.run(observers=observers, inputs=inputs)
     result = replace(result, notes=tuple(dict.fromkeys(result.notes)))  # those of then are mostly made again
     if robot is None:
         difference = posture_difference(played, result.record.human.q)
     else:
-        difference = goal_difference(played, bus, robot)
+        difference = goal_difference(played, inputs.sent, robot)
     return Replayed(result, difference, (*what_computes(session), *configs.notes))
 
 
@@ -362,32 +389,3 @@ def _refuse_others(what: str, now: tuple[str, ...], then: tuple[str, ...], *, wh
         parts = [f"{word} {', '.join(names)}" for word, names in (("without", missing), ("with", added)) if names]
         found = "; ".join(parts) or "another order of them"
         raise InputError(f"{what} than when it was recorded", where=where, found=found, allowed=allowed)
-
-
-def _watch(played: Played, cursor: Cursor, prepared: Prepared, watch: Watch) -> Watch:
-    """A watch that asks for what was asked for then."""
-    guard = None if prepared.machine is None else prepared.machine.guard
-    texts = played.recording.texts
-
-    def stop_asked() -> bool:
-        cursor.before()
-        if guard is not None and cursor.asked(Asked.OUTSIDE):
-            _stop(guard, texts.get((cursor.cycle, "outside"), ""))
-        return cursor.asked(Asked.STOP)
-
-    def torque_off_asked() -> bool:
-        cursor.before()
-        return cursor.asked(Asked.TORQUE_OFF) or cursor.over  # a run that was killed, or stands for ever, ends there
-
-    def on_row(record: Record, row: int) -> None:
-        if guard is None:
-            cursor.look()
-
-    return Watch(watch.on_tick, stop_asked, torque_off_asked, lambda: "stopped, as recorded", on_row, watch.every)
-
-
-def _stop(guard: Guard, text: str) -> None:
-    """Stop the guard as the recorded watch did. text: cause and reason."""
-    name, _, reason = text.partition(": ")
-    cause = next((cause for cause in StopCause if cause.value == name), StopCause.REQUESTED)
-    guard.latch(cause, reason or "as recorded")

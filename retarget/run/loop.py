@@ -8,8 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hardware.bus import ServoStates
-from hardware.clock import thread_cpu
+from hardware.clock import Clock, thread_cpu
 from hardware.errors import GuardError, TorqueError
 from hardware.guard import CheckedGoal, Torque, text_of
 from hardware.guard_state import StopCause
@@ -40,11 +39,12 @@ class Operator:
 @dataclass(frozen=True, eq=False)
 class Tick:
     """A tick that is done. record, row: what it has filled; row is None where no goal was sent. given, output: of
-    `step`; None for a human alone. tried: the goal that was last given to the bus, whether that failed or not."""
+    `step`; output is None for a human alone. tried: the goal that was last given to the bus, whether that failed or
+    not."""
 
     record: Record
     row: int | None
-    given: TickInput | None = None
+    given: TickInput
     output: TickOutput | None = None
     tried: CheckedGoal | None = None
 
@@ -56,8 +56,8 @@ class Observer:
 
     failure = ""
 
-    def armed(self, states: ServoStates, goal: CheckedGoal) -> None:
-        """The robot is armed: its servos were read, and their present posture is the goal."""
+    def armed(self, given: TickInput, goal: CheckedGoal) -> None:
+        """The robot is armed. given: its servos, and the sample that it approaches; goal: its present posture."""
 
     def see(self, tick: Tick) -> None:
         """Look at a tick that is done, in the thread of the ticks."""
@@ -193,8 +193,8 @@ class Loop:
         observers: Sequence[Observer] = (),
         inputs: Inputs | None = None,
     ) -> None:
-        """inputs: of the ticks; None: from the samples, the operator and the bus. Raises RetargetError where the posture
-        to approach is not known."""
+        """inputs: of the ticks; None: from the samples, the operator and the bus. Raises RetargetError where the
+        posture to approach is not known."""
         self._machine, self._samples, self._observers = machine, samples, observers
         self._inputs = LiveInputs(machine, samples, operator) if inputs is None else inputs
         first = samples.sample(0)
@@ -286,7 +286,8 @@ class Loop:
             if given.performer.tick == self._samples.kept:
                 self._recorder.close()
             if output.goal is None:
-                show(self._observers, Tick(self._recorder.record, None, given, output, tried))
+                seen = Tick(self._recorder.record, None, given, output, tried)
+                show(self._observers, lambda observer: observer.see(seen))
             else:
                 self._keep_row(given, output, tried)
         if output.lost:
@@ -312,7 +313,11 @@ class Loop:
         approaches = state in AT_RISK and not motion.approach.arrived
         phase = Phase.FOLLOW if state in AT_RISK else Phase.BRAKE  # a hold belongs to what it holds up
         phase = Phase.APPROACH if approaches or state is RunState.APPROACH else phase
-        done = lambda record, row: show(self._observers, Tick(record, row, given, output, tried))  # noqa: E731
+
+        def done(record: Record, row: int) -> None:
+            seen = Tick(record, row, given, output, tried)
+            show(self._observers, lambda observer: observer.see(seen))
+
         recorder.keep(phase, done, approaches=approaches)
 
     # The beginning and the end of a run.
@@ -324,11 +329,11 @@ class Loop:
             raise GuardError("a run begins once", where="run", found=machine.supervisor.state.value)
         present = machine.guard.present()
         self._recorder.started(present)
-        goal, states = self._motion.begin(present), machine.guard.states
+        goal = self._motion.begin(present)
         machine.guard.arm(goal)
-        assert states is not None
-        for observer in self._observers:
-            observer.armed(states, goal)
+        performer = PerformerInput(tick=0, sample=self._state.sample)
+        given = TickInput(now(), servos=machine.guard.states, performer=performer)
+        show(self._observers, lambda observer: observer.armed(given, goal))
         machine.supervisor.take(Event.ARMED, now())
         self._inputs.restart()
 
@@ -358,25 +363,27 @@ class Loop:
             machine.supervisor.take(Event.TORQUE_OFF, machine.clock.now())
 
 
-def show(observers: Sequence[Observer], tick: Tick) -> None:
-    """Show a tick to who looks on."""
+def show(observers: Sequence[Observer], look: Callable[[Observer], object]) -> None:
+    """Let the observers look that have not failed."""
     for observer in observers:
         if not observer.failure:
             failures = list[Failure]()
             with caught(failures, StopCause.SOURCE):
-                observer.see(tick)
+                look(observer)
             observer.failure = "".join(failure.reason for failure in failures)
 
 
 def run_human(
-    samples: Samples, reconstructor: Reconstructor, operator: Operator, observers: Sequence[Observer] = ()
+    samples: Samples, reconstructor: Reconstructor, operator: Operator, clock: Clock, observers: Sequence[Observer] = ()
 ) -> Ending:
-    """Run samples through the first stage alone, where there is no robot."""
-    first = samples.sample(0)
+    """Run samples through the first stage alone, where there is no robot, a tick each period of the clock."""
+    first, due = samples.sample(0), clock.now()
     assert first is not None, "the first sample is valid"
     human = reconstructor.start(first)
     recorder = TickRecorder(samples, human, len(first.names))
     for tick in range(samples.ticks):
+        due = max(due + samples.dt, clock.now())
+        clock.sleep_until(due)
         if tick == samples.kept:
             recorder.close()
         if stop := operator.ask(None).stop:
@@ -390,7 +397,13 @@ def run_human(
             human = reconstructor.step(sample, samples.motion_dt)
         recorder.keep_human(human, sample, error=True)
         recorder.keep_costs(np.nan if sample is None else thread_cpu() - begun, np.nan)
-        recorder.keep(Phase.FOLLOW, lambda record, row: show(observers, Tick(record, row)))
+        performer = PerformerInput(tick=tick, sample=sample, may_go_on=sample is not None)
+        given = TickInput(clock.now(), performer=performer)
+
+        def done(record: Record, row: int, given: TickInput = given) -> None:
+            show(observers, lambda observer: observer.see(Tick(record, row, given)))
+
+        recorder.keep(Phase.FOLLOW, done)
     return Ending(*recorder.finish(), None, None)
 
 

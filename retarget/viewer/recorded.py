@@ -13,10 +13,10 @@ from retarget.model.meshes import Mesh, SolidBody, solid_body
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import recorded_scene
+from retarget.recording.cycles import STATES_OF_RUN
 from retarget.recording.motion import PHASE_NAMES, Motion
 from retarget.recording.read_run import human_of, read_recorded
 from retarget.recording.reading import Recording
-from retarget.recording.taps import STATES_OF_RUN
 from retarget.run.record import Phase
 from retarget.schema.scene import load_scene
 from retarget.types import BoolArray, FloatArray

@@ -23,9 +23,9 @@ from retarget.cli import main
 from retarget.cli.exit import REFUSED
 from retarget.errors import UsageError
 from retarget.recording import mcap_writer
+from retarget.recording.cycles import STATES_OF_RUN
 from retarget.recording.mcap_writer import FLUSH_S, Ring, check_target
 from retarget.recording.reading import played, read_recording
-from retarget.recording.taps import STATES_OF_RUN
 from retarget.recording.topics import GOALS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult

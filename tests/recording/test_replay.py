@@ -1,48 +1,43 @@
 """Replay: what differs from a recording is counted, goals in ticks and postures of a human to the bit."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import retarget
-from faulty_bus import FaultKind, FaultyBus, MockFault
+from faulty_bus import FaultKind, MockFault
 from hardware.arrays import TickArray
-from hardware.clock import VirtualClock
-from hardware.errors import BusError
-from hardware.guard_state import Stop, StopCause
+from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import mentions, refuses, shows
+from operators import Asks
 from recordings import Recorded, record
 from retarget.errors import InputError
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
 from retarget.live.begin import LiveOptions
-from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.configs import as_recorded
-from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
-from retarget.recording.mcap_writer import Level, Ring
+from retarget.recording.cycles import Asked, Done
 from retarget.recording.reading import Played, played, read_recording
 from retarget.recording.recorder import Recorder
 from retarget.recording.replay import (
     Difference,
+    RecordedInputs,
+    RecordedSamples,
     Replayed,
     goal_difference,
     posture_difference,
     replay,
     what_computes,
 )
-from retarget.recording.taps import STATES_OF_RUN, Note, TappedBus, TappedClock
-from retarget.run.loop import Watch
+from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
-from retarget.run.prepare import Prepared
 from retarget.run.run_result import RunResult
+from retarget.run.supervisor import OperatorInput
+from retarget.run.tick import TickState
 from retarget.types import RunState
-from rig import Rig
 from sim.faults.sender import FakeSender, silent
 
 
@@ -58,7 +53,7 @@ def sent(found: Played) -> list[tuple[int, TickArray]]:
 
 def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Played | None = None) -> Difference:
     assert run.result.robot is not None
-    return goal_difference(found or run.played(), cast(Any, SimpleNamespace(sent=goals)), run.result.robot)
+    return goal_difference(found or run.played(), goals, run.result.robot)
 
 
 @pytest.mark.long
@@ -126,37 +121,40 @@ def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
     mentions(again.difference.lines(), len(plain.result.record))
 
 
-def stopped_from_outside(prepared: Prepared) -> Watch:
-    assert prepared.machine is not None
-    guard, asked = prepared.machine.guard, iter(range(10_000))
+class Fallen(Operator):
+    """Reports in one tick that the robot has fallen, or fails in it."""
 
-    def look() -> bool:
-        if next(asked) == 70:
-            guard.latch(StopCause.FALLEN, "the robot has fallen: over a wire")
-        return False
+    def __init__(self, *, fails: bool = False) -> None:
+        self._ticks, self._fails = iter(range(10_000)), fails
 
-    return Watch(stop_asked=look)
+    def ask(self, state: RunState | None) -> OperatorInput:
+        if next(self._ticks) != 70:
+            return OperatorInput()
+        if self._fails:
+            raise RuntimeError("no terminal")
+        return OperatorInput(fault=(StopCause.FALLEN, "the robot has fallen: over a wire"))
 
 
-def stopped_by_the_operator(prepared: Prepared) -> Watch:
+def stopped_by_the_operator() -> Operator:
     asked = iter(range(10_000))
-    return Watch(stop_asked=lambda: next(asked) == 180)
+    return Asks(stop=lambda: next(asked) == 180)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("watch", [stopped_from_outside, stopped_by_the_operator])
-def test_what_people_asked_for_is_asked_for_again(watch: Callable[[Prepared], Watch], tmp_path: Path) -> None:
-    run = record(tmp_path / "run.mcap", watch=watch)
+@pytest.mark.parametrize("operator", [Fallen(), Fallen(fails=True), stopped_by_the_operator()])
+def test_what_the_operator_asked_for_is_asked_for_again(operator: Operator, tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", operator=operator)
     again = replay(run.played())
     same(again, run.result)
-    if watch is stopped_from_outside:
-        assert again.result.reason == "the robot has fallen: over a wire" == run.result.reason
+    if isinstance(operator, Fallen):
+        assert again.result.reason == run.result.reason in ("the robot has fallen: over a wire", "no terminal")
 
 
 @pytest.mark.parametrize(
     "fault",
     [
         MockFault(FaultKind.READ_FAILS, first=90, cycles=1000),
+        MockFault(FaultKind.WRITE_FAILS, first=90, cycles=1000),
         MockFault(FaultKind.ALERT, first=90, cycles=1, servo=4, alert=0x04),
     ],
 )
@@ -227,8 +225,8 @@ def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
     """Sensors are those that were followed: what the stream, its clocks and the validity checks made of it is over."""
     rig = LiveRig(FakeSender(faults=[silent(6.2, 6.6)]), options=LiveOptions(countdown=0.5, duration=2.5))
     recorder = Recorder(tmp_path / "run.mcap", rig.run_options, clock=rig.clock, notify=rig.said.append)
-    with rig.prepared(recorder) as prepared, recorder.recording(prepared, source="json://") as recorded:
-        result = recorded.run(recorder.watch(Watch(), prepared))
+    with rig.prepared() as prepared, recorder.recording(prepared, source="json://") as recorded:
+        result = recorded.run(observers=[recorder.observer])
     found = played(read_recording(tmp_path / "run.mcap"))
     assert (found.cycles.sampled == 2).any()
     shows(rig.said)
@@ -281,6 +279,19 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
 
 
+def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
+    whole = plain.played()
+    cycles = whole.cycles.taken(np.delete(np.arange(len(whole.cycles)), [3, 4]))
+    cycles.asked[2] |= Asked.STOP
+    found = replace(whole, cycles=cycles, missing=2)
+    inputs = RecordedInputs(found, RecordedSamples(found))
+    inputs.read()
+    given = [inputs.gather(TickState(), RunState.APPROACH, approached=False) for _ in range(6)]
+    assert [one.operator.stop is not None for one in given] == [False, True, False, False, False, False]
+    assert [one.performer.may_go_on for one in given] == [True, True, False, False, True, True]
+    np.testing.assert_allclose(np.diff([one.now for one in given]), whole.recording.session.dt, atol=1e-9)
+
+
 def test_another_version_is_named(plain: Recorded) -> None:
     session = plain.played().recording.session
     assert what_computes(session) == ()
@@ -306,118 +317,6 @@ def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
         other = replace(found, recording=replace(found.recording, session=session))
         with refuses(InputError, facts), as_recorded(other.recording, robot="op3") as configs:
             replay(other, configs)
-
-
-@pytest.fixture(scope="module")
-def stand_ins_run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("stand_ins") / "run.mcap", seconds=0.1)
-
-
-@pytest.fixture
-def found(stand_ins_run: Recorded) -> Played:
-    return stand_ins_run.played()
-
-
-# The taps of a recorder: all values pass through unchanged, and are noted.
-
-SHAPE = Shape(sensors=1, servos=2, rest=0, human=1, joints=1, landmarks=0, observers=0, human_observers=0)
-
-
-@pytest.fixture
-def rig() -> Rig:
-    return Rig(np.zeros((1, 20)))
-
-
-@pytest.fixture
-def note(rig: Rig) -> Note:
-    note = Note()
-    note.begin(Ring(SHAPE), now=2.0, dt=0.008, machine=rig.machine)
-    return note
-
-
-def cycles(note: Note) -> Cycles:
-    assert note.ring is not None
-    ring = note.ring
-    note.end()
-    return ring.take()
-
-
-def events(note: Note) -> list[tuple[int, str, str]]:
-    return [(event.cycle, event.who, event.text) for event in note.events]
-
-
-def test_before_it_begins_and_after_it_ends_nothing_is_noted(note: Note) -> None:
-    other = Note()
-    for one in (other, note):
-        if one is note:
-            note.end()
-            note.events.clear()
-        one.before()
-        one.look()
-        one.ask(Asked.OVER)
-        one.say("run", "hello")
-        one.failed("read", BusError("gone"))
-        one.stopped_outside(None)
-        assert one.ring is None and not one.events and one.rows == 0
-
-
-def test_states_and_stops_are_logged_when_they_change(note: Note, rig: Rig) -> None:
-    for state in (RunState.APPROACH, RunState.APPROACH, RunState.FOLLOW):
-        rig.supervisor.state = state
-        note.look()
-        note.before()
-    rig.supervisor.state, rig.guard.stop = RunState.FAULT, Stop(StopCause.REQUESTED, "enough")
-    note.look()
-    note.before()
-    events = list(note.events)
-    assert [(event.cycle, event.text) for event in events] == [
-        (0, RunState.APPROACH.value),
-        (2, RunState.FOLLOW.value),
-        (3, f"{StopCause.REQUESTED.value}: enough"),
-        (3, RunState.FAULT.value),
-    ]
-    assert [event.level for event in events][2] is Level.ERROR
-    assert cycles(note).state.tolist()[:4] == [
-        STATES_OF_RUN[state] for state in (RunState.APPROACH, RunState.APPROACH, RunState.FOLLOW, RunState.FAULT)
-    ]
-
-
-@pytest.fixture(scope="module")
-def robot() -> RobotBody:
-    return load_robot("op3")
-
-
-@pytest.fixture
-def taps_note(robot: RobotBody) -> Note:
-    shape = Shape(2, len(robot.joint_map), 0, 1, 1, 0, 0, 0)
-    note = Note()
-    note.begin(Ring(shape), now=0.0, dt=0.008, machine=None)
-    return note
-
-
-def row(note: Note) -> Cycles:
-    assert note.ring is not None
-    return note.ring.rows.taken(np.array([note.ring.at]))
-
-
-def bus(robot: RobotBody, note: Note, *faults: MockFault) -> TappedBus:
-    start = robot.joint_map.to_ticks(robot.posture({})[robot.servo_columns])
-    tapped = TappedBus(FaultyBus(robot.joint_map.servos, VirtualClock(), start=start, faults=faults), note)
-    tapped.open()
-    return tapped
-
-
-def test_readings_of_the_clock_are_kept_as_far_as_there_is_room(taps_note: Note) -> None:
-    clock = VirtualClock(5.0)
-    tapped = TappedClock(clock, taps_note)
-    for number in range(READINGS + 3):
-        assert tapped.now() == 5.0 + number
-        clock.advance(1.0)
-    kept = row(taps_note)
-    assert kept.readings[0] == READINGS and kept.clock[0].tolist() == [5.0 + number for number in range(READINGS)]
-    assert taps_note.now == 5.0 + READINGS + 2
-    tapped.sleep_until(99.0)
-    assert clock.now() == 99.0
 
 
 def test_a_run_whose_robot_still_stood_on_a_real_bus_is_over_with_its_last_cycle(tmp_path: Path) -> None:

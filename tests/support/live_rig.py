@@ -20,7 +20,6 @@ from retarget.live.receivers import UdpReceiver
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
-from retarget.recording.recorder import Recorder
 from retarget.rotations import conjugate, from_rotation_vector, multiply
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare_for
@@ -48,7 +47,7 @@ class LiveRig:
         self.bus: MockBus
 
     @contextmanager
-    def prepared(self, recorder: Recorder | None = None) -> Iterator[Prepared]:
+    def prepared(self) -> Iterator[Prepared]:
         """Calibrated, and the bus open."""
 
         def perform(performer: Performer, robot: RobotBody | None) -> Performance:
@@ -58,10 +57,13 @@ class LiveRig:
                 self.stream, self.live, clock=self.clock, rate_hz=rate, where=WHERE, notify=self.said.append
             )
 
-        clock = self.clock if recorder is None else recorder.clock
-        make_bus = self._bus if recorder is None else recorder.make_bus(self._bus)
         with prepare_for(
-            perform, self.run_options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=self.said.append
+            perform,
+            self.run_options,
+            clock=self.clock,
+            make_bus=self._bus,
+            goes_to_rest=True,
+            notify=self.said.append,
         ) as prepared:
             yield prepared
 

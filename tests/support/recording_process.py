@@ -8,7 +8,7 @@ from hardware.clock import Clock, MonotonicClock
 from retarget.cli.buses import make_bus
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
-from retarget.run.loop import Watch
+from retarget.run.loop import Progress
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from sim.performer import synthetic_performer
@@ -23,16 +23,11 @@ def main(path: Path, seconds: float) -> None:
         return make_bus("mock", robot, clock)
 
     with (
-        prepare(
-            lambda: synthetic_performer().cut(0.0, seconds),
-            options,
-            clock=recorder.clock,
-            make_bus=recorder.make_bus(mock),
-        ) as prepared,
+        prepare(lambda: synthetic_performer().cut(0.0, seconds), options, clock=clock, make_bus=mock) as prepared,
         recorder.recording(prepared, source="synthetic") as recorded,
     ):
         begun = clock.now()
-        recorded.run(recorder.watch(Watch(lambda done: say("moves"), every=25), prepared))
+        recorded.run(observers=[recorder.observer, Progress(lambda done: say("moves"), every=25)])
         lasted = clock.now() - begun
     say(f"cpu {100.0 * recorder.cpu_s / lasted:.3f} percent, {path.stat().st_size / lasted:.0f} bytes a second")
 

@@ -20,6 +20,7 @@ from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard
 from hardware.guard_state import StopCause
+from operators import Asks
 from retarget.cli import main
 from retarget.frames import SensorFrames
 from retarget.human.samples import Samples
@@ -31,9 +32,9 @@ from retarget.recording.npz import write_npz
 from retarget.recording.reading import Played, played, read_recording
 from retarget.recording.recorder import Recorder
 from retarget.rotations import from_rotation_vector
-from retarget.run.loop import Watch
+from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
-from retarget.run.prepare import Prepared, prepare
+from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
@@ -69,7 +70,7 @@ def record(
     options: RunOptions | None = None,
     seconds: float = SECONDS,
     faults: tuple[MockFault, ...] = (),
-    watch: Callable[[Prepared], Watch] = lambda prepared: Watch(),
+    operator: Operator | None = None,
     samples: Callable[[Samples], Samples] = lambda samples: samples,
     truth: Callable[[], FloatArray | None] = lambda: None,
     goes_to_rest: bool = False,
@@ -78,14 +79,13 @@ def record(
     chosen, clock, notes = options or RunOptions(robot="op3"), VirtualClock(), list[str]()
     recorder = Recorder(path, chosen, clock=clock, notify=notes.append, truth=truth)
 
-    def make(robot: RobotBody, clock: Clock) -> ServoBus:
+    def bus(robot: RobotBody, clock: Clock) -> ServoBus:
         return mock_bus(robot, clock, faults=faults)
 
-    bus, time = recorder.make_bus(make), recorder.clock
-    with prepare(performer(seconds), chosen, clock=time, make_bus=bus, goes_to_rest=goes_to_rest) as loaded:
+    with prepare(performer(seconds), chosen, clock=clock, make_bus=bus, goes_to_rest=goes_to_rest) as loaded:
         prepared = replace(loaded, samples=samples(loaded.samples))
         with recorder.recording(prepared, source="synthetic") as recorded:
-            result = recorded.run(recorder.watch(watch(prepared), prepared))
+            result = recorded.run(operator, [recorder.observer])
     return Recorded(result, recorder, notes, path or Path())
 
 
@@ -100,9 +100,8 @@ def recorded(
     """The first second of the performer, stopped after so many ticks. truth: as if there were physics."""
     options = RunOptions(robot=robot, bus="mock" if truth is None else "physics", scene=scene)
     ticks = iter(range(10**9))
-    watch = Watch(stop_asked=lambda: next(ticks) >= stop, why=lambda: "the space bar")
-    known = truth or (lambda: None)
-    return record(path, options=options, seconds=1.0, watch=lambda prepared: watch, truth=known).result
+    operator = Asks(stop=lambda: next(ticks) >= stop, why="the space bar")
+    return record(path, options=options, seconds=1.0, operator=operator, truth=truth or (lambda: None)).result
 
 
 def saved_run(path: Path, *, robot: str, seconds: float = 1.0) -> Path:
