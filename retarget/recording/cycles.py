@@ -31,7 +31,7 @@ class Asked(IntFlag):
     PAUSED = 8
     """The operator paused the robot."""
     APPROACH = 16
-    """The robot might go on with its approach, or follow."""
+    """The robot might go on with its approach."""
     OUTSIDE = 32
     """The robot had a fault that its servos do not report, such as a fall; the events hold cause and reason."""
 

@@ -163,7 +163,7 @@ def _asked(given: TickInput) -> int:
         Asked.TORQUE_OFF: operator.torque_off,
         Asked.OVER: performer.over,
         Asked.PAUSED: performer.paused,
-        Asked.APPROACH: performer.may_go_on,
+        Asked.APPROACH: performer.may_go_on and performer.tick is None,
         Asked.OUTSIDE: operator.fault is not None,
     }
     return sum(flag for flag, is_so in asked.items() if is_so)
