@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from followers import DT, follower, op3, performer, postures
 from hardware.joint_map import JointMap
 from hardware.servo import loop_lag
+from retarget._solver import braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import plant
 from retarget.ik.tasks import SlotKind
@@ -32,7 +33,6 @@ from retarget.robot.reference_governor import (
     Glide,
     OnlineTrajectory,
     ReferenceGovernor,
-    braking_displacement,
 )
 from retarget.rotations import Vector
 from retarget.types import FloatArray
