@@ -325,6 +325,9 @@ class Safety(Schema):
     """[s] Time after which a sustained error stops or warns."""
     following_error_warn: Positive | None = None
     """[rad] One that gives a warning after following_error_s."""
+    planned_lag: Positive | None = None
+    """[rad] Greatest lag of a servo behind its goal in planned motion of a robot with mass; it caps joint speeds.
+    Absent: 0.95 of following_error_sustained, or no cap without that."""
     current_a: Positive | None = None
     """[A] Greatest current of a servo for current_s; beyond it: stop."""
     current_warn_a: Positive | None = None
