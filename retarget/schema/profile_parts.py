@@ -7,17 +7,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-import hardware.servo
 from hardware.bus import MAX_WATCHDOG, BusSpec, PowerSwitch
 from hardware.guard_state import GuardLimits
 from hardware.servo import (
     DEFAULT_P_GAIN,
     MULTI_TURN_REACH,
     Layout,
+    ServoCoupling,
     ServoGains,
     ServoMode,
     ServoModel,
     ServoSpec,
+    ServoStiffness,
     find_model,
     p_gain,
 )
@@ -368,9 +369,7 @@ class Safety(Schema):
 def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> tuple[ServoSpec, ...]:
     """The servos in the profile's order. Raises HardwareError for an unknown model."""
     coupled = {
-        joint: hardware.servo.Coupling(coupling.joints, coupling.matrix)
-        for coupling in couplings
-        for joint in coupling.joints
+        joint: ServoCoupling(coupling.joints, coupling.matrix) for coupling in couplings for joint in coupling.joints
     }
     return tuple(
         ServoSpec(
@@ -400,7 +399,7 @@ def with_stiffness(spec: ServoSpec, stiffness: Stiffness | None, *, protocol: in
     if stiffness is None:
         return spec
     of = spec if stiffness.p is None else replace(spec, gains=ServoGains(stiffness.p))
-    usual = hardware.servo.Stiffness(stiffness.nominal, *stiffness.range_).scaled(DEFAULT_P_GAIN / p_gain(of, protocol))
+    usual = ServoStiffness(stiffness.nominal, *stiffness.range_).scaled(DEFAULT_P_GAIN / p_gain(of, protocol))
     return replace(spec, model=replace(spec.model, stiffness=usual))
 
 
