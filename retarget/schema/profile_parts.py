@@ -58,7 +58,7 @@ Names = Annotated[tuple[Name, ...], BeforeValidator(one_or_more), Field(min_leng
 """One name, or several whose mean point is meant."""
 
 
-class Frame(Schema):
+class ProfileFrame(Schema):
     """A named point on a link. Sole frames have z up, x to the toes."""
 
     link: Name
@@ -200,7 +200,7 @@ class Bus(Schema):
         )
 
 
-class Shape(SolidShape):
+class ObserverShape(SolidShape):
     """Exactly one of the shapes; `geom` takes over the named geom of the body file."""
 
     geom: Name | None = None
@@ -212,7 +212,7 @@ class Observer(Schema):
 
     link: Name
     """Link that carries it."""
-    shape: Shape
+    shape: ObserverShape
     """In the frame of the link."""
     influence: Positive
     """[m] Distance at which it acts."""

@@ -279,7 +279,7 @@ class EmulatedServo(ServoBody):
             self._latch(wrong)
 
     def overload(self, now: float) -> None:
-        """Latch an overload, as at the end of what `Electrics` counts."""
+        """Latch an overload, as at the end of what `ServoElectrics` counts."""
         self.catch_up(now)
         if self._awake_at < inf and not self._starting:
             self._latch(OVERLOAD)
