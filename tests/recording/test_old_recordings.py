@@ -1,0 +1,68 @@
+"""Recordings of an earlier version are read, and replay to the tick with the robot that they hold."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from hardware.guard_state import StopCause
+from retarget.recording.reading import played, read_recording
+from retarget.recording.replay import replay
+
+FIXTURES = Path(__file__).parent / "fixtures"
+"""Made once by `make_fixtures.py`, which says how each was recorded."""
+
+
+class Old(NamedTuple):
+    """A recording. cycles, sensors: messages of `/tick` and of `/sensors`. goals: what was sent; of a human alone:
+    postures. state: the last of the run. cause, reason: of the stop, the reason in part."""
+
+    robot: str
+    bus: str
+    cycles: int
+    sensors: int
+    goals: int
+    state: str | None
+    cause: StopCause | None = None
+    reason: str = ""
+
+
+RECORDINGS = {
+    "op3_to_rest": Old("op3", "mock", 889, 52, 888, "off"),
+    "human_alone": Old("human", "none", 46, 46, 46, None),
+    "poppy_physics": Old("poppy", "physics", 505, 52, 504, "off"),
+    "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing"),
+    "one_step": Old("op3", "mock", 655, 252, 654, "off"),
+    "emulator_lost_and_hot": Old("op3", "emulator", 364, 1, 363, "fault", StopCause.LIMB_LOST, "OVERHEATING"),
+    "live_hold": Old("op3", "mock", 745, 191, 744, "fault", StopCause.REQUESTED, "torque off"),
+    "live_paused": Old("op3", "mock", 1766, 72, 1765, "off"),
+    "stop_then_torque_off": Old("op3", "mock", 543, 45, 542, "fault", StopCause.REQUESTED, "stopped, as recorded"),
+    "stop_from_outside": Old("op3", "mock", 186, 1, 185, "fault", StopCause.FALLEN, "fallen: over a wire"),
+    "bus_read_fails": Old("op3", "mock", 441, 43, 440, "fault", StopCause.BUS, "no answer from any servo"),
+    "bus_write_fails": Old("op3", "mock", 171, 1, 171, "fault", StopCause.BUS, "the port takes no data"),
+    "killed": Old("op3", "mock", 450, 53, 450, "fault", StopCause.REQUESTED, "torque off"),
+}
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_an_old_recording_is_read_and_replays_to_the_tick(name: str) -> None:
+    recording, old = read_recording(FIXTURES / f"{name}.mcap"), RECORDINGS[name]
+    session, cut_off = recording.session, name == "killed"
+    cycles, sensors = (len(recording.topic(topic).rows) for topic in ("/tick", "/sensors"))
+    assert (session.robot, session.bus, cycles, sensors) == old[:4]
+    assert bool(recording.damage) == cut_off
+
+    # Every config file is taken from the recording, so a shipped robot may change.
+    assert not any(Path(file.path).exists() for file in session.files)
+
+    again = replay(played(recording))
+    difference, result = again.difference, again.result
+    assert difference.none and difference.compared == old.goals, difference.lines()
+    assert difference.whole != cut_off
+    assert result.state == old.state
+    assert (None if result.stop is None else result.stop.cause) == old.cause
+    assert old.reason in (result.reason or "")
+
+
+def test_all_recordings_are_tried() -> None:
+    assert {path.stem for path in FIXTURES.iterdir()} == RECORDINGS.keys()
