@@ -31,7 +31,7 @@ RECORDINGS = {
     "op3_to_rest": Old("op3", "mock", 889, 52, 888, "off"),
     "human_alone": Old("human", "none", 46, 46, 46, None),
     "poppy_physics": Old("poppy", "physics", 505, 52, 504, "off"),
-    "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 396, 82, 396, "standing"),
+    "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing"),
     "one_step": Old("op3", "mock", 655, 252, 654, "off"),
     "emulator_lost_and_hot": Old("op3", "emulator", 364, 1, 363, "fault", StopCause.LIMB_LOST, "OVERHEATING"),
     "live_hold": Old("op3", "mock", 745, 191, 744, "fault", StopCause.REQUESTED, "torque off"),
