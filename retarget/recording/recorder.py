@@ -68,9 +68,8 @@ class CycleObserver(Observer):
 
     def end(self) -> None:
         """The run has ended."""
-        if self.ring is not None and self._machine is not None:
+        if self._machine is not None:
             self._say_changes(self._machine)
-            self.say("bus", f"torque {self._machine.guard.torque.value}")
         self.ring = None
 
     def say(self, who: str, text: str, level: Level = Level.INFO) -> None:

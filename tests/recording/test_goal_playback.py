@@ -9,13 +9,14 @@ import pytest
 from hardware.clock import VirtualClock
 from hardware.guard_state import StopCause
 from messages import refuses, shows
+from operators import Asks
 from recordings import Recorded, mock_bus, record
 from retarget.errors import InputError
 from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.recording.goal_playback import goal_playback
 from retarget.recording.reading import Played
 from retarget.report.motion_metrics import LimitViolations, limit_violations
-from retarget.run.loop import Watch
+from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
@@ -30,7 +31,7 @@ def send(
     found: Played,
     *,
     speed: float = 1.0,
-    watch: Watch | None = None,
+    operator: Operator | None = None,
     held: range = range(0),
     robot: RobotBody | None = None,
 ) -> RunResult:
@@ -41,7 +42,7 @@ def send(
     ) as prepared:
         sample = prepared.samples.sample
         vars(prepared.samples)["sample"] = lambda tick: None if tick in held else sample(tick)
-        return prepared.run(watch)
+        return prepared.run(operator)
 
 
 def check_motion(result: RunResult) -> None:
@@ -107,7 +108,7 @@ def test_after_a_hold_it_rejoins_the_trajectory_slowly(plain: Recorded) -> None:
 
 def test_a_stop_is_a_stop(plain: Recorded) -> None:
     asked = iter([False] * 150 + [True] * 9999)
-    result = send(plain.played(), watch=Watch(stop_asked=lambda: next(asked)))
+    result = send(plain.played(), operator=Asks(stop=lambda: next(asked)))
     assert result.stop is not None and result.stop.cause is StopCause.REQUESTED
     check_motion(result)
 

@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from hardware.clock import VirtualClock
 from messages import refuses
 from retarget.errors import UsageError
 from retarget.recording.npz import human_body_path, save_path, write_npz
-from retarget.run.loop import Watch, run_human
+from retarget.run.loop import Operator, run_human
 from retarget.run.run_result import RunResult
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
@@ -76,7 +77,7 @@ def test_mujoco_alone_finds_the_same_landmarks(run: RunResult, tmp_path: Path) -
 
 def test_a_run_of_the_human_brings_its_body(tmp_path: Path) -> None:
     human, clip = person(), short_clip(rate_hz=None)
-    ending = run_human(clip, StubReconstructor(human), Watch())
+    ending = run_human(clip, StubReconstructor(human), Operator(), VirtualClock())
     path = tmp_path / "run.npz"
     write_npz(result(ending, clip, human, None), path)
     with np.load(path) as data:

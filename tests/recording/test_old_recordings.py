@@ -10,7 +10,7 @@ from retarget.recording.reading import played, read_recording
 from retarget.recording.replay import replay
 
 FIXTURES = Path(__file__).parent / "fixtures"
-"""Made once by `make_fixtures.py`, which says how each was recorded."""
+"""Made once, by the version of then: they are never remade."""
 
 
 class Old(NamedTuple):

@@ -15,19 +15,22 @@ import pytest
 from mcap.reader import make_reader
 
 from faulty_bus import FaultKind, MockFault
-from hardware.clock import MonotonicClock, wall_to_monotonic
+from hardware.clock import MonotonicClock, VirtualClock, wall_to_monotonic
 from hardware.errors import RetargetError
 from messages import Facts, refuses, shows
-from recordings import Recorded, record
+from operators import Asks
+from recordings import Recorded, mock_bus, performer, record
 from retarget.cli import main
 from retarget.cli.exit import REFUSED
 from retarget.errors import UsageError
 from retarget.recording import mcap_writer
-from retarget.recording.cycles import STATES_OF_RUN
+from retarget.recording.cycles import STATES_OF_RUN, Done
 from retarget.recording.mcap_writer import FLUSH_S, Ring, check_target
 from retarget.recording.reading import played, read_recording
+from retarget.recording.recorder import Recorder
 from retarget.recording.topics import GOALS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
 from retarget.types import RunState
 
@@ -165,12 +168,35 @@ def test_a_disk_that_hangs_holds_up_no_tick(tmp_path: Path, monkeypatch: pytest.
     assert len(run.notes) == 2
 
 
-def test_what_the_bus_fails_with_is_in_it(tmp_path: Path) -> None:
-    run = record(tmp_path / "run.mcap", faults=(MockFault(FaultKind.READ_FAILS, first=40, cycles=1000),))
+@pytest.mark.parametrize(("kind", "what"), [(FaultKind.READ_FAILS, "read"), (FaultKind.WRITE_FAILS, "write")])
+def test_what_the_bus_fails_with_is_in_it(kind: FaultKind, what: str, tmp_path: Path) -> None:
+    run = record(tmp_path / "run.mcap", faults=(MockFault(kind, first=40, cycles=1000),))
     assert run.result.reason is not None
     shows(run.result.reason)
-    texts = read_recording(run.path).texts
-    assert any(who == "bus read" for _, who in texts) and any(run.result.reason in text for text in texts.values())
+    cycles, texts = run.played().cycles, read_recording(run.path).texts
+    done = cycles.read if what == "read" else cycles.written
+    assert np.flatnonzero(done == Done.FAILED).tolist() == [len(cycles) - 1]
+    last = {who: text for (cycle, who), text in texts.items() if cycle == len(cycles) - 1}
+    assert last[f"bus {what}"] in run.result.reason and run.result.reason in last["guard"]
+
+
+def test_states_and_messages_are_in_it_when_they_are_new(whole: Recorded, tmp_path: Path) -> None:
+    states = [RunState.ARMING, RunState.APPROACH, RunState.FOLLOW, RunState.STOPPING, RunState.OFF]
+    names = [state.value for state in states]
+    assert [text for _, text in sorted(read_recording(whole.path).texts.items()) if text in names] == names
+    said, clock, options = list[str](), VirtualClock(), RunOptions(robot="op3")
+    recorder = Recorder(tmp_path / "run.mcap", options, clock=clock, notify=said.append)
+    notify = recorder.recorded_notify(said.append)
+    notify("too early")
+    with (
+        prepare(performer(0.1), options, clock=clock, make_bus=mock_bus) as prepared,
+        recorder.recording(prepared, source="synthetic") as recorded,
+    ):
+        recorded.run(Asks(stop=lambda: notify("hello") is not None), [recorder.observer])
+    notify("too late")
+    texts = read_recording(tmp_path / "run.mcap").texts.values()
+    assert "hello" in texts and not {"too early", "too late"} & {*texts}
+    assert {"too early", "hello", "too late"} <= {*said}
 
 
 @pytest.mark.parametrize(

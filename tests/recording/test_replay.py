@@ -9,6 +9,7 @@ import pytest
 import retarget
 from faulty_bus import FaultKind, MockFault
 from hardware.arrays import TickArray
+from hardware.bus import ServoGoals
 from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import mentions, refuses, shows
@@ -277,6 +278,16 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     last = again.result.record.robot
     assert last is not None
     np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
+
+
+def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> None:
+    found = plain.played()
+    inputs = RecordedInputs(found, RecordedSamples(found))
+    inputs.read()
+    inputs.write(ServoGoals(found.cycles.goal[0] + 5))
+    servos = inputs.gather(TickState(), RunState.APPROACH, approached=False).servos
+    assert servos is not None
+    np.testing.assert_array_equal(servos.position, found.cycles.position[1] + 5)
 
 
 def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
