@@ -10,7 +10,7 @@ import numpy as np
 
 from hardware.bus import ServoStates
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
-from hardware.guard import CheckedGoal
+from hardware.guard import CheckedGoal, Torque
 from hardware.guard_state import Stop, StopCause
 from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
@@ -58,8 +58,7 @@ class CycleObserver(Observer):
         self.rows = 0
         self._now = 0.0  # [s] of the present cycle
         self._machine: Machine | None = None
-        self._stop: Stop | None = None
-        self._state: RunState | None = None
+        self._logged: tuple[Stop | None, Torque, RunState] = (None, Torque.OFF, RunState.IDLE)
 
     def begin(self, ring: Ring, machine: Machine | None, *, now: float) -> None:
         """Record every cycle from now on. machine: None: of a human alone."""
@@ -124,13 +123,15 @@ class CycleObserver(Observer):
             self.say("outside", f"{cause.value}: {reason}", Level.ERROR)
 
     def _say_changes(self, machine: Machine) -> None:
-        """Log the stop and the state of the run where they are new."""
-        state, stop = machine.supervisor.state, machine.guard.stop
-        if stop is not None and stop is not self._stop:
+        """Log the stop, the torque and the state of the run where they are new."""
+        stop, torque, state = machine.guard.stop, machine.guard.torque, machine.supervisor.state
+        if stop is not None and stop is not self._logged[0]:
             self.say("guard", f"{stop.cause.value}: {stop.reason}", Level.ERROR)
-        if state is not self._state:
+        if torque is not self._logged[1]:
+            self.say("bus", f"torque {torque.value}")
+        if state is not self._logged[2]:
             self.say("run", state.value)
-        self._state, self._stop = state, stop
+        self._logged = (stop, torque, state)
 
     def _keep_row(self, rows: Cycles, at: int, record: Record, row: int) -> None:
         """Copy a row of the record."""

@@ -152,7 +152,7 @@ def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) 
     ends = chunk_ends(path)
     whole = played(read_recording(path)).cycles
     assert len(ends) >= 3 and ends[-1][1] == len(whole)
-    assert len({count for _, count in ends}) == len(ends)
+    assert len({count for _, count in ends}) >= len(ends) - 1  # the last chunk may have no cycle, only events
     rng = np.random.default_rng(5)
     cuts = [*rng.integers(ends[0][0], len(content) - 1, 12).tolist(), len(content) - 1]
     for cut in cuts:

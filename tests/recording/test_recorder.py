@@ -183,7 +183,9 @@ def test_what_the_bus_fails_with_is_in_it(kind: FaultKind, what: str, tmp_path: 
 def test_states_and_messages_are_in_it_when_they_are_new(whole: Recorded, tmp_path: Path) -> None:
     states = [RunState.ARMING, RunState.APPROACH, RunState.FOLLOW, RunState.STOPPING, RunState.OFF]
     names = [state.value for state in states]
-    assert [text for _, text in sorted(read_recording(whole.path).texts.items()) if text in names] == names
+    texts = [text for _, text in sorted(read_recording(whole.path).texts.items())]
+    assert [text for text in texts if text in names] == names
+    assert [text for text in texts if text.startswith("torque")] == ["torque on", "torque off"]
     said, clock, options = list[str](), VirtualClock(), RunOptions(robot="op3")
     recorder = Recorder(tmp_path / "run.mcap", options, clock=clock, notify=said.append)
     notify = recorder.recorded_notify(said.append)
@@ -194,7 +196,7 @@ def test_states_and_messages_are_in_it_when_they_are_new(whole: Recorded, tmp_pa
     ):
         recorded.run(Asks(stop=lambda: notify("hello") is not None), [recorder.observer])
     notify("too late")
-    texts = read_recording(tmp_path / "run.mcap").texts.values()
+    texts = [*read_recording(tmp_path / "run.mcap").texts.values()]
     assert "hello" in texts and not {"too early", "too late"} & {*texts}
     assert {"too early", "hello", "too late"} <= {*said}
 
