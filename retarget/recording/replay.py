@@ -80,9 +80,10 @@ class RecordedInputs:
     """`retarget.run.loop.Inputs` of the ticks of a recording. It is also the `hardware.bus.ServoBus` of the replay.
 
     Servos are as far from their goals as they were: where the same goals are sent, they are where they were, to the
-    tick. The approach may last longer or shorter than it did: following begins in both with the same cycle. The run
-    ends after the last cycle. clock: shows the time of the present tick. sent: the goals (n,), ticks, each with the row
-    of its cycle, or -1 where that was not recorded.
+    tick. Where a cycle is missing, servos and performer are as in the one before it. The approach may last longer or
+    shorter than it did: following begins in both with the same cycle. The run ends after the last cycle. clock: shows
+    the time of the present tick. sent: the goals (n,), ticks, each with the row of its cycle, or -1 where that was not
+    recorded.
     """
 
     late_ticks = 0
@@ -111,9 +112,8 @@ class RecordedInputs:
 
     def write(self, goals: ServoGoals) -> None:
         """Keep a goal. Raises BusError where the bus failed."""
-        recorded = self._is_recorded and not self._is_late
-        self.sent.append((self._row if recorded else -1, goals.ticks.copy()))
-        if recorded and self._cycles.written[self._row] == Done.FAILED:
+        self.sent.append((self._row if self._is_recorded else -1, goals.ticks.copy()))
+        if self._is_recorded and self._cycles.written[self._row] == Done.FAILED:
             raise BusError(self._text("bus write"))
 
     def torque(self, on: bool) -> None:
@@ -137,11 +137,7 @@ class RecordedInputs:
             self.clock.now(),
             servos=None if failed else self._servos(),
             performer=self._performer(state.tick, approached=approached) if moves else PerformerInput(),
-            operator=OperatorInput(
-                stop="stopped, as recorded" if self._asked(Asked.STOP) else None,
-                torque_off=self._asked(Asked.TORQUE_OFF) or self._cycle > self._last,
-                fault=_fault(self._text("outside")) if self._asked(Asked.OUTSIDE) else None,
-            ),
+            operator=self._operator(),
             failures=tuple(failures),
         )
 
@@ -150,7 +146,7 @@ class RecordedInputs:
         cycles, before = self._cycles, self._row
         self._cycle += 1
         if not self._follows and self._first <= self._last:
-            self._cycle = self._first if follows else min(self._cycle, self._first)
+            self._cycle = self._first if follows else min(self._cycle, self._first - 1)
             self._follows = follows
         self._row = max(int(np.searchsorted(cycles.index, self._cycle, side="right")) - 1, 0)
         if self._cycle > 0 and cycles.index[self._row] - cycles.index[before] != 1:
@@ -161,13 +157,8 @@ class RecordedInputs:
     def _is_recorded(self) -> bool:
         return int(self._cycles.index[self._row]) == self._cycle
 
-    @property
-    def _is_late(self) -> bool:
-        """True if the robot still approaches where the recorded one had begun to follow."""
-        return not self._follows and self._cycle >= self._first
-
     def _asked(self, asked: Asked) -> bool:
-        return self._is_recorded and bool(int(self._cycles.asked[self._row]) & asked)
+        return bool(int(self._cycles.asked[self._row]) & asked)
 
     def _text(self, who: str) -> str:
         return self._texts.get((self._cycle, who), "as recorded")
@@ -181,14 +172,20 @@ class RecordedInputs:
         retries, error_rate = int(cycles.retries[row]), float(cycles.error_rate[row])
         return ServoStates(**states, time=time, retries=retries, error_rate=error_rate)
 
+    def _operator(self) -> OperatorInput:
+        if not self._is_recorded:
+            return OperatorInput(torque_off=self._cycle > self._last)
+        stop = "stopped, as recorded" if self._asked(Asked.STOP) else None
+        fault = _fault(self._text("outside")) if self._asked(Asked.OUTSIDE) else None
+        return OperatorInput(stop, self._asked(Asked.TORQUE_OFF), fault)
+
     def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
         samples = self._samples
         if self._asked(Asked.OVER) or tick >= samples.ticks:
             return PerformerInput(over=True)
         paused, words = self._asked(Asked.PAUSED), "as recorded"
         if not approached:
-            may_go_on = self._is_late or self._asked(Asked.APPROACH)
-            return PerformerInput(may_go_on=may_go_on, hold_reason=words, paused=paused)
+            return PerformerInput(may_go_on=self._asked(Asked.APPROACH), hold_reason=words, paused=paused)
         sample, settled = samples.sample(tick), float(self._cycles.settled[samples.rows[tick]])
         return PerformerInput(tick, sample, sample is not None, words, paused, settled)
 
@@ -264,25 +261,19 @@ def _other_machine(played: Played) -> str:
 def goal_difference(played: Played, goals: Sequence[tuple[int, TickArray]], robot: RobotBody) -> Difference:
     """Compare goals (n,), in ticks, each with the row of its cycle, -1 where that was not recorded. Goals after the end
     of a recording that breaks off are no difference."""
-    cycles = played.cycles
+    cycles, first = played.cycles, dict(reversed(goals))  # the first goal of each row
     wrote = np.flatnonzero(cycles.written != Done.NOT)
-    now = np.full((len(cycles), cycles.goal.shape[1]), np.iinfo(np.int64).min)
-    extra = 0
-    for row, goal in goals:
-        if row < 0 or cycles.written[row] == Done.NOT or now[row, 0] != np.iinfo(np.int64).min:
-            extra += 1
-        else:
-            now[row] = goal
-    sent = wrote[now[wrote, 0] != np.iinfo(np.int64).min]
-    servos = robot.joint_map
-    off = np.abs(np.rad2deg(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])), dtype=np.float64)
+    sent = np.array([row for row in wrote.tolist() if row in first], dtype=np.intp)
+    then, servos = cycles.goal[sent], robot.joint_map
+    now = np.array([first[row] for row in sent.tolist()]).reshape(then.shape)
+    off = np.abs(np.rad2deg(servos.to_radians(now) - servos.to_radians(then)), dtype=np.float64)
     return replace(
         _located(off, cycles.index[sent], servos.joints, cycles.now[sent] - cycles.now[0]),
         compared=len(wrote),
-        ticks=int(np.abs(now[sent] - cycles.goal[sent]).max(initial=0)),
+        ticks=int(np.abs(now - then).max(initial=0)),
         unit="degrees",
         absent=len(wrote) - len(sent),
-        extra=extra if played.whole else 0,
+        extra=len(goals) - len(sent) if played.whole else 0,
         whole=played.whole,
         machine=_other_machine(played),
     )

@@ -299,7 +299,7 @@ def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
     inputs.read()
     given = [inputs.gather(TickState(), RunState.APPROACH, approached=False) for _ in range(6)]
     assert [one.operator.stop is not None for one in given] == [False, True, False, False, False, False]
-    assert [one.performer.may_go_on for one in given] == [True, True, False, False, True, True]
+    assert all(one.performer.may_go_on for one in given)
     np.testing.assert_allclose(np.diff([one.now for one in given]), whole.recording.session.dt, atol=1e-9)
 
 
