@@ -12,6 +12,7 @@ from hardware.arrays import TickArray
 from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.guard_state import StopCause
+from hardware.no_bus import NoBus
 from retarget.cli.application import note
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import check_stand
@@ -35,7 +36,7 @@ def make_bus(
 
     Raises UsageError for a port where the robot has several, ConfigError for a bad file of faults.
     """
-    from sim.mock_bus import NoBus, mock_bus
+    from sim.mock_bus import mock_bus
 
     match name:
         case "none":

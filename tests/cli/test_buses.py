@@ -15,6 +15,7 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
 from hardware.guard_state import StopCause
+from hardware.no_bus import NoBus
 from hardware.servo import loop_stiffness
 from messages import refuses, shows, shows_lines
 from retarget.cli.buses import AFTER_FALL_S, HOLD_IT, PhysicsBench, make_bus, posture_ticks
@@ -35,7 +36,7 @@ from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import prepare, stage_priorities
 from retarget.run.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
-from sim.mock_bus import MockBus, NoBus
+from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.perturbation import Push
 from sim.physics.witness import Fall
