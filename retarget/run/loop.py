@@ -161,16 +161,7 @@ class LiveInputs:
         samples = self._samples
         if samples.over or tick >= samples.ticks:
             return PerformerInput(over=True)
-        sample = samples.sample(tick) if approached else None
-        may_go_on = sample is not None if approached else samples.may_approach()
-        return PerformerInput(
-            tick=tick if approached else None,
-            sample=sample,
-            may_go_on=may_go_on,
-            hold_reason="" if may_go_on else samples.hold_reason,
-            paused=samples.paused,
-            settled=samples.settled,
-        )
+        return PerformerInput.of(samples, tick, approached=approached)
 
     def _wait(self) -> None:
         """Wait until the next tick is due. What is late is skipped and counted: it is not made up for."""
@@ -193,8 +184,8 @@ class Loop:
         observers: Sequence[Observer] = (),
         inputs: Inputs | None = None,
     ) -> None:
-        """inputs: of the ticks; None: from the samples, the operator and the bus. Raises RetargetError where the posture
-        to approach is not known."""
+        """inputs: of the ticks; None: from the samples, the operator and the bus. Raises RetargetError where the
+        posture to approach is not known."""
         self._machine, self._samples, self._observers = machine, samples, observers
         self._inputs = LiveInputs(machine, samples, operator) if inputs is None else inputs
         first = samples.sample(0)
