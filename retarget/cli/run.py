@@ -426,7 +426,7 @@ def follow_live(
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
         web = stack.enter_context(run.live_page(address, live))
         notify = run.notify
-        supervisor = Supervisor(notify=notify)
+        supervisor = Supervisor()
         perform = _performing(address, begins, run, web, tap, supervisor, stack)
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples

@@ -159,6 +159,7 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     state = _with_sample(state, given)
     situation = _situation(machine, motion, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
+    news += supervisor.take_news()
     state, standing = _standing(machine, state)
     if supervisor.over:
         return TickOutput(state, run_state, lost=lost, news=news + standing)
@@ -195,7 +196,7 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
             supervisor.step(given.now, OperatorInput(), PerformerInput(), situation, guard)
     state, news = _standing(machine, _with_sample(state, given))
     goal = None if supervisor.over else _unwritten(machine) or motion.brake_at_once()
-    return TickOutput(state, supervisor.state, goal, news=news)
+    return TickOutput(state, supervisor.state, goal, news=supervisor.take_news() + news)
 
 
 def _unwritten(machine: Machine) -> CheckedGoal | None:
