@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from hardware.bus import ServoStates
-from hardware.clock import thread_cpu
+from hardware.clock import Clock, thread_cpu
 from hardware.errors import GuardError, TorqueError
 from hardware.guard import CheckedGoal, Torque, text_of
 from hardware.guard_state import StopCause
@@ -21,7 +21,6 @@ from retarget.run.supervisor import AT_RISK, LONGEST_BRAKE_S, LONGEST_STOP_S, En
 from retarget.run.tick import Failure, Machine, TickInput, TickOutput, TickState, brake, caught, step
 from retarget.types import RunState
 
-INTERRUPTED = "interrupted by the user"
 LATE, MANY_LATE = 0.35, 0.01
 """A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
 STOOD_S = 1.0
@@ -360,14 +359,16 @@ def show(observers: Sequence[Observer], tick: Tick) -> None:
 
 
 def run_human(
-    samples: Samples, reconstructor: Reconstructor, operator: Operator, observers: Sequence[Observer] = ()
+    samples: Samples, reconstructor: Reconstructor, operator: Operator, clock: Clock, observers: Sequence[Observer] = ()
 ) -> Ending:
-    """Run samples through the first stage alone, where there is no robot."""
-    first = samples.sample(0)
+    """Run samples through the first stage alone, where there is no robot, a tick each period of the clock."""
+    first, due = samples.sample(0), clock.now()
     assert first is not None, "the first sample is valid"
     human = reconstructor.start(first)
     recorder = TickRecorder(samples, human, len(first.names))
     for tick in range(samples.ticks):
+        due = max(due + samples.dt, clock.now())
+        clock.sleep_until(due)
         if tick == samples.kept:
             recorder.close()
         if stop := operator.ask(None).stop:

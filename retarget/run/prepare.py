@@ -129,7 +129,7 @@ def _say(notes: Iterable[str], notify: Notify) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A run that can start."""
+    """A run that can start. clock: of the run."""
 
     samples: Samples
     human: Human
@@ -139,6 +139,7 @@ class Prepared:
     priorities: tuple[Priorities, ...]
     has_bus: bool
     notes: tuple[str, ...]
+    clock: Clock
     scene: SceneState | None = None
     observers: Observers | None = None
     intake: IntakeTimes = field(default_factory=IntakeTimes)
@@ -160,7 +161,8 @@ class Prepared:
         """Run it. inputs: of the ticks of a robot, see `Loop`. Raises GuardError or BusError when the robot cannot be
         armed."""
         if self.machine is None:
-            return self.result(run_human(self.samples, self.reconstructor, operator or Operator(), observers))
+            operator = operator or Operator()
+            return self.result(run_human(self.samples, self.reconstructor, operator, self.clock, observers))
         return self.result(self.loop(operator, observers, inputs).run())
 
     def result(self, ending: Ending) -> RunResult:
@@ -254,7 +256,7 @@ def prepare_for(
     scene = scene_of(robot, options)
     of_robot = () if robot is None else (*robot.body.notes, *on_priorities)
     _say(of_robot, notify)  # before a performer gets into the pose
-    human = _human(perform(performer, robot), performer, for_human, options, scene if robot is None else None)
+    human = _human(perform(performer, robot), performer, for_human, options, clock, scene if robot is None else None)
     _say(human.notes, notify)
     if robot is None or for_robot is None:
         yield human
@@ -306,6 +308,7 @@ def _human(
     performer: Performer,
     priorities: Priorities,
     options: RunOptions,
+    clock: Clock,
     scene: SceneState | None,
 ) -> Prepared:
     """The human's stage alone. scene: of a run without a robot."""
@@ -331,6 +334,7 @@ def _human(
         priorities=(priorities,),
         has_bus=False,
         notes=performance.notes,
+        clock=clock,
         scene=scene,
         observers=reconstructor.observers,
         intake=performance.intake,
