@@ -40,7 +40,7 @@ from retarget.run.options import RunOptions
 from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import robot_stage, scene_of, stage_priorities
 from retarget.run.supervisor import AT_RISK, Event, OperatorInput, Supervisor
-from retarget.run.tick import Machine, TickInput, TickState, step
+from retarget.run.tick import Machine, TickInput, TickState, look_at, step
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.performer import Performer, load_performer
 from retarget.sources.stream_frame import unusable
@@ -297,7 +297,7 @@ class Pipeline:
         guard, performer = machine.guard, PerformerInput()
         try:
             if self.state in AT_RISK:
-                performer = PerformerInput.of(self._samples, self._state.tick, approached=motion.approach.arrived)
+                performer = look_at(self._samples, self._state.tick, approached=motion.approach.arrived)
             given = TickInput(self._now, servos=guard.read(), performer=performer, operator=self._operator)
             output = step(machine, motion, self._state, given)
             if output.goal is not None:

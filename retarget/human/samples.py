@@ -105,21 +105,6 @@ class PerformerInput:
     settled: float = 1.0
     over: bool = False
 
-    @classmethod
-    def of(cls, performer: Performing, tick: int, *, approached: bool) -> "PerformerInput":
-        """Look at a performer, once a tick. approached: whether the robot is where following begins; tick: of the
-        performance, from then on."""
-        sample = performer.sample(tick) if approached else None
-        may_go_on = sample is not None if approached else performer.may_approach()
-        return cls(
-            tick=tick if approached else None,
-            sample=sample,
-            may_go_on=may_go_on,
-            hold_reason="" if may_go_on else performer.hold_reason,
-            paused=performer.paused,
-            settled=performer.settled,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Performance:

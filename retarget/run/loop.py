@@ -18,7 +18,7 @@ from retarget.human.samples import PerformerInput, Samples
 from retarget.run.controllers import Pace, RobotMotion
 from retarget.run.record import Phase, Record, TickRecorder
 from retarget.run.supervisor import AT_RISK, LONGEST_BRAKE_S, LONGEST_STOP_S, End, Event, OperatorInput
-from retarget.run.tick import Failure, Machine, TickInput, TickOutput, TickState, brake, caught, step
+from retarget.run.tick import Failure, Machine, TickInput, TickOutput, TickState, brake, caught, look_at, step
 from retarget.types import RunState
 
 LATE, MANY_LATE = 0.35, 0.01
@@ -160,7 +160,7 @@ class LiveInputs:
         samples = self._samples
         if samples.over or tick >= samples.ticks:
             return PerformerInput(over=True)
-        return PerformerInput.of(samples, tick, approached=approached)
+        return look_at(samples, tick, approached=approached)
 
     def _wait(self) -> None:
         """Wait until the next tick is due. What is late is skipped and counted: it is not made up for."""

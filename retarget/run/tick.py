@@ -17,7 +17,7 @@ from hardware.errors import BusError
 from hardware.guard import CheckedGoal, Guard, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
-from retarget.human.samples import PerformerInput
+from retarget.human.samples import PerformerInput, Performing
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
@@ -147,6 +147,21 @@ class Machine:
         clearance = self.gate.clearance
         way = "" if clearance is None else clearance.in_the_way(robot_observers(self.robot).names)
         return f"the gate refused goals that bring {way} too near to each other" if way else ""
+
+
+def look_at(performer: Performing, tick: int, *, approached: bool) -> PerformerInput:
+    """The performer at a tick. approached: whether the robot is where following begins; tick: of the performance, from
+    then on."""
+    sample = performer.sample(tick) if approached else None
+    may_go_on = sample is not None if approached else performer.may_approach()
+    return PerformerInput(
+        tick=tick if approached else None,
+        sample=sample,
+        may_go_on=may_go_on,
+        hold_reason="" if may_go_on else performer.hold_reason,
+        paused=performer.paused,
+        settled=performer.settled,
+    )
 
 
 def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickOutput:

@@ -16,13 +16,13 @@ from hardware.servo import (
     DEFAULT_P_GAIN,
     MAX_CONDITION,
     Coupling,
-    ExpectedRange,
     ServoGains,
     ServoMode,
     find_model,
     full_drive_error,
     loop_stiffness,
 )
+from hardware.servo_health import ExpectedRange
 from messages import refuses
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
