@@ -156,9 +156,9 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
         assert not asked()
         signal.raise_signal(number)
         assert asked() and not asked.torque_off
-        assert asked.why() == REASONS[number] and number.name in asked.why().replace("Ctrl-C", "SIGINT")
+        assert asked.why == REASONS[number] and number.name in asked.why.replace("Ctrl-C", "SIGINT")
         signal.raise_signal(signal.SIGINT)
-        assert asked.why() == REASONS[number], "the first one stays"
+        assert asked.why == REASONS[number], "the first one stays"
     assert signal.getsignal(number) is before
 
 
@@ -179,7 +179,7 @@ def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
             signal.raise_signal(signal.SIGINT)
             clock.advance(0.03)
             assert asked() and not asked.torque_off
-        assert asked.too_soon() == 59
+        assert asked.too_soon == 59
         clock.advance(0.3)
         signal.raise_signal(signal.SIGINT)
         assert asked.torque_off
@@ -193,7 +193,7 @@ def test_ctrl_z_suspends_no_robot_that_moves() -> None:
     with stop_on_signals(moves=True) as asked:
         signal.raise_signal(signal.SIGTSTP)
         assert asked() and not asked.torque_off
-        shows(asked.why())
+        shows(asked.why)
     assert signal.getsignal(signal.SIGTSTP) is before
 
 
