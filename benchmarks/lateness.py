@@ -31,9 +31,10 @@ from retarget.live.address import parse_address
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
 from retarget.model.robot import RobotBody
-from retarget.run.loop import Watch
+from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare_for
+from retarget.run.supervisor import OperatorInput
 from retarget.schema.catalogue import Kind, find
 from retarget.schema.performer import Performer
 from retarget.types import RunState
@@ -109,14 +110,13 @@ def live_leg(seconds: float, robot: Path) -> list[float]:
         pose_sender(port),
         prepare_for(perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True) as prepared,
     ):
-        machine = prepared.machine
-        assert machine is not None
 
-        def enough() -> bool:
-            clock.counting = machine.supervisor.state is RunState.FOLLOW
-            return len(clock.late) >= seconds * RATE_HZ
+        class Enough(Operator):
+            def ask(self, state: RunState | None) -> OperatorInput:
+                clock.counting = state is RunState.FOLLOW
+                return OperatorInput(stop="enough" if len(clock.late) >= seconds * RATE_HZ else None)
 
-        result = prepared.run(Watch(stop_asked=enough))
+        result = prepared.run(Enough())
     if len(clock.late) < seconds * RATE_HZ:
         raise SystemExit(f"the live loop did not last ({result.reason}): a quieter machine, or --realtime 40")
     return clock.late[: round(seconds * RATE_HZ)]

@@ -13,14 +13,19 @@ from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock, thread_cpu
 from hardware.guard_state import StopCause
 from retarget.cli.buses import PhysicsBench
+from retarget.cli.exit import StopRequest
+from retarget.cli.operator import RunOperator
 from retarget.frames import SensorFrames
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import physics_report
-from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
+from retarget.run.supervisor import OperatorInput
 from retarget.types import RunState
+
+ASKED = "interrupted by the user"
+"""Why a run stops that is to."""
 
 
 def timed(bus: ServoBus, spent: list[float]) -> ServoBus:
@@ -86,13 +91,15 @@ def play(frames: SensorFrames, options: RunOptions, *, stop_s: float | None = No
         lambda: frames, options, clock=clock, make_bus=bench.make_bus, goes_to_rest=options.has_physics
     ) as prepared:
 
-        def stops() -> bool:
-            machine = prepared.machine
-            if not began and machine is not None and machine.supervisor.state is RunState.FOLLOW:
-                began.append(clock.now())
-            return stop_s is not None and bool(began) and clock.now() - began[0] >= stop_s
+        class StopsLater(RunOperator):
+            def ask(self, state: RunState | None) -> OperatorInput:
+                if not began and state is RunState.FOLLOW:
+                    began.append(clock.now())
+                if stop_s is not None and began and clock.now() - began[0] >= stop_s:
+                    self.stop.ask(ASKED)
+                return super().ask(state)
 
-        run = prepared.run(Watch(stop_asked=bench.watching(stops, prepared)))
+        run = prepared.run(StopsLater(prepared, StopRequest(), bench=bench))
     return bench.seen(run)
 
 
@@ -107,9 +114,9 @@ def cost_of_run(name: str, frames: SensorFrames, options: RunOptions) -> Physics
     with prepare(
         lambda: frames, options, clock=VirtualClock(), make_bus=bus, goes_to_rest=options.has_physics
     ) as prepared:
-        watch = Watch(stop_asked=bench.watching(lambda: False, prepared))
+        operator = RunOperator(prepared, StopRequest(), bench=bench)
         begun = thread_cpu()
-        run = prepared.run(watch)
+        run = prepared.run(operator)
         cpu = thread_cpu() - begun
         spent = sum(on_bus)
     run = bench.seen(run)

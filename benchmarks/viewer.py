@@ -23,11 +23,13 @@ from benchmarks.table import options_of, print_table, write_json
 from hardware.clock import MonotonicClock, thread_cpu
 from retarget.cli.buses import make_bus
 from retarget.cli.exit import StopRequest
-from retarget.cli.view import Viewing, opened_page, viewing
+from retarget.cli.operator import RunOperator
+from retarget.cli.view import opened_page, viewing
 from retarget.human.samples import Playback
-from retarget.run.loop import Watch
+from retarget.run.loop import Observer
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
+from retarget.run.supervisor import OperatorInput
 from retarget.types import RunState
 from retarget.viewer.feed import ViewFeed
 from sim.performer import synthetic_performer
@@ -87,21 +89,21 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
         ) as prepared,
         looked_at(page, prepared, options) as (viewed, feed),
     ):
-        machine, stop, ticks = prepared.machine, StopRequest(), round(seconds / prepared.samples.dt)
-        assert machine is not None
-        asked = viewed.with_stop_button(stop, stop)
-        followed = 0
+        stop, ticks, followed = StopRequest(), round(seconds / prepared.samples.dt), 0
 
-        def enough() -> bool:
-            nonlocal followed
-            followed += machine.supervisor.state is RunState.FOLLOW
-            if followed == SETTLED // 2 and page == "stopped" and feed is not None:
-                os.kill(feed.process, signal.SIGSTOP)
-            meter.counting = followed > SETTLED
-            return asked() or len(meter.late) >= ticks
+        class Enough(RunOperator):
+            def ask(self, state: RunState | None) -> OperatorInput:
+                nonlocal followed
+                followed += state is RunState.FOLLOW
+                if followed == SETTLED // 2 and page == "stopped" and feed is not None:
+                    os.kill(feed.process, signal.SIGSTOP)
+                meter.counting = followed > SETTLED
+                if len(meter.late) >= ticks:
+                    stop.ask("enough")
+                return super().ask(state)
 
         gc.collect()
-        result = prepared.run(viewed.watch(Watch(stop_asked=enough)))
+        result = prepared.run(Enough(prepared, stop, page=feed), [viewed])
         meter.counting = False
     if len(meter.late) < ticks:
         raise SystemExit(f"the run did not last ({result.reason}): a quieter machine")
@@ -109,10 +111,10 @@ def leg(page: str, seconds: float) -> tuple[list[float], list[float]]:
 
 
 @contextmanager
-def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tuple[Viewing, ViewFeed | None]]:
+def looked_at(page: str, prepared: Prepared, options: RunOptions) -> Iterator[tuple[Observer, ViewFeed | None]]:
     """A page in one of LEGS, and a client that reads it. Raises SystemExit where nothing was to be read."""
     if page == "off":
-        yield Viewing(None), None
+        yield Observer(), None
         return
     messages: list[str] = []
     with (

@@ -6,6 +6,7 @@ from enum import IntFlag
 from typing import Protocol
 
 from hardware.arrays import BoolArray, ByteArray, FloatArray, TickArray
+from hardware.errors import BusError, describe
 
 
 class ServoAlert(IntFlag):
@@ -101,6 +102,12 @@ class ServoBus(Protocol):
 
     def close(self) -> None:
         """Close the ports and leave the bus safe: torque that this bus switched on is off. Closing twice is allowed."""
+
+
+def check_open(is_open: bool, *, where: str) -> None:
+    """Raise BusError for a bus that is closed."""
+    if not is_open:
+        raise BusError(describe(what="the bus is closed", where=where, then="Call open first"))
 
 
 # A bus as data: its port, its speed, the devices on it, and what is set up in its servos once.

@@ -6,7 +6,6 @@ from enum import Enum, StrEnum
 
 import numpy as np
 
-from hardware.arrays import FloatArray, TickArray
 from hardware.errors import HardwareError
 
 # Two joints that two servos turn together, as data: a differential such as the waist of a humanoid.
@@ -391,32 +390,3 @@ def p_gain(servo: ServoSpec, protocol: int) -> float:
 def lag_of_gain(model: ServoModel, gain: float) -> float:
     """Time constant in s of a model's position loop with a P `gain` (register counts of the X series, above 0)."""
     return full_drive_error(gain) / model.no_load_speed
-
-
-class ExpectedRange:
-    """The range in which n shafts may be: from the response of a loop with its lag to the goal.
-
-    A servo that follows as well as its gain lets it has no error, however fast its goal moves.
-    """
-
-    def __init__(self, lag: FloatArray) -> None:
-        """lag (n,): s."""
-        self._lag = np.maximum(lag, 1e-9)
-        self._at: FloatArray | None = None
-        self._time = 0.0
-
-    def forget(self) -> None:
-        """Forget the response: the next one begins at its goal."""
-        self._at = None
-
-    def error(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
-        """Distance (n,) in ticks of shafts at `position` from the range, with goals that they have had until `time`, s;
-        positive above it."""
-        end, here = goal.astype(np.float64), position.astype(np.float64)
-        if self._at is None:
-            self._at = end
-        else:
-            self._at = end + (self._at - end) * np.exp((self._time - time) / self._lag)
-        self._time = time
-        lowest, highest = np.minimum(self._at, end), np.maximum(self._at, end)
-        return np.asarray(here - np.minimum(np.maximum(here, lowest), highest))

@@ -15,7 +15,7 @@ from hardware.bus import UNREAD_AFTER_S, ServoStates, alert_names
 from hardware.errors import BusError, GuardError, HardwareError
 from hardware.guard_state import GuardLimits, StopCategory, StopCause
 from hardware.joint_map import JointMap
-from hardware.servo import ExpectedRange, ServoSpec
+from hardware.servo import ServoSpec
 
 # The watched quantities: their bounds, and the words of a fault or a warning.
 
@@ -198,6 +198,38 @@ class ServoLevels:
     def forget(self) -> None:
         """Forget that any value was beyond its bounds."""
         self._since, self.count = self._nothing, 0
+
+
+# Following error: goals that a servo lags behind as its gain lets it are none.
+
+
+class ExpectedRange:
+    """The range in which n shafts may be: from the response of a loop with its lag to the goal.
+
+    A servo that follows as well as its gain lets it has no error, however fast its goal moves.
+    """
+
+    def __init__(self, lag: FloatArray) -> None:
+        """lag (n,): s."""
+        self._lag = np.maximum(lag, 1e-9)
+        self._at: FloatArray | None = None
+        self._time = 0.0
+
+    def forget(self) -> None:
+        """Forget the response: the next one begins at its goal."""
+        self._at = None
+
+    def error(self, time: float, goal: TickArray, position: TickArray) -> FloatArray:
+        """Distance (n,) in ticks of shafts at `position` from the range, with goals that they have had until `time`, s;
+        positive above it."""
+        end, here = goal.astype(np.float64), position.astype(np.float64)
+        if self._at is None:
+            self._at = end
+        else:
+            self._at = end + (self._at - end) * np.exp((self._time - time) / self._lag)
+        self._time = time
+        lowest, highest = np.minimum(self._at, end), np.maximum(self._at, end)
+        return np.asarray(here - np.minimum(np.maximum(here, lowest), highest))
 
 
 # Warnings: beyond a bound, yet not so far that the robot must stop. Each is reported once; some slow the robot.

@@ -1,7 +1,7 @@
 """`Pipeline`: from a sensor sample to checked joint goals in one call, for programs with their own loop and bus.
 
-It moves a robot by what a run moves it by (`retarget.run.controllers.RobotMotion`, and the same table of states), and
-has no files beyond configurations, no threads, no bus and no clock.
+It moves a robot by what a run moves it by, `retarget.run.tick.step`, over servos that are always at their goals. It has
+no files beyond configurations, no threads, no bus and no clock: it counts its ticks.
 """
 
 import re
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import compress
-from math import isfinite
+from math import inf, isfinite
 from numbers import Real
 from pathlib import Path
 from types import UnionType
@@ -18,12 +18,16 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hardware.clock import VirtualClock
+from hardware.guard import Guard, text_of
+from hardware.guard_state import GuardLimits, StopCause
+from hardware.no_bus import NoBus
 from retarget.errors import InputError, RefusedError, UsageError
 from retarget.frames import SensorSample
 from retarget.human.performer_calibration import Person
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.rest_pose import fit_rest_pose, refuse_stance
-from retarget.human.samples import RATES_HZ, Parts
+from retarget.human.samples import RATES_HZ, Parts, PerformerInput
 from retarget.live.begin import live_rate_hz
 from retarget.live.performer import base_sensors
 from retarget.live.playout import OFF, SMOOTHINGS, pose_filter
@@ -31,11 +35,12 @@ from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.rotations import IDENTITY
-from retarget.run.controllers import RobotMotion
+from retarget.run.controllers import Pace, RobotMotion
 from retarget.run.options import RunOptions
 from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import robot_stage, scene_of, stage_priorities
-from retarget.run.supervisor import AT_RISK, Event, Supervisor
+from retarget.run.supervisor import AT_RISK, Event, OperatorInput, Supervisor
+from retarget.run.tick import Machine, TickInput, TickState, look_at, step
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.performer import Performer, load_performer
 from retarget.sources.stream_frame import unusable
@@ -165,13 +170,13 @@ class Pipeline:
         self.dt = 1.0 / _checked_rate(live_rate_hz(self._robot) if rate_hz is None else rate_hz)
         """s, the period of the loop that calls `step`."""
         self._sensors = SensorReader(self._performer)
-        self._supervisor, self._now = Supervisor(), 0.0
+        self._supervisor, self._now, self._operator = Supervisor(), 0.0, OperatorInput()
         self._reconstructor: Reconstructor | None = None
         self._human: HumanPosture
         self._samples: SteppedPerformer
-        self._motion: RobotMotion | None = None
-        self._goal: FloatArray | None = None  # the last one
-        self._tick = 0  # of the performance, from the end of the approach on
+        self._machine: Machine | None = None
+        self._motion: RobotMotion
+        self._state: TickState
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -180,13 +185,13 @@ class Pipeline:
 
     @property
     def state(self) -> RunState:
-        """IDLE before `start`, then APPROACH, FOLLOW or HOLD; STOPPING and OFF after `stop`."""
+        """IDLE before `start`, then APPROACH, FOLLOW or HOLD; from the `step` after `stop` on STOPPING, then OFF."""
         return self._supervisor.state
 
     @property
     def stands(self) -> bool:
         """Whether the last goals were for one posture: no motion is left to brake."""
-        return self._motion is None or self._motion.commanded.stands
+        return self._machine is None or self._supervisor.over or self._motion.stands
 
     def start(
         self,
@@ -200,8 +205,8 @@ class Pipeline:
         present: the robot's joint positions, rad (n,), from which it goes slowly to its stance, then to the performer's
         posture; None: those of the last goal, before the first one those of the stance. calibration: the performer's
         size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, or sensors are not
-        valid; UsageError: `present` is not finite or far beyond the servos' limits, or the robot still moves. Then
-        nothing has changed.
+        valid; UsageError: `present` is not finite or far beyond the servos' limits, or the robot still moves;
+        HardwareError: no servo turns so far. Then nothing has changed.
         """
         if not self.stands:
             raise UsageError(
@@ -228,25 +233,42 @@ class Pipeline:
         human = build_human(_dimensions(first, calibration))
         for_human, for_robot = self._priorities
         reconstructor = Reconstructor(human, for_human, self._performer)
-        performer = SteppedPerformer(first, self.dt, self._filter)
-        motion = None
+        performer = SteppedPerformer(first, self._filter)
+        supervisor, machine = Supervisor(), None
         if self._robot is not None and for_robot is not None:
             scene = scene_of(self._robot, self._options)
             follower, gate = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
-            motion = RobotMotion(self._robot, reconstructor, follower, gate, first=first, pace=performer)
-            last = motion.approach.first.joint_positions if self._goal is None else self._goal
-            motion.begin(last if present is None else _within_reach(self._robot, present))
-        self._human = reconstructor.start(first) if motion is None else motion.follow.human
-        self._reconstructor, self._samples, self._motion = reconstructor, performer, motion
-        self._supervisor, self._now, self._tick = Supervisor(), 0.0, 0
-        for event in (Event.READY, Event.ARMED, *(() if motion else (Event.ARRIVED,))):
-            self._take(event)
+            motion = RobotMotion(self._robot, reconstructor, follower, gate, first=first, pace=Pace(self.dt, self.dt))
+            guard = self._armed(self._robot, motion, present)
+            machine = Machine(self._robot, follower, gate, guard, supervisor, VirtualClock(), self.dt)
+            self._motion, self._human = motion, motion.follow.human
+        else:
+            self._human = reconstructor.start(first)
+        self._reconstructor, self._samples, self._machine = reconstructor, performer, machine
+        self._supervisor, self._now, self._operator = supervisor, 0.0, OperatorInput()
+        self._state = TickState(sample=first)
+        for event in (Event.READY, Event.ARMED, *(() if machine else (Event.ARRIVED,))):
+            supervisor.take(event, self._now)
+
+    def _armed(self, robot: RobotBody, motion: RobotMotion, present: FloatArray | None) -> Guard:
+        """A guard over servos that stand where the robot is, or was sent to last, and are always at their goals."""
+        last = None if self._machine is None else self._machine.guard.goal
+        begin = motion.approach.first.joint_positions if last is None else last.joints
+        if present is not None:
+            begin = _within_reach(robot, present)
+        bus = NoBus(VirtualClock(), start=robot.joint_map.to_ticks(begin))
+        bus.open()
+        guard = Guard(bus=bus, joint_map=robot.joint_map, limits=GuardLimits(max_pause=inf))
+        guard.present()
+        guard.arm(motion.begin(begin))
+        return guard
 
     def step(self, sample: SensorSample | None, dt: float) -> Goal:
         """The goal of the next tick. sample: the newest; None, or one without valid base sensors: the robot brakes on
         its soles, holds, and comes back slowly, as it does for sensors that move as no person can. A hold has no limit
         in time: you end it, by `stop`. dt: s, the period of your loop. Raises UsageError for another dt, other sensors,
-        or before `start`; then nothing has changed."""
+        or before `start`; then nothing has changed. After any other exception, which would be a defect, there is no new
+        goal: send none, and the robot brakes from the next `step` on, as after `stop`."""
         if self._reconstructor is None:
             raise UsageError("no performer yet", where="Pipeline.step", next_step="Call start(sample) first")
         _check_type("dt", dt, Real, f"{self.dt:g} s", "Pipeline.step")
@@ -263,54 +285,48 @@ class Pipeline:
         self._now += self.dt
         lost = "no sample" if sample is None else f"no valid {', '.join(self._sensors.lost) or 'sensor'}"
         self._samples.take(self._now, seen, lost=lost)
-        if self._motion is None:
+        if self._machine is None:
             return self._without_robot(self._reconstructor)
-        return self._moved(self._motion)
+        return self._moved(self._machine, self._motion)
 
     def stop(self) -> None:
         """Let the robot brake from the next `step` on; call that until `stands`. It holds until another `start`."""
-        self._take(Event.STOP)
+        self._operator = OperatorInput(stop="Pipeline.stop")
 
-    def _moved(self, motion: RobotMotion) -> Goal:
-        sample, hold_reason = self._change_state(motion)
-        wanted = motion.target(self.state, sample, speed_override=1.0)
-        goal, target = motion.check(self.state, wanted)
-        motion.sent(goal, target)
-        self._goal = goal.joints
-        posture = motion.follow.posture if self.state is RunState.FOLLOW else None
+    def _moved(self, machine: Machine, motion: RobotMotion) -> Goal:
+        guard, performer = machine.guard, PerformerInput()
+        try:
+            if self.state in AT_RISK:
+                performer = look_at(self._samples, self._state.tick, approached=motion.approach.arrived)
+            given = TickInput(self._now, servos=guard.read(), performer=performer, operator=self._operator)
+            output = step(machine, motion, self._state, given)
+            if output.goal is not None:
+                guard.write(output.goal)
+                motion.sent(output.goal, output.target)
+        except Exception as error:
+            guard.latch(StopCause.FILTER, text_of(error))
+            raise
+        self._state = output.state
+        if output.lost:
+            self._samples.hold()
+        assert guard.goal is not None, "the guard is armed"
         names = motion.approach.first.landmark_names
         unknown = np.full((len(names), 3), np.nan)
         return Goal(
             joint_names=self.joint_names,
-            joint_positions=goal.joints,
-            gated=wanted is not None and not (goal.passed and target is wanted),
-            hold_reason=hold_reason if self.state is RunState.HOLD else "",
+            joint_positions=guard.goal.joints,
+            gated=output.gated,
+            hold_reason=machine.supervisor.hold_reason if output.run_state is RunState.HOLD else "",
             human=motion.follow.human,
             landmark_names=names,
-            landmarks_asked=unknown if posture is None else posture.landmarks_asked,
-            landmarks_reached=unknown if posture is None else posture.landmarks_reached,
+            landmarks_asked=unknown if output.followed is None else output.followed.landmarks_asked,
+            landmarks_reached=unknown if output.followed is None else output.followed.landmarks_reached,
         )
-
-    def _change_state(self, motion: RobotMotion) -> tuple[SensorSample | None, str]:
-        """Choose the state of this tick. Returns the sample to follow, and why the robot cannot, as a run does."""
-        before, sample, hold_reason = self.state, None, ""
-        if before in AT_RISK:
-            approached = motion.approach.arrived
-            sample, hold_reason = motion.look_at(self._samples, self._tick, before)
-            self._tick += approached
-            on = Event.RESUME if approached else Event.RESUME_APPROACH
-            if self._take(Event.NO_COMMAND if hold_reason else on):
-                return sample, hold_reason
-        if not (motion.has_arrived(before) and self._take(Event.ARRIVED)) and motion.commanded.stands:
-            self._take(Event.STANDS)
-        return sample, hold_reason
-
-    def _take(self, event: Event) -> bool:
-        """Take a transition, if the present state has it. Whether it has."""
-        return self._supervisor.take(event, self._now)
 
     def _without_robot(self, reconstructor: Reconstructor) -> Goal:
         """The human alone; it stays as it is without a valid sample, and a sensor that has jumped takes no part."""
+        if self._operator.stop is not None:
+            self._supervisor.take(Event.STOP, self._now)
         if self._samples.seen is not None:
             self._human = reconstructor.step(self._samples.seen, self.dt)
         nothing = np.zeros((0, 3))

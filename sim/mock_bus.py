@@ -1,11 +1,11 @@
-"""Buses without wires: servos with speed limit, first-order lag and encoder, or always at their goals."""
+"""A bus without wires: servos with speed limit, first-order lag and encoder."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoGoals, ServoStates
+from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
 from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec, loop_lag
@@ -134,64 +134,8 @@ class MockBus:
         )
 
 
-def check_open(is_open: bool, *, where: str) -> None:
-    """Raise BusError for a bus that is closed."""
-    if not is_open:
-        raise BusError(describe(what="the bus is closed", where=where, then="Call open first"))
-
-
 def check_goals(ticks: TickArray, first: TickArray, last: TickArray, *, where: str) -> None:
     """Raise BusError unless goals (n,) lie from `first` to `last` (n,)."""
     if ticks.shape != last.shape or ((ticks < first) | (ticks > last)).any():
         text = describe(what="goal ticks out of range", where=where, found=ticks, allowed=f"{first} to {last}")
         raise BusError(text)
-
-
-# No bus: servos that are always at their goals, for runs that only compute.
-
-
-class NoBus:
-    """A `hardware.bus.ServoBus` that answers every goal with itself. `start` in ticks, (n,)."""
-
-    def __init__(self, clock: Clock, *, start: TickArray) -> None:
-        self._clock = clock
-        self._position = np.array(start, dtype=np.int64)
-        count = self._position.size
-        self._zeros = np.zeros(count)
-        self._unknown = np.full(count, np.nan)
-        self._no_bits = np.zeros(count, dtype=np.uint8)
-        self._all = np.ones(count, dtype=np.bool_)
-        self._open = False
-
-    def open(self) -> None:
-        """Do nothing: there is nothing to open."""
-        self._open = True
-
-    def read(self) -> ServoStates:
-        """Every servo at its goal, at rest and healthy; currents, voltages and temperatures are unknown."""
-        check_open(self._open, where="no bus")
-        return ServoStates(
-            time=self._clock.now(),
-            position=self._position,
-            velocity=self._zeros,
-            current=self._unknown,
-            voltage=self._unknown,
-            temperature=self._unknown,
-            error=self._no_bits,
-            alert=self._no_bits,
-            age=self._zeros,
-            valid=self._all,
-            driven=self._all,
-        )
-
-    def write(self, goals: ServoGoals) -> None:
-        """Take the goals as positions."""
-        check_open(self._open, where="no bus")
-        self._position = goals.ticks
-
-    def torque(self, on: bool) -> None:
-        """Do nothing: there is no torque to switch."""
-
-    def close(self) -> None:
-        """Nothing to close; no further call but `open`."""
-        self._open = False

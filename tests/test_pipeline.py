@@ -5,7 +5,7 @@ import runpy
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,13 +15,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.clock import VirtualClock
+from hardware.clock import Clock, VirtualClock
+from hardware.no_bus import NoBus
 from messages import refuses, shows
 from retarget import Pipeline, RunOptions, SensorSample, load_performer, load_robot
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.calibration import calibrate
 from retarget.human.samples import Clip, Performance, Playback, lay_on_ticks
+from retarget.model.robot import RobotBody
 from retarget.pipeline import Goal
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.follower import Follower
@@ -30,7 +32,6 @@ from retarget.run.prepare import prepare_for
 from retarget.safety.clearance import PathClearance
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 PAGE = Path(__file__).resolve().parent.parent / "docs/pipeline.md"
@@ -173,76 +174,75 @@ def test_a_sensor_that_comes_back_is_not_smoothed_from_where_it_was_lost() -> No
     assert np.array_equal(off.q, strong.q)
 
 
-class Stepped:
+class Stepped(SteppedPerformer):
     """Samples that come one by one, as a run takes them; then the performance is over."""
 
-    def __init__(self, given: list[SensorSample | None]) -> None:
+    def __init__(self, given: list[SensorSample | None], dt: float) -> None:
         assert given[0] is not None
-        self._performer = SteppedPerformer(given[0], DT)
-        self._given, self._first, self._now, self._row = given, given[0], 0.0, -1
+        super().__init__(given[0])
+        self._coming, self._time = iter(given), 0.0
+        self.dt = self.motion_dt = dt
         self.ticks = self.kept = 2000
-        self.dt = self.motion_dt = DT
-        self.paused = False
-
-    @property
-    def over(self) -> bool:
-        return self._row + 1 >= len(self._given)
-
-    @property
-    def settled(self) -> float:
-        return self._performer.settled
+        self.over = False
 
     def poll(self) -> None:
-        pass
-
-    def hold(self) -> None:
-        self._performer.hold()
-
-    @property
-    def hold_reason(self) -> str:
-        return self._performer.hold_reason
-
-    def _next(self) -> None:
-        self._row, self._now = self._row + 1, self._now + DT
-        self._performer.take(self._now, self._given[self._row])
-
-    def may_approach(self) -> bool:
-        self._next()
-        return self._performer.may_approach()
-
-    def sample(self, tick: int) -> SensorSample | None:
-        if self._row < 0:  # the first sample, before the run begins
-            return self._first
-        self._next()
-        return self._performer.sample(tick)
+        try:
+            sample = next(self._coming)
+        except StopIteration:
+            self.over = True
+        else:
+            self._time += self.dt
+            self.take(self._time, sample)
 
     def recorded(self) -> Clip:
         return lay_on_ticks(frames(), performer=load_performer("five"), playback=Playback(end=0.1), rate_hz=125.0)
 
 
-@pytest.mark.parametrize("priorities", ["servo", pytest.param("balanced", marks=pytest.mark.long)])
-def test_goals_are_those_of_a_run(priorities: str) -> None:
-    clip: list[SensorSample | None] = [frames().sample(max(0.0, (tick - 700) * DT)) for tick in range(1100)]
-    clip[100:110] = clip[900:930] = [None] * 10  # during the approach, and in a crouch
+def always_there(robot: RobotBody, clock: Clock) -> NoBus:
+    """Servos that are always at their goals, and stand at first."""
+    stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+    return NoBus(clock, start=robot.joint_map.to_ticks(stand))
+
+
+@pytest.mark.parametrize(
+    ("robot", "priorities"),
+    [
+        ("op3", "servo"),
+        pytest.param("op3", "balanced", marks=pytest.mark.long),
+        pytest.param("wolfgang", "servo", marks=pytest.mark.long),
+        ("wolfgang", "balanced"),
+    ],
+)
+def test_goals_are_those_of_a_run(robot: str, priorities: str) -> None:
+    """Through the approach, following, a hold in each of them, and the way back from it."""
+    dt = 1.0 / load_robot(robot).profile.safety.rate_hz
+    crouch, end = round(1.6 / dt), round(3.2 / dt)  # ticks of the motion
+    begin = round(5.6 / dt)
+    clip: list[SensorSample | None] = [frames().sample(max(0.0, (tick - begin) * dt)) for tick in range(begin + end)]
+    lost = slice(round(0.8 / dt), round(0.9 / dt)), slice(begin + crouch, begin + crouch + round(0.24 / dt))
+    for gone in lost:
+        clip[gone] = [None] * len(clip[gone])
     size = calibrate(synthetic_performer())
 
     def perform(performer: Performer, robot: object) -> Performance:
-        return Performance(Stepped(clip), size)
+        return Performance(Stepped(clip, dt), size)
 
-    options = RunOptions(robot="op3", priorities=priorities)
-    with prepare_for(perform, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+    options = RunOptions(robot=robot, bus="none", priorities=priorities)
+    with prepare_for(perform, options, clock=VirtualClock(), make_bus=always_there) as prepared:
         record = prepared.run().record.robot
     assert record is not None
-    pipeline = Pipeline("op3", performer="five", priorities=priorities)
+    pipeline = Pipeline(robot, performer="five", priorities=priorities)
     pipeline.start(still(), present=record.start, calibration=size)
     states, goals = list[RunState](), list[Goal]()
     for sample in clip:
-        goals.append(pipeline.step(sample, DT))
+        goals.append(pipeline.step(sample, dt))
         states.append(pipeline.state)
-    assert {RunState.APPROACH, RunState.FOLLOW, RunState.HOLD} == set(states)
-    count = len(clip) - 1
-    np.testing.assert_array_equal(np.array([one.joint_positions for one in goals])[:count], record.goals[:count])
-    assert [one.gated for one in goals][:count] == record.gated[:count].tolist()
+    changes = [state for state, _ in groupby(states)]
+    on_its_way = [RunState.APPROACH, RunState.HOLD, RunState.APPROACH, RunState.FOLLOW]
+    assert changes[:4] == on_its_way and changes[-2:] == [RunState.HOLD, RunState.FOLLOW]
+    count = len(clip)
+    np.testing.assert_array_equal(np.array([one.joint_positions for one in goals]), record.goals[:count])
+    assert [one.gated for one in goals] == record.gated[:count].tolist()
 
 
 def wild() -> Iterator[st.SearchStrategy[object]]:
@@ -279,7 +279,7 @@ def wild_pipeline() -> Pipeline:
 def test_without_samples_the_robot_brakes_holds_and_comes_back_slowly() -> None:
     pipeline = started()
     follow = [pipeline.step(frames().sample(tick * DT), DT).joint_positions for tick in range(120)]
-    gone = [pipeline.step(None, DT).joint_positions for _ in range(150)]
+    gone = [pipeline.step(None, DT).joint_positions for _ in range(650)]  # longer than a run would hold
     assert pipeline.stands and state_of(pipeline) == "hold"
     assert (np.abs(np.diff(gone, axis=0)[100:]).max(axis=1) == 0.0).all()
     sample = frames().sample(3.0)
@@ -386,7 +386,7 @@ def test_wrists_and_head_that_jump_together_hold_the_robot_until_they_are_back()
 
 def test_a_tracker_that_is_slower_than_the_loop_does_not_jump() -> None:
     """A fast wrist, 8 m/s, at 10 Hz: its sample is repeated, and each new one is 0.8 m farther."""
-    samples = SteppedPerformer(still(), DT)
+    samples = SteppedPerformer(still())
     for tick in range(1, 200):
         at = DT * (tick // 13 * 13)
         given = moved(still(), 0.8 * (round(at / 0.1) % 2) / np.sqrt(3.0), "l_wrist")
@@ -444,6 +444,28 @@ def test_a_stop_brakes_and_a_new_start_goes_on_from_there() -> None:
     assert pipeline.state is RunState.OFF
     pipeline.start(still())
     assert np.abs(pipeline.step(still(), DT).joint_positions - goals[-1]).max() < 1e-3
+
+
+def test_after_an_exception_the_robot_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipeline = started()
+    goals = [pipeline.step(frames().sample(tick * DT), DT).joint_positions for tick in range(120)]
+
+    def fails(self: Follower, human: HumanPosture, dt: float) -> RobotPosture:
+        raise ArithmeticError("planted")
+
+    monkeypatch.setattr(Follower, "step", fails)
+    with pytest.raises(ArithmeticError):
+        pipeline.step(frames().sample(120 * DT), DT)
+    monkeypatch.undo()
+    assert not pipeline.stands
+    while not pipeline.stands:
+        goals.append(pipeline.step(frames().sample(120 * DT), DT).joint_positions)
+        assert pipeline.state is RunState.STOPPING
+    assert keep_limits(goals) and len(goals) < 240
+    pipeline.step(still(), DT)
+    assert state_of(pipeline) == "off"
+    pipeline.start(still())
+    assert state_of(pipeline) == "approach"
 
 
 @pytest.mark.parametrize("robot", [None, "human"])

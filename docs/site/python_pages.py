@@ -91,6 +91,7 @@ PAGES = {
             "hardware.joint_map",
             "hardware.errors",
             "hardware.dynamixel.bus",
+            "hardware.no_bus",
             "sim.mock_bus",
             "sim.buses",
         ),

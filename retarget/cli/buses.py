@@ -1,7 +1,5 @@
 """From `--bus` to the bus: servos of this process, an emulated wire, simulated mechanics, or real servos."""
 
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,15 +10,18 @@ from hardware.arrays import TickArray
 from hardware.bus import ServoBus
 from hardware.clock import Clock
 from hardware.guard_state import StopCause
+from hardware.no_bus import NoBus
 from retarget.cli.application import note
 from retarget.errors import UsageError
+from retarget.human.samples import Samples
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import check_stand
+from retarget.live.performer import LivePerformer
 from retarget.model.body import JointType
 from retarget.model.robot import RobotBody, load_robot
 from retarget.run.options import RunOptions, perturbation_of
-from retarget.run.prepare import Prepared
 from retarget.run.run_result import RunResult
+from retarget.run.tick import Machine
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray, Notify, RunState
 
@@ -36,7 +37,7 @@ def make_bus(
 
     Raises UsageError for a port where the robot has several, ConfigError for a bad file of faults.
     """
-    from sim.mock_bus import NoBus, mock_bus
+    from sim.mock_bus import mock_bus
 
     match name:
         case "none":
@@ -79,7 +80,6 @@ AFTER_FALL_S = 1.0
 """A run goes on this long after a fall, s."""
 LIVE_PUSH_S = 30.0
 """Time, s, of a live performance within which a push comes; of a recording, within its length."""
-HOLD_IT = "hold the robot before torque goes off"
 CHEST = "chest"
 """The frame that is pushed, where the profile has it; else the centre of mass of the root link."""
 
@@ -103,36 +103,22 @@ class PhysicsBench:
         self._bus = self._physics_bus(robot, clock)
         return self._bus
 
-    def watching(self, question: Callable[[], bool], prepared: Prepared, *, live: bool = False) -> Callable[[], bool]:
-        """A question of every tick that also looks at the simulation: a fall stops the run, whatever its state."""
-        if self._bus is None or prepared.machine is None:
-            return question
-        machine, samples = prepared.machine, prepared.samples
-        witness, within = self._bus.witness, LIVE_PUSH_S if live else samples.ticks * samples.dt
+    @property
+    def may_topple(self) -> bool:
+        """Whether the robot may go down when torque goes off at the end of the run."""
+        return self._may_topple and self._options.torque_off_at_end
 
-        def asked() -> bool:
-            fall, now = witness.fall, witness.simulation.time
-            if self._to_push and machine.supervisor.state is RunState.FOLLOW:
-                self._push(now, within)
-            if fall is not None and now >= fall.time + AFTER_FALL_S and machine.guard.may_go_to_rest:
-                machine.guard.latch(StopCause.FALLEN, f"the robot has fallen: {fall.how}")
-            return question()
-
-        return asked
-
-    def warning(self, torque_off_asked: Callable[[], bool]) -> Callable[[], bool]:
-        """`torque_off_asked`, which is asked from the begin of a stop on, and says at first to hold a robot that may
-        topple."""
-        left = [HOLD_IT] if self._may_topple and self._options.torque_off_at_end else []
-
-        def asked() -> bool:
-            forced = torque_off_asked()
-            if left:
-                with suppress(OSError):  # a lost terminal must not keep a stop from being received
-                    self._notify(f"{left.pop()}: at rest it may go down without torque")
-            return forced
-
-        return asked
+    def look(self, machine: Machine, samples: Samples) -> tuple[StopCause, str] | None:
+        """Look at the simulation, once a tick. Returns why a robot that has fallen is to stop. samples: of the
+        performance, within which a push comes."""
+        if self._bus is None:
+            return None
+        fall, now = self._bus.witness.fall, self._bus.witness.simulation.time
+        if self._to_push and machine.supervisor.state is RunState.FOLLOW:
+            self._push(now, LIVE_PUSH_S if isinstance(samples, LivePerformer) else samples.ticks * samples.dt)
+        if fall is not None and now >= fall.time + AFTER_FALL_S and machine.guard.may_go_to_rest:
+            return StopCause.FALLEN, f"the robot has fallen: {fall.how}"
+        return None
 
     def hang(self, mass: float, frame: str) -> None:
         """Hang an object, kg, at a frame of the simulated robot, as long as the run lasts; others carry it already."""

@@ -1,6 +1,6 @@
 """How the operator stops or holds a live run: keys, a dead-man key or pedal, a stop file, the control socket.
 
-Each is a `Control`, which only asks. `LiveControls` carries out what they ask for, once in every tick.
+Each is a `Control`, which only asks. `RunOperator` carries out what they ask for, once in every tick.
 """
 
 import errno
@@ -14,28 +14,19 @@ import struct
 import sys
 import termios
 import tty
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from enum import Enum, auto
-from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from hardware.clock import Clock
 from hardware.errors import HardwareError
-from hardware.guard import Torque
-from hardware.guard_state import Stop
 from hardware.realtime import Scheduling, refuse_scheduling
-from retarget.cli.application import console
-from retarget.cli.exit import REASONS, SUSPENDED, ForcedStopKey, Press, StopRequest
+from retarget.cli.exit import ForcedStopKey, Press
 from retarget.cli.stop import MAX_LINE, WHERE, connect_to
 from retarget.errors import UsageError, renamed_to
-from retarget.types import Notify, RunState
-
-if TYPE_CHECKING:
-    from retarget.live.performer import LivePerformer
-    from retarget.run.tick import Machine
+from retarget.types import RunState
 
 
 class Asked(Enum):
@@ -101,7 +92,12 @@ MOST = 64
 KEYS = {"p": Asked.PAUSE, "h": Asked.HEADING}
 PRESSES = {Press.FIRST: Asked.STOP, Press.TOO_SOON: Asked.STOP_TOO_SOON, Press.SECOND: Asked.TORQUE_OFF}
 """What presses of the space bar ask for."""
+HELP = (
+    "keys: space stops (once more, after a second: torque off at once), p pauses and goes on, h takes the way you face "
+    "as straight ahead"
+)
 SPACE, GOES_ON = "interrupted by the user (space bar)", "p goes on"
+NEVER_GOES_ON = "there is no terminal whose p would go on, so stop it: `retarget stop`"
 GRIPS = {
     True: (Asked.GRIP, "dead-man control held"),
     False: (Asked.RELEASE, "dead-man control released: the robot holds"),
@@ -357,6 +353,18 @@ class StopFile:
 
 # The control socket of this user: one word a line, one line back.
 
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """state: of the run, null without a robot. followed: whether the performer is followed now. let_go: whether it
+    holds on purpose. stop: why the robot stops or stopped, else null."""
+
+    state: str | None
+    followed: bool
+    let_go: bool
+    stop: str | None
+
+
 STOPPED_BY = "requested through the control socket (`retarget stop`)"
 WORDS = {
     "stop": (Asked.STOP, STOPPED_BY, "ok stopping"),
@@ -377,7 +385,7 @@ class ControlSocket:
     """The listener: other programs stop or hold the run, and cannot make it move. Only its owner may connect, and its
     file is removed at the end. Memory is bounded."""
 
-    def __init__(self, path: Path, *, status: Callable[[], "LiveStatus"], goes_on: str = GOES_ON) -> None:
+    def __init__(self, path: Path, *, status: Callable[[], LiveStatus], goes_on: str = GOES_ON) -> None:
         """status: of the run. goes_on: what ends a hold. Raises UsageError for a path that is in use, is not a socket,
         or has no folder."""
         self.path, self._status, self._goes_on = path, status, goes_on
@@ -548,230 +556,3 @@ def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
 def has_terminal() -> bool:
     """Whether keys can be pressed."""
     return sys.stdin is not None and sys.stdin.isatty()
-
-
-# What the controls ask for, carried out: the robot follows while there is no pause and the dead-man control is held.
-
-HELP = (
-    "keys: space stops (once more, after a second: torque off at once), p pauses and goes on, h takes the way you face "
-    "as straight ahead"
-)
-LONGEST_S = 300.0
-"""Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""
-NEVER_GOES_ON = "there is no terminal whose p would go on, so stop it: `retarget stop`"
-
-
-@dataclass(frozen=True)
-class LiveStatus:
-    """state: of the run, null without a robot. followed: whether the performer is followed now. let_go: whether it
-    holds on purpose. stop: why the robot stops or stopped, else null."""
-
-    state: str | None
-    followed: bool
-    let_go: bool
-    stop: str | None
-
-
-class LiveControls:
-    """Controls of a live run; call `look` in every tick.
-
-    machine: the robot, None without one. dead_man: whether a control grips, without which the robot holds. Every
-    request is carried out before it is reported.
-    """
-
-    def __init__(
-        self,
-        controls: Sequence[Control],
-        stop: StopRequest,
-        performer: "LivePerformer",
-        *,
-        clock: Clock,
-        notify: Notify,
-        machine: "Machine | None" = None,
-        dead_man: bool = False,
-    ) -> None:
-        self._controls, self._stop, self._performer = controls, stop, performer
-        self._machine, self._clock, self._notify = machine, clock, notify
-        self._holds = frozenset[Asked]()
-        self._since: float | None = None  # [s] when it was disengaged
-        self._engage(frozenset({Asked.RELEASE} if dead_man else ()))
-
-    @property
-    def engaged(self) -> bool:
-        """Whether the performer is to be followed."""
-        return not self._holds
-
-    def look(self) -> bool:
-        """Carry out what was asked for; whether the robot is to stop."""
-        now = self._clock.now()
-        for control in self._controls:
-            for asked, reason in control.poll(now):
-                self._carry_out(asked, reason)
-        if self._since is not None and now - self._since > LONGEST_S:
-            self._stop.ask(f"paused by the operator for {LONGEST_S:g} s")
-        return self._stop()
-
-    def forced_stop(self) -> bool:
-        """While the robot brakes: whether torque is to go off at once."""
-        self.look()
-        return self._stop.forced_stop()
-
-    def why(self) -> str:
-        """The reason of the stop that was asked for."""
-        return self._stop.why()
-
-    def too_soon(self) -> int:
-        """Presses of a stop key that came too soon after its first one to count."""
-        return self._stop.too_soon()
-
-    def status(self) -> LiveStatus:
-        """The present state of the run, as the control socket reports it."""
-        machine, following = self._machine, self._performer.engagement.following
-        reason = None if machine is None or machine.guard.stop is None else machine.guard.stop.reason
-        state = None if machine is None else machine.supervisor.state.value
-        return LiveStatus(state, following, not self.engaged, reason)
-
-    def words(self) -> str:
-        """The present state of the run, in a few words."""
-        return words_for(self.status())
-
-    def state_and_reason(self) -> tuple[str, str]:
-        """The present state of the run, in a few words, and why the performer is not followed, "" where he is."""
-        words = self.words()
-        return words, self._performer.hold_reason if words == "holding" else ""
-
-    def _carry_out(self, asked: Asked, reason: str) -> None:
-        if asked is Asked.STOP:
-            self._stop.ask(reason)
-        elif asked is Asked.STOP_TOO_SOON:
-            self._stop.ask_too_soon()
-        elif asked is Asked.TORQUE_OFF:
-            self._stop.force(reason)
-        elif asked is Asked.HEADING:
-            found = self._performer.reset_heading()
-            self._notify("straight ahead is where you face now" if found else "left and right are lost")
-        elif asked is Asked.GRIP:
-            self._engage(self._holds - {Asked.RELEASE})
-            self._notify(reason)
-        elif asked is Asked.RELEASE:
-            self._engage(self._holds | {Asked.RELEASE})
-            self._notify(reason)
-        elif asked is Asked.PAGE_HOLD and asked not in self._holds:
-            self._engage(self._holds | {asked})
-            self._notify(reason)
-        elif asked is Asked.PAGE_GO_ON and Asked.PAGE_HOLD in self._holds:
-            self._engage(self._holds - {Asked.PAGE_HOLD})
-            self._notify(reason)
-        elif asked in (Asked.PAGE_HOLD, Asked.PAGE_GO_ON):
-            return
-        elif Asked.HOLD not in self._holds:
-            self._engage(self._holds | {Asked.HOLD})
-            self._notify(reason)
-        elif asked is Asked.PAUSE:
-            self._engage(self._holds - {Asked.HOLD})
-            self._notify("going on" if self.engaged else "no pause any more: it goes on when it is held")
-
-    def _engage(self, holds: frozenset[Asked]) -> None:
-        """Follow the performer while there is no reason to hold."""
-        self._holds = holds
-        self._performer.clutch(engaged=self.engaged)
-        if self.engaged:
-            self._since = None
-        elif self._since is None:
-            self._since = self._clock.now()
-
-
-REMINDER_S = 30.0
-"""Time, s, between two reminders of a robot that stands with torque at the end of its run: its servos get warm."""
-TORQUE_OFF_COMMAND = "retarget stop --torque-off, where there is a control socket"
-TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Once more switches it off"
-TORQUE_WORDS = {
-    Torque.OFF: "torque is off",
-    Torque.ON: "torque is on: cut the power by hand",
-    Torque.UNCONFIRMED: "torque is not confirmed to be off: cut the power by hand",
-}
-"""What is said of the torque of a robot when its run has ended."""
-STILL_STANDS = "torque is on: the simulated robot stands"
-
-
-def announced(
-    torque_off_asked: Callable[[], bool],
-    machine: "Machine",
-    *,
-    notify: Notify,
-    too_soon: Callable[[], int],
-) -> Callable[[], bool]:
-    """`torque_off_asked`, which also says once why the robot stops, and what comes next, without waiting for the
-    summary; every `REMINDER_S` how a robot that stands at the end gets its torque switched off; and once that a stop
-    key was pressed too soon (`too_soon`: how often) to count."""
-    said, ignored, reminded = False, False, -inf
-
-    def asked() -> bool:
-        nonlocal said, ignored, reminded
-        forced, stop = torque_off_asked(), machine.guard.stop
-        if too_soon() and not (ignored or forced):
-            ignored = True
-            with suppress(OSError):
-                notify(TOO_SOON)
-        if stop is not None and not said:
-            said = True
-            then = machine.end_plan.end.value if machine.guard.may_go_to_rest else "it brakes, and torque goes off"
-            again = _again(stop)
-            next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {again}: torque off at once)"
-            with suppress(OSError):  # a lost terminal must not keep a second press from being received
-                notify(f"stopping: {stop.reason}: {next_step}")
-        stands = machine.supervisor.state is RunState.STANDING and machine.waits
-        if stands and machine.clock.now() - reminded >= REMINDER_S:
-            reminded = machine.clock.now()
-            with suppress(OSError):
-                notify(f"torque is on: hold the robot, then press Ctrl-C {_again(stop)} (or: {TORQUE_OFF_COMMAND})")
-        return forced
-
-    return asked
-
-
-def _again(stop: Stop | None) -> str:
-    """How often Ctrl-C is to be pressed now to switch torque off."""
-    pressed = stop is not None and stop.reason in (*REASONS.values(), *SUSPENDED.values())
-    return "once more" if pressed else "twice, a second apart"
-
-
-# The state and duration of a live run on a terminal; nothing in a pipe.
-
-
-STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
-"""States of a run that ends."""
-
-
-def words_for(status: LiveStatus) -> str:
-    """The present state in a few words."""
-    if status.state == RunState.STANDING.value:
-        return "standing, with torque"
-    if status.stop is not None or status.state in STOPS:
-        return "stopping"
-    if status.let_go:
-        return "paused: holding"
-    if status.state == RunState.APPROACH.value:
-        return "approaching the performer"
-    return "following" if status.followed else "holding"
-
-
-@contextmanager
-def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
-    """Show a line on stderr. words: the present state, read by a thread of its own some times a second."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
-    from rich.text import Text
-
-    class Words(ProgressColumn):
-        """The present state, whenever the line is drawn."""
-
-        def render(self, task: Task) -> Text:
-            return Text(words())
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), Words(), TimeElapsedColumn())
-    with Progress(*columns, console=console(err=True), transient=True) as line:
-        line.add_task(what, total=None)
-        yield

@@ -11,6 +11,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from enum import Enum, auto
 from logging import Handler, LogRecord, makeLogRecord
 from logging.handlers import QueueListener
@@ -240,42 +241,29 @@ def _kept_ignored(number: signal.Signals) -> bool:
     return signal.getsignal(number) is signal.SIG_IGN and number not in FOREGROUND
 
 
+@dataclass
 class StopRequest:
-    """A request to stop: whether there is one, its first reason, and whether it forces torque off. It only keeps the
-    request, so a tick is never interrupted."""
+    """A request to stop. It only keeps the request, so a tick is never interrupted.
 
-    def __init__(self) -> None:
-        self._why = ""
-        self._forced_stop = False
-        self._too_soon = 0
+    why: its first reason, "" before there is one. torque_off: whether torque is to go off before the robot stands.
+    too_soon: presses of a stop key that came too soon after its first one to count.
+    """
+
+    why: str = ""
+    torque_off: bool = False
+    too_soon: int = 0
 
     def __call__(self) -> bool:
         """Whether a stop was asked for."""
-        return bool(self._why)
-
-    def why(self) -> str:
-        """The reason of the first request; "" before there is one."""
-        return self._why
-
-    def forced_stop(self) -> bool:
-        """Whether torque is to go off before the robot stands."""
-        return self._forced_stop
-
-    def too_soon(self) -> int:
-        """Presses of a stop key that came too soon after its first one to count."""
-        return self._too_soon
-
-    def ask_too_soon(self) -> None:
-        """Keep that a stop key was pressed again, too soon to count."""
-        self._too_soon += 1
+        return bool(self.why)
 
     def ask(self, why: str) -> None:
         """Ask to stop before the next tick. why: not empty."""
-        self._why = self._why or why
+        self.why = self.why or why
 
     def force(self, why: str) -> None:
         """Ask to stop with torque off at once, without braking."""
-        self._why, self._forced_stop = self._why or why, True
+        self.why, self.torque_off = self.why or why, True
 
 
 @contextmanager
@@ -309,7 +297,7 @@ def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Itera
         if press is Press.SECOND or (press is not None and others):
             request.force(why)
         elif press is Press.TOO_SOON:
-            request.ask_too_soon()
+            request.too_soon += 1
         else:
             request.ask(why)
         others.update({number} - {signal.SIGINT})

@@ -153,9 +153,9 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
 
     from retarget.cli.exit import detached_screens, stop_on_signals
     from retarget.cli.run import CommandRun
-    from retarget.cli.view import Viewing
     from retarget.recording.goal_playback import goal_playback
     from retarget.report.outputs import Outputs
+    from retarget.run.loop import Progress
 
     command = CommandRun(options, Outputs(), recorded=True)
     clock, make_bus = command.clock, command.bench.make_bus
@@ -165,7 +165,7 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
         ) as prepared:
             stop = signals.enter_context(stop_on_signals(moves=True))
             with progress_bar(options.robot, prepared.samples.recorded().ticks) as show:
-                run = command.play(prepared, Viewing(None), stop, stop, show)
+                run = command.play(prepared, command.operator(prepared, stop), Progress(show))
         sent = run.record.robot
         assert sent is not None, "goals are a robot's"
         gated = int(sent.gated.sum())

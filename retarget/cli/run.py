@@ -27,20 +27,15 @@ from retarget.cli.controls import (
     GOES_ON,
     HELP,
     NEVER_GOES_ON,
-    STILL_STANDS,
-    TORQUE_WORDS,
     Control,
     ControlSocket,
     HeldKey,
     Keyboard,
-    LiveControls,
     LiveStatus,
     Oversight,
     Pedal,
     StopFile,
-    announced,
     has_terminal,
-    live_state,
     open_dead_man,
     refuse_oversight,
 )
@@ -54,9 +49,10 @@ from retarget.cli.exit import (
     refuse_little_memory,
     stop_on_signals,
 )
+from retarget.cli.operator import Announcer, RunOperator, live_state
 from retarget.cli.session import Session
 from retarget.cli.stop import socket_path
-from retarget.cli.view import Viewing, opened_page, viewing
+from retarget.cli.view import opened_page, viewing
 from retarget.cli.web.control import LABEL, PAGE, PageControl, WebInput, opened_web
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
@@ -73,10 +69,9 @@ from retarget.report.findings import show_summary
 from retarget.report.measure import best_likeness, measure, measure_latest
 from retarget.report.outputs import Outputs
 from retarget.report.unfollowed import UnfollowedNotice
-from retarget.run.loop import ObserverCallback, Watch
+from retarget.run.loop import Observer, Progress, RowObserver
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
-from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import Supervisor
 from retarget.schema.files import remove
@@ -87,22 +82,6 @@ from retarget.viewer.feed import ViewFeed
 
 ANY_TIME = Scheduling()
 """Ticks as the system schedules them."""
-
-# Real-time ticks for a run without a robot, whose side else waits for each tick.
-
-
-def in_time(look: Callable[[], bool], dt: float, clock: Clock) -> Callable[[], bool]:
-    """`look`, called once every `dt` s."""
-    deadline = clock.now()
-
-    def waited() -> bool:
-        nonlocal deadline
-        deadline = max(deadline + dt, clock.now())
-        clock.sleep_until(deadline)
-        return look()
-
-    return waited
-
 
 # What all runs have: `run` from a file or a stream, and `demo`.
 
@@ -127,7 +106,7 @@ class CommandRun:
             truth=self.bench.truth,
         )
         self.notify = self.recorder.recorded_notify(log)
-        self._feed: ViewFeed | None = None
+        self.feed: ViewFeed | None = None
 
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
@@ -136,8 +115,8 @@ class CommandRun:
         return prepare_for(
             perform,
             self.options,
-            clock=self.recorder.clock,
-            make_bus=self.recorder.make_bus(self.bench.make_bus),
+            clock=self.clock,
+            make_bus=self.bench.make_bus,
             goes_to_rest=True,
             notify=self.notify,
             supervisor=supervisor,
@@ -147,14 +126,14 @@ class CommandRun:
     @contextmanager
     def page(self) -> Iterator[None]:
         """Show the page of the run, if it has one, from now on."""
-        with opened_page(self.outputs.view, self.options, self.notify) as self._feed:
+        with opened_page(self.outputs.view, self.options, self.notify) as self.feed:
             yield
 
     def enter(self, supervisor: Supervisor, state: RunState) -> None:
         """Go on to a state in which nothing moves yet, and show it on the page."""
         supervisor.enter(state, self.clock)
-        if self._feed is not None:
-            self._feed.announce(state.value)
+        if self.feed is not None:
+            self.feed.announce(state.value)
 
     @contextmanager
     def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[WebInput]:
@@ -169,87 +148,46 @@ class CommandRun:
             listen=live.listen,
             dead_man=live.oversight.dead_man == PAGE,
             notify=self.notify,
-        ) as (self._feed, receiver):
-            said, show = self.notify, self._feed.note
+        ) as (self.feed, receiver):
+            said, show = self.notify, self.feed.note
 
             def notify(text: str) -> None:
                 said(text)
                 show(text)
 
             self.notify = notify
-            yield WebInput(receiver, PageControl(self._feed, said))
+            yield WebInput(receiver, PageControl(self.feed, said))
+
+    def operator(self, prepared: Prepared, stop: StopRequest) -> RunOperator:
+        """The operator of a run without controls."""
+        return RunOperator(prepared, stop, bench=self.bench, page=self.feed)
 
     def viewing(
         self, prepared: Prepared, words: Callable[[], tuple[str, str]] | None = None
-    ) -> AbstractContextManager[Viewing]:
+    ) -> AbstractContextManager[Observer]:
         """Show robot and performer on the page of the run, if it has one. words: the present state, and its reason."""
-        return viewing(self._feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
+        return viewing(self.feed, prepared, self.options, words, truth=self.bench.truth, notify=self.notify)
 
-    def play(
-        self,
-        recorded: Prepared,
-        page: Viewing,
-        look: Callable[[], bool],
-        operator: StopRequest | LiveControls,
-        show: Callable[[int], object] = lambda done: None,
-    ) -> RunResult:
-        """Let the robot follow. look: whether to stop, asked in every tick. Without a robot it also waits for the tick
-        where time is real."""
-        live = isinstance(operator, LiveControls)
-        if recorded.machine is None and (live or self.outputs.view is not None):
-            look = in_time(look, recorded.samples.dt, self.clock)
-        asked = self.bench.watching(look, recorded, live=live)
-        forced, said = operator.forced_stop, list[str]()
-
-        def say(text: str) -> None:
-            said.append(text)
-            log(text)
-
-        if recorded.machine is not None:
-            forced = announced(forced, recorded.machine, notify=say, too_soon=operator.too_soon)
-        forced = self.bench.warning(forced)
-        forced = self.bench.watching(forced, recorded, live=live)
-        watch = Watch(show, asked, forced, operator.why)
-        watch = page.watch(self.recorder.watch(watch, recorded))
-        if isinstance(recorded.samples, LivePerformer):
-            watch = _timed(watch, recorded.samples, self.clock)
-        if type(self.clock) is not VirtualClock:  # an operator watches; a run in virtual time has its report at once
-            watch = _naming(watch, recorded, self.notify)
-        if recorded.machine is not None and look():  # since the robot was made ready: torque is not on yet
-            raise KeyboardInterrupt
-        result = recorded.run(watch)
-        if recorded.machine is not None and recorded.has_bus:
-            stands = recorded.machine.supervisor.state is RunState.STANDING
-            ended = STILL_STANDS if stands else TORQUE_WORDS[recorded.machine.guard.torque]
-            stop = recorded.machine.guard.stop
-            is_news = stop is not None and not any(stop.reason in text for text in said)
-            log(f"{ended}: {stop.reason}" if stop is not None and is_news else ended)
+    def play(self, recorded: Prepared, operator: RunOperator, *observers: Observer) -> RunResult:
+        """Let the robot follow. Raises KeyboardInterrupt where a stop was asked for since the robot was made ready."""
+        machine, samples, said = recorded.machine, recorded.samples, list[Announcer]()
+        looks = [self.recorder.observer, *observers]
+        if isinstance(samples, LivePerformer):
+            latency = samples.latency
+            looks.insert(0, RowObserver(lambda record, row: latency.note(self.clock.now())))
+        if machine is not None:
+            said = [Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=log)]
+            if operator.ask(machine.supervisor.state).stop is not None:  # torque is not on yet
+                raise KeyboardInterrupt
+            # An operator watches; a run in virtual time has its report at once.
+            if machine.robot.stands and recorded.parts == "whole" and type(self.clock) is not VirtualClock:
+                size, dt = recorded.human.dimensions, samples.motion_dt
+                looks.append(RowObserver(UnfollowedNotice(size, dt=dt, notify=self.notify)))
+        result = recorded.run(operator, [*looks, *said])
+        for announcer in said if recorded.has_bus else ():
+            log(announcer.ended())
         real_time = not isinstance(self.clock, VirtualClock)
         return replace(result, setup=replace(result.setup, real_time=real_time))
-
-
-def _timed(watch: Watch, performer: LivePerformer, clock: Clock) -> Watch:
-    """The watch, which also notes when goals were sent."""
-
-    def on_row(record: Record, row: int) -> None:
-        performer.latency.note(clock.now())
-        watch.on_row(record, row)
-
-    return replace(watch, on_row=on_row)
-
-
-def _naming(watch: Watch, prepared: Prepared, notify: Notify) -> Watch:
-    """The watch, which also names postures of the performer that the robot does not follow, while they happen."""
-    machine = prepared.machine
-    if machine is None or not machine.robot.stands or prepared.parts != "whole":
-        return watch
-    names = ObserverCallback(UnfollowedNotice(prepared.human.dimensions, dt=prepared.samples.motion_dt, notify=notify))
-
-    def on_row(record: Record, row: int) -> None:
-        watch.on_row(record, row)
-        names(record, row)
-
-    return replace(watch, on_row=on_row)
 
 
 def follow_clip(
@@ -278,7 +216,7 @@ def follow_clip(
                 progress_bar(options.robot, prepared.samples.ticks) as show,
                 scheduled(scheduling),
             ):
-                result = run.play(recorded, page, page.with_stop_button(stop, stop), stop, show)
+                result = run.play(recorded, run.operator(prepared, stop), page, Progress(show))
         # Signals are still received and not raised, so that the files are written.
         return run.recorder.code(finished(run.bench.seen(result), outputs, said=prepared.notes))
 
@@ -418,36 +356,34 @@ def follow_live(
     begins = live.begins(source, options.playback, stature)
     address = parse_address(source)
     run = CommandRun(options, outputs, recorded=address.kind == "replay")
-    clock = run.clock
-    refuse_oversight(live.oversight, virtual=type(clock) is VirtualClock)
+    refuse_oversight(live.oversight, virtual=type(run.clock) is VirtualClock)
     with detached_screens(), ExitStack() as stack:
-        operator = stack.enter_context(ExitStack())
-        devices, dead_man = _opened(live.oversight, operator, status=lambda: controls.status())
+        controls = stack.enter_context(ExitStack())
+        devices, dead_man = _opened(live.oversight, controls, status=lambda: operator.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
         web = stack.enter_context(run.live_page(address, live))
         notify = run.notify
-        supervisor = Supervisor(notify=notify)
+        supervisor = Supervisor()
         perform = _performing(address, begins, run, web, tap, supervisor, stack)
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
-            controls = LiveControls(
-                [_keyboard(dead_man, stack), *devices, *web.controls],
+            operator = RunOperator(
+                prepared,
                 stop,
-                performer,
-                clock=clock,
-                notify=notify,
-                machine=prepared.machine,
+                bench=run.bench,
+                page=run.feed,
+                controls=[_keyboard(dead_man, stack), *devices, *web.controls],
                 dead_man=live.oversight.dead_man is not None,
+                notify=notify,
             )
-            page = stack.enter_context(run.viewing(prepared, controls.state_and_reason))
-            look = page.with_stop_button(controls.look, stop)
-            _wait_until_engaged(controls, look, performer, clock)
+            page = stack.enter_context(run.viewing(prepared, operator.state_and_reason))
+            _wait_until_engaged(operator, performer, run.clock)
             with run.recorder.recording(prepared, source=address.text) as recorded:
                 performer.catch_up()
-                with live_state(options.robot, controls.words), scheduled(live.oversight.scheduling):
-                    result = run.play(recorded, page, look, controls)
-        operator.close()  # a stop that comes while the report is written finds no run
+                with live_state(options.robot, operator.words), scheduled(live.oversight.scheduling):
+                    result = run.play(recorded, operator, page)
+        controls.close()  # a stop that comes while the report is written finds no run
         stream_report = performer.report(address=address.text, person=begins.person, times=web.times())
         result = replace(run.bench.seen(result), live=stream_report)
         return max(run.recorder.code(finished(result, outputs, said=prepared.notes)), _followed(result, notify))
@@ -548,15 +484,13 @@ def _keyboard(dead_man: HeldKey | Pedal | None, stack: ExitStack) -> Keyboard:
     return keyboard
 
 
-def _wait_until_engaged(
-    controls: LiveControls, look: Callable[[], bool], performer: LivePerformer, clock: Clock
-) -> None:
+def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: Clock) -> None:
     """Wait, without torque, until the operator holds what must be held. Raises KeyboardInterrupt if a stop was asked
     for, also before this call."""
     while True:
-        if look():
+        if operator.ask(None).stop is not None:
             raise KeyboardInterrupt
-        if controls.engaged:
+        if operator.engaged:
             return
         performer.poll()
         clock.sleep_until(clock.now() + performer.dt)

@@ -1,21 +1,20 @@
 """`retarget view FILE`: a recorded run on a web page that only this machine reaches."""
 
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
-from dataclasses import replace
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 from typing import Annotated
 
 import typer
 
 from hardware.clock import MonotonicClock
 from retarget.cli.application import note
-from retarget.cli.exit import StopRequest, echo, stop_on_signals
+from retarget.cli.exit import echo, stop_on_signals
 from retarget.live.performer import LivePerformer
-from retarget.run.loop import ObserverCallback, Watch
+from retarget.run.loop import Observer, RowObserver
 from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
-from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.types import FloatArray, Notify
 from retarget.viewer.feed import LIVE_PAGE, PageSetup, ViewFeed, open_feed
@@ -62,50 +61,6 @@ def view(
 
 # `--view`: a run on a web page while it goes on.
 
-ON_THE_PAGE = "stopped on the web page"
-
-
-class Viewing:
-    """The page of a run; without one it changes nothing."""
-
-    def __init__(self, feed: ViewFeed | None, notify: Notify = lambda text: None) -> None:
-        self._feed, self._notify = feed, notify
-        self.over = False
-        """Whether the run has ended."""
-        self._shows = ObserverCallback(lambda record, row: None if feed is None else feed.on_row(record, row))
-
-    def with_stop_button(self, asked: Callable[[], bool], stop: StopRequest) -> Callable[[], bool]:
-        """A `stop_asked` for every tick that also receives the stop button of the page."""
-        feed = self._feed
-        if feed is None:
-            return asked
-
-        def either() -> bool:
-            if feed.stop_asked() and not stop():
-                stop.ask(ON_THE_PAGE)
-            return asked()
-
-        return either
-
-    def watch(self, watch: Watch) -> Watch:
-        """The watch, which also shows every tick on the page."""
-        feed = self._feed
-        if feed is None:
-            return watch
-        on_row, show = watch.on_row, self._shows
-
-        def both(record: Record, row: int) -> None:
-            on_row(record, row)
-            show(record, row)
-
-        return replace(watch, on_row=both)
-
-    def close(self) -> None:
-        """The run has ended: report why the page stopped before, if it did."""
-        self.over = True
-        if self._shows.failure:
-            self._notify(f"warning: the page showed nothing any more: {self._shows.failure}")
-
 
 @contextmanager
 def opened_page(port: int | None, options: RunOptions, notify: Notify) -> Iterator[ViewFeed | None]:
@@ -128,12 +83,12 @@ def viewing(
     *,
     truth: Callable[[], FloatArray | None] = lambda: None,
     notify: Notify,
-) -> Iterator[Viewing]:
-    """Put robot and performer on the page of a run; None: there is none. words: the present state and its reason, where
-    the phase of its tick does not say enough. truth: the state of a simulated body. Raises RefusedError for what cannot
-    be shown."""
+) -> Iterator[Observer]:
+    """Put robot and performer on the page of a run, and yield what shows each tick there; None: there is no page.
+    words: the present state and its reason, where the phase of its tick does not say enough. truth: the state of a
+    simulated body. Raises RefusedError for what cannot be shown."""
     if feed is None:
-        yield Viewing(None)
+        yield Observer()
         return
     machine = prepared.machine
     setup = PageSetup(
@@ -146,18 +101,23 @@ def viewing(
         servos_measure=options.bus not in SERVOLESS,
     )
     feed.begin(setup, rate_hz=1.0 / prepared.samples.dt)
-    with closing(Viewing(feed, notify)) as view:
-        feed.extras = _extras(prepared, view, words, truth)
-        yield view
+    shows, over = RowObserver(feed.on_row), Event()
+    feed.extras = _extras(prepared, over, words, truth)
+    try:
+        yield shows
+    finally:
+        over.set()
+        if shows.failure:
+            notify(f"warning: the page showed nothing any more: {shows.failure}")
 
 
 def _extras(
     prepared: Prepared,
-    view: Viewing,
+    over: Event,
     words: Callable[[], tuple[str, str]] | None,
     truth: Callable[[], FloatArray | None],
 ) -> Extras:
-    """What the page shows in addition to the rows of the record."""
+    """What the page shows in addition to the rows of the record. over: whether the run has ended."""
     machine, scene_obstacles = prepared.machine, prepared.scene_obstacles
 
     def obstacles() -> FloatArray | None:
@@ -166,13 +126,13 @@ def _extras(
         return obstacle_poses(scene_obstacles.shapes, scene_obstacles.now)
 
     if machine is None:
-        return Extras(words=lambda: ("ended" if view.over else "following", ""), obstacles=obstacles)
+        return Extras(words=lambda: ("ended" if over.is_set() else "following", ""), obstacles=obstacles)
 
     def now() -> tuple[str, str]:
         stop, supervisor = machine.guard.stop, machine.supervisor
         if stop is not None:
             return "stopped" if supervisor.over else "stopping", stop.reason
-        if view.over or not supervisor.torque:
+        if over.is_set() or not supervisor.torque:
             return "ended", ""
         return (STATE_WORDS.get(supervisor.state, supervisor.state.value), "") if words is None else words()
 

@@ -19,7 +19,35 @@ from retarget.schema.performer import Performer
 from retarget.types import BoolArray, FloatArray
 
 
-class Samples(Protocol):
+class Performing(Protocol):
+    """A performer as a tick looks at it."""
+
+    @property
+    def settled(self) -> float:
+        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1; low after a hold, so that
+        the robot returns to the performer slowly."""
+        ...
+
+    @property
+    def paused(self) -> bool:
+        """Whether the operator pauses the robot: it then holds without a limit in time."""
+        ...
+
+    def may_approach(self) -> bool:
+        """Whether the robot is to go on with its approach; called in every tick of it."""
+        ...
+
+    def sample(self, tick: int) -> SensorSample | None:
+        """The sensors at a tick; None: they are not valid now, and the robot is to hold. Not None for tick 0."""
+        ...
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the robot holds, in a few words; of the last tick in which it did."""
+        ...
+
+
+class Samples(Performing, Protocol):
     """Sensors for every tick of a run."""
 
     @property
@@ -47,36 +75,12 @@ class Samples(Protocol):
         """Whether the performance has ended before its last tick: a recorded stream is at its end."""
         ...
 
-    @property
-    def settled(self) -> float:
-        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1; low after a hold, so that
-        the robot returns to the performer slowly."""
-        ...
-
-    @property
-    def paused(self) -> bool:
-        """Whether the operator pauses the robot: it then holds without a limit in time."""
-        ...
-
-    def may_approach(self) -> bool:
-        """Whether the robot is to go on with its approach; called in every tick of it."""
-        ...
-
     def poll(self) -> None:
         """Take in what a stream has sent. Called in every tick, also during a hold."""
         ...
 
-    def sample(self, tick: int) -> SensorSample | None:
-        """The sensors at a tick; None: they are not valid now, and the robot is to hold. Not None for tick 0."""
-        ...
-
     def hold(self) -> None:
         """The robot holds though the sensors are valid: a stream is followed again as after any hold."""
-        ...
-
-    @property
-    def hold_reason(self) -> str:
-        """Why the robot holds, in a few words; of the last tick in which it did."""
         ...
 
     def recorded(self) -> "Clip":

@@ -17,10 +17,9 @@ from retarget.human.samples import PerformerInput, Samples
 from retarget.run.controllers import Pace, RobotMotion
 from retarget.run.record import Phase, Record, TickRecorder
 from retarget.run.supervisor import AT_RISK, LONGEST_BRAKE_S, LONGEST_STOP_S, End, Event, OperatorInput
-from retarget.run.tick import Failure, Machine, TickInput, TickOutput, TickState, brake, caught, step
+from retarget.run.tick import Failure, Machine, TickInput, TickOutput, TickState, brake, caught, look_at, step
 from retarget.types import RunState
 
-INTERRUPTED = "interrupted by the user"
 LATE, MANY_LATE = 0.35, 0.01
 """A tick is late that begins so many periods after it is due; from this share of late ticks on, a note says so."""
 STOOD_S = 1.0
@@ -161,16 +160,7 @@ class LiveInputs:
         samples = self._samples
         if samples.over or tick >= samples.ticks:
             return PerformerInput(over=True)
-        sample = samples.sample(tick) if approached else None
-        may_go_on = sample is not None if approached else samples.may_approach()
-        return PerformerInput(
-            tick=tick if approached else None,
-            sample=sample,
-            may_go_on=may_go_on,
-            hold_reason="" if may_go_on else samples.hold_reason,
-            paused=samples.paused,
-            settled=samples.settled,
-        )
+        return look_at(samples, tick, approached=approached)
 
     def _wait(self) -> None:
         """Wait until the next tick is due. What is late is skipped and counted: it is not made up for."""

@@ -78,14 +78,16 @@ than the tracker, and repeats the newest sample until it is as old as this."""
 
 
 class SteppedPerformer:
-    """A performer whose samples come one by one: in each tick `take`, then as `retarget.human.samples.Samples`.
+    """A performer whose samples come one by one: in each tick `take`, then as `retarget.human.samples.Performing`.
 
-    dt, motion_dt: s between samples. seen: the sample of this tick, smoothed, without what jumps; None: no valid one.
+    paused: a hold has no limit in time, since the caller ends it. seen: the sample of this tick, smoothed, without what
+    jumps; None: no valid one.
     """
 
-    def __init__(self, first: SensorSample, dt: float, smooth: PoseFilter | None = None) -> None:
+    paused: ClassVar[bool] = True
+
+    def __init__(self, first: SensorSample, smooth: PoseFilter | None = None) -> None:
         """first: the sample that the robot approaches. smooth: the filter of all samples after it."""
-        self.dt = self.motion_dt = dt
         self._first, self._engagement = first, Engagement(first)
         self._approaching = Debounce(good=True)
         self._jumps, self._smooth = JumpDetection(first.names), smooth

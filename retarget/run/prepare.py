@@ -271,7 +271,7 @@ def prepare_for(
     real = not options.simulated
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
     guard = Guard(bus=bus, joint_map=robot.joint_map, limits=limits)
-    supervisor = supervisor or Supervisor(notify=notify)
+    supervisor = supervisor or Supervisor()
     machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify)
     prepared = replace(
         human,

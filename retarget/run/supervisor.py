@@ -4,7 +4,6 @@
 """
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from math import inf
@@ -13,7 +12,7 @@ from hardware.clock import Clock
 from hardware.guard import Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from retarget.human.samples import PerformerInput
-from retarget.types import Notify, RunState
+from retarget.types import RunState
 
 
 @dataclass(frozen=True)
@@ -202,12 +201,11 @@ FORCED_STOP = "torque off before the robot stood, forced by the user"
 class Supervisor:
     """Changes the state of a run, and nothing else does. state: the present one; since: s, when it began."""
 
-    def __init__(self, *, notify: Notify = lambda text: None) -> None:
-        """notify: receives what fails on the way to rest."""
+    def __init__(self) -> None:
         self.state, self.since = RunState.IDLE, 0.0
         self.hold_reason = ""
         """Why the robot holds, or held last."""
-        self._notify = notify
+        self._news: list[str] = []
         self._entered: dict[RunState, float] = {}  # [s] when each state began first
         self._held_since = self._held_until = -inf  # [s] of holds that count as one
 
@@ -269,9 +267,13 @@ class Supervisor:
             guard.latch(cause, error)
             self.take(Event.FAILED, now)
 
+    def take_news(self) -> tuple[str, ...]:
+        """What failed on the way to rest since the last call, a sentence each."""
+        news, self._news = tuple(self._news), []
+        return news
+
     def _give_up_return(self, why: str) -> None:
-        with suppress(Exception):  # a lost terminal must not keep the robot from going to rest
-            self._notify(f"return to stance: {why}; the robot goes on from where it is")
+        self._news.append(f"return to stance: {why}; the robot goes on from where it is")
 
     def _events(
         self, now: float, operator: OperatorInput, performer: PerformerInput, situation: Situation, guard: Guard

@@ -17,7 +17,7 @@ from hardware.errors import BusError
 from hardware.guard import CheckedGoal, Guard, text_of
 from hardware.guard_state import StopCause
 from retarget.frames import SensorSample
-from retarget.human.samples import PerformerInput
+from retarget.human.samples import PerformerInput, Performing
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
@@ -149,6 +149,21 @@ class Machine:
         return f"the gate refused goals that bring {way} too near to each other" if way else ""
 
 
+def look_at(performer: Performing, tick: int, *, approached: bool) -> PerformerInput:
+    """The performer at a tick. approached: whether the robot is where following begins; tick: of the performance, from
+    then on."""
+    sample = performer.sample(tick) if approached else None
+    may_go_on = sample is not None if approached else performer.may_approach()
+    return PerformerInput(
+        tick=tick if approached else None,
+        sample=sample,
+        may_go_on=may_go_on,
+        hold_reason="" if may_go_on else performer.hold_reason,
+        paused=performer.paused,
+        settled=performer.settled,
+    )
+
+
 def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickOutput:
     """The goal of a tick, and the state after it. Servos, gate, supervisor and controllers remember what they are
     given."""
@@ -159,6 +174,7 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     state = _with_sample(state, given)
     situation = _situation(machine, motion, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
+    news += supervisor.take_news()
     state, standing = _standing(machine, state)
     if supervisor.over:
         return TickOutput(state, run_state, lost=lost, news=news + standing)
@@ -195,7 +211,7 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
             supervisor.step(given.now, OperatorInput(), PerformerInput(), situation, guard)
     state, news = _standing(machine, _with_sample(state, given))
     goal = None if supervisor.over else _unwritten(machine) or motion.brake_at_once()
-    return TickOutput(state, supervisor.state, goal, news=news)
+    return TickOutput(state, supervisor.state, goal, news=supervisor.take_news() + news)
 
 
 def _unwritten(machine: Machine) -> CheckedGoal | None:

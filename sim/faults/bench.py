@@ -13,7 +13,7 @@ from hardware.bus import BusSpec, ServoBus
 from hardware.clock import Clock, VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
-from hardware.guard import CheckedGoal, Guard
+from hardware.guard import Guard
 from hardware.guard_state import Stop
 from retarget.frames import SensorFrames, SensorSample
 from retarget.human.samples import Performance, Playback, Samples
@@ -22,10 +22,12 @@ from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
-from retarget.run.loop import Watch
+from retarget.run.loop import LiveInputs, Observer, Operator
+from retarget.run.loop import Tick as RunTick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, performance_of, prepare_for
-from retarget.run.tick import Machine
+from retarget.run.supervisor import OperatorInput
+from retarget.run.tick import Machine, TickInput, TickState
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, RunState
 from sim.buses import simulation_of
@@ -155,6 +157,7 @@ class TappedPort(EmulatedPort):
 
 
 ROBOT = "op3"
+STOP_ASKED = "a signal asks for a stop"
 LISTED = IPv4Network("127.0.0.0/8")
 BEFORE_OPENING, BEFORE_ARMING = -1.0, -0.5
 """Times of faults before a run begins."""
@@ -164,8 +167,8 @@ ENDLESS_S = 60.0
 """Time, s, by which a run may be longer than what was to be followed: countdown, approach, holds, the way to rest."""
 
 
-class Bench:
-    """A run with faults. `at` calls a function once at a time, s after following began.
+class Bench(Operator, Observer):
+    """A run with faults, and its operator and observer. `at` calls a function once at a time, s after following began.
 
     stop_asked: what SIGINT and SIGTERM set. undo: called in the end. gate: False: goals are not checked.
     leaves: the run is not observed to its end, where the robot is at rest.
@@ -173,7 +176,7 @@ class Bench:
     recording: what the performer is instead of a stream, see `record`; None: a stream.
     held_up: when each fault comes that the robot holds for and goes on after, s as in `at`, and for how long it may, s.
     mass: on the path of a real port, with simulated mechanics behind the emulated wire.
-    on_goal: called in every tick of a moving robot once a goal is found.
+    delays: called in every tick of a moving robot, once its servos are read.
     """
 
     def __init__(
@@ -191,7 +194,7 @@ class Bench:
         self.ports: dict[str, TappedPort] = {}
         self.stop_asked = self.leaves = self.approaching = False
         self.held_up: list[tuple[float, float]] = []
-        self.on_goal: list[Callable[[], object]] = []
+        self.delays: list[Callable[[], object]] = []
         self.undo: list[Callable[[], object]] = []
         self.robot: RobotBody
         self.machine: Machine
@@ -256,7 +259,7 @@ class Bench:
                 has_deadlines=True,
                 notify=self.trace.said.append,
             ) as prepared:
-                self._watch(prepared)
+                self._run(prepared)
         except Killed:
             pass
         except Exception as error:  # noqa: BLE001 - how a run ends is judged later
@@ -271,45 +274,34 @@ class Bench:
         self.trace.torque = [servo.memory.value("torque_enable") for servo in self.servos]
         return self.trace
 
-    def _watch(self, prepared: Prepared) -> None:
+    def _run(self, prepared: Prepared) -> None:
         assert prepared.machine is not None
         self.machine = prepared.machine
         self.guard = guard = prepared.machine.guard
-        self.samples = samples = prepared.samples
-        write, sample, names = guard.write, samples.sample, tuple(prepared.performer.sensors)
-        self._place, self._valid = np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool)
-
-        def written(goal: CheckedGoal) -> None:
-            for act in self.on_goal if goal.passed and self.machine.supervisor.state in MOVING else ():
-                act()
-            self.trace.postures.append((self.clock.now(), goal.posture))
-            write(goal)
-
-        def sampled(index: int) -> object:
-            found = sample(index)
-            if found is not None:
-                self._saw_sample(found)
-            return found
-
-        guard.write = written  # type: ignore[method-assign]
-        object.__setattr__(samples, "sample", sampled)  # a clip is frozen
+        self.samples = prepared.samples
+        count = len(prepared.performer.sensors)
+        self._place, self._valid = np.zeros((count, 3)), np.zeros(count, dtype=bool)
         self._act_until(BEFORE_ARMING)
         try:
-            loop = prepared.loop(Watch(stop_asked=lambda: self.stop_asked))
-            tick = loop.tick
-
-            def ticking() -> None:
-                tick()
-                self._saw_tick()
-
-            loop.tick = ticking  # type: ignore[method-assign]
-            loop.run()
+            prepared.loop(self, [self], DelayedInputs(self)).run()
         finally:
             self.trace.stop = guard.stop
+        if self.failure:
+            raise RuntimeError(self.failure)
 
-    def _saw_tick(self) -> None:
+    def ask(self, state: RunState | None) -> OperatorInput:
+        """Stop the robot if that is asked for."""
+        return OperatorInput(stop=STOP_ASKED if self.stop_asked else None)
+
+    def see(self, tick: RunTick) -> None:
+        """Keep what a tick has led to, and do what is due."""
         trace, guard, now = self.trace, self.guard, self.clock.now()
         state = self.machine.supervisor.state
+        assert tick.given is not None, "a robot has inputs"
+        if tick.given.performer.sample is not None:
+            self._saw_sample(tick.given.now, tick.given.performer.sample)
+        if tick.tried is not None:
+            trace.postures.append((tick.given.now, tick.tried.posture))
         if trace.approach_ended is None and state not in (RunState.APPROACH, RunState.HOLD):
             trace.approach_ended = now
         follows = self.recording is not None or "the performer is followed" in trace.said
@@ -325,12 +317,12 @@ class Bench:
             trace.endless = True
             self.kill()
 
-    def _saw_sample(self, found: SensorSample) -> None:
+    def _saw_sample(self, now: float, found: SensorSample) -> None:
         gone = frozenset(name for name, valid in zip(found.names, found.valid, strict=True) if not valid)
-        self.trace.out.append((self.clock.now(), gone))
+        self.trace.out.append((now, gone))
         both = found.valid & self._valid
         step = np.linalg.norm(found.position[both] - self._place[both], axis=1).max(initial=0.0)
-        self.trace.steps.append((self.clock.now(), float(step)))
+        self.trace.steps.append((now, float(step)))
         self._place[:], self._valid[:] = found.position, found.valid
 
     def leave(self) -> None:
@@ -386,3 +378,18 @@ class Bench:
     def _saw_let_go(self, device: int, now: float) -> None:
         """Note when a servo stops driving."""
         self.trace.let_go.append((now, device))
+
+
+class DelayedInputs(LiveInputs):
+    """The inputs of the ticks of a bench, with its delays."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench.machine, bench.samples, bench)
+        self._bench = bench
+
+    def gather(self, state: TickState, run_state: RunState, *, approached: bool) -> TickInput:
+        """Gather the input of the next tick, and delay it where the robot moves on."""
+        given = super().gather(state, run_state, approached=approached)
+        for delay in self._bench.delays if run_state in MOVING and given.performer.may_go_on else ():
+            delay()
+        return given

@@ -199,7 +199,7 @@ def _signal(bench: Bench) -> None:
 
 
 def _late(bench: Bench, times: float = np.inf) -> None:
-    """Make the search for a goal longer than a tick, so many times."""
+    """Make a tick of a moving robot longer than its period, so many times."""
     seen: list[float] = []
 
     def dawdle() -> None:
@@ -208,7 +208,7 @@ def _late(bench: Bench, times: float = np.inf) -> None:
             bench.trace.acted += seen if len(seen) == 1 else []
             bench.clock.advance(OVERRUN / bench.robot.profile.safety.rate_hz)
 
-    bench.on_goal.append(dawdle)
+    bench.delays.append(dawdle)
 
 
 def _following(bench: Bench, change: Callable[[Bench, RobotPosture], RobotPosture], times: float = np.inf) -> None:

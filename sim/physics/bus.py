@@ -6,13 +6,13 @@ from math import inf
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray
-from hardware.bus import ServoGoals, ServoStates
+from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
 from hardware.servo import ServoSpec
 from sim.emulator.line import Line
 from sim.emulator.servo_body import ServoBody
 from sim.emulator.shaft import Law, Shaft
-from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT, check_goals, check_open
+from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT, check_goals
 from sim.physics.simulation import BATCH_S, Simulation
 
 

@@ -15,10 +15,12 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
 from hardware.guard_state import StopCause
+from hardware.no_bus import NoBus
 from hardware.servo import loop_stiffness
 from messages import refuses, shows, shows_lines
-from retarget.cli.buses import AFTER_FALL_S, HOLD_IT, PhysicsBench, make_bus, posture_ticks
-from retarget.cli.exit import DONE, STOPPED
+from retarget.cli.buses import AFTER_FALL_S, PhysicsBench, make_bus, posture_ticks
+from retarget.cli.exit import DONE, STOPPED, StopRequest
+from retarget.cli.operator import HOLD_IT, RunOperator
 from retarget.cli.run import finished, follow_clip
 from retarget.errors import ConfigError, UsageError
 from retarget.frames import SensorFrames
@@ -30,12 +32,11 @@ from retarget.report.measure import limits_broken, measure
 from retarget.report.motion_metrics import LimitViolations
 from retarget.report.outputs import Outputs
 from retarget.run.controllers import GoToRest
-from retarget.run.loop import Watch
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import prepare, stage_priorities
 from retarget.run.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
-from sim.mock_bus import MockBus, NoBus
+from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 from sim.physics.perturbation import Push
 from sim.physics.witness import Fall
@@ -130,7 +131,7 @@ def play(asked: RunOptions, push: Push | None = None, *, rest: bool = True) -> R
         if push is not None:
             assert bench._bus is not None
             bench._bus.witness.simulation.push(push)
-        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+        run = prepared.run(RunOperator(prepared, StopRequest(), bench=bench))
     return bench.seen(run)
 
 
@@ -178,14 +179,14 @@ def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
     with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus) as prepared:
         assert bench._bus is not None and prepared.machine is not None
         witness, machine = bench._bus.witness, prepared.machine
-        watching = bench.watching(lambda: False, prepared)
         machine.guard.arm(machine.gate.begin(machine.guard.present()))
         for ago, goes_on in ((0.0, True), (0.5 * AFTER_FALL_S, True), (AFTER_FALL_S, False)):
             witness.fall = Fall(witness.simulation.time - ago, "it lies", powered=True)
-            assert not watching() and (machine.guard.stop is None) is goes_on
-        stop = machine.guard.stop
-        assert stop is not None and stop.reason == "the robot has fallen: it lies"
-        assert stop.cause is StopCause.FALLEN and not machine.guard.may_go_to_rest
+            fault = bench.look(machine, prepared.samples)
+            assert (fault is None) is goes_on
+        assert fault == (StopCause.FALLEN, "the robot has fallen: it lies")
+        machine.guard.latch(*fault)
+        assert bench.look(machine, prepared.samples) is None and not machine.guard.may_go_to_rest
 
 
 @pytest.mark.long
@@ -259,7 +260,7 @@ def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> Non
         stiffness = [drive.stiffness for drive in simulation.world.drives]
         assert stiffness == pytest.approx([0.8 * loop_stiffness(drive.servo) for drive in simulation.world.drives])
         assert simulation._pushes == []
-        run = bench.seen(prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared))))
+        run = bench.seen(prepared.run(RunOperator(prepared, StopRequest(), bench=bench)))
     assert len(simulation._pushes) == 1
     assert run.physics is not None and run.physics.perturbations == ("mass", "friction", "push", "stiffness=0.8")
     following = run.record.time[run.record.following]

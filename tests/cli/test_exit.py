@@ -155,10 +155,10 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
     with stop_on_signals() as asked:
         assert not asked()
         signal.raise_signal(number)
-        assert asked() and not asked.forced_stop()
-        assert asked.why() == REASONS[number] and number.name in asked.why().replace("Ctrl-C", "SIGINT")
+        assert asked() and not asked.torque_off
+        assert asked.why == REASONS[number] and number.name in asked.why.replace("Ctrl-C", "SIGINT")
         signal.raise_signal(signal.SIGINT)
-        assert asked.why() == REASONS[number], "the first one stays"
+        assert asked.why == REASONS[number], "the first one stays"
     assert signal.getsignal(number) is before
 
 
@@ -166,10 +166,10 @@ def test_a_signal_asks_to_stop(number: signal.Signals) -> None:
 def test_ctrl_c_after_another_signal_forces_torque_off_and_does_not_raise(first: signal.Signals) -> None:
     with stop_on_signals() as asked:
         signal.raise_signal(first)
-        assert asked() and not asked.forced_stop()
+        assert asked() and not asked.torque_off
         for _ in range(3):
             signal.raise_signal(signal.SIGINT)
-            assert asked() and asked.forced_stop()
+            assert asked() and asked.torque_off
 
 
 def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
@@ -178,11 +178,11 @@ def test_a_held_ctrl_c_asks_and_pressed_again_it_forces_torque_off() -> None:
         for _ in range(60):  # as a keyboard repeats it
             signal.raise_signal(signal.SIGINT)
             clock.advance(0.03)
-            assert asked() and not asked.forced_stop()
-        assert asked.too_soon() == 59
+            assert asked() and not asked.torque_off
+        assert asked.too_soon == 59
         clock.advance(0.3)
         signal.raise_signal(signal.SIGINT)
-        assert asked.forced_stop()
+        assert asked.torque_off
 
 
 def test_ctrl_z_suspends_no_robot_that_moves() -> None:
@@ -192,8 +192,8 @@ def test_ctrl_z_suspends_no_robot_that_moves() -> None:
         assert signal.getsignal(signal.SIGTSTP) is before, "where nothing moves, it suspends"
     with stop_on_signals(moves=True) as asked:
         signal.raise_signal(signal.SIGTSTP)
-        assert asked() and not asked.forced_stop()
-        shows(asked.why())
+        assert asked() and not asked.torque_off
+        shows(asked.why)
     assert signal.getsignal(signal.SIGTSTP) is before
 
 
@@ -298,7 +298,7 @@ def test_a_second_sigterm_still_brakes() -> None:
     with stop_on_signals() as asked:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
             signal.raise_signal(number)
-        assert asked() and not asked.forced_stop()
+        assert asked() and not asked.torque_off
 
 
 def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
@@ -306,7 +306,7 @@ def test_one_ctrl_c_after_another_kind_of_stop_still_brakes() -> None:
     with stop_on_signals() as asked:
         asked.ask("the stop file is there")
         signal.raise_signal(signal.SIGINT)
-        assert asked() and not asked.forced_stop()
+        assert asked() and not asked.torque_off
 
 
 @pytest.mark.parametrize("stall", [0.25, 1.0])

@@ -15,29 +15,26 @@ from live_rig import LiveRig
 from messages import shows
 from retarget.cli.controls import (
     GRIPS,
-    LONGEST_S,
     SPACE,
     STOPPED_BY,
-    TOO_SOON,
     Asked,
     Control,
     ControlSocket,
     Keyboard,
-    LiveControls,
     StopFile,
-    announced,
 )
 from retarget.cli.exit import StopRequest
+from retarget.cli.operator import LONGEST_S, TOO_SOON, Announcer, RunOperator
 from retarget.cli.stop import connect_to
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
-from retarget.run.loop import Watch
+from retarget.run.loop import Operator
 from retarget.run.prepare import Prepared
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
-from retarget.run.supervisor import LONGEST_HOLD_S
+from retarget.run.supervisor import AT_RISK, LONGEST_HOLD_S, OperatorInput
 from retarget.run.tick import Machine
-from retarget.types import FloatArray
+from retarget.types import FloatArray, RunState
 from sim.faults.sender import FakeSender
 
 DT = 0.008
@@ -82,17 +79,8 @@ def rigged(seconds: float = 1.0) -> LiveRig:
     return LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=seconds))
 
 
-def controls_of(rig: LiveRig, prepared: Prepared, *controls: Control, dead_man: bool = False) -> LiveControls:
-    assert isinstance(prepared.samples, LivePerformer)
-    return LiveControls(
-        controls,
-        StopRequest(),
-        prepared.samples,
-        clock=rig.clock,
-        notify=rig.said.append,
-        machine=prepared.machine,
-        dead_man=dead_man,
-    )
+def operator_of(rig: LiveRig, prepared: Prepared, *controls: Control, dead_man: bool = False) -> RunOperator:
+    return RunOperator(prepared, StopRequest(), controls=controls, notify=rig.said.append, dead_man=dead_man)
 
 
 def played(
@@ -104,16 +92,18 @@ def played(
     """The run, and its state before every tick. each: called before every look."""
     rig, states = rigged(seconds), list[str]()
     with rig.prepared() as prepared:
-        live, machine = controls_of(rig, prepared, *controls, dead_man=dead_man), prepared.machine
+        operator, machine = operator_of(rig, prepared, *controls, dead_man=dead_man), prepared.machine
         assert machine is not None
 
-        def look() -> bool:
-            states.append(machine.supervisor.state.value)
-            each(len(states), machine)
-            return live.look()
+        class Watched(Operator):
+            def ask(self, state: RunState | None) -> OperatorInput:
+                assert state is not None
+                if state in AT_RISK:
+                    states.append(state.value)
+                    each(len(states), machine)
+                return operator.ask(state)
 
-        forced = announced(live.forced_stop, machine, notify=rig.said.append, too_soon=live.too_soon)
-        return rig, prepared.run(Watch(stop_asked=look, torque_off_asked=forced, why=live.why)), states
+        return rig, prepared.run(Watched(), [Announcer(machine, operator.stop, notify=rig.said.append)]), states
 
 
 def goals_of(result: RunResult) -> FloatArray:
@@ -185,13 +175,13 @@ def test_held_on_purpose_for_too_long_it_is_to_stop() -> None:
     rig = rigged()
     with rig.prepared() as prepared:
         asked: dict[int, tuple[Asked, str]] = {2: (Asked.HOLD, ""), 4: (Asked.PAUSE, ""), 5: (Asked.PAUSE, "")}
-        controls = controls_of(rig, prepared, Script(lambda poll: [asked[poll]] if poll in asked else []))
+        operator = operator_of(rig, prepared, Script(lambda poll: [asked[poll]] if poll in asked else []))
         seen = []
         for seconds in (0.0, 0.0, LONGEST_S - 1.0, 0.0, 0.0, LONGEST_S - 1.0, 1.1):
             rig.clock.advance(seconds)
-            seen.append(controls.look())
-        assert seen == [False] * 6 + [True]
-        shows(controls.why())
+            seen.append(operator.ask(None).stop)
+        assert seen[:-1] == [None] * 6
+        shows(seen[-1])
 
 
 @pytest.mark.parametrize("held", [True, False])
@@ -199,12 +189,12 @@ def test_a_pause_counts_whatever_is_held(held: bool) -> None:
     rig = rigged()
     with rig.prepared() as prepared:
         keys = Typed({2: "p", 3: "p"})
-        controls = controls_of(rig, prepared, grip(lambda poll: held), keys, dead_man=True)
+        operator = operator_of(rig, prepared, grip(lambda poll: held), keys, dead_man=True)
         assert isinstance(prepared.samples, LivePerformer)
         seen = []
         for _ in range(3):
-            controls.look()
-            seen.append((controls.engaged, prepared.samples.engagement.wanted))
+            operator.ask(None)
+            seen.append((operator.engaged, prepared.samples.engagement.wanted))
         assert seen == [(held, held), (False, False), (held, held)]
         shows(rig.said[-1])
 
@@ -267,7 +257,6 @@ def test_a_file_that_cannot_be_looked_for_stops_the_robot_as_well() -> None:
 @pytest.mark.long
 def test_why_the_robot_stops_is_reported_while_it_does() -> None:
     """Once, of a servo that reports an error, without a key pressed."""
-    torque: list[bool] = []
 
     def each(look: int, machine: Machine) -> None:
         if look == 450:
@@ -276,19 +265,6 @@ def test_why_the_robot_stops_is_reported_while_it_does() -> None:
     rig, _, _ = played(each=each)
     (line,) = [text for text in rig.said if "stopping" in text]
     shows(line)
-    rig = rigged()
-    with rig.prepared() as prepared:
-        machine = prepared.machine
-        assert machine is not None
-
-        def gone(text: str) -> None:
-            torque.append(True)
-            raise BrokenPipeError
-
-        asked = announced(lambda: True, machine, notify=gone, too_soon=lambda: 0)
-        assert asked() and not torque, "nothing stops"
-        machine.guard.latch(StopCause.REQUESTED, "SIGTERM")
-        assert asked() and asked() and torque == [True], "once, also on a terminal that is gone"
 
 
 def test_a_stop_is_requested_before_anything_is_reported() -> None:
@@ -299,11 +275,11 @@ def test_a_stop_is_requested_before_anything_is_reported() -> None:
         raise BrokenPipeError
 
     with rig.prepared() as prepared:
-        controls = controls_of(rig, prepared, Typed({1: " p"}))
-        controls._notify = gone
+        stop = StopRequest()
+        operator = RunOperator(prepared, stop, controls=[Typed({1: " p"})], notify=gone)
         with pytest.raises(BrokenPipeError):
-            controls.look()
-        assert controls.why() == SPACE and not controls.engaged
+            operator.ask(None)
+        assert stop.why == SPACE and not operator.engaged
 
 
 @pytest.mark.long
@@ -314,21 +290,21 @@ def test_a_socket_holds_stops_and_answers_and_gives_no_motion(tmp_path: Path) ->
     with rig.prepared() as prepared:
         machine = prepared.machine
         assert machine is not None
-        server = ControlSocket(tmp_path / "control", status=lambda: controls.status())
-        controls, looks = controls_of(rig, prepared, server), 0
+        server = ControlSocket(tmp_path / "control", status=lambda: operator.status())
+        operator, looks = operator_of(rig, prepared, server), 0
         with connect_to(server.path) as client:
 
-            def look() -> bool:
-                nonlocal looks
-                looks += 1
-                if looks in words:
-                    client.sendall(words[looks].encode() + b"\n")
-                if looks - 1 in words:
-                    answers[looks - 1] = client.recv(500).decode()
-                return controls.look()
+            class Watched(Operator):
+                def ask(self, state: RunState | None) -> OperatorInput:
+                    nonlocal looks
+                    looks += 1
+                    if looks in words:
+                        client.sendall(words[looks].encode() + b"\n")
+                    if looks - 1 in words:
+                        answers[looks - 1] = client.recv(500).decode()
+                    return operator.ask(state)
 
-            result = prepared.run(Watch(stop_asked=look, torque_off_asked=controls.forced_stop, why=controls.why))
-            answers[700] = client.recv(500).decode()
+            result = prepared.run(Watched())
         server.close()
     assert json.loads(answers[550]) == {"state": "follow", "followed": True, "let_go": False, "stop": None}
     assert answers[560] == "ok holding\n" and answers[700] == "ok stopping\n"

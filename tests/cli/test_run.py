@@ -20,8 +20,9 @@ from live_rig import LiveRig
 from messages import refuses, shows, shows_lines
 from retarget.cli import main
 from retarget.cli.application import given, refuse_given
-from retarget.cli.controls import TORQUE_WORDS, Asked, LiveControls
+from retarget.cli.controls import Asked
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
+from retarget.cli.operator import TORQUE_WORDS, RunOperator
 from retarget.cli.run import StreamOptions, _wait_until_engaged
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions
@@ -135,12 +136,12 @@ def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() 
         stop, performer = StopRequest(), prepared.samples
         assert isinstance(performer, LivePerformer)
         grip, begun = Grip(), rig.clock.now()
-        controls = LiveControls([grip], stop, performer, clock=rig.clock, notify=rig.said.append, dead_man=True)
-        _wait_until_engaged(controls, controls.look, performer, rig.clock)
+        operator = RunOperator(prepared, stop, controls=[grip], notify=rig.said.append, dead_man=True)
+        _wait_until_engaged(operator, performer, rig.clock)
         assert 1.0 < rig.clock.now() - begun < 1.1
         stop.ask("the operator asked")
         with pytest.raises(KeyboardInterrupt):
-            _wait_until_engaged(controls, controls.look, performer, rig.clock)
+            _wait_until_engaged(operator, performer, rig.clock)
         assert not rig.bus.torque_on
 
 

@@ -10,10 +10,12 @@ from messages import shows
 from recordings import performer
 from retarget.cli import main
 from retarget.cli.exit import REFUSED, StopRequest
-from retarget.cli.view import ON_THE_PAGE, Viewing, viewing
+from retarget.cli.operator import ON_THE_PAGE, RunOperator
+from retarget.cli.view import viewing
 from retarget.report.outputs import Outputs
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
+from retarget.run.supervisor import OperatorInput
 from retarget.viewer.feed import PageSetup
 from retarget.viewer.live_page import cast_of
 from sim.mock_bus import mock_bus
@@ -55,20 +57,15 @@ class FakeFeed:
         self.rows.append(row)
 
 
-def test_the_button_is_a_stop() -> None:
-    feed, stop, notes = FakeFeed(), StopRequest(), list[str]()
-    page = Viewing(cast(Any, feed), notes.append)
-    asked = page.with_stop_button(stop, stop)
-    assert not asked() and not notes
-    feed.pressed = True
-    assert asked() and asked() and stop.why() == ON_THE_PAGE and not stop.forced_stop()
-
-
-def test_who_asked_first_stays_the_reason() -> None:
-    feed, stop = FakeFeed(), StopRequest()
-    stop.ask("the space bar")
-    feed.pressed = True
-    assert Viewing(cast(Any, feed)).with_stop_button(stop, stop)() and stop.why() == "the space bar"
+@pytest.mark.parametrize(("before", "why"), [("", ON_THE_PAGE), ("the space bar", "the space bar")])
+def test_the_button_is_a_stop_and_who_asked_first_stays_the_reason(before: str, why: str) -> None:
+    feed, stop = FakeFeed(), StopRequest(before)
+    options = RunOptions(robot="human")
+    with prepare(performer(), options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        operator = RunOperator(prepared, stop, page=cast(Any, feed))
+        assert operator.ask(None) == OperatorInput(before or None)
+        feed.pressed = True
+        assert operator.ask(None) == operator.ask(None) == OperatorInput(why)
 
 
 @pytest.mark.parametrize(("bus", "measure"), [("mock", False), ("none", False), ("emulator", True)])

@@ -15,7 +15,6 @@ from hardware.errors import HardwareError
 from hardware.servo import (
     DEFAULT_P_GAIN,
     MAX_CONDITION,
-    ExpectedRange,
     ServoCoupling,
     ServoGains,
     ServoMode,
@@ -23,6 +22,7 @@ from hardware.servo import (
     full_drive_error,
     loop_stiffness,
 )
+from hardware.servo_health import ExpectedRange
 from messages import refuses
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]

@@ -15,6 +15,7 @@ from hardware.errors import BusError
 from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import shows
+from operators import ENOUGH, Asks
 from retarget.cli import run as follow_clip
 from retarget.human.samples import Playback
 from retarget.live.begin import LiveOptions
@@ -23,7 +24,7 @@ from retarget.report.findings import findings
 from retarget.report.measure import latest_of, measure, measure_latest
 from retarget.report.outputs import Outputs
 from retarget.report.report import BusReport, ServoExtreme
-from retarget.run.loop import INTERRUPTED, Watch
+from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
 from retarget.run.run_result import RunResult
@@ -36,11 +37,11 @@ from sim.performer import synthetic_performer
 TICKS = 51
 
 
-def played(rig: Rig, watch: Watch | None = None) -> tuple[BusReport, RunResult]:
+def played(rig: Rig, operator: Operator | None = None) -> tuple[BusReport, RunResult]:
     human = person()
     stage = StubReconstructor(human)
-    prepared = Prepared(short_clip(), human, five(), stage, rig.machine, (), has_bus=True, notes=())
-    run = prepared.run(watch)
+    prepared = Prepared(short_clip(), human, five(), stage, rig.machine, (), has_bus=True, notes=(), clock=rig.clock)
+    run = prepared.run(operator)
     found = measure(run).bus
     assert found is not None
     return found, run
@@ -113,9 +114,9 @@ def test_a_bus_that_dies_while_the_robot_brakes_is_a_fault(monkeypatch: pytest.M
         write(goals)
 
     monkeypatch.setattr(rig.bus, "write", failing)
-    found, run = played(rig, Watch(stop_asked=lambda: next(asked)))
+    found, run = played(rig, Asks(lambda: next(asked)))
     assert run.stop is not None and run.stop.cause is StopCause.REQUESTED
-    assert run.reason is not None and INTERRUPTED in run.reason
+    assert run.reason is not None and ENOUGH in run.reason
     shows(run.reason)
     assert found.faults == 1
 
@@ -133,7 +134,7 @@ def run() -> RunResult:
     """Asked to end in motion."""
     ticks = iter(range(10_000))
     with LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=8.0)).prepared() as prepared:
-        return prepared.run(Watch(stop_asked=lambda: next(ticks) > 700))
+        return prepared.run(Asks(lambda: next(ticks) > 700))
 
 
 def test_its_rows_are_those_of_the_end(run: RunResult) -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from faulty_bus import FaultKind, MockFault
 from gates import sent
+from hardware.clock import VirtualClock
 from retarget.model.body import JointLimits
 from retarget.report import motion_metrics, tracking
 from retarget.report.measure import measure
@@ -12,7 +13,7 @@ from retarget.report.motion_metrics import jerk_p95, limit_violations, observer_
 from retarget.report.report import Report
 from retarget.report.tracking import Reachable
 from retarget.rotations import IDENTITY
-from retarget.run.loop import Watch, run_human
+from retarget.run.loop import Operator, run_human
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
@@ -240,7 +241,7 @@ def test_the_worse_hand_is_reported_with_the_mean(monkeypatch: pytest.MonkeyPatc
 
 def test_the_report_of_a_human_has_no_robots_values() -> None:
     human, clip = person(), short_clip(rate_hz=None)
-    ending = run_human(clip, StubReconstructor(human), Watch())
+    ending = run_human(clip, StubReconstructor(human), Operator(), VirtualClock())
     report = measure(result(ending, clip, human, None))
     assert report.robot == "human" and list(report.tracking_mm) == list(clip.frames.names)
     for value in (

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.clock import VirtualClock
 from retarget.model.body import load_body_text
 from retarget.model.meshes import solid_body
 from retarget.report.plots import (
@@ -18,7 +19,7 @@ from retarget.report.plots import (
 from retarget.report.solid import facets_of, lit
 from retarget.report.tracking import performer_facing, turned
 from retarget.rotations import multiply
-from retarget.run.loop import Watch, run_human
+from retarget.run.loop import Operator, run_human
 from retarget.run.run_result import RunResult
 from rig import Rig, StubReconstructor, person, result, short_clip
 
@@ -33,7 +34,7 @@ def run() -> RunResult:
 @pytest.fixture(scope="module")
 def human_run() -> RunResult:
     human, clip = person(), short_clip(rate_hz=None)
-    ending = run_human(clip, StubReconstructor(human), Watch())
+    ending = run_human(clip, StubReconstructor(human), Operator(), VirtualClock())
     return result(ending, clip, human, None)
 
 

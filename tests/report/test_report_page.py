@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from hardware.clock import VirtualClock
 from hardware.guard_state import Stop, StopCause
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
@@ -27,7 +28,7 @@ from retarget.report.page import FOLDER, page_html, write_page
 from retarget.report.plots import PICTURES, figures_of
 from retarget.report.report import Report, page_path, report_path
 from retarget.rotations import conjugate, rotate
-from retarget.run.loop import Watch, run_human
+from retarget.run.loop import Operator, run_human
 from retarget.run.run_result import RunResult
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
@@ -256,7 +257,7 @@ def test_what_stopped_it_and_when(run: RunResult, report: Report) -> None:
 
 def test_a_human_alone(tmp_path: Path) -> None:
     human, clip = person(), short_clip(rate_hz=None)
-    alone = result(run_human(clip, StubReconstructor(human), Watch()), clip, human, None)
+    alone = result(run_human(clip, StubReconstructor(human), Operator(), VirtualClock()), clip, human, None)
     write_page(alone, measure(alone), tmp_path / "report.html", figures={})
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     data = data_of(page)

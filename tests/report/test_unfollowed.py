@@ -256,7 +256,7 @@ def test_a_run_that_is_watched_names_it_on_the_terminal() -> None:
     command.clock, command.notify = PacedClock(wall=VirtualClock()), said.append
     perform = prepare.performance_of(lambda: clip("kneels"), options.playback)
     with command.prepared(perform) as prepared, command.viewing(prepared) as page:
-        command.play(prepared, page, lambda: False, StopRequest())
+        command.play(prepared, command.operator(prepared, StopRequest()), page)
     (words,) = [text for text in said if KNEELS in text]
     shows(words, INSTEAD[KNEELS])
 

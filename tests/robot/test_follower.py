@@ -14,6 +14,7 @@ from followers import DT, balance_margin, dimensions, follower, op3, performer, 
 from hardware.clock import VirtualClock
 from hardware.servo_health import RAMP_S
 from messages import shows
+from operators import Asks
 from retarget.human.samples import Playback
 from retarget.ik.support_polygon import plant
 from retarget.model.body import JointLimits
@@ -35,7 +36,7 @@ from retarget.robot.follower import (
 from retarget.robot.following_limits import following_limits
 from retarget.robot.landmarks import AskedLandmarks, standing_dofs
 from retarget.rotations import plus
-from retarget.run.loop import Watch
+from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Phase
@@ -49,11 +50,11 @@ from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 
 
-def run_from(source: Path, start: float, watch: Watch | None = None) -> RunResult:
+def run_from(source: Path, start: float, operator: Operator | None = None) -> RunResult:
     """The OP3 from standing, following 0.2 s of a recording."""
     options = RunOptions(robot="op3", playback=Playback(start=start, end=start + 0.2))
     with prepare(lambda: open_source(source), options, clock=VirtualClock(), make_bus=mock_bus) as ready:
-        return ready.run(watch or Watch())
+        return ready.run(operator)
 
 
 def assert_well(run: RunResult) -> None:
@@ -86,8 +87,7 @@ def test_a_raised_hand_is_raised_when_following_begins(trial: str, start: float,
 @pytest.mark.parametrize("tick", [20, 110, 160])
 def test_a_stop_on_the_way(tick: int, shared: Path) -> None:
     asked = count()
-    watch = Watch(stop_asked=lambda: next(asked) >= tick)
-    run = run_from(shared / "mocap" / "cmu_asfamc" / "02_06.amc", 2.0, watch)
+    run = run_from(shared / "mocap" / "cmu_asfamc" / "02_06.amc", 2.0, Asks(lambda: next(asked) >= tick))
     assert run.state == "off"
     phases = run.record.phase
     assert phases[0] == Phase.APPROACH and phases[-1] == Phase.BRAKE and not (phases == Phase.FOLLOW).any()

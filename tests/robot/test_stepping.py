@@ -14,6 +14,8 @@ from scipy.optimize import brentq
 from followers import DT, Followed, assert_within_limits, balance_margin, collect, dimensions, op3, performer, postures
 from hardware.clock import VirtualClock
 from retarget.cli.buses import PhysicsBench
+from retarget.cli.exit import StopRequest
+from retarget.cli.operator import RunOperator
 from retarget.human.samples import Playback
 from retarget.ik.gravity_torque import GRAVITY, GravityTorque
 from retarget.ik.support_polygon import convex_hull, plant, support_distance
@@ -23,7 +25,6 @@ from retarget.robot.balance import HEAVE_ROWS, SUSTAINED, Room, StandingStrength
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import CONTACT_WAIT_S, StepState
 from retarget.robot.stepping import HIGH, LOW, WAY, StepBalance, SwingFoot, WeightShift
-from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.schema.priorities import load_priorities
@@ -197,7 +198,7 @@ def test_with_mass_it_stands_on_one_foot_and_goes_to_rest_on_both(shared: Path) 
     with prepare(
         lambda: open_source(source), options, clock=clock, make_bus=bench.make_bus, goes_to_rest=True
     ) as prepared:
-        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+        run = prepared.run(RunOperator(prepared, StopRequest(), bench=bench))
     report = measure(bench.seen(run))
     assert report.steps is not None and (report.steps.asked, report.steps.made, report.steps.declined) == (1, 1, 0)
     assert report.fallen is False and report.gated_frames == 0 and report.stop.reason is None

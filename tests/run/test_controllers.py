@@ -1,6 +1,6 @@
 """Controllers: slow moves in joint space, the approach, the return to stance, and the way to rest."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,6 +19,7 @@ from retarget.run.controllers import (
     Commanded,
     Follow,
     GoToRest,
+    Pace,
     ReturnToStance,
     SlowMove,
     Target,
@@ -210,21 +211,12 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
 # Following.
 
 
-@dataclass
-class FixedPace:
-    """A performer to whom the robot has come back by so much."""
-
-    settled: float
-    dt: float = DT
-    motion_dt: float = DT
-
-
 @pytest.mark.parametrize(("settled", "warm", "override"), [(0.0, 1.0, 0.2), (0.5, 1.0, 0.6), (1.0, 0.3, 0.3)])
 def test_following_begins_slowly(settled: float, warm: float, override: float) -> None:
     driven, reconstructor, sample = Driven(), StubReconstructor(person()), short_clip().sample(0)
     assert sample is not None
     human = reconstructor.start(sample)
-    follow = Follow(reconstructor, driven.follower, human, FixedPace(settled), slow=0.2)
+    follow = Follow(reconstructor, driven.follower, human, Pace(DT, DT, settled), slow=0.2)
     follow.begin()
     assert follow.target(sample, speed_override=warm) is not None
     assert driven.follower.overrides == [pytest.approx(override)]

@@ -13,9 +13,10 @@ from hardware.errors import BusError, GuardError, HardwareError, TorqueError
 from hardware.guard import CUT_POWER, CheckedGoal, Torque
 from hardware.guard_state import StopCause
 from messages import refuses, shows
+from operators import ENOUGH, Asks
 from retarget.human.samples import Clip
 from retarget.run.controllers import RETRY_S, Target
-from retarget.run.loop import INTERRUPTED, STOOD_S, Loop, Watch
+from retarget.run.loop import STOOD_S, Loop, Observer, Progress, RowObserver
 from retarget.run.record import Phase
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.supervisor import LONGEST_TO_REST_S, End
@@ -255,7 +256,7 @@ def test_a_failure_during_the_approach_brakes_on_its_line() -> None:
             raise OSError("no terminal")
         return False
 
-    ending = play(rig, Watch(stop_asked=broken))
+    ending = play(rig, Asks(broken))
     robot = ending.record.robot
     assert robot is not None and (ending.state, ending.reason) == (RunState.OFF, "no terminal")
     path = robot.goals[: np.count_nonzero(ending.record.phase == Phase.APPROACH)]
@@ -280,7 +281,8 @@ def test_a_posture_that_is_not_finite_is_a_hold() -> None:
             held.append(rig.clock.now())
 
     clip: Clip = Waiting(short_clip(seconds=0.4), "", 0)  # type: ignore[assignment]
-    ending = rig.loop(clip, Watch(on_tick=lambda done: states.append(rig.supervisor.state), every=1)).run()
+    seen = Progress(lambda done: states.append(rig.supervisor.state), every=1)
+    ending = rig.loop(clip, observers=[seen]).run()
     assert len(held) >= 3
     assert RunState.HOLD in states and ending.record.robot is not None
     assert np.isfinite(ending.record.robot.q).all() and (ending.record.robot.goal_ticks >= 0).all()
@@ -328,7 +330,7 @@ def test_a_forced_stop_after_an_interrupt_does_not_wait_either() -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        play(rig, Watch(interrupted, torque_off_asked=lambda: True, every=1))
+        play(rig, Asks(torque_off=lambda: True), Progress(interrupted, every=1))
     assert rig.gate.displacement.any() and not rig.bus.torque_on
 
 
@@ -360,22 +362,35 @@ def broken_looks(what: str, rig: Rig) -> Loop:
     if what == "set_contact_state":
         rig.follower.set_contact_state = broken  # type: ignore[assignment,method-assign]
         return rig.loop()
-    if what == "torque_off_asked":
-        return rig.loop(watch=Watch(stop_asked=lambda: next(looks) >= 20, torque_off_asked=broken))
-    watch = {"stop_asked": Watch(stop_asked=broken), "on_tick": Watch(broken, every=1), "on_row": Watch(on_row=broken)}
-    return rig.loop(watch=watch[what])
+    if what == "torque_off":
+        return rig.loop(operator=Asks(lambda: next(looks) >= 20, broken))
+    return rig.loop(operator=Asks(broken))
 
 
-LOOKS = ("stop_asked", "torque_off_asked", "on_tick", "on_row", "poll", "over", "set_contact_state")
+LOOKS = ("stop", "torque_off", "poll", "over", "set_contact_state")
 
 
 @pytest.mark.parametrize("what", LOOKS)
 def test_a_look_that_fails_again_and_again_leads_to_rest_all_the_same(what: str) -> None:
     rig = Rig(swing(), goes_to_rest=True)
     ending = broken_looks(what, rig).run()
-    expected = INTERRUPTED if what == "torque_off_asked" else "no such drive"
+    expected = ENOUGH if what == "torque_off" else "no such drive"
     assert (ending.state, ending.reason) == (RunState.OFF, expected) and not rig.bus.torque_on
     np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [Progress, RowObserver])
+def test_an_observer_that_fails_is_dropped_and_the_robot_goes_on(kind: type[Observer]) -> None:
+    rig, calls = Rig(swing()), list[object]()
+
+    def broken(*seen: object) -> None:
+        calls.append(seen)
+        raise OSError("no terminal")
+
+    observer = kind(broken)  # type: ignore[call-arg]
+    ending = play(rig, None, observer)
+    assert (ending.state, ending.reason, len(calls)) == (RunState.OFF, None, 1)
+    assert observer.failure == "no terminal"
 
 
 def test_a_tick_that_fails_twice_after_its_goal_was_written_brakes_on() -> None:
@@ -456,7 +471,7 @@ def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_
         supervisor = rig.supervisor
         return supervisor.state is RunState.STANDING and rig.clock.now() - supervisor.since >= stands_s - 0.5 * rig.dt
 
-    ending = play(rig, Watch(torque_off_asked=held) if waits else None)
+    ending = play(rig, Asks(torque_off=held) if waits else None)
     shows(rig.notes)
     lasted = rig.clock.now() - began[0]
     assert lasted == pytest.approx(LONGEST_TO_REST_S + stands_s, abs=5 * rig.dt)
@@ -541,7 +556,7 @@ def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
             raise KeyboardInterrupt
 
     with refuses(TorqueError, "r_sho_roll"):
-        play(rig, Watch(interrupted, every=1))
+        play(rig, None, Progress(interrupted, every=1))
     assert rig.bus.torque_on
 
 
@@ -553,7 +568,7 @@ def test_a_stop_is_carried_out_in_the_tick_in_which_it_is_seen(monkeypatch: pyte
         return len(looked) > 30
 
     times, _ = written(rig, monkeypatch)
-    play(rig, Watch(stop_asked=asked))
+    play(rig, Asks(asked))
     assert rig.guard.stop is not None and len(looked) == 31
     assert looked[30] - looked[29] == pytest.approx(rig.dt)
     assert min(time for time in times if time >= looked[30]) - looked[29] < 1.5 * rig.dt
@@ -590,6 +605,6 @@ def test_an_interrupted_run_that_is_to_end_standing_stands_and_is_over(waits: bo
         return False
 
     with pytest.raises(KeyboardInterrupt):
-        play(rig, Watch(stop_asked=interrupts, torque_off_asked=interrupts))
+        play(rig, Asks(interrupts, interrupts))
     assert stood == (2000 if waits else pytest.approx(STOOD_S / rig.dt, abs=2)) and not rig.bus.torque_on
     assert len([note for note in rig.notes if WHY in note]) == 1

@@ -19,6 +19,7 @@ from hardware.guard import CheckedGoal
 from hardware.servo_health import ServoWarnings
 from live_rig import LiveRig
 from messages import refuses, shows, shows_lines
+from operators import ENOUGH, Asks
 from retarget.errors import UsageError
 from retarget.human.samples import Clip, Playback
 from retarget.live.begin import LiveOptions
@@ -27,10 +28,10 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.controllers import rest_joints
-from retarget.run.loop import INTERRUPTED, Ending, Watch
+from retarget.run.loop import Ending, RowObserver
 from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
 from retarget.run.prepare import limbs_of, make_gate, prepare
-from retarget.run.record import HumanRecord, Phase, Record, RecordRows, Timing
+from retarget.run.record import HumanRecord, Phase, Record, RecordRows, TickRecorder, Timing
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import FORCED_STOP
 from retarget.safety.gate import Gate
@@ -184,10 +185,10 @@ def test_a_tick_that_fails_on_a_robot_that_stands_leads_to_rest(again: int, monk
 def test_asking_to_stop_brakes() -> None:
     asked = iter([False] * 130 + [True] * 1000)
     rig = Rig(swing(0.3))
-    ending = play(rig, Watch(stop_asked=lambda: next(asked)))
+    ending = play(rig, Asks(lambda: next(asked)))
     robot = ending.record.robot
     assert robot is not None
-    assert ending.state is RunState.OFF and ending.reason == INTERRUPTED
+    assert ending.state is RunState.OFF and ending.reason == ENOUGH
     steps = np.abs(np.diff(robot.q[:, rig.robot.servo_columns], axis=0)).max(axis=1)
     assert steps[128] > 1e-4 and steps[-1] == pytest.approx(0.0, abs=1e-3)
 
@@ -197,10 +198,10 @@ def test_a_stop_asked_for_during_the_approach_is_carried_out(after: int, monkeyp
     asked = iter([False] * after + [True])
     rig = Rig(still() + np.linspace(-0.4, 0.4, 20))
     goals = written(rig, monkeypatch)
-    ending = play(rig, Watch(stop_asked=lambda: next(asked)))
+    ending = play(rig, Asks(lambda: next(asked)))
     record, robot = ending.record, ending.record.robot
     assert robot is not None
-    assert ending.state is RunState.OFF and ending.reason == INTERRUPTED
+    assert ending.state is RunState.OFF and ending.reason == ENOUGH
     assert np.count_nonzero(record.phase == Phase.APPROACH) == after
     assert set(record.phase.tolist()) <= {Phase.APPROACH, Phase.BRAKE}
     assert robot.goal_ticks.tolist() == goals[1:] and not robot.gated.any()
@@ -222,7 +223,7 @@ def test_nothing_starts_on_a_robot_that_is_not_well() -> None:
     assert not rig.bus.torque_on
 
 
-def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:
+def test_a_tick_that_fails_after_its_goal_sends_no_second_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, sent = Rig(swing(0.1)), []
     write = rig.guard.write
 
@@ -230,11 +231,12 @@ def test_a_tick_that_fails_after_its_goal_sends_no_second_one() -> None:
         sent.append(rig.clock.now())
         write(goal)
 
-    def broken(_tick: int) -> None:
+    def broken(*_: object) -> None:
         raise OSError("no terminal")
 
     rig.guard.write = written  # type: ignore[method-assign]
-    assert play(rig, Watch(broken)).reason == "no terminal"
+    monkeypatch.setattr(TickRecorder, "keep_costs", broken)
+    assert play(rig).reason == "no terminal"
     assert len(sent) == len(set(sent)) > 20 and not rig.gate.displacement.any() and not rig.bus.torque_on
 
 
@@ -404,7 +406,7 @@ def test_a_stop_leads_to_rest() -> None:
 def test_a_second_stop_switches_torque_off_at_once() -> None:
     asked = iter([False] * MOVING + [True])
     rig = Rig(swing(0.3))
-    ending = play(rig, Watch(stop_asked=lambda: next(asked), torque_off_asked=lambda: True))
+    ending = play(rig, Asks(lambda: next(asked), lambda: True))
     assert ending.state is RunState.FAULT and ending.reason is not None and FORCED_STOP in ending.reason
     assert np.count_nonzero(ending.record.phase == Phase.BRAKE) == 1 and not rig.bus.torque_on
 
@@ -417,7 +419,7 @@ def test_a_second_interrupt_switches_torque_off_at_once() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        play(rig, Watch(stop_asked=lambda: next(asked, None) is None and interrupt(), torque_off_asked=interrupt))
+        play(rig, Asks(lambda: next(asked, None) is None and interrupt(), interrupt))
     assert not rig.bus.torque_on and rig.gate.displacement.any()
 
 
@@ -425,7 +427,7 @@ def test_a_silent_bus_is_held_and_followed_again() -> None:
     silent = range(MOVING, MOVING + 3)
     faults = [MockFault(FaultKind.MISSING, first=silent[0], cycles=3, servo=servo) for servo in range(20)]
     rig, states = Rig(still(), faults=faults), list[RunState]()
-    ending = play(rig, Watch(on_row=lambda record, row: states.append(rig.supervisor.state)))
+    ending = play(rig, None, RowObserver(lambda record, row: states.append(rig.supervisor.state)))
     assert (ending.state, ending.reason) == (RunState.OFF, None)
     held = [tick + 1 for tick, state in enumerate(states) if state is RunState.HOLD]
     assert held == [*silent] and states[silent[-1]] is RunState.FOLLOW, "the first is read to arm"
@@ -439,7 +441,7 @@ def test_on_its_way_to_rest_a_robot_gets_there_though_the_bus_is_silent_again_an
         for servo in range(20)
     ]
     rig, rows = Rig(still(), goes_to_rest=True, faults=faults), list[RunState]()
-    ending = play(rig, Watch(on_row=lambda record, row: rows.append(rig.supervisor.state)))
+    ending = play(rig, None, RowObserver(lambda record, row: rows.append(rig.supervisor.state)))
     assert (ending.state, ending.reason) == (RunState.OFF, None) and ending.record.robot is not None
     way = ending.record.robot.goals[rows.index(RunState.GO_TO_REST) - 1 :]
     assert len(way) * rig.dt < 3.0
@@ -591,7 +593,8 @@ def test_a_slow_host_stops_real_servos_and_no_simulated_robot(bus: str, reason: 
     clock = VirtualClock()
     options = RunOptions(robot="op3", bus=bus, priorities="servo", playback=Playback(end=0.3))
     with prepare(synthetic_performer, options, clock=clock, make_bus=mock_bus) as prepared:
-        run = prepared.run(Watch(on_row=lambda record, row: clock.advance(0.3) if row == 50 else None))
+        late = RowObserver(lambda record, row: clock.advance(0.3) if row == 50 else None)
+        run = prepared.run(observers=[late])
     assert (run.state, run.reason) == ("off", reason) and (run.ticks_followed > 1) == (reason is None)
 
 
@@ -633,7 +636,7 @@ def played(*, pause: range = range(0), duration: float = 1.0) -> RunResult:
             tick += 1
             return False
 
-        return prepared.run(Watch(stop_asked=stop_asked))
+        return prepared.run(Asks(stop_asked))
 
 
 @pytest.mark.long
@@ -668,7 +671,7 @@ def test_of_a_long_motion_the_beginning_is_kept(monkeypatch: pytest.MonkeyPatch)
     rows = list[int]()
     options = RunOptions(robot="op3", playback=Playback(end=2.0))
     with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
-        run = prepared.run(Watch(on_row=lambda record, row: rows.append(row)))
+        run = prepared.run(observers=[RowObserver(lambda record, row: rows.append(row))])
     report = measure(run)
     assert run.ticks_followed == 100 and not run.record.to_end and len(run.record) < len(rows) - 150
     assert report.duration_s == pytest.approx(99 / 125) and report.frames < report.frames_per_s * run.wall_s + 1.0

@@ -11,7 +11,7 @@ from retarget.frames import SensorFrames
 from retarget.human.pose_validation import LIMITS
 from retarget.human.samples import Clip, Playback
 from retarget.live.performer import TOO_SHORT
-from retarget.run.loop import Watch
+from retarget.run.loop import RowObserver
 from retarget.run.options import RunOptions
 from retarget.run.performers import RecordedPerformer
 from retarget.run.prepare import performance_of, prepare
@@ -72,7 +72,7 @@ def test_a_run_of_such_a_recording_holds_says_why_and_goes_on() -> None:
     with prepare(jumping, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
         machine = prepared.machine
         assert machine is not None
-        result = prepared.run(Watch(on_row=lambda record, row: states.append(machine.supervisor.state)))
+        result = prepared.run(observers=[RowObserver(lambda record, row: states.append(machine.supervisor.state))])
         reason = machine.supervisor.hold_reason
     changes = [one for one, before in zip(states[1:], states, strict=False) if one is not before]
     assert changes[:3] == [RunState.FOLLOW, RunState.HOLD, RunState.FOLLOW]

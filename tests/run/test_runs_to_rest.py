@@ -14,7 +14,10 @@ from hardware.clock import Clock, VirtualClock
 from hardware.errors import GuardError, TorqueError
 from hardware.guard import CheckedGoal
 from messages import refuses, shows
+from operators import ENOUGH, Asks
 from retarget.cli.buses import PhysicsBench
+from retarget.cli.exit import StopRequest
+from retarget.cli.operator import RunOperator
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback
 from retarget.ik.hierarchy import SceneObstacles
@@ -23,7 +26,7 @@ from retarget.report import motion_metrics
 from retarget.report.measure import limits_broken
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.robot.follower import Follower
-from retarget.run.loop import INTERRUPTED, Watch
+from retarget.run.loop import Progress
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
 from retarget.run.record import Phase
@@ -64,7 +67,7 @@ def stopped(
     )
     ticks, clock = iter(range(10**6)), VirtualClock()
     with prepare(synthetic_performer, asked, clock=clock, make_bus=bus, goes_to_rest=True, notify=notify) as prepared:
-        run = prepared.run(Watch(stop_asked=lambda: next(ticks) >= after))
+        run = prepared.run(Asks(lambda: next(ticks) >= after))
         return run, prepared.scene_obstacles
 
 
@@ -136,7 +139,7 @@ def test_a_robot_at_rest_stays_there_when_torque_goes_off(name: str, monkeypatch
     with prepare(
         synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True
     ) as prepared:
-        run = prepared.run(Watch(stop_asked=bench.watching(lambda: False, prepared)))
+        run = prepared.run(RunOperator(prepared, StopRequest(), bench=bench))
     run = bench.seen(run)
     assert run.physics is not None and run.physics.fall is None and run.physics.toppled is None
     robot = load_robot(name)
@@ -174,7 +177,7 @@ def stop_at(ready: Prepared, time: float = WARM_UP_S) -> RunResult:
     """Interrupt at this time of the run, s."""
     done = [0]
     ticks = round(time / ready.samples.dt)
-    return ready.run(Watch(on_tick=done.append, stop_asked=lambda: done[-1] >= ticks, every=1))
+    return ready.run(Asks(lambda: done[-1] >= ticks), [Progress(done.append, every=1)])
 
 
 def soles(run: RunResult) -> tuple[float, float]:
@@ -212,7 +215,7 @@ def test_an_interrupt_of_a_recorded_motion(trial: str, at: float, shared: Path) 
     source = shared / "mocap" / "cmu_asfamc" / f"{trial}.amc"
     with prepared(lambda: open_source(source), at) as ready:
         run = stop_at(ready)
-    assert (run.state, run.reason) == ("off", INTERRUPTED)
+    assert (run.state, run.reason) == ("off", ENOUGH)
     assert_stands_well(run)
 
 

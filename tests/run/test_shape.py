@@ -74,3 +74,35 @@ def test_a_class_keeps_few_things(folder: str) -> None:
         if isinstance(node, ast.ClassDef) and len(attributes(node)) > MOST_ATTRIBUTES
     }
     assert not large
+
+
+ON_ITS_WAY = [
+    *(path for room in ("run", "robot", "human", "safety", "ik") for path in (ROOT / "retarget" / room).rglob("*.py")),
+    ROOT / "retarget/live/performer.py",
+    ROOT / "retarget/pipeline.py",
+]
+"""Where the way of a tick leads, from sample to goal."""
+OUTSIDE = {"loop.py: run", "loop.py: _give_up", "loop.py: _release", "prepare.py: _open", "pipeline.py: _moved"}
+"""What catches any exception before the first tick of a run or after the last, or raises it to the caller's loop."""
+ANY = {"Exception", "BaseException"}
+
+
+def catches_any(node: ast.AST) -> bool:
+    """Whether it is a handler of all exceptions, or suppresses them."""
+    if isinstance(node, ast.ExceptHandler):
+        return node.type is None or bool({one.id for one in ast.walk(node.type) if isinstance(one, ast.Name)} & ANY)
+    if not isinstance(node, ast.Call) or not ast.unparse(node.func).endswith("suppress"):
+        return False
+    return bool({ast.unparse(one) for one in node.args} & ANY)
+
+
+def test_one_place_catches_exceptions_in_a_tick() -> None:
+    found = [
+        f"{path.name}: {function.name}"
+        for path in ON_ITS_WAY
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(function, ast.FunctionDef)
+        for node in ast.walk(function)
+        if catches_any(node)
+    ]
+    assert sorted(found) == sorted({*OUTSIDE, "tick.py: caught"})

@@ -11,9 +11,10 @@ import pytest
 from hardware.clock import VirtualClock
 from retarget.cli.buses import make_bus
 from retarget.cli.exit import StopRequest
+from retarget.cli.operator import RunOperator
 from retarget.cli.view import opened_page, viewing
 from retarget.human.samples import Playback
-from retarget.run.loop import Watch
+from retarget.run.loop import RowObserver
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Record
@@ -37,21 +38,19 @@ def run(*, port: int | None, hurt: Callable[[int], object] = lambda process: Non
             clock=VirtualClock(),
             make_bus=lambda body, clock: make_bus(options.bus, body, clock),
         ) as prepared,
-        opened_page(port, options, notify=lambda text: None) as opened,
-        viewing(opened, prepared, options, notify=lambda text: None) as page,
+        opened_page(port, options, notify=lambda text: None) as feed,
+        viewing(feed, prepared, options, notify=lambda text: None) as page,
     ):
-        feed = page._feed
         if feed is not None:
             feed._every = 1  # so that what the page does not take is more than fits between the two
-        stop = StopRequest()
 
         def hurting(record: Record, row: int) -> None:
             if row == HURT_AT and feed is not None:
                 feeds.append(feed)
                 hurt(feed.process)
 
-        watch = Watch(stop_asked=page.with_stop_button(stop, stop), on_row=hurting)
-        record = prepared.run(page.watch(watch)).record
+        operator = RunOperator(prepared, StopRequest(), page=feed)
+        record = prepared.run(operator, [RowObserver(hurting), page]).record
         for one in feeds:  # else closing it would wait for a process that cannot end
             with suppress(ProcessLookupError):
                 os.kill(one.process, signal.SIGKILL)

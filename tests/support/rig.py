@@ -153,7 +153,7 @@ class Rig:
         self.guard = Guard(bus=self.bus, joint_map=self.robot.joint_map)
         self.follower = StubFollower(self.robot, script)
         self.notes: list[str] = []
-        self.supervisor = Supervisor(notify=self.notes.append)
+        self.supervisor = Supervisor()
         self.machine = Machine(
             robot=self.robot,
             follower=self.follower,

@@ -107,9 +107,9 @@ def _hung(body: RobotBody, weight: float | None, frame: str | None) -> Hung | No
 def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | None) -> RunResult:
     """Play the goals as a run plays recorded ones. Nothing follows the performer that a run needs."""
     from retarget.cli.run import CommandRun
-    from retarget.cli.view import Viewing
     from retarget.recording.goal_playback import held_performance
     from retarget.report.outputs import Outputs
+    from retarget.run.loop import Progress
     from retarget.run.prepare import performance_of
     from sim.performer import synthetic_performer
 
@@ -128,7 +128,7 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
         stop = signals.enter_context(stop_on_signals(moves=True))
         prepared = replace(prepared, machine=replace(prepared.machine, goals=held.goals))
         with progress_bar(options.robot, len(held.goals)) as show:
-            return command.play(prepared, Viewing(None), stop, stop, show)
+            return command.play(prepared, command.operator(prepared, stop), Progress(show))
 
 
 def _plan(held: HeldGoals) -> list[str]:

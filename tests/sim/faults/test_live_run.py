@@ -11,6 +11,7 @@ import pytest
 
 from live_rig import LiveRig
 from messages import refuses, shows
+from operators import Asks
 from retarget.errors import InputError
 from retarget.human.pose_validation import LIMITS
 from retarget.human.samples import Parts
@@ -18,7 +19,6 @@ from retarget.live import performer
 from retarget.live.begin import LiveOptions
 from retarget.live.sensor_validity import ReacquisitionBlend
 from retarget.report.measure import measure
-from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
@@ -186,7 +186,7 @@ def paused(first: int, last: int, *, raised: tuple[float, float]) -> tuple[LiveR
                 samples.clutch(engaged=looks == last)  # type: ignore[attr-defined]
             return False
 
-        return rig, prepared.run(Watch(stop_asked=look))
+        return rig, prepared.run(Asks(look))
 
 
 @pytest.mark.long
@@ -235,7 +235,7 @@ def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: fl
                 rig.clock.advance(0.02)
             return False
 
-        result = prepared.run(Watch(stop_asked=look))
+        result = prepared.run(Asks(look))
     held = [time for time, state in seen if state is RunState.HOLD]
     assert held[0] - trouble[0] <= within + 0.02
     went = [time for time, state in seen if state is RunState.APPROACH and time > held[0]]
@@ -268,7 +268,7 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
     sender.faults.append(fault)
     rig = LiveRig(sender, options=LiveOptions(countdown=0.5, duration=4.5))
     with rig.prepared() as prepared:
-        return rig, prepared.run(Watch())
+        return rig, prepared.run()
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from live_rig import LiveRig
 from retarget.live.admission import Datagram
 from retarget.live.begin import LiveOptions
 from retarget.report.measure import pace
-from retarget.run.loop import Watch
+from retarget.run.loop import Progress
 from retarget.types import FloatArray
 from sim.faults.sender import STILL_S, FakeSender, Poses
 
@@ -110,7 +110,7 @@ def test_an_hour_is_as_its_first_minutes() -> None:
     sender.rig = rig
     with rig.prepared() as prepared:
         diary = Diary(rig, sender)
-        result = prepared.run(Watch(diary.look, every=1))
+        result = prepared.run(observers=[Progress(diary.look, every=1)])
     assert result.stop is None and result.robot is not None
 
     warm = next(row for row, (time, *_) in enumerate(diary.memory) if time >= WARM_S)

@@ -1,0 +1,238 @@
+"""The operator of a run of the command line. `RunOperator.ask` polls all that may stop or hold the robot, each tick."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from math import inf
+
+from hardware.guard import Torque
+from hardware.guard_state import Stop
+from retarget.cli.application import console
+from retarget.cli.buses import PhysicsBench
+from retarget.cli.controls import Asked, Control, LiveStatus
+from retarget.cli.exit import REASONS, SUSPENDED, StopRequest
+from retarget.live.performer import LivePerformer
+from retarget.run.loop import Observer, Operator, Tick
+from retarget.run.prepare import Prepared
+from retarget.run.supervisor import AT_RISK, OperatorInput
+from retarget.run.tick import Machine
+from retarget.types import Notify, RunState
+from retarget.viewer.feed import ViewFeed
+
+LONGEST_S = 300.0
+"""Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""
+ON_THE_PAGE = "stopped on the web page"
+
+
+class RunOperator(Operator):
+    """Asks for what signals, the page, the controls and the fall of a simulated robot ask for.
+
+    stop: signals ask it for a stop, and so does `ask`. page: of the run, if it has one. controls, dead_man: of a live
+    run, and whether one of them grips, without which the robot holds. Each request is carried out before it is
+    reported.
+    """
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        stop: StopRequest,
+        *,
+        bench: PhysicsBench | None = None,
+        page: ViewFeed | None = None,
+        controls: Sequence[Control] = (),
+        dead_man: bool = False,
+        notify: Notify = lambda text: None,
+    ) -> None:
+        self.stop = stop
+        self._samples, self._machine, self._clock = prepared.samples, prepared.machine, prepared.clock
+        self._bench, self._page, self._controls, self._notify = bench, page, controls, notify
+        self._holds = frozenset[Asked]()
+        self._since: float | None = None  # [s] when the robot began to hold on purpose
+        if dead_man:
+            self._engage(frozenset({Asked.RELEASE}))
+
+    def ask(self, state: RunState | None) -> OperatorInput:
+        """What is asked for now, as `Operator.ask` says."""
+        now, fault = self._clock.now(), None
+        if self._page is not None and self._page.stop_asked():
+            self.stop.ask(ON_THE_PAGE)
+        for control in self._controls:
+            for asked, reason in control.poll(now):
+                self._carry_out(asked, reason)
+        if self._since is not None and now - self._since > LONGEST_S:
+            self.stop.ask(f"paused by the operator for {LONGEST_S:g} s")
+        if self._bench is not None and self._machine is not None:
+            fault = self._bench.look(self._machine, self._samples)
+        return OperatorInput(self.stop.why or None, self.stop.torque_off, fault)
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the performer is to be followed."""
+        return not self._holds
+
+    def status(self) -> LiveStatus:
+        """The present state of a live run, as the control socket reports it."""
+        machine, following = self._machine, self._performer.engagement.following
+        reason = None if machine is None or machine.guard.stop is None else machine.guard.stop.reason
+        state = None if machine is None else machine.supervisor.state.value
+        return LiveStatus(state, following, not self.engaged, reason)
+
+    def words(self) -> str:
+        """The present state of a live run, in a few words."""
+        return words_for(self.status())
+
+    def state_and_reason(self) -> tuple[str, str]:
+        """The present state of a live run, in a few words, and why the performer is not followed, "" where he is."""
+        words = self.words()
+        return words, self._performer.hold_reason if words == "holding" else ""
+
+    @property
+    def _performer(self) -> LivePerformer:
+        assert isinstance(self._samples, LivePerformer), "only a live run has controls"
+        return self._samples
+
+    def _carry_out(self, asked: Asked, reason: str) -> None:
+        if asked is Asked.STOP:
+            self.stop.ask(reason)
+        elif asked is Asked.STOP_TOO_SOON:
+            self.stop.too_soon += 1
+        elif asked is Asked.TORQUE_OFF:
+            self.stop.force(reason)
+        elif asked is Asked.HEADING:
+            found = self._performer.reset_heading()
+            self._notify("straight ahead is where you face now" if found else "left and right are lost")
+        elif asked is Asked.GRIP:
+            self._engage(self._holds - {Asked.RELEASE})
+            self._notify(reason)
+        elif asked is Asked.RELEASE:
+            self._engage(self._holds | {Asked.RELEASE})
+            self._notify(reason)
+        elif asked is Asked.PAGE_HOLD and asked not in self._holds:
+            self._engage(self._holds | {asked})
+            self._notify(reason)
+        elif asked is Asked.PAGE_GO_ON and Asked.PAGE_HOLD in self._holds:
+            self._engage(self._holds - {Asked.PAGE_HOLD})
+            self._notify(reason)
+        elif asked in (Asked.PAGE_HOLD, Asked.PAGE_GO_ON):
+            return
+        elif Asked.HOLD not in self._holds:
+            self._engage(self._holds | {Asked.HOLD})
+            self._notify(reason)
+        elif asked is Asked.PAUSE:
+            self._engage(self._holds - {Asked.HOLD})
+            self._notify("going on" if self.engaged else "no pause any more: it goes on when it is held")
+
+    def _engage(self, holds: frozenset[Asked]) -> None:
+        """Follow the performer while there is no reason to hold."""
+        self._holds = holds
+        self._performer.clutch(engaged=self.engaged)
+        if self.engaged:
+            self._since = None
+        elif self._since is None:
+            self._since = self._clock.now()
+
+
+# What is said while a robot stops.
+
+REMINDER_S = 30.0
+"""Time, s, between two reminders of a robot that stands with torque at the end of its run: its servos get warm."""
+TORQUE_OFF_COMMAND = "retarget stop --torque-off, where there is a control socket"
+TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Once more switches it off"
+HOLD_IT = "hold the robot before torque goes off: at rest it may go down without torque"
+TORQUE_WORDS = {
+    Torque.OFF: "torque is off",
+    Torque.ON: "torque is on: cut the power by hand",
+    Torque.UNCONFIRMED: "torque is not confirmed to be off: cut the power by hand",
+}
+"""What is said of the torque of a robot when its run has ended."""
+STILL_STANDS = "torque is on: the simulated robot stands"
+
+
+class Announcer(Observer):
+    """Says while a robot stops what the summary would say too late.
+
+    Once: why it stops and what comes next; that a stop key was pressed too soon to count; that a robot that
+    `may_topple` is to be held. Every `REMINDER_S`: how a robot that stands gets its torque switched off.
+    """
+
+    def __init__(self, machine: Machine, stop: StopRequest, *, may_topple: bool = False, notify: Notify) -> None:
+        self.reason = ""
+        """Why the robot stops, once that was said."""
+        self._machine, self._stop, self._notify = machine, stop, notify
+        self._topples, self._ignored, self._reminded = may_topple, False, -inf
+
+    def see(self, tick: Tick) -> None:
+        """Say what has come up in a tick of a robot that stops."""
+        assert tick.given is not None, "a robot has inputs"
+        machine, stop, forced = self._machine, self._machine.guard.stop, tick.given.operator.torque_off
+        state = machine.supervisor.state
+        if state in AT_RISK or machine.supervisor.over:
+            return
+        if self._stop.too_soon and not (self._ignored or forced):
+            self._ignored = True
+            self._notify(TOO_SOON)
+        if stop is not None and not self.reason:
+            self.reason = stop.reason
+            then = machine.end_plan.end.value if machine.guard.may_go_to_rest else "it brakes, and torque goes off"
+            next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {_again(stop)}: torque off at once)"
+            self._notify(f"stopping: {stop.reason}: {next_step}")
+        if self._topples:
+            self._topples = False
+            self._notify(HOLD_IT)
+        if state is RunState.STANDING and machine.waits and tick.given.now - self._reminded >= REMINDER_S:
+            self._reminded = tick.given.now
+            self._notify(f"torque is on: hold the robot, then press Ctrl-C {_again(stop)} (or: {TORQUE_OFF_COMMAND})")
+
+    def ended(self) -> str:
+        """What is said when the run has ended: of the torque, and the reason of a stop that was not said before."""
+        machine, stop = self._machine, self._machine.guard.stop
+        stands = machine.supervisor.state is RunState.STANDING
+        torque = STILL_STANDS if stands else TORQUE_WORDS[machine.guard.torque]
+        return torque if stop is None or stop.reason == self.reason else f"{torque}: {stop.reason}"
+
+
+def _again(stop: Stop | None) -> str:
+    """How often Ctrl-C is to be pressed now to switch torque off."""
+    pressed = stop is not None and stop.reason in (*REASONS.values(), *SUSPENDED.values())
+    return "once more" if pressed else "twice, a second apart"
+
+
+# The state and duration of a live run on a terminal; nothing in a pipe.
+
+
+STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
+"""States of a run that ends."""
+
+
+def words_for(status: LiveStatus) -> str:
+    """The present state in a few words."""
+    if status.state == RunState.STANDING.value:
+        return "standing, with torque"
+    if status.stop is not None or status.state in STOPS:
+        return "stopping"
+    if status.let_go:
+        return "paused: holding"
+    if status.state == RunState.APPROACH.value:
+        return "approaching the performer"
+    return "following" if status.followed else "holding"
+
+
+@contextmanager
+def live_state(what: str, words: Callable[[], str]) -> Iterator[None]:
+    """Show a line on stderr. words: the present state, read by a thread of its own some times a second."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    class Words(ProgressColumn):
+        """The present state, whenever the line is drawn."""
+
+        def render(self, task: Task) -> Text:
+            return Text(words())
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), Words(), TimeElapsedColumn())
+    with Progress(*columns, console=console(err=True), transient=True) as line:
+        line.add_task(what, total=None)
+        yield
