@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.bus import ServoStates
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
 from hardware.guard import CheckedGoal, Torque
 from hardware.guard_state import Stop, StopCause
@@ -89,17 +88,29 @@ class CycleObserver(Observer):
         ring, machine = self.ring, self._machine
         if ring is None:
             return
-        rows, at = ring.rows, ring.at
+        rows, at, operator, performer, servos = ring.rows, ring.at, given.operator, given.performer, given.servos
+        # The input.
         self._now = rows.time[at] = given.now
         rows.clock[at, :2], rows.readings[at] = given.now, 2
-        rows.asked[at] = _asked(given)
-        if given.servos is not None:
-            _keep_servos(rows, at, given.servos)
-        self._say_failures(rows, at, given)
-        performer = given.performer
+        asked = {
+            Asked.STOP: operator.stop is not None,
+            Asked.TORQUE_OFF: operator.torque_off,
+            Asked.OVER: performer.over,
+            Asked.PAUSED: performer.paused,
+            Asked.APPROACH: performer.may_go_on and performer.tick is None,
+            Asked.OUTSIDE: operator.fault is not None,
+        }
+        rows.asked[at] = sum(flag for flag, is_so in asked.items() if is_so)
+        if servos is not None:
+            rows.read[at] = Done.WELL
+            rows.bus_time[at], rows.retries[at], rows.error_rate[at] = servos.time, servos.retries, servos.error_rate
+            for name in SERVO_FIELDS:
+                getattr(rows, name)[at] = getattr(servos, name)
         if performer.tick is not None:
             rows.tick[at], rows.settled[at] = performer.tick, performer.settled
             _keep_sample(rows, at, performer.sample)
+        self._say_failures(rows, at, given)
+        # The goal that was given to the bus, the row of the record, and where the run is.
         if goal is not None and machine is not None:
             rows.goal[at] = machine.guard.ticks_of(goal)
             rows.written[at] = Done.WELL if goal is machine.guard.goal else Done.FAILED
@@ -154,26 +165,6 @@ class CycleObserver(Observer):
         if rows.truth.shape[1]:
             truth = self._truth()
             rows.truth[at] = np.nan if truth is None else truth
-
-
-def _asked(given: TickInput) -> int:
-    operator, performer = given.operator, given.performer
-    asked = {
-        Asked.STOP: operator.stop is not None,
-        Asked.TORQUE_OFF: operator.torque_off,
-        Asked.OVER: performer.over,
-        Asked.PAUSED: performer.paused,
-        Asked.APPROACH: performer.may_go_on and performer.tick is None,
-        Asked.OUTSIDE: operator.fault is not None,
-    }
-    return sum(flag for flag, is_so in asked.items() if is_so)
-
-
-def _keep_servos(rows: Cycles, at: int, states: ServoStates) -> None:
-    rows.read[at] = Done.WELL
-    rows.bus_time[at], rows.retries[at], rows.error_rate[at] = states.time, states.retries, states.error_rate
-    for name in SERVO_FIELDS:
-        getattr(rows, name)[at] = getattr(states, name)
 
 
 def _keep_sample(rows: Cycles, at: int, sample: SensorSample | None) -> None:
