@@ -23,12 +23,14 @@ def main() -> None:
     bus.open()  # checks every servo and writes what the profile wants
     try:
         target = guard.present()
-        guard.arm(gate.begin(target))  # torque on, where the robot is
+        goal = gate.begin(target)
+        guard.arm(goal)  # torque on, where the robot is
         due, path = clock.now(), target[head] + TURN * (1.0 - np.cos(np.linspace(0.0, np.pi, ticks))) / 2.0
         for tick, angle in enumerate(path):
             clock.sleep_until(due + (tick + 1) * DT)
             states, target[head] = guard.read(), angle
-            guard.write((None if guard.stop else gate.check(target)) or gate.brake())
+            goal = (None if guard.stop else gate.check(goal, target)) or gate.brake(goal)
+            guard.write(goal)
     finally:
         bus.close()  # torque off, whatever happened
     off = abs(joints.to_radians(states.position)[head] - target[head])

@@ -563,17 +563,17 @@ class RobotMotion:
 
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
-        goal, standing = self._gate.begin(present), self.approach.first.q
+        self._goal, standing = self._gate.begin(present), self.approach.first.q
         if self._gate.clearance is not None:
             self._gate.clearance.begin(standing, present)
         self.commanded.begin(standing, present)
-        return goal
+        return self._goal
 
     @property
     def stands(self) -> bool:
         """Whether nothing is left to brake: neither the posture nor the goals that hold it, which may still change
         where they make up for a load."""
-        return self.commanded.stands and self._gate.at_rest
+        return self.commanded.stands and self._gate.at_rest(self._goal)
 
     def has_arrived(self, state: RunState) -> bool:
         """Whether the controller of a state has begun, and has nothing left to do."""
@@ -603,11 +603,11 @@ class RobotMotion:
             self._follower.reseed(self.commanded.q.copy(), self.commanded.velocity.copy())
             alternative = self._stop.halt()
             goal, target = self._passed(alternative), alternative or target
-        return goal or self._gate.brake(), target
+        return goal or self._gate.brake(self._goal), target
 
     def sent(self, goal: CheckedGoal, target: Target | None) -> None:
         """Take over where the robot was commanded to by a goal that was sent for a target."""
-        commanded = self.commanded
+        self._goal, commanded = goal, self.commanded
         commanded.take(goal, target, on_soles=not self.on_approach)
         if self._gate.clearance is not None:
             self._gate.clearance.sent(commanded.joints, commanded.standing)
@@ -616,7 +616,7 @@ class RobotMotion:
             self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
 
     def _passed(self, target: Target | None) -> CheckedGoal | None:
-        return self._gate.check(None if target is None else target.joints)
+        return self._gate.check(self._goal, None if target is None else target.joints)
 
     def _is_led_on_soles(self, state: RunState) -> bool:
         """Whether the follower leads the robot in a state, on its soles."""

@@ -237,13 +237,11 @@ class Loop:
         state = self._change_state(asked)
         if machine.supervisor.over:
             return
-        goal, target, wanted = self._unwritten(), None, None
-        if goal is None:
-            wanted = self._target(state)
-            self._part = StopCause.FILTER
-            goal, target = motion.check(state, wanted)
-            if state is RunState.GO_TO_REST and target is not None and not goal.passed:
-                self._tell_refused()
+        wanted = self._target(state)
+        self._part = StopCause.FILTER
+        goal, target = motion.check(state, wanted)
+        if state is RunState.GO_TO_REST and target is not None and not goal.passed:
+            self._tell_refused()
         self._write(goal, target)
         self._keep(state, goal, target, gated=wanted is not None and not (goal.passed and target is wanted))
         with self._looking():
@@ -287,9 +285,10 @@ class Loop:
 
     def _brake(self) -> None:
         """Go on braking in a tick that has failed."""
-        machine = self._machine
+        machine, last = self._machine, self._machine.guard.goal
+        assert last is not None, "the robot was armed"
         self._part = StopCause.FILTER
-        goal = self._unwritten() or machine.gate.brake()
+        goal = machine.gate.brake(last)
         self._write(goal, None)
         self._keep(machine.supervisor.state, goal, None, gated=False)
 
@@ -375,11 +374,6 @@ class Loop:
             self._tick += 1
         situation.paused = samples.paused
         situation.followable = not situation.hold_reason
-
-    def _unwritten(self) -> CheckedGoal | None:
-        """The goal that an interrupt has kept from being written. Without it the next step would be twice as long."""
-        goal = self._machine.gate.goal
-        return None if goal is self._machine.guard.goal else goal
 
     def _write(self, goal: CheckedGoal, target: Target | None) -> None:
         """Write a goal, and take over where the robot was commanded to."""

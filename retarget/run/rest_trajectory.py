@@ -124,7 +124,7 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
     plant_root(robot, stance.q, q)
     commanded, clearance = Commanded(robot, dt=dt), gate.clearance
     commanded.begin(q, q[robot.servo_columns])
-    gate.begin(commanded.joints)
+    last = gate.begin(commanded.joints)
     if clearance is not None:
         clearance.begin(q, commanded.joints)
     moves = GoToRest(robot, commanded, keyframes, dt=dt)
@@ -132,9 +132,10 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
     postures = [commanded.q]
     for _ in range(round(LONGEST_S / dt)):
         target = moves.target(None, speed_override=1.0)
-        goal = None if target is None else gate.check(target.joints)
+        goal = None if target is None else gate.check(last, target.joints)
         if goal is None:
             break
+        last = goal
         commanded.take(goal, target, on_soles=True)
         if clearance is not None:
             clearance.sent(commanded.joints, commanded.standing)

@@ -54,14 +54,14 @@ class Driven:
         self.refuses = False
         self.path = [stand() if present is None else present]
         self.commanded.begin(standing(), self.path[0])
-        self.gate.begin(self.path[0])
+        self.goal = self.gate.begin(self.path[0])
 
     def take(self, target: Target | None) -> bool:
         """One tick; whether the target was sent."""
-        goal = None if target is None or self.refuses else self.gate.check(target.joints)
-        sent = goal or self.gate.brake()
-        self.commanded.take(sent, target, on_soles=True)
-        self.path.append(sent.posture)
+        goal = None if target is None or self.refuses else self.gate.check(self.goal, target.joints)
+        self.goal = goal or self.gate.brake(self.goal)
+        self.commanded.take(self.goal, target, on_soles=True)
+        self.path.append(self.goal.posture)
         return goal is not None
 
     def speeds(self) -> FloatArray:

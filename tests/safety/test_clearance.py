@@ -145,7 +145,7 @@ def push(robot: GatedRobot, rng: np.random.Generator, direction: FloatArray) -> 
     """A goal within every limit of the joints, as far in a direction (n,) of signs as they let it."""
     servos, gate = robot.robot.joint_map, robot.gate
     limits = servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration
-    lo, hi = Braking(*limits, dt=DT).bounds(sent(gate), gate.displacement)
+    lo, hi = Braking(*limits, dt=DT).bounds(sent(gate), gate.goal.displacement)
     whim = np.where(rng.random(lo.size) < 0.1, rng.uniform(lo, hi), np.where(direction > 0, hi, lo))
     return sent(gate) + np.where(direction == 0.0, np.clip(0.0, lo, hi), whim)
 
@@ -201,7 +201,7 @@ def test_a_goal_is_refused_in_the_last_tick_that_can_stop() -> None:
     else:
         pytest.fail("nothing was refused")
     assert reached < robot.kept().max() + 2.0 * BETWEEN
-    while robot.gate.displacement.any():
+    while robot.gate.goal.displacement.any():
         robot.ask(np.full(turn.size, np.nan))
     assert robot.kept().max() < robot.distances(robot.sent[None]).min() < 0.02
     assert robot.kept().max() >= 0.001, "a quarter of the margin of the ball"
