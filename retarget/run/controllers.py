@@ -583,10 +583,10 @@ class RobotMotion:
 
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
-        goal, standing = self._gate.begin(present), self.approach.first.q
+        goal = self._gate.begin(present)
         if self._gate.clearance is not None:
-            self._gate.clearance.begin(standing, present)
-        self.commanded = first_commanded(self._robot, goal, standing)
+            self._gate.clearance.begin(present)
+        self.commanded = first_commanded(self._robot, goal, self.approach.first.q)
         return goal
 
     @property
@@ -632,14 +632,13 @@ class RobotMotion:
         commanded = self.commanded = next_commanded(
             self._robot, self.commanded, goal, target, dt=self._dt, on_soles=not self.on_approach
         )
-        if self._gate.clearance is not None:
-            self._gate.clearance.sent(commanded.joints, commanded.standing)
         plays = self._playback is not None and self._state is RunState.FOLLOW
         if not self.on_approach and (plays or not goal.passed or target is None):
             self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
 
     def _passed(self, target: Target | None) -> CheckedGoal | None:
-        return self._gate.check(self.commanded.goal, None if target is None else target.joints)
+        last, joints = self.commanded, None if target is None else target.joints
+        return self._gate.check(last.goal, joints, standing=last.standing)
 
     def _is_led_on_soles(self, state: RunState) -> bool:
         """Whether the follower leads the robot in a state, on its soles."""

@@ -343,7 +343,8 @@ class Loop:
         states = machine.guard.read()
         self._part = StopCause.SOURCE
         if machine.gate.clearance is not None:
-            machine.gate.clearance.measure(machine.robot.joint_map.to_radians(states.position))
+            position = machine.robot.joint_map.to_radians(states.position)
+            machine.gate.clearance.measure(position, self._motion.commanded.joints)
         with self._looking():
             for text in machine.guard.health.warnings.take_news():
                 machine.tell(text)

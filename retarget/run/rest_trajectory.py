@@ -124,18 +124,16 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
     plant_root(robot, stance.q, q)
     commanded, clearance = first_commanded(robot, gate.begin(q[robot.servo_columns]), q), gate.clearance
     if clearance is not None:
-        clearance.begin(q, commanded.joints)
+        clearance.begin(commanded.joints)
     moves = GoToRest(robot, keyframes, dt=dt)
     moves.begin(commanded)
     postures = [commanded.q]
     for _ in range(round(LONGEST_S / dt)):
         target = moves.target(commanded, None, speed_override=1.0)
-        goal = None if target is None else gate.check(commanded.goal, target.joints)
+        goal = None if target is None else gate.check(commanded.goal, target.joints, standing=commanded.standing)
         if goal is None:
             break
         commanded = next_commanded(robot, commanded, goal, target, dt=dt, on_soles=True)
-        if clearance is not None:
-            clearance.sent(commanded.joints, commanded.standing)
         postures.append(commanded.q)
         if moves.has_arrived(commanded):
             return RestTrajectory(keyframes, "", _margin(robot, stance, np.array(postures)))

@@ -113,8 +113,11 @@ class Gate:
         compensated = None if self._compensation is None else self._compensation.begin(start)
         return self._make(None, start, start, np.zeros_like(start), compensated, passed=True)
 
-    def check(self, last: CheckedGoal, target: FloatArray | None) -> CheckedGoal | None:
-        """The goal for a target posture, rad (n,), after the goal sent last; None: it is refused, or there is none."""
+    def check(
+        self, last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
+    ) -> CheckedGoal | None:
+        """The goal for a target posture, rad (n,), after the goal sent last; None: it is refused, or there is none.
+        standing (nq,): as the robot stands, where clearance is checked."""
         if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
             return None
         target = np.array(target, dtype=np.float64, order="C")
@@ -123,8 +126,13 @@ class Gate:
         if self._compensation is not None:
             goal, compensated = self._compensation.propose(last.compensated, target, partial(self._nearest, last))
         displacement = self._admitted(last, goal)
-        if displacement is None or not self._is_clear(last, displacement, goal - target, compensated):
+        if displacement is None:
             return None
+        if self.clearance is not None:
+            assert standing is not None, "collision depends on where the robot stands"
+            path, instead = self._paths(last, displacement, goal - target, compensated)
+            if not self.clearance(path, instead, standing):
+                return None
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
         return self._make(last, goal, target, displacement, compensated, passed=True)
 
@@ -154,12 +162,11 @@ class Gate:
         lo, hi = self._braking.bounds(last.joints, last.displacement)
         return np.asarray(np.minimum(np.maximum(goal, last.joints + lo), last.joints + hi))
 
-    def _is_clear(
+    def _paths(
         self, last: CheckedGoal, displacement: FloatArray, offset: FloatArray, compensated: Compensated | None
-    ) -> bool:
-        """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal."""
-        if self.clearance is None:
-            return True
+    ) -> tuple[FloatArray, FloatArray]:
+        """The postures (k, n), rad, on the way to a goal and from there to rest, and those of braking instead. offset
+        (n,): of the goal."""
         # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off,
         # which goes on as the joints brake.
         path, instead = self._braking.paths(last.joints, last.displacement, displacement)
@@ -168,7 +175,7 @@ class Gate:
             path[0] -= before
             path[1:] -= offset + self._going_on(displacement, compensated.moved, len(path) - 1)
             instead -= before + self._going_on(last.displacement, last.compensated.moved, len(instead))
-        return self.clearance(path, instead)
+        return path, instead
 
     def _going_on(self, displacement: FloatArray, moved: FloatArray, rows: int) -> FloatArray:
         """How far (rows, n) the offset goes on, tick by tick, beside joints that brake from a displacement (n,): its

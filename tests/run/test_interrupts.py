@@ -467,13 +467,15 @@ def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_
     rig.machine = replace(rig.machine, waits=waits)
     check, asked, began = rig.gate.check, 0, list[float]()
 
-    def walled(last: CheckedGoal, target: FloatArray | None) -> CheckedGoal | None:
+    def walled(
+        last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
+    ) -> CheckedGoal | None:
         nonlocal asked
         if rig.supervisor.state is not RunState.GO_TO_REST:
-            return check(last, target)
+            return check(last, target, standing=standing)
         began.append(rig.clock.now())
         asked += target is not None
-        return check(last, target) if asked <= 50 else None
+        return check(last, target, standing=standing) if asked <= 50 else None
 
     monkeypatch.setattr(rig.gate, "check", walled)
     stands_s = 60.0 if waits else STOOD_S

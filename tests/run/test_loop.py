@@ -335,19 +335,18 @@ class NotedClearance:
     """Notes what the check of collisions is given."""
 
     def __init__(self) -> None:
-        self.began, self.measured, self.goals = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        self.began, self.measured = list[FloatArray](), list[FloatArray]()
+        self.goals, self.standing = list[FloatArray](), list[FloatArray]()
 
-    def begin(self, standing: FloatArray, position: FloatArray) -> None:
+    def begin(self, position: FloatArray) -> None:
         self.began.append(position)
 
-    def measure(self, position: FloatArray) -> None:
-        assert len(self.measured) == len(self.goals), "once in a tick, before its goal"
+    def measure(self, position: FloatArray, sent: FloatArray) -> None:
         self.measured.append(position)
+        self.goals.append(sent)
 
-    def sent(self, position: FloatArray, standing: FloatArray) -> None:
-        self.goals.append(position)
-
-    def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
+    def __call__(self, path: FloatArray, instead: FloatArray, standing: FloatArray) -> bool:
+        self.standing.append(standing)
         return True
 
 
@@ -358,7 +357,9 @@ def test_the_check_of_collisions_knows_the_servos_and_the_goals() -> None:
     assert robot is not None
     np.testing.assert_array_equal(noted.began, [robot.start])
     np.testing.assert_array_equal(noted.measured[:-1], robot.present)
-    np.testing.assert_array_equal(noted.goals, robot.q[:, rig.robot.servo_columns])
+    np.testing.assert_array_equal(noted.goals, [robot.start, *robot.q[:, rig.robot.servo_columns]])
+    moving = slice(MOVING, MOVING + 10)  # on its soles
+    np.testing.assert_array_equal(noted.standing[moving.start + 1 : moving.stop + 1], robot.q[moving])
 
 
 def test_a_stop_leads_to_rest() -> None:
@@ -526,8 +527,8 @@ def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bo
     gate = make_gate(op3(), follower(priorities=name), load_priorities(name), checks=True, dt=DT)
     assert type(gate) is Gate and gate.clearance is not None
     present = standing()
-    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
-    driven = DrivenGate(gate, present)
+    gate.clearance.begin(present)
+    driven = DrivenGate(gate, present, op3().posture(op3().profile.postures.stand))
     for _ in range(200):
         goal = driven.check(present)
         assert goal is not None and np.array_equal(goal.posture, present)
@@ -541,8 +542,8 @@ def test_compensated_goals_are_checked_for_collision() -> None:
     assert gate.clearance is not None
     present, joints = standing(), op3().joint_map
     shoulder, elbow = joints.joints.index("l_sho_roll"), joints.joints.index("l_el")
-    driven = DrivenGate(gate, present)
-    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
+    driven = DrivenGate(gate, present, op3().posture(op3().profile.postures.stand))
+    gate.clearance.begin(present)
     passed = []
     for _ in range(400):
         target = present.copy()

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Protocol, cast
 
+import numpy as np
+
 from hardware.arrays import FloatArray
 from hardware.guard import CheckedGoal
 from retarget.safety.clearance import PathClearance
@@ -14,7 +16,8 @@ PathCheck = Callable[[FloatArray, FloatArray], bool]
 
 def as_clearance(check: PathCheck | None) -> PathClearance | None:
     """A function as the collision check of a gate."""
-    return cast("PathClearance | None", check)
+    look = None if check is None else lambda path, instead, standing: check(path, instead)
+    return cast("PathClearance | None", look)
 
 
 class Sent(Protocol):
@@ -25,13 +28,14 @@ class Sent(Protocol):
 
 
 class DrivenGate:
-    """A gate whose goals are all sent."""
+    """A gate whose goals are all sent. standing (nq,): as its robot stands."""
 
-    def __init__(self, gate: Gate, start: FloatArray) -> None:
+    def __init__(self, gate: Gate, start: FloatArray, standing: FloatArray | None = None) -> None:
         self.gate, self.goal = gate, gate.begin(start)
+        self.standing = np.zeros(0) if standing is None else standing
 
     def check(self, target: FloatArray) -> CheckedGoal | None:
-        goal = self.gate.check(self.goal, target)
+        goal = self.gate.check(self.goal, target, standing=self.standing)
         self.goal = goal or self.goal
         return goal
 
