@@ -23,14 +23,12 @@ def main() -> None:
     bus.open()  # checks every servo and writes what the profile wants
     try:
         target = guard.present()
-        goal = gate.begin(target)
-        guard.arm(goal)  # torque on, where the robot is
+        guard.arm(gate.begin(target))  # torque on, where the robot is
         due, path = clock.now(), target[head] + TURN * (1.0 - np.cos(np.linspace(0.0, np.pi, ticks))) / 2.0
         for tick, angle in enumerate(path):
             clock.sleep_until(due + (tick + 1) * DT)
             states, target[head] = guard.read(), angle
-            goal = (None if guard.stop else gate.check(goal, target)) or gate.brake(goal)
-            guard.write(goal)
+            guard.write((None if guard.stop else gate.check(guard.goal, target)) or gate.brake(guard.goal))
     finally:
         bus.close()  # torque off, whatever happened
     off = abs(joints.to_radians(states.position)[head] - target[head])

@@ -83,7 +83,7 @@ def first_commanded(robot: RobotBody, goal: CheckedGoal, standing: FloatArray) -
     """A robot at rest at its first goal, to stand as in `standing` (nq,)."""
     q = standing.copy()
     q[robot.servo_columns] = goal.posture
-    return Commanded(goal, Target(goal.posture), q, standing.copy(), np.zeros(robot.body.nv))
+    return Commanded(goal, Target(goal.posture), q, standing, np.zeros(robot.body.nv))
 
 
 def next_commanded(
@@ -99,7 +99,7 @@ def next_commanded(
     if passed is before.target:
         q = before.q
     elif passed is not None and passed.q is not None:
-        q = passed.q.copy()
+        q = passed.q
     else:
         q = standing.copy()
         q[robot.servo_columns] = goal.posture
@@ -401,7 +401,7 @@ class ReturnToStance(Controller):
 
     def begin(self, commanded: Commanded) -> None:
         """Begin where the robot stands."""
-        self._next = commanded.q.copy()
+        self._next = commanded.q
         self._follower.begin_return_to_stance(self._next, self._dt)
 
     def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
@@ -622,7 +622,7 @@ class RobotMotion:
         stops on its soles where the follower leads it, else the gate brakes."""
         goal = self._passed(target)
         if goal is None and self._is_led_on_soles(state):
-            self._follower.reseed(self.commanded.q.copy(), self.commanded.velocity.copy())
+            self._follower.reseed(self.commanded.q, self.commanded.velocity)
             alternative = self._stop.halt()
             goal, target = self._passed(alternative), alternative or target
         return goal or self._gate.brake(self.commanded.goal), target
@@ -633,8 +633,8 @@ class RobotMotion:
             self._robot, self.commanded, goal, target, dt=self._dt, on_soles=not self.on_approach
         )
         plays = self._playback is not None and self._state is RunState.FOLLOW
-        if not self.on_approach and (plays or not goal.passed or target is None):
-            self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
+        if not self.on_approach and (plays or not goal.passed):
+            self._follower.reseed(commanded.q, commanded.velocity)
 
     def _passed(self, target: Target | None) -> CheckedGoal | None:
         last, joints = self.commanded, None if target is None else target.joints

@@ -111,7 +111,7 @@ class Gate:
                 )
             )
         compensated = None if self._compensation is None else self._compensation.begin(start)
-        return self._make(None, start, start, np.zeros_like(start), compensated, passed=True)
+        return self._made(CheckedGoal(start, start, np.zeros_like(start), True, compensated, self._seal), None)
 
     def check(
         self, last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
@@ -134,7 +134,7 @@ class Gate:
             if not self.clearance(path, instead, standing):
                 return None
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
-        return self._make(last, goal, target, displacement, compensated, passed=True)
+        return self._made(CheckedGoal(goal, target, displacement, True, compensated, self._seal), last)
 
     def at_rest(self, goal: CheckedGoal) -> bool:
         """Return whether a goal can be the last: the joints may stop at it at once."""
@@ -144,13 +144,13 @@ class Gate:
         """The next goal of the braking trajectory that was verified with the goal sent last; once at rest, the same
         goal for ever."""
         displacement = self._braking.braked(last.joints, last.displacement)
-        goal, compensated = last.joints + displacement, None
-        posture = goal
+        posture = goal = last.joints + displacement
+        compensated = None
         if self._compensation is not None:
             moved = (1.0 - 1.0 / self._braking.ticks(last.displacement)) * last.compensated.moved
             compensated = self._compensation.brake(last.compensated, goal, moved)
             posture = compensated.posture
-        return self._make(last, goal, posture, displacement, compensated, passed=False)
+        return self._made(CheckedGoal(goal, posture, displacement, False, compensated, self._seal), last)
 
     def _admitted(self, last: CheckedGoal, goal: FloatArray) -> FloatArray | None:
         """The displacement (n,) to a goal that keeps the limits; None: it does not."""
@@ -185,17 +185,7 @@ class Gate:
         gone: FloatArray = np.multiply.outer(np.cumsum(left), moved)
         return gone
 
-    def _make(
-        self,
-        last: CheckedGoal | None,
-        joints: FloatArray,
-        posture: FloatArray,
-        displacement: FloatArray,
-        compensated: Compensated | None,
-        *,
-        passed: bool,
-    ) -> CheckedGoal:
-        goal = CheckedGoal(joints, posture, displacement, passed, compensated, self._seal)
+    def _made(self, goal: CheckedGoal, last: CheckedGoal | None) -> CheckedGoal:
         self._seal.last, self._seal.before = goal, last
         return goal
 
