@@ -54,10 +54,11 @@ class Controller(ABC):
 class Commanded:
     """The posture to which the robot was commanded last, without the deflection of its servos.
 
-    goal: the one that was sent last. target: for which it was; a controller finds out from it that no other one has
-    moved the robot since, for of a robot that stands it stays the same object. q (nq,): the posture. standing (nq,): as
-    the robot stands; before it stands on its soles, as it will. velocity (nv,): at which it got there, per s. stood_s:
-    s since the last goal for another posture; waited_s: s since then, and since the last target that was refused.
+    goal: the one that was sent last. target: the one that led to this posture; it stays the same object while the robot
+    stands, so a controller that asked for it knows that nothing else has moved the robot since. q (nq,): the posture.
+    standing (nq,): as the robot stands; before it stands on its soles, as it will. velocity (nv,): at which it got
+    there, per s. stood_s: s since the last goal for another posture; waited_s: s since then, and since the last target
+    that was refused.
     """
 
     goal: CheckedGoal
@@ -89,8 +90,8 @@ def first_commanded(robot: RobotBody, goal: CheckedGoal, standing: FloatArray) -
 def next_commanded(
     robot: RobotBody, before: Commanded, goal: CheckedGoal, target: Target | None, *, dt: float, on_soles: bool
 ) -> Commanded:
-    """Where a robot is commanded to by a goal that was sent for a target, `dt` s later. on_soles: whether the robot
-    stands as it was commanded."""
+    """The commanded posture `dt` s later, after a goal was sent for a target. on_soles: whether the robot stands as it
+    was commanded."""
     standing, velocity = before.standing, before.velocity
     stands = np.array_equal(goal.posture, before.joints)
     stood_s = before.stood_s + dt if stands else 0.0
@@ -147,30 +148,26 @@ class SlowMove:
             if commanded.waited_s < RETRY_S:
                 return None
             self.begin(commanded)
-        self._go_on_with(self._moving)
-        self._last = Target(self._moves.step(goal, speed_override))
-        return self._last
+        return self._step(self._moving, goal, speed_override)
 
     def brake(self, commanded: Commanded) -> Target | None:
         """The target of the next tick while the robot brakes on its line; None: something else was sent."""
-        if not self._is_sent(commanded):
-            return None
-        self._go_on_with(self._braking)
-        self._last = Target(self._moves.step(self._moves.position, 0.0))
-        return self._last
+        return self._step(self._braking, self._moves.position, 0.0) if self._is_sent(commanded) else None
 
-    def _go_on_with(self, moves: TrajectoryGenerator) -> None:
-        """Go on with other limits, as the robot moves."""
+    def _step(self, moves: TrajectoryGenerator, goal: FloatArray, speed_override: float) -> Target:
+        """The target of the next tick; `moves` with other limits goes on as the robot moves."""
         if moves is not self._moves:
             moves.reset(self._moves.position, self._moves.velocity, self._moves.acceleration)
             self._moves = moves
+        self._last = Target(moves.step(goal, speed_override))
+        return self._last
 
     def is_refused(self, commanded: Commanded) -> bool:
         """Return whether the gate has refused this move a moment ago."""
         return not self._is_sent(commanded) and commanded.waited_s < RETRY_S
 
     def _is_sent(self, commanded: Commanded) -> bool:
-        """Whether the last target of this move is where the robot was commanded to."""
+        """True if nothing but this move has moved the robot since its last target."""
         return commanded.target is self._last
 
 
@@ -359,7 +356,7 @@ class GoalPlayback(Controller):
         return self._last
 
     def _is_sent(self, commanded: Commanded) -> bool:
-        """Whether the last recorded goal of this playback is where the robot was commanded to."""
+        """True if nothing but the recorded goals has moved the robot."""
         return self._last is None or commanded.target is self._last
 
 
@@ -597,9 +594,8 @@ class RobotMotion:
 
     def has_arrived(self, state: RunState) -> bool:
         """Whether the controller of a state has begun, and has nothing left to do."""
-        return (
-            state is self._state and state in self._controllers and self._controllers[state].has_arrived(self.commanded)
-        )
+        controller = self._controllers.get(state)
+        return state is self._state and controller is not None and controller.has_arrived(self.commanded)
 
     def target(self, state: RunState, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick, see `Controller.target`; None also in a state without a controller. The first

@@ -19,7 +19,7 @@ less."""
 
 
 class Compensated(Protocol):
-    """How a goal is offset from the posture in which it holds the joints; (n,) rad."""
+    """The offset of a goal from the posture in which it holds the joints; (n,) rad."""
 
     @property
     def posture(self) -> FloatArray:
@@ -38,8 +38,8 @@ class Compensated(Protocol):
 
 
 class Compensation(Protocol):
-    """How far goals are to be offset from postures. It keeps nothing between two goals: `last` is what was compensated
-    in the goal sent last."""
+    """Offsets goals from postures. It keeps nothing between two goals: `last` is what was compensated in the goal sent
+    last."""
 
     def begin(self, posture: FloatArray) -> Compensated:
         """No offset, in a posture, rad (n,)."""

@@ -33,7 +33,7 @@ def make(
 
 
 def offset(gate: DrivenGate) -> FloatArray:
-    """By how much the goal sent last is off the posture that it holds, rad (n,)."""
+    """The offset of the goal sent last from the posture that it holds, rad (n,)."""
     found: FloatArray = gate.goal.compensated.offset
     return found
 

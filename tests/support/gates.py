@@ -62,6 +62,6 @@ def held(by: Sent) -> FloatArray:
 
 
 def displacement(by: Sent) -> FloatArray:
-    """By how much its joints moved, rad (n,)."""
+    """The displacement of its joints, rad (n,)."""
     assert by.goal is not None
     return by.goal.displacement
