@@ -29,7 +29,7 @@ def main() -> None:
             clock.sleep_until(due + (tick + 1) * DT)
             states, target[head] = guard.read(), angle
             guard.check(states, clock.now(), clock.idle())  # latches what is wrong with a servo
-            guard.write((None if guard.stop else gate.check(target)) or gate.brake())
+            guard.write((None if guard.stop else gate.check(guard.goal, target)) or gate.brake(guard.goal))
     finally:
         bus.close()  # torque off, whatever happened
     off = abs(joints.to_radians(states.position)[head] - target[head])

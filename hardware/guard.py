@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import isinf
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +24,11 @@ from hardware.servo_health import ServoHealth
 class _Seal:
     """One gate's proof that a goal is its own: only `retarget.safety.gate` imports it (tests/test_house.py).
 
-    last: the goal that the gate made last; a copy of it is another one.
+    last: the goal that the gate made last; a copy of it is another one. before: the goal from which it was made.
     """
 
     last: "CheckedGoal | None" = None
+    before: "CheckedGoal | None" = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,19 +36,23 @@ class CheckedGoal:
     """A goal of one tick.
 
     joints (n,): rad, servo order, what is sent. posture (n,): rad, in which these goals hold the joints under their
-    load; the same without deflection compensation. passed: the goal is the target that was checked, not the next
-    posture of the braking trajectory. Both arrays are read-only. Raises TypeError when anything but a gate makes one.
+    load; the same without deflection compensation. displacement (n,): rad, of joints in this tick, which is left to
+    brake. passed: the goal is the target that was checked, not the next posture of the braking trajectory. compensated:
+    what the deflection compensation needs for the next goal. The arrays are read-only. Raises TypeError when anything
+    but a gate makes one.
     """
 
     joints: FloatArray
     posture: FloatArray
+    displacement: FloatArray
     passed: bool
+    compensated: Any = field(repr=False)
     seal: _Seal = field(repr=False)
 
     def __post_init__(self) -> None:
         if type(self.seal) is not _Seal:
             raise TypeError("a CheckedGoal is made by a gate alone: call Gate.check, Gate.brake or Gate.begin")
-        for values in (self.joints, self.posture):
+        for values in (self.joints, self.posture, self.displacement):
             values.setflags(write=False)
 
 
@@ -173,7 +179,7 @@ class Guard:
         """Send a goal to the servos. Raises GuardError for anything but the gate's next goal, BusError when the bus
         fails."""
         last = self.goal
-        if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal is last:
+        if type(goal) is not CheckedGoal or last is None or goal.seal is not last.seal or goal.seal.before is not last:
             raise GuardError("only the next goal of the gate is written", where="guard", found=type(goal).__name__)
         self._refuse_copy(goal)
         if self.torque is not Torque.ON:

@@ -22,6 +22,10 @@ from retarget.viewer.feed import ViewFeed
 LONGEST_S = 300.0
 """Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""
 ON_THE_PAGE = "stopped on the web page"
+ENDS = {Asked.GRIP: Asked.RELEASE, Asked.PAGE_GO_ON: Asked.PAGE_HOLD}
+"""What ends each of these holds."""
+STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
+"""States of a run that ends."""
 
 
 class RunOperator(Operator):
@@ -79,7 +83,16 @@ class RunOperator(Operator):
 
     def words(self) -> str:
         """The present state of a live run, in a few words."""
-        return words_for(self.status())
+        status = self.status()
+        if status.state == RunState.STANDING.value:
+            return "standing, with torque"
+        if status.stop is not None or status.state in STOPS:
+            return "stopping"
+        if status.let_go:
+            return "paused: holding"
+        if status.state == RunState.APPROACH.value:
+            return "approaching the performer"
+        return "following" if status.followed else "holding"
 
     def state_and_reason(self) -> tuple[str, str]:
         """The present state of a live run, in a few words, and why the performer is not followed, "" where he is."""
@@ -101,35 +114,21 @@ class RunOperator(Operator):
         elif asked is Asked.HEADING:
             found = self._performer.reset_heading()
             self._notify("straight ahead is where you face now" if found else "left and right are lost")
-        elif asked is Asked.GRIP:
-            self._engage(self._holds - {Asked.RELEASE})
-            self._notify(reason)
-        elif asked is Asked.RELEASE:
-            self._engage(self._holds | {Asked.RELEASE})
-            self._notify(reason)
-        elif asked is Asked.PAGE_HOLD and asked not in self._holds:
-            self._engage(self._holds | {asked})
-            self._notify(reason)
-        elif asked is Asked.PAGE_GO_ON and Asked.PAGE_HOLD in self._holds:
-            self._engage(self._holds - {Asked.PAGE_HOLD})
-            self._notify(reason)
-        elif asked in (Asked.PAGE_HOLD, Asked.PAGE_GO_ON):
-            return
-        elif Asked.HOLD not in self._holds:
-            self._engage(self._holds | {Asked.HOLD})
-            self._notify(reason)
-        elif asked is Asked.PAUSE:
+        elif asked is Asked.PAUSE and Asked.HOLD in self._holds:
             self._engage(self._holds - {Asked.HOLD})
             self._notify("going on" if self.engaged else "no pause any more: it goes on when it is held")
+        else:
+            begins, before = Asked.HOLD if asked is Asked.PAUSE else asked, self._holds
+            self._engage(before - {ENDS[asked]} if asked in ENDS else before | {begins})
+            if self._holds != before or asked in (Asked.GRIP, Asked.RELEASE):  # a pedal that is lost says so
+                self._notify(reason)
 
     def _engage(self, holds: frozenset[Asked]) -> None:
         """Follow the performer while there is no reason to hold."""
-        self._holds = holds
-        self._performer.clutch(engaged=self.engaged)
-        if self.engaged:
-            self._since = None
-        elif self._since is None:
-            self._since = self._clock.now()
+        if holds != self._holds:
+            self._holds = holds
+            self._performer.clutch(engaged=self.engaged)
+            self._since = None if self.engaged else self._clock.now() if self._since is None else self._since
 
 
 # What is said while a robot stops.
@@ -198,23 +197,6 @@ def _again(stop: Stop | None) -> str:
 
 
 # The state and duration of a live run on a terminal; nothing in a pipe.
-
-
-STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
-"""States of a run that ends."""
-
-
-def words_for(status: LiveStatus) -> str:
-    """The present state in a few words."""
-    if status.state == RunState.STANDING.value:
-        return "standing, with torque"
-    if status.stop is not None or status.state in STOPS:
-        return "stopping"
-    if status.let_go:
-        return "paused: holding"
-    if status.state == RunState.APPROACH.value:
-        return "approaching the performer"
-    return "following" if status.followed else "holding"
 
 
 @contextmanager

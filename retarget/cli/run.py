@@ -170,22 +170,24 @@ class CommandRun:
 
     def play(self, recorded: Prepared, operator: RunOperator, *observers: Observer) -> RunResult:
         """Let the robot follow. Raises KeyboardInterrupt where a stop was asked for since the robot was made ready."""
-        machine, samples, said = recorded.machine, recorded.samples, list[Announcer]()
+        machine, samples = recorded.machine, recorded.samples
         looks = [self.recorder.observer, *observers]
         if isinstance(samples, LivePerformer):
             latency = samples.latency
             looks.insert(0, RowObserver(lambda record, row: latency.note(self.clock.now())))
-        if machine is not None:
-            said = [Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=log)]
+        if machine is None:
+            result = recorded.run(operator, looks)
+        else:
             if operator.ask(machine.supervisor.state).stop is not None:  # torque is not on yet
                 raise KeyboardInterrupt
             # An operator watches; a run in virtual time has its report at once.
             if machine.robot.stands and recorded.parts == "whole" and type(self.clock) is not VirtualClock:
                 size, dt = recorded.human.dimensions, samples.motion_dt
                 looks.append(RowObserver(UnfollowedNotice(size, dt=dt, notify=self.notify)))
-        result = recorded.run(operator, [*looks, *said])
-        for announcer in said if recorded.has_bus else ():
-            log(announcer.ended())
+            announcer = Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=log)
+            result = recorded.run(operator, [*looks, announcer])
+            if recorded.has_bus:
+                log(announcer.ended())
         real_time = not isinstance(self.clock, VirtualClock)
         return replace(result, setup=replace(result.setup, real_time=real_time))
 

@@ -40,17 +40,25 @@ ground."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Proposal:
-    """For a posture (n,) rad: its offsets are `compensated` (n,) rad, which holds against the load, and `behind` (n,)
-    rad, by which it waits for slower joints. integrated (n,): rad that the servos' I gains have added to the goal.
-    masses, velocities (k, 3): of the links' masses, m and m/s, smoothed."""
+class _Compensated:
+    """For a posture (n,) rad: its offsets are `compensated` (n,) rad, which holds against the load and has moved by
+    `moved` (n,) in the last tick, and `behind` (n,) rad, by which it waits for slower joints. integrated (n,): rad that
+    the servos' I gains have added to the goal. masses, velocities (k, 3): of the links' masses, m and m/s, smoothed.
+    ticks: that passed the gate since torque came on."""
 
     posture: FloatArray
     compensated: FloatArray
+    moved: FloatArray
     behind: FloatArray
     integrated: FloatArray
     masses: FloatArray
     velocities: FloatArray
+    ticks: int
+
+    @property
+    def offset(self) -> FloatArray:
+        """Offset of the goal from the posture, rad (n,)."""
+        return self.compensated + self.behind
 
 
 class DeflectionCompensation:
@@ -68,47 +76,20 @@ class DeflectionCompensation:
         self._catch_up = dt / (
             dt + _waits(robot, self._loops.lag)
         )  # (n,) share of its lead that a joint loses in a tick
-        self.begin(stance.q[robot.servo_columns])
 
-    @property
-    def offset(self) -> FloatArray:
-        """Offset of goals from postures, rad (n,)."""
-        return self._sent.compensated + self._sent.behind
-
-    def begin(self, posture: FloatArray) -> None:
-        """Begin at rest in a posture, rad (n,), with no offset."""
+    def begin(self, posture: FloatArray) -> _Compensated:
+        """No offset, at rest in a posture, rad (n,)."""
         none, masses = np.zeros_like(posture), self._masses.places(self._standing(posture)[0])
-        self._sent = _Proposal(posture, none, none, none, masses, np.zeros_like(masses))
-        self._moved, self._ticks = none, 0  # [rad] of the compensation in the last tick; ticks since torque came on
+        return _Compensated(posture, none, none, none, none, masses, np.zeros_like(masses), 0)
 
-    def propose(
-        self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
-    ) -> tuple[FloatArray, FloatArray]:
-        """The goal (n,) that holds the robot in a posture (n,), and the change (n,) of what holds against the load,
-        rad."""
-        goal, self._proposal = self._compute(posture, nearest)
-        return goal, self._proposal.compensated - self._sent.compensated
-
-    def accept(self) -> None:
-        """The goal proposed last was passed."""
-        self._moved = self._proposal.compensated - self._sent.compensated
-        self._sent = self._proposal
-        self._ticks += 1
-
-    def brake(self, goal: FloatArray, change: FloatArray) -> FloatArray:
+    def brake(self, last: _Compensated, goal: FloatArray, moved: FloatArray) -> _Compensated:
         """The posture (n,) that a goal holds, rad, of a robot that brakes: what holds against the load changes by
-        `change` (n,)."""
-        self._moved = change
-        posture = goal - self.offset - change
-        masses, velocities, _ = self._smoothed(self._standing(posture)[0])
-        self._sent = replace(
-            self._sent,
-            posture=posture,
-            compensated=self._sent.compensated + change,
-            masses=masses,
-            velocities=velocities,
+        `moved` (n,)."""
+        posture, compensated = goal - last.offset - moved, last.compensated + moved
+        masses, velocities, _ = self._smoothed(last, self._standing(posture)[0])
+        return replace(
+            last, posture=posture, compensated=compensated, moved=moved, masses=masses, velocities=velocities
         )
-        return posture
 
     def _standing(self, posture: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """A posture (n,) as the robot stands in it (nq,), and the heights (k,) m of soles that may be lifted."""
@@ -119,40 +100,42 @@ class DeflectionCompensation:
         plant_root(self._robot, self._stance.q, q)
         return q, None
 
-    def _smoothed(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _smoothed(self, last: _Compensated, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Places (k, 3) m, velocities (k, 3) m/s and accelerations (k, 3) m/s^2 of the links' masses in a posture (nq,)
         that comes next. Second differences of a posture would be noise."""
-        sent = self._sent
-        velocities = self._settled(sent.masses, sent.velocities, self._masses.places(q))
-        return sent.masses + self._dt * velocities, velocities, (velocities - sent.velocities) / self._dt
+        velocities = self._settled(last.masses, last.velocities, self._masses.places(q))
+        return last.masses + self._dt * velocities, velocities, (velocities - last.velocities) / self._dt
 
-    def _compute(
-        self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
-    ) -> tuple[FloatArray, _Proposal]:
-        sent, (q, heights) = self._sent, self._standing(posture)
+    def propose(
+        self, last: _Compensated, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+    ) -> tuple[FloatArray, _Compensated]:
+        """The goal (n,) that holds the robot in a posture (n,), rad. nearest: the goal within the gate's limits that is
+        nearest to one."""
+        q, heights = self._standing(posture)
         # Accelerations of the links load the legs as gravity does: that of the whole mass, and the rate of its angular
         # momentum, as of arms that swing or a trunk that bends.
-        masses, velocities, accelerations = self._smoothed(q)
+        masses, velocities, accelerations = self._smoothed(last, q)
         acceleration, moment = self._masses.sums(masses, accelerations)
         acceleration = np.clip(acceleration, -MOST_ACCELERATION, MOST_ACCELERATION)
         torque = self._load.torques(q, acceleration, moment=moment, heights=heights)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
-        wanted = np.clip(matmul(self._loops.compliance, torque) - sent.integrated, -MOST_RAD, MOST_RAD)
-        lag = self._loops.lag / self._dt * (posture - sent.posture)
-        integrated = sent.integrated + self._loops.integral * self._dt * (wanted + lag)
-        speed = self._settled(sent.compensated, self._moved / self._dt, wanted)
-        most = min(self._ticks * self._dt / RISE_S, 1.0) * self._most
+        wanted = np.clip(matmul(self._loops.compliance, torque) - last.integrated, -MOST_RAD, MOST_RAD)
+        lag = self._loops.lag / self._dt * (posture - last.posture)
+        integrated = last.integrated + self._loops.integral * self._dt * (wanted + lag)
+        speed = self._settled(last.compensated, last.moved / self._dt, wanted)
+        most = min(last.ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
         # The offset follows as a second-order filter, with a limited speed that rises from 0 after torque came on.
-        still = np.maximum(np.abs(moved), np.abs(wanted - sent.compensated)) < STILL_RAD
-        compensated = np.where(still, sent.compensated, sent.compensated + moved)
+        still = np.maximum(np.abs(moved), np.abs(wanted - last.compensated)) < STILL_RAD
+        compensated = np.where(still, last.compensated, last.compensated + moved)
         # A fast servo waits for the slowest one of its chain: a first-order lag of its goal, with the difference of
         # both.
-        behind = (1.0 - self._catch_up) * (sent.posture + sent.behind - posture)
+        behind = (1.0 - self._catch_up) * (last.posture + last.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
-        goal, compensated = self._within(posture + behind, compensated, nearest)
-        return goal, _Proposal(posture, compensated, behind, integrated, masses, velocities)
+        goal, compensated = self._within(posture + behind, last.compensated, compensated, nearest)
+        moved = compensated - last.compensated
+        return goal, _Compensated(posture, compensated, moved, behind, integrated, masses, velocities, last.ticks + 1)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of a critically damped second-order filter towards `wanted`, implicit in time."""
@@ -161,14 +144,18 @@ class DeflectionCompensation:
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
 
     def _within(
-        self, target: FloatArray, compensated: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+        self,
+        target: FloatArray,
+        before: FloatArray,
+        compensated: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
     ) -> tuple[FloatArray, FloatArray]:
         """The goal with the offset `compensated` (n,) rad from a target (n,), and its real offset: within the gate's
-        limits, if that does not push it away from the target. Else the gate is to refuse it."""
+        limits, if that does not push it away from the target. Else the gate is to refuse it. before (n,): the offset
+        of the goal sent last, rad."""
         # The gate's bounds may shorten the offset, but not turn it into a motion of its own.
         goal = nearest(target + compensated)
         kept = goal - target
-        before = self._sent.compensated
         lowest, highest = np.minimum(before, 0.0) - self._most, np.maximum(before, 0.0) + self._most
         if ((kept < lowest) | (kept > highest)).any():
             return target + compensated, compensated

@@ -281,7 +281,12 @@ class Follower:
             trunk_at_stance=self._reader.trunk_at_stance,
             lead_time=priorities.lead_time,
         )
-        self._q, self._time, self._settling = stance.q, TimeScaling(robot.body, limits), Settling()
+        self._time, self._settling = TimeScaling(robot.body, limits), Settling()
+
+    @property
+    def _q(self) -> FloatArray:
+        """The posture (nq,) that was planned last."""
+        return self.hierarchy.solver.q
 
     @property
     def steps(self) -> Stepping | None:
@@ -326,9 +331,8 @@ class Follower:
         self._arms.restart()
         self._settling, self._time.scale = Settling(), 1.0
         self.scene_obstacles.restart()
-        self._q = self.stance.q
         self._targets = standing_targets(self.hierarchy, self.stance)
-        self.hierarchy.solver.reset(self._q)
+        self.hierarchy.solver.reset(self.stance.q)
         if self.steps is not None:
             self.steps.restart()
         if self._soles.stopping is not None:
@@ -358,7 +362,7 @@ class Follower:
 
     def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
-        targets, hierarchy, scale = self._targets, self.hierarchy, self._time.scale
+        targets, hierarchy, scale, q = self._targets, self.hierarchy, self._time.scale, self._q
         self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
         if self._soles.fallback is not None:
             self._soles.fallback.obstacles = self.scene_obstacles.now
@@ -366,27 +370,26 @@ class Follower:
         soles = self._soles
         if soles.steps is not None:
             velocity, at = hierarchy.solver.velocity, self._reached
-            asked = soles.steps.aim(targets, self._q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
+            asked = soles.steps.aim(targets, q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
         elif soles.balance is not None:
             if soles.stop is not None:
                 self._plant(soles.stop.slip, dt)
             com = self._reached.centre_of_mass
-            velocity = matmul(self._robot.kinematics.centre_of_mass_jacobian(self._q), hierarchy.solver.velocity)
+            velocity = matmul(self._robot.kinematics.centre_of_mass_jacobian(q), hierarchy.solver.velocity)
             hierarchy.set_support(targets, soles.balance.spaces(com, velocity, dt))
         if soles.strength is not None:
             keeps = soles.steps is None or soles.steps.plan.support is None
-            soles.strength.aim(hierarchy, targets, self._q, self._reached.centre_of_mass, dt, keeps=keeps)
+            soles.strength.aim(hierarchy, targets, q, self._reached.centre_of_mass, dt, keeps=keeps)
         if to_stance:
             self._governor.ask_nothing(targets)
             is_led = True
         else:
             self._governor.aim(targets, asked, self._reached, dt)
-            is_led = self._arms.step(hierarchy, targets, self._q, dt, limbs=asked.limbs, reached=self._reached)
-        hierarchy.set_previous(targets, self._q, dt, settle=LED_SETTLE if is_led else inf)
+            is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
+        hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
         fallback = soles.fallback
-        first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, self._q, dt)
-        self._q = self._safe(first, dt)
-        self._reached = self._reader.read(self._q)
+        first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, q, dt)
+        self._reached = self._reader.read(self._safe(first, q, dt))
 
     def _plant(self, slip: float, dt: float) -> None:
         """Ask the soles to stay in their places, or to go back there no faster than legs can stop. slip: m they are
@@ -439,10 +442,10 @@ class Follower:
             return None
         if self._soles.fallback is not None:  # where it stands because a goal was refused, limbs part before all else
             self._soles.fallback.separate = stopping.stands
-        self._q, velocity = step
-        self.hierarchy.solver.reset(self._q, velocity)
-        self._reached = self._reader.read(self._q)
-        return self._q
+        q, velocity = step
+        self.hierarchy.solver.reset(q, velocity)
+        self._reached = self._reader.read(q)
+        return q
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
@@ -455,7 +458,6 @@ class Follower:
 
     def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: the goal that was sent is another one."""
-        self._q = q
         velocity = velocity / self._time.scale
         self.hierarchy.solver.reset(q, velocity)
         if self._soles.stopping is not None:
@@ -465,30 +467,31 @@ class Follower:
         self._arms.reset(q)
         self._reached = self._reader.read(q)
 
-    def _safe(self, q: FloatArray, dt: float) -> FloatArray:
+    def _safe(self, q: FloatArray, before: FloatArray, dt: float) -> FloatArray:
         """The posture q (nq,) if the robot can stop from it on its soles, else that of a fallback hierarchy, else the
-        next one of its stop. Where no stop trajectory is known, all joints brake in proportion."""
+        next one of its stop. Where no stop trajectory is known, all joints brake in proportion. before (nq,): the
+        posture `dt` s ago."""
         stopping = self._soles.stopping
         if stopping is None or stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
-        fallback = self._fall_back(stopping, dt)
+        fallback = self._fall_back(stopping, before, dt)
         if fallback is not None:
             return fallback
         step = stopping.follow(dt)
         if step is None:
             q = stopping.brake(dt)
-            plant_root(self._robot, self._q, q)
-            velocity = self._robot.kinematics.difference(self._q, q) / dt
+            plant_root(self._robot, before, q)
+            velocity = self._robot.kinematics.difference(before, q) / dt
             stopping.begin(q, velocity)
         else:
             q, velocity = step
         self.hierarchy.solver.reset(q, velocity)
         return q
 
-    def _fall_back(self, stopping: Stopping, dt: float) -> FloatArray | None:
+    def _fall_back(self, stopping: Stopping, before: FloatArray, dt: float) -> FloatArray | None:
         """The next posture (nq,) from a fallback hierarchy, where that of the first is not safe; None: no other is."""
         assert self._soles.fallback is not None, "legs that move may fall back"
-        candidates = self._soles.fallback.after(self._targets, self._q, stopping.velocity, dt, stands=stopping.stands)
+        candidates = self._soles.fallback.after(self._targets, before, stopping.velocity, dt, stands=stopping.stands)
         for q, velocity in candidates:
             if stopping.admits(q, velocity, dt):
                 self.hierarchy.solver.reset(q, velocity)

@@ -35,60 +35,78 @@ class Target:
 class Controller(ABC):
     """Gives the targets of one state."""
 
-    @property
-    def arrived(self) -> bool:
-        """Whether the controller has nothing left to do; never, of one that something else ends."""
+    def has_arrived(self, commanded: "Commanded") -> bool:
+        """Return whether the controller has nothing left to do; never, of one that something else ends."""
         return False
 
-    def begin(self) -> None:  # noqa: B027 - most go on from where the robot is
+    def begin(self, commanded: "Commanded") -> None:  # noqa: B027 - most go on from where the robot is
         """Begin the state, from where the robot was commanded last."""
 
     @abstractmethod
-    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: "Commanded", sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: brake, or stand. sample: of the performer, in a state that follows one.
         speed_override: (0, 1], of a robot whose servos are warm."""
 
 
+@dataclass(frozen=True, eq=False)
 class Commanded:
     """The posture to which the robot was commanded last, without the deflection of its servos.
 
-    q (nq,): the posture; joints (n,): of it, rad, servo order. standing (nq,): as the robot stands; before it stands on
-    its soles, as it will. velocity (nv,): at which it got there, per s. stood_s: s since the last goal for another
-    posture; waited_s: s since then, and since the last target that was refused.
+    goal: the one that was sent last. target: the one that led to this posture; it stays the same object while the robot
+    stands, so a controller that asked for it knows that nothing else has moved the robot since. q (nq,): the posture.
+    standing (nq,): as the robot stands; before it stands on its soles, as it will. velocity (nv,): at which it got
+    there, per s. stood_s: s since the last goal for another posture; waited_s: s since then, and since the last target
+    that was refused.
     """
 
-    def __init__(self, robot: RobotBody, *, dt: float) -> None:
-        self._robot, self._dt = robot, dt
-        self._kinematics = robot.body.solver_body()
-        self.begin(robot.body.qpos0, robot.body.qpos0[robot.servo_columns])
+    goal: CheckedGoal
+    target: Target
+    q: FloatArray
+    standing: FloatArray
+    velocity: FloatArray
+    stood_s: float = np.inf
+    waited_s: float = np.inf
 
-    def begin(self, standing: FloatArray, joints: FloatArray) -> None:
-        """Begin at rest, with joints (n,) rad where they are, to stand as in `standing` (nq,)."""
-        self.q, self.standing, self.joints = standing.copy(), standing.copy(), joints
-        self.q[self._robot.servo_columns] = joints
-        self.velocity = np.zeros(self._robot.body.nv)
-        self.stood_s = self.waited_s = np.inf
+    @property
+    def joints(self) -> FloatArray:
+        """The joints of the posture, (n,) rad, servo order."""
+        return self.goal.posture
 
     @property
     def stands(self) -> bool:
         """Whether its posture is the one before."""
         return self.stood_s > 0.0
 
-    def take(self, goal: CheckedGoal, target: Target | None, *, on_soles: bool) -> None:
-        """Take over a goal that was written for a target. on_soles: whether the robot stands as it was commanded."""
-        self.stood_s = self.stood_s + self._dt if np.array_equal(goal.posture, self.joints) else 0.0
-        refused = target is not None and not goal.passed
-        self.waited_s = 0.0 if refused else min(self.waited_s + self._dt, self.stood_s)
-        self.joints = goal.posture
-        if goal.passed and target is not None and target.q is not None:
-            self.q = target.q.copy()
-        else:
-            self.q = self.standing.copy()
-            self.q[self._robot.servo_columns] = goal.posture
-            plant_root(self._robot, self.standing, self.q)
-        if on_soles:
-            self.velocity = self._kinematics.difference(self.standing, self.q) / self._dt
-            self.standing = self.q.copy()
+
+def first_commanded(robot: RobotBody, goal: CheckedGoal, standing: FloatArray) -> Commanded:
+    """A robot at rest at its first goal, to stand as in `standing` (nq,)."""
+    q = standing.copy()
+    q[robot.servo_columns] = goal.posture
+    return Commanded(goal, Target(goal.posture), q, standing, np.zeros(robot.body.nv))
+
+
+def next_commanded(
+    robot: RobotBody, before: Commanded, goal: CheckedGoal, target: Target | None, *, dt: float, on_soles: bool
+) -> Commanded:
+    """The commanded posture `dt` s later, after a goal was sent for a target. on_soles: whether the robot stands as it
+    was commanded."""
+    standing, velocity = before.standing, before.velocity
+    stands = np.array_equal(goal.posture, before.joints)
+    stood_s = before.stood_s + dt if stands else 0.0
+    waited_s = 0.0 if target is not None and not goal.passed else min(before.waited_s + dt, stood_s)
+    passed = target if goal.passed else None
+    if passed is before.target:
+        q = before.q
+    elif passed is not None and passed.q is not None:
+        q = passed.q
+    else:
+        q = standing.copy()
+        q[robot.servo_columns] = goal.posture
+        plant_root(robot, standing, q)
+    if on_soles:
+        standing, velocity = q, robot.kinematics.difference(standing, q) / dt
+    target = passed or (before.target if stands else Target(goal.posture))
+    return Commanded(goal, target, q, standing, velocity, stood_s, waited_s)
 
 
 RISE_S, JERK_S = 0.5, 0.2
@@ -104,51 +122,51 @@ gate checks both."""
 class SlowMove:
     """A slow move of all joints at a share of their greatest speed, from where the robot was commanded to."""
 
-    def __init__(self, robot: RobotBody, commanded: Commanded, *, share: float, dt: float) -> None:
+    def __init__(self, robot: RobotBody, *, share: float, dt: float) -> None:
         velocity, most = share * robot.joint_map.max_velocity, robot.joint_map.max_acceleration
         moving, braking = np.minimum(velocity / RISE_S, most), np.minimum(velocity / BRAKE_S, most)
         self._moving = TrajectoryGenerator(velocity, moving, moving / JERK_S, dt=dt)
         self._braking = TrajectoryGenerator(velocity, braking, braking / BRAKE_JERK_S, dt=dt)
         self._moves = self._moving
+        self._last: Target | None = None
+
+    def begin(self, commanded: Commanded) -> None:
+        """Begin at rest where the robot was commanded to."""
         self._moves.reset(commanded.joints)
-        self._commanded = commanded
+        self._last = commanded.target
 
-    def is_at(self, goal: FloatArray) -> bool:
+    def is_at(self, goal: FloatArray, commanded: Commanded) -> bool:
         """Return whether the robot was commanded to a goal (n,) rad and rests there."""
-        return self._moves.at_rest and np.array_equal(self._moves.position, goal) and self._follows
+        return self._moves.at_rest and np.array_equal(self._moves.position, goal) and self._is_sent(commanded)
 
-    def towards(self, goal: FloatArray, *, speed_override: float) -> Target | None:
+    def towards(self, goal: FloatArray, commanded: Commanded, *, speed_override: float) -> Target | None:
         """The target of the next tick on the way to a goal (n,), rad; None: something else was sent, and the robot has
         to stand first."""
-        if not self._follows:
-            if self._commanded.waited_s < RETRY_S:
+        if not self._is_sent(commanded):
+            if commanded.waited_s < RETRY_S:
                 return None
-            self._moves.reset(self._commanded.joints)
-        self._go_on_with(self._moving)
-        return Target(self._moves.step(goal, speed_override))
+            self.begin(commanded)
+        return self._step(self._moving, goal, speed_override)
 
-    def brake(self) -> Target | None:
+    def brake(self, commanded: Commanded) -> Target | None:
         """The target of the next tick while the robot brakes on its line; None: something else was sent."""
-        if not self._follows:
-            return None
-        self._go_on_with(self._braking)
-        return Target(self._moves.step(self._moves.position, 0.0))
+        return self._step(self._braking, self._moves.position, 0.0) if self._is_sent(commanded) else None
 
-    def _go_on_with(self, moves: TrajectoryGenerator) -> None:
-        """Go on with other limits, as the robot moves."""
+    def _step(self, moves: TrajectoryGenerator, goal: FloatArray, speed_override: float) -> Target:
+        """The target of the next tick; `moves` with other limits goes on as the robot moves."""
         if moves is not self._moves:
             moves.reset(self._moves.position, self._moves.velocity, self._moves.acceleration)
             self._moves = moves
+        self._last = Target(moves.step(goal, speed_override))
+        return self._last
 
-    @property
-    def is_refused(self) -> bool:
-        """Whether the gate has refused this move a moment ago."""
-        return not self._follows and self._commanded.waited_s < RETRY_S
+    def is_refused(self, commanded: Commanded) -> bool:
+        """Return whether the gate has refused this move a moment ago."""
+        return not self._is_sent(commanded) and commanded.waited_s < RETRY_S
 
-    @property
-    def _follows(self) -> bool:
-        """Whether the robot was commanded as this move asked."""
-        return np.array_equal(self._moves.position, self._commanded.joints)
+    def _is_sent(self, commanded: Commanded) -> bool:
+        """True if nothing but this move has moved the robot since its last target."""
+        return commanded.target is self._last
 
 
 class ApproachPart(Enum):
@@ -166,7 +184,6 @@ class Approach(Controller):
         self,
         robot: RobotBody,
         follower: Follower,
-        commanded: Commanded,
         human: HumanPosture,
         *,
         dt: float,
@@ -185,39 +202,42 @@ class Approach(Controller):
             plant_root(robot, self.first.q, q)
             self.first = replace(self.first, q=q, joint_positions=goal)
         self._goal = self.first.joint_positions
-        self._columns, self._commanded = robot.servo_columns, commanded
-        self._move = SlowMove(robot, commanded, share=self._share, dt=dt)
+        self._columns = robot.servo_columns
+        self._move = SlowMove(robot, share=self._share, dt=dt)
         self.part = ApproachPart.STRAIGHT
 
-    @property
-    def is_refused(self) -> bool:
-        """Whether the gate refuses the straight part: then the robot holds, and tries again after a moment."""
-        return self.part is ApproachPart.STRAIGHT and self._move.is_refused
+    def is_refused(self, commanded: Commanded) -> bool:
+        """Return whether the gate refuses the straight part: then the robot holds, and tries again after a moment."""
+        return self.part is ApproachPart.STRAIGHT and self._move.is_refused(commanded)
 
     @property
     def arrived(self) -> bool:
         """Whether following can begin."""
         return self.part is ApproachPart.ARRIVED
 
-    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def has_arrived(self, commanded: Commanded) -> bool:
+        """Return whether following can begin."""
+        return self.arrived
+
+    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick."""
-        if self.part is ApproachPart.STRAIGHT and self._move.is_at(self._goal):
+        if self.part is ApproachPart.STRAIGHT and self._move.is_at(self._goal, commanded):
             self.part = ApproachPart.SETTLING
         if self.part is ApproachPart.STRAIGHT:
             self._follower.pass_time(self._dt)
-            return self._move.towards(self._goal, speed_override=speed_override)
+            return self._move.towards(self._goal, commanded, speed_override=speed_override)
         posture = None
         if self._settles:
             self._follower.set_speed_override(self._share * speed_override)
             posture = self._follower.settle(self._human, self._dt)
         if posture is None:
             self.part = ApproachPart.ARRIVED
-            return Target(self._commanded.joints, self._commanded.q)
+            return commanded.target
         return Target(posture.q[self._columns], posture.q)
 
-    def brake(self) -> Target | None:
+    def brake(self, commanded: Commanded) -> Target | None:
         """The target of the next tick while the robot brakes on the straight part."""
-        return self._move.brake()
+        return self._move.brake(commanded)
 
 
 @dataclass(slots=True)
@@ -258,11 +278,11 @@ class Follow(Controller):
         """Whether no posture was found in the last tick."""
         return self.posture is not None and not np.isfinite(self.posture.q).all()
 
-    def begin(self) -> None:
+    def begin(self, commanded: Commanded) -> None:
         """Follow from where the robot is."""
         self.posture = None
 
-    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """Return the target for a sample; None: no posture was found."""
         assert sample is not None, "the supervisor holds the robot without a sample"
         begun = thread_cpu()
@@ -289,65 +309,62 @@ class GoalPlayback(Controller):
     """Sends recorded goals once more, in place of following. Where something else was sent, the robot stands first, and
     returns to them slowly."""
 
-    def __init__(self, robot: RobotBody, commanded: Commanded, goals: FloatArray, *, dt: float) -> None:
+    def __init__(self, robot: RobotBody, goals: FloatArray, *, dt: float) -> None:
         """goals (T, n): rad, servo order, a tick from row to row; the robot is at the first when this begins."""
-        self._goals, self._commanded, self._dt = goals, commanded, dt
-        self._sent = goals[0]
+        self._goals, self._dt = goals, dt
+        self._last: Target | None = None  # None: the robot is at the first goal
         self._gone, self._pace = 0.0, 1.0  # rows; share of the recording's speed
         self._lost, self._lost_at = 0, 0.0  # times in a row that something else was sent; the row of the last
-        self._move = SlowMove(robot, commanded, share=robot.profile.safety.speed_caps.approach, dt=dt)
+        self._move = SlowMove(robot, share=robot.profile.safety.speed_caps.approach, dt=dt)
 
-    @property
-    def arrived(self) -> bool:
-        """Whether the last goal was sent."""
-        return self._gone == len(self._goals) - 1 and np.array_equal(self._commanded.joints, self._goals[-1])
+    def has_arrived(self, commanded: Commanded) -> bool:
+        """Return whether the last goal was sent."""
+        at_last = self._last is not None and np.array_equal(self._last.joints, self._goals[-1])
+        return self._gone == len(self._goals) - 1 and at_last and self._is_sent(commanded)
 
-    @property
-    def is_refused(self) -> bool:
-        """Whether the gate refuses the goals: the robot holds, and tries again after a moment, but not for ever."""
-        return self._lost > MOST_REFUSED or (not self._follows and self._move.is_refused)
+    def is_refused(self, commanded: Commanded) -> bool:
+        """Return whether the gate refuses the goals: the robot holds, and tries again after a moment, but not for
+        ever."""
+        return self._lost > MOST_REFUSED or (not self._is_sent(commanded) and self._move.is_refused(commanded))
 
-    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """Return the next recorded goal, or one on the way back to it; None: the robot has to stand first."""
         row, share = int(self._gone), self._gone % 1.0
         goal = self._goals[row]
         if share > 0.0:
             goal = goal + share * (self._goals[row + 1] - goal)
-        if not self._follows and not self._move.is_at(goal):
+        if not self._is_sent(commanded) and not self._move.is_at(goal, commanded):
             if self._pace > 0.0:
                 gone = (self._gone - self._lost_at) * self._dt > GONE_S
                 self._lost, self._lost_at = 1 if gone else self._lost + 1, self._gone
             self._pace = 0.0
-            return self._move.towards(goal, speed_override=speed_override)
-        self._sent = goal
+            return self._move.towards(goal, commanded, speed_override=speed_override)
+        self._last = Target(goal)
         self._gone = min(self._gone + self._pace * speed_override, len(self._goals) - 1.0)
         self._pace = min(self._pace + self._dt / REGAIN_S, 1.0)
-        return Target(goal)
+        return self._last
 
-    @property
-    def _follows(self) -> bool:
-        """Whether the robot was commanded to the recorded goal that was asked for last."""
-        return np.array_equal(self._commanded.joints, self._sent)
+    def _is_sent(self, commanded: Commanded) -> bool:
+        """True if nothing but the recorded goals has moved the robot."""
+        return self._last is None or commanded.target is self._last
 
 
 class WholeBodyStop(Controller):
     """Brakes on the soles, as a whole; on the straight part of the approach along its line. Then the robot stands."""
 
-    def __init__(
-        self, robot: RobotBody, follower: Follower, commanded: Commanded, approach: Approach, *, dt: float
-    ) -> None:
-        self._follower, self._commanded, self._approach, self._dt = follower, commanded, approach, dt
+    def __init__(self, robot: RobotBody, follower: Follower, approach: Approach, *, dt: float) -> None:
+        self._follower, self._approach, self._dt = follower, approach, dt
         self._columns = robot.servo_columns
 
-    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """Return the next target of the stop trajectory, which of a robot that stands is where it is; None: there is
-        none, and the gate brakes."""
-        if self._commanded.stands:
+    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+        """Return the next target of the stop trajectory, which of a robot that stands is the one to which it was
+        commanded; None: there is none, and the gate brakes."""
+        if commanded.stands:
             self._follower.pass_time(self._dt)
-            return Target(self._commanded.joints, self._commanded.q)
+            return commanded.target
         if self._approach.part is ApproachPart.STRAIGHT:
             self._follower.pass_time(self._dt)
-            return self._approach.brake()
+            return self._approach.brake(commanded)
         return self.halt()
 
     def halt(self) -> Target | None:
@@ -359,22 +376,21 @@ class WholeBodyStop(Controller):
 class ReturnToStance(Controller):
     """The follower leads the robot to its stance on its soles; see `Follower.return_to_stance`."""
 
-    def __init__(self, robot: RobotBody, follower: Follower, commanded: Commanded, *, dt: float) -> None:
-        self._follower, self._commanded, self._dt = follower, commanded, dt
+    def __init__(self, robot: RobotBody, follower: Follower, *, dt: float) -> None:
+        self._follower, self._dt = follower, dt
         self._columns = robot.servo_columns
         self._next: FloatArray | None = None  # (nq,) posture; None: the robot is there
 
-    @property
-    def arrived(self) -> bool:
-        """Whether the robot stands as in its stance, or needs no return."""
+    def has_arrived(self, commanded: Commanded) -> bool:
+        """Return whether the robot stands as in its stance, or needs no return."""
         return self._next is None
 
-    def begin(self) -> None:
+    def begin(self, commanded: Commanded) -> None:
         """Begin where the robot stands."""
-        self._next = self._commanded.q.copy()
+        self._next = commanded.q
         self._follower.begin_return_to_stance(self._next, self._dt)
 
-    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: the return is over."""
         self._follower.set_speed_override(speed_override)
         self._next = q = self._follower.return_to_stance(self._dt)
@@ -398,44 +414,45 @@ class GoToRest(Controller):
     def __init__(
         self,
         robot: RobotBody,
-        commanded: Commanded,
         keyframes: Sequence[str],
         *,
         dt: float,
         pass_time: Callable[[float], object] = lambda dt: None,
     ) -> None:
         """keyframes: names of postures of the profile, the last is `rest`. pass_time: receives `dt` s in every tick."""
-        self._robot, self._commanded, self._dt, self._pass_time = robot, commanded, dt, pass_time
+        self._robot, self._dt, self._pass_time = robot, dt, pass_time
         self._names, self._keyframes = keyframes, list[FloatArray]()
         self._move: SlowMove | None = None
 
-    @property
-    def arrived(self) -> bool:
-        """Whether the robot is at rest."""
+    def has_arrived(self, commanded: Commanded) -> bool:
+        """Return whether the robot is at rest."""
         return self._move is not None and not self._keyframes
 
-    def begin(self) -> None:
+    def begin(self, commanded: Commanded) -> None:
         """Begin where the robot was commanded to."""
         angles = [getattr(self._robot.profile.postures, name) for name in self._names]
         self._keyframes = [self._robot.posture(one)[self._robot.servo_columns] for one in angles]
         servos, caps = self._robot.joint_map, self._robot.profile.safety.speed_caps
-        path = np.abs(np.diff([self._commanded.joints, *self._keyframes], axis=0)).max(axis=0)  # (n,) longest move
+        path = np.abs(np.diff([commanded.joints, *self._keyframes], axis=0)).max(axis=0)  # (n,) longest move
         needed = float((path / servos.max_velocity).max()) / (REST_WITHIN_S - RISE_S - 2.0 * JERK_S)
-        self._move = SlowMove(self._robot, self._commanded, share=min(max(caps.approach, needed), 1.0), dt=self._dt)
+        self._move = SlowMove(self._robot, share=min(max(caps.approach, needed), 1.0), dt=self._dt)
+        self._move.begin(commanded)
 
-    def target(self, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: the robot has to stand first."""
         assert self._move is not None, "the state has begun"
         self._pass_time(self._dt)
-        while self._keyframes and self._move.is_at(self._keyframes[0]):
+        while self._keyframes and self._move.is_at(self._keyframes[0], commanded):
             self._keyframes.pop(0)
         if not self._keyframes:
-            return Target(self._commanded.joints)
-        return self._move.towards(self._keyframes[0], speed_override=speed_override)
+            return Target(commanded.joints)
+        return self._move.towards(self._keyframes[0], commanded, speed_override=speed_override)
 
-    def brake(self) -> Target | None:
+    def brake(self, commanded: Commanded) -> Target | None:
         """The target of the next tick while the robot slows down on its line, as gently as it moves, for a moment."""
-        return self._move.towards(self._keyframes[0], speed_override=0.0) if self._move and self._keyframes else None
+        if self._move is None or not self._keyframes:
+            return None
+        return self._move.towards(self._keyframes[0], commanded, speed_override=0.0)
 
 
 def require_finite(posture: RobotPosture) -> RobotPosture:
@@ -473,21 +490,22 @@ class RobotMotion:
         """first: the sample that the robot approaches. goals (T, n): rad, recorded ones that it sends, a row a tick,
         instead of following. keyframes: of its way to rest; None: those of the profile. Raises RetargetError where the
         posture to approach is not known."""
-        self._follower, self._gate, self.pace, dt = follower, gate, pace, pace.dt
-        human = reconstructor.start(first)
-        self.commanded = commanded = Commanded(robot, dt=dt)
-        self.approach = Approach(robot, follower, commanded, human, dt=dt, goal=None if goals is None else goals[0])
+        self._robot, self._follower, self._gate, self._dt = robot, follower, gate, pace.dt
+        self.pace = pace
+        human, dt = reconstructor.start(first), pace.dt
+        self.commanded: Commanded  # from `begin` on
+        self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals[0])
         self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
-        self._playback = None if goals is None else GoalPlayback(robot, commanded, goals, dt=dt)
-        self._stop = WholeBodyStop(robot, follower, commanded, self.approach, dt=dt)
+        self._playback = None if goals is None else GoalPlayback(robot, goals, dt=dt)
+        self._stop = WholeBodyStop(robot, follower, self.approach, dt=dt)
         keyframes = robot.profile.postures.to_rest if keyframes is None else keyframes
-        self._to_rest = GoToRest(robot, commanded, keyframes, dt=dt, pass_time=follower.pass_time)
+        self._to_rest = GoToRest(robot, keyframes, dt=dt, pass_time=follower.pass_time)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
             RunState.FOLLOW: self._playback or self.follow,
             RunState.HOLD: self._stop,
             RunState.STOPPING: self._stop,
-            RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, commanded, dt=dt),
+            RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, dt=dt),
             RunState.GO_TO_REST: self._to_rest,
             RunState.STANDING: self._stop,
         }
@@ -501,29 +519,30 @@ class RobotMotion:
     @property
     def refused(self) -> str:
         """What the gate refuses now, so that the robot holds; "" where it refuses nothing."""
-        if self.approach.is_refused:
+        if self.approach.is_refused(self.commanded):
             return "the approach"
-        if self._playback is not None and self.approach.arrived and self._playback.is_refused:
+        if self._playback is not None and self.approach.arrived and self._playback.is_refused(self.commanded):
             return "the recorded goals"
         return ""
 
     def begin(self, present: FloatArray) -> CheckedGoal:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
-        goal, standing = self._gate.begin(present), self.approach.first.q
+        goal = self._gate.begin(present)
         if self._gate.clearance is not None:
-            self._gate.clearance.begin(standing, present)
-        self.commanded.begin(standing, present)
+            self._gate.clearance.begin(present)
+        self.commanded = first_commanded(self._robot, goal, self.approach.first.q)
         return goal
 
     @property
     def stands(self) -> bool:
         """Whether nothing is left to brake: neither the posture nor the goals that hold it, which may still change
         where they make up for a load."""
-        return self.commanded.stands and self._gate.at_rest
+        return self.commanded.stands and self._gate.at_rest(self.commanded.goal)
 
     def has_arrived(self, state: RunState) -> bool:
         """Whether the controller of a state has begun, and has nothing left to do."""
-        return state is self._state and state in self._controllers and self._controllers[state].arrived
+        controller = self._controllers.get(state)
+        return state is self._state and controller is not None and controller.has_arrived(self.commanded)
 
     def target(self, state: RunState, sample: SensorSample | None, *, speed_override: float) -> Target | None:
         """The target of the next tick, see `Controller.target`; None also in a state without a controller. The first
@@ -532,41 +551,41 @@ class RobotMotion:
         if controller is None:
             return None
         if state is not self._state:
-            controller.begin()
+            controller.begin(self.commanded)
             self._state = state
-        return controller.target(sample, speed_override=speed_override)
+        return controller.target(self.commanded, sample, speed_override=speed_override)
 
     def brake(self, state: RunState) -> Target | None:
         """The target of the next tick of a robot that brakes in a state: on its line on the way to rest; else None, and
         it brakes as `check` says."""
-        return self._to_rest.brake() if state is RunState.GO_TO_REST else None
+        return self._to_rest.brake(self.commanded) if state is RunState.GO_TO_REST else None
 
     def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
         """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot
         stops on its soles where the follower leads it, else the gate brakes."""
         goal = self._passed(target)
         if goal is None and self._is_led_on_soles(state):
-            self._follower.reseed(self.commanded.q.copy(), self.commanded.velocity.copy())
+            self._follower.reseed(self.commanded.q, self.commanded.velocity)
             alternative = self._stop.halt()
             goal, target = self._passed(alternative), alternative or target
-        return goal or self._gate.brake(), target
+        return goal or self._gate.brake(self.commanded.goal), target
 
     def brake_at_once(self) -> CheckedGoal:
         """The next goal of the gate's braking trajectory."""
-        return self._gate.brake()
+        return self._gate.brake(self.commanded.goal)
 
     def sent(self, goal: CheckedGoal, target: Target | None) -> None:
         """Take over where the robot was commanded to by a goal that was sent for a target."""
-        commanded = self.commanded
-        commanded.take(goal, target, on_soles=not self.on_approach)
-        if self._gate.clearance is not None:
-            self._gate.clearance.sent(commanded.joints, commanded.standing)
+        commanded = self.commanded = next_commanded(
+            self._robot, self.commanded, goal, target, dt=self._dt, on_soles=not self.on_approach
+        )
         plays = self._playback is not None and self._state is RunState.FOLLOW
-        if not self.on_approach and (plays or not goal.passed or target is None):
-            self._follower.reseed(commanded.q.copy(), commanded.velocity.copy())
+        if not self.on_approach and (plays or not goal.passed):
+            self._follower.reseed(commanded.q, commanded.velocity)
 
     def _passed(self, target: Target | None) -> CheckedGoal | None:
-        return self._gate.check(None if target is None else target.joints)
+        last, joints = self.commanded, None if target is None else target.joints
+        return self._gate.check(last.goal, joints, standing=last.standing)
 
     def _is_led_on_soles(self, state: RunState) -> bool:
         """Whether the follower leads the robot in a state, on its soles."""

@@ -17,7 +17,7 @@ from retarget.model.observers import contacts, robot_observers
 from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.follower import stance_angles
-from retarget.run.controllers import Commanded, GoToRest
+from retarget.run.controllers import GoToRest, first_commanded, next_commanded
 from retarget.run.options import RunOptions
 from retarget.run.supervisor import End
 from retarget.safety.clearance import PathClearance
@@ -122,24 +122,20 @@ def rest_trajectories(robot: RobotBody, stance: Stance, gate: Gate, *, dt: float
 def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, ...], *, dt: float) -> RestTrajectory:
     q = robot.posture(stance_angles(robot))
     plant_root(robot, stance.q, q)
-    commanded, clearance = Commanded(robot, dt=dt), gate.clearance
-    commanded.begin(q, q[robot.servo_columns])
-    gate.begin(commanded.joints)
+    commanded, clearance = first_commanded(robot, gate.begin(q[robot.servo_columns]), q), gate.clearance
     if clearance is not None:
-        clearance.begin(q, commanded.joints)
-    moves = GoToRest(robot, commanded, keyframes, dt=dt)
-    moves.begin()
+        clearance.begin(commanded.joints)
+    moves = GoToRest(robot, keyframes, dt=dt)
+    moves.begin(commanded)
     postures = [commanded.q]
     for _ in range(round(LONGEST_S / dt)):
-        target = moves.target(None, speed_override=1.0)
-        goal = None if target is None else gate.check(target.joints)
+        target = moves.target(commanded, None, speed_override=1.0)
+        goal = None if target is None else gate.check(commanded.goal, target.joints, standing=commanded.standing)
         if goal is None:
             break
-        commanded.take(goal, target, on_soles=True)
-        if clearance is not None:
-            clearance.sent(commanded.joints, commanded.standing)
+        commanded = next_commanded(robot, commanded, goal, target, dt=dt, on_soles=True)
         postures.append(commanded.q)
-        if moves.arrived:
+        if moves.has_arrived(commanded):
             return RestTrajectory(keyframes, "", _margin(robot, stance, np.array(postures)))
     near = "" if clearance is None else clearance.in_the_way(robot_observers(robot).names)
     refused = f"{near} come too near to each other" if near else "a goal is beyond the limits, or it takes too long"

@@ -168,7 +168,7 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     """The goal of a tick, and the state after it. Servos, gate, supervisor and controllers remember what they are
     given."""
     guard, supervisor = machine.guard, machine.supervisor
-    _look_at_servos(machine, given)
+    _look_at_servos(machine, motion, given)
     news = tuple(guard.health.warnings.take_news())
     hold_reason, lost = _hold_reason(machine, motion, given)
     state = _with_sample(state, given)
@@ -178,9 +178,8 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     state, standing = _standing(machine, state)
     if supervisor.over:
         return TickOutput(state, run_state, lost=lost, news=news + standing)
-    unwritten = _unwritten(machine)
-    wanted = None if unwritten else _target(machine, motion, state, given)
-    goal, target = (unwritten, None) if unwritten else motion.check(run_state, wanted)
+    wanted = _target(machine, motion, state, given)
+    goal, target = motion.check(run_state, wanted)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
         refused = machine.refused or "the gate refuses the goal"
         news += () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
@@ -210,17 +209,11 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
             situation = _situation(machine, motion, "")
             supervisor.step(given.now, OperatorInput(), PerformerInput(), situation, guard)
     state, news = _standing(machine, _with_sample(state, given))
-    goal = None if supervisor.over else _unwritten(machine) or motion.brake_at_once()
+    goal = None if supervisor.over else motion.brake_at_once()
     return TickOutput(state, supervisor.state, goal, news=supervisor.take_news() + news)
 
 
-def _unwritten(machine: Machine) -> CheckedGoal | None:
-    """The goal that an interrupt has kept from being written. Without it the next step would be twice as long."""
-    goal = machine.gate.goal
-    return None if goal is machine.guard.goal else goal
-
-
-def _look_at_servos(machine: Machine, given: TickInput) -> None:
+def _look_at_servos(machine: Machine, motion: RobotMotion, given: TickInput) -> None:
     """Latch what has failed, and what is wrong with the robot."""
     guard, clearance = machine.guard, machine.gate.clearance
     for failure in given.failures:
@@ -230,7 +223,7 @@ def _look_at_servos(machine: Machine, given: TickInput) -> None:
     assert given.servos is not None, "servos that could not be read are a failure"
     guard.check(given.servos, given.now, given.idle)
     if clearance is not None:
-        clearance.measure(machine.robot.joint_map.to_radians(given.servos.position))
+        clearance.measure(machine.robot.joint_map.to_radians(given.servos.position), motion.commanded.joints)
 
 
 def _with_sample(state: TickState, given: TickInput) -> TickState:

@@ -56,7 +56,7 @@ path; the rest of the margin is the room for that."""
 class PathClearance:
     """The collision check of one robot, with the observers and the obstacles of its stage.
 
-    The caller sets the servo positions (`measure`) before a goal is sent, and the goal that was sent (`sent`) after.
+    The caller sets the servo positions (`measure`) in each tick in which they are known.
 
     Two paths are checked. The first is that of the goals: from the posture sent last to the goal and on to rest. The
     servos lag behind it and pass the same places later, so lag needs no other check. Errors that lag does not explain
@@ -82,25 +82,20 @@ class PathClearance:
         self._dt = dt
         self._columns = robot.servo_columns
         self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
-        self._standing = robot.body.qpos0.copy()
         self._measured: FloatArray | None = None
         self._refused: tuple[int, int | None, int | None] | None = None  # what was too near on the last path
 
-    def begin(self, standing: FloatArray, position: FloatArray) -> None:
-        """Begin with the robot as in `standing` (nq,), and its servos at `position` (n,) rad."""
+    def begin(self, position: FloatArray) -> None:
+        """Begin with the servos at `position` (n,) rad."""
         self._checker.restart()
-        self._standing[:] = standing
         self._following.seed(position)
         self._measured = None
 
-    def measure(self, position: FloatArray) -> None:
-        """Set the measured servo positions (n,) rad of the tick that begins."""
+    def measure(self, position: FloatArray, sent: FloatArray) -> None:
+        """Set the measured servo positions (n,) rad of the tick that begins. sent (n,): rad, the posture to which the
+        robot was commanded in the last one."""
+        self._following.sent(sent)
         self._measured = position
-
-    def sent(self, position: FloatArray, standing: FloatArray) -> None:
-        """Remember the goal that was sent, (n,) rad; the robot stands as in `standing` (nq,)."""
-        self._following.sent(position)
-        self._standing[:] = standing
 
     def in_the_way(self, names: Sequence[str]) -> str:
         """The two parts, or part and obstacle, for which the path that was checked last was refused; "" where it
@@ -111,25 +106,28 @@ class PathClearance:
         second = names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
         return f"{names[one]} and {second}"
 
-    def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
+    def __call__(self, path: FloatArray, instead: FloatArray, standing: FloatArray) -> bool:
         """Whether a path of postures (k, n), rad, is clear, a tick from row to row, first row present, last row at
-        rest; instead (k, n): what is followed if not."""
+        rest; instead (k, n): what is followed if not. standing (nq,): as the robot stands."""
         self._obstacles.look()
         poses = self._obstacles.now
         if poses is not None:
             self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
-        clear = self._checker.is_clear(self._standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead)
-        clear = clear and (self._measured is None or self._servos_are_clear(path, instead, self._measured))
+        clear = self._checker.is_clear(standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead)
+        measured = self._measured
+        clear = clear and (measured is None or self._servos_are_clear(path, instead, standing, measured))
         self._refused = None if clear else self._checker.refused
         return clear
 
-    def _servos_are_clear(self, path: FloatArray, instead: FloatArray, measured: FloatArray) -> bool:
+    def _servos_are_clear(
+        self, path: FloatArray, instead: FloatArray, standing: FloatArray, measured: FloatArray
+    ) -> bool:
         off = self._following.unexplained(measured)
         rows = len(path) if off.any() else 2  # without an error, the rest is the path of goals, which is clear
         measured_path, other = path[:rows] + off, instead[:rows] + off
         measured_path[0] = other[0] = measured
         return self._checker.is_clear(
-            self._standing, measured_path, dt=self._dt, share=SERVOS_SHARE, instead=other, remember=False
+            standing, measured_path, dt=self._dt, share=SERVOS_SHARE, instead=other, remember=False
         )
 
 

@@ -1,7 +1,8 @@
 """The gate: the last check of a goal. A goal passes if it is finite, within every limit, and can stop within them."""
 
 from collections.abc import Callable
-from typing import Protocol
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,37 +18,48 @@ ROUND_OFF = 1e-9
 less."""
 
 
-class Compensation(Protocol):
-    """How far goals are offset from the postures in which they hold the joints, (n,) rad."""
+class Compensated(Protocol):
+    """The offset of a goal from the posture in which it holds the joints; (n,) rad."""
+
+    @property
+    def posture(self) -> FloatArray:
+        """The posture."""
+        ...
 
     @property
     def offset(self) -> FloatArray:
-        """The offset of the goal sent last, rad (n,)."""
+        """The offset of the goal."""
         ...
 
-    def begin(self, posture: FloatArray) -> None:
-        """Begin without an offset in a posture, rad (n,)."""
+    @property
+    def moved(self) -> FloatArray:
+        """The change of the offset in this tick, as far as it goes on in braking."""
+        ...
+
+
+class Compensation(Protocol):
+    """Offsets goals from postures. It keeps nothing between two goals: `last` is what was compensated in the goal sent
+    last."""
+
+    def begin(self, posture: FloatArray) -> Compensated:
+        """No offset, in a posture, rad (n,)."""
         ...
 
     def propose(
-        self, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
-    ) -> tuple[FloatArray, FloatArray]:
-        """The goal (n,) for a posture (n,), rad, and how much of the change of its offset goes on in braking, rad (n,).
-        nearest: the goal within the gate's limits that is nearest to one."""
+        self, last: Any, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+    ) -> tuple[FloatArray, Compensated]:
+        """The goal (n,) rad for a posture (n,), rad. nearest: the goal within the gate's limits that is nearest to
+        one."""
         ...
 
-    def accept(self) -> None:
-        """The goal proposed last was passed."""
-        ...
-
-    def brake(self, goal: FloatArray, change: FloatArray) -> FloatArray:
-        """The posture that a goal holds, rad (n,), of a robot that brakes, whose offset changes by `change`, (n,)."""
+    def brake(self, last: Any, goal: FloatArray, moved: FloatArray) -> Compensated:
+        """A goal, rad (n,), of a robot that brakes, whose offset changes by `moved`, (n,)."""
         ...
 
 
 class Gate:
     """Makes every `CheckedGoal` of a robot. Postures are joint radians (n,) in the profile's servo order; one goal per
-    tick of `dt` s.
+    tick of `dt` s. The gate keeps nothing between two goals: each is made from the one that was sent last.
 
     A target passes whole or not at all: no caller has asked for a posture in which some joints brake and others go on.
     Limits are checked on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be
@@ -81,110 +93,107 @@ class Gate:
                 )
             )
         self.clearance, self._compensation = clearance, compensation
-        self._braking = Braking(*limits, dt=float(dt))
-        self._joints, self._offset_change = np.zeros_like(limits[0]), np.zeros_like(limits[0])  # sent last
-        self.displacement = np.zeros_like(limits[0])
-        """Of the last tick, rad (n,): what is left to brake."""
+        self._size, self._braking = len(joint_map), Braking(*limits, dt=float(dt))
         self._seal = _Seal()
-        self.goal: CheckedGoal | None = None
-        """The goal made last; None before `begin`."""
 
     def begin(self, position: FloatArray) -> CheckedGoal:
         """Start at rest at the robot's present `position`, rad (n,); beyond a limit a joint may stand or walk back in.
         Raises HardwareError if not finite."""
         start = np.array(position, dtype=np.float64)
-        if start.shape != self._joints.shape or not np.isfinite(start).all():
+        if start.shape != (self._size,) or not np.isfinite(start).all():
             raise HardwareError(
                 describe(
                     what="cannot start from this posture",
                     where="gate",
                     found=start,
-                    allowed=f"{self._joints.size} finite joint angles",
+                    allowed=f"{self._size} finite joint angles",
                     then="Check that every servo answers",
                 )
             )
-        if self._compensation is not None:
-            self._compensation.begin(start)
-        self._joints, self.displacement, self._offset_change = start, np.zeros_like(start), np.zeros_like(start)
-        return self._make(start, passed=True)
+        compensated = None if self._compensation is None else self._compensation.begin(start)
+        return self._made(CheckedGoal(start, start, np.zeros_like(start), True, compensated, self._seal), None)
 
-    def check(self, target: FloatArray | None) -> CheckedGoal | None:
-        """The goal for a target posture, rad (n,); None: it is refused, or there is none, and nothing has changed."""
-        if target is None or target.shape != self._joints.shape or not np.isfinite(target).all():
+    def check(
+        self, last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
+    ) -> CheckedGoal | None:
+        """The goal for a target posture, rad (n,), after the goal sent last; None: it is refused, or there is none.
+        standing (nq,): as the robot stands, where clearance is checked."""
+        if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
             return None
         target = np.array(target, dtype=np.float64, order="C")
-        compensation = self._compensation
         # First the limits, which cost microseconds, then the sweep for collision, which costs most of a check.
-        goal, change = target, self._offset_change
-        if compensation is not None:
-            goal, change = compensation.propose(target, self._nearest)
-        displacement = self._admitted(goal)
-        if displacement is None or not self._is_clear(displacement, goal - target, change):
-            return None
-        if compensation is not None:
-            self._offset_change = change
-            compensation.accept()
-        # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
-        self._joints, self.displacement = goal, displacement
-        return self._make(target, passed=True)
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the goal that was made last can be the last: the joints may stop at it at once."""
-        return bool(self._braking.ticks(self.displacement) <= 1.0)
-
-    def brake(self) -> CheckedGoal:
-        """The next goal of the last verified braking trajectory; once at rest, the same goal for ever."""
-        self._offset_change = (1.0 - 1.0 / self._braking.ticks(self.displacement)) * self._offset_change
-        self.displacement = self._braking.braked(self._joints, self.displacement)
-        self._joints = self._joints + self.displacement
-        posture = self._joints
+        goal, compensated = target, None
         if self._compensation is not None:
-            posture = self._compensation.brake(posture, self._offset_change)
-        return self._make(posture, passed=False)
+            goal, compensated = self._compensation.propose(last.compensated, target, partial(self._nearest, last))
+        displacement = self._admitted(last, goal)
+        if displacement is None:
+            return None
+        if self.clearance is not None:
+            assert standing is not None, "collision depends on where the robot stands"
+            path, instead = self._paths(last, displacement, goal - target, compensated)
+            if not self.clearance(path, instead, standing):
+                return None
+        # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
+        return self._made(CheckedGoal(goal, target, displacement, True, compensated, self._seal), last)
 
-    def _admitted(self, goal: FloatArray) -> FloatArray | None:
+    def at_rest(self, goal: CheckedGoal) -> bool:
+        """Return whether a goal can be the last: the joints may stop at it at once."""
+        return bool(self._braking.ticks(goal.displacement) <= 1.0)
+
+    def brake(self, last: CheckedGoal) -> CheckedGoal:
+        """The next goal of the braking trajectory that was verified with the goal sent last; once at rest, the same
+        goal for ever."""
+        displacement = self._braking.braked(last.joints, last.displacement)
+        posture = goal = last.joints + displacement
+        compensated = None
+        if self._compensation is not None:
+            moved = (1.0 - 1.0 / self._braking.ticks(last.displacement)) * last.compensated.moved
+            compensated = self._compensation.brake(last.compensated, goal, moved)
+            posture = compensated.posture
+        return self._made(CheckedGoal(goal, posture, displacement, False, compensated, self._seal), last)
+
+    def _admitted(self, last: CheckedGoal, goal: FloatArray) -> FloatArray | None:
         """The displacement (n,) to a goal that keeps the limits; None: it does not."""
-        return self._braking.admitted(self._joints, self.displacement, goal, tolerance=ROUND_OFF)
+        return self._braking.admitted(last.joints, last.displacement, goal, tolerance=ROUND_OFF)
 
-    def _nearest(self, goal: FloatArray) -> FloatArray:
+    def _nearest(self, last: CheckedGoal, goal: FloatArray) -> FloatArray:
         """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""
         # The bounds are on the displacement of this tick.
-        lo, hi = self._braking.bounds(self._joints, self.displacement)
-        return np.asarray(np.minimum(np.maximum(goal, self._joints + lo), self._joints + hi))
+        lo, hi = self._braking.bounds(last.joints, last.displacement)
+        return np.asarray(np.minimum(np.maximum(goal, last.joints + lo), last.joints + hi))
 
-    def _is_clear(self, displacement: FloatArray, offset: FloatArray, change: FloatArray) -> bool:
-        """Whether the postures are clear on the way to a goal and from there to rest. offset (n,): of the goal; change
-        (n,): of it, that goes on."""
-        if self.clearance is None:
-            return True
+    def _paths(
+        self, last: CheckedGoal, displacement: FloatArray, offset: FloatArray, compensated: Compensated | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """The postures (k, n), rad, on the way to a goal and from there to rest, and those of braking instead. offset
+        (n,): of the goal."""
         # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off,
         # which goes on as the joints brake.
-        path, instead = self._braking.paths(self._joints, self.displacement, displacement)
-        if self._compensation is not None:
-            before = self._compensation.offset
+        path, instead = self._braking.paths(last.joints, last.displacement, displacement)
+        if compensated is not None:
+            before = last.compensated.offset
             path[0] -= before
-            path[1:] -= offset + self._going_on(displacement, change, len(path) - 1)
-            instead -= before + self._going_on(self.displacement, self._offset_change, len(instead))
-        return self.clearance(path, instead)
+            path[1:] -= offset + self._going_on(displacement, compensated.moved, len(path) - 1)
+            instead -= before + self._going_on(last.displacement, last.compensated.moved, len(instead))
+        return path, instead
 
-    def _going_on(self, displacement: FloatArray, change: FloatArray, rows: int) -> FloatArray:
+    def _going_on(self, displacement: FloatArray, moved: FloatArray, rows: int) -> FloatArray:
         """How far (rows, n) the offset goes on, tick by tick, beside joints that brake from a displacement (n,): its
-        last change was `change` (n,), rad."""
+        last change was `moved` (n,), rad."""
         left = np.maximum(1.0 - np.arange(rows) / self._braking.ticks(displacement), 0.0)
         left[0] = 0.0
-        gone: FloatArray = np.multiply.outer(np.cumsum(left), change)
+        gone: FloatArray = np.multiply.outer(np.cumsum(left), moved)
         return gone
 
-    def _make(self, posture: FloatArray, *, passed: bool) -> CheckedGoal:
-        self.goal = self._seal.last = CheckedGoal(self._joints.copy(), posture.copy(), passed, self._seal)
-        return self.goal
+    def _made(self, goal: CheckedGoal, last: CheckedGoal | None) -> CheckedGoal:
+        self._seal.last, self._seal.before = goal, last
+        return goal
 
 
 class PassThroughGate(Gate):
     """A gate without limits: every finite goal passes. For servos that do not exist, to see what a gate would have held
     back. It still brakes within the servos' accelerations."""
 
-    def _admitted(self, goal: FloatArray) -> FloatArray:
-        displacement: FloatArray = goal - self._joints
+    def _admitted(self, last: CheckedGoal, goal: FloatArray) -> FloatArray:
+        displacement: FloatArray = goal - last.joints
         return displacement

@@ -94,16 +94,17 @@ def played(
     with rig.prepared() as prepared:
         operator, machine = operator_of(rig, prepared, *controls, dead_man=dead_man), prepared.machine
         assert machine is not None
+        said = Announcer(machine, operator.stop, notify=rig.said.append)
 
         class Watched(Operator):
             def ask(self, state: RunState | None) -> OperatorInput:
-                assert state is not None
+                assert state is not None and prepared.machine is not None
                 if state in AT_RISK:
                     states.append(state.value)
-                    each(len(states), machine)
+                    each(len(states), prepared.machine)
                 return operator.ask(state)
 
-        return rig, prepared.run(Watched(), [Announcer(machine, operator.stop, notify=rig.said.append)]), states
+        return rig, prepared.run(Watched(), [said]), states
 
 
 def goals_of(result: RunResult) -> FloatArray:

@@ -88,7 +88,7 @@ def test_nothing_is_written_without_torque() -> None:
     rig.arm()
     rig.guard.release()
     with refuses(GuardError):
-        rig.guard.write(rig.gate.brake())
+        rig.guard.write(rig.brake())
     assert rig.bus.calls == ["write", "torque on", "torque off"]
 
 
@@ -96,7 +96,7 @@ def test_only_a_gate_makes_a_checked_goal() -> None:
     rig = moving()
     goal = rig.faster()
     with pytest.raises(TypeError, match="gate"):
-        CheckedGoal(goal.joints, goal.posture, True, None)  # type: ignore[arg-type]
+        CheckedGoal(goal.joints, goal.posture, goal.displacement, True, None, None)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="gate"):
         replace(goal, seal=object())  # type: ignore[arg-type]
     for other in (goal.joints, None, rig.bus):
@@ -106,20 +106,26 @@ def test_only_a_gate_makes_a_checked_goal() -> None:
 
 def test_a_goal_is_written_once_and_in_order() -> None:
     rig = moving()
-    old, new = rig.faster(), rig.faster()
+    before, old, new = rig.guard.goal, rig.faster(), rig.faster()
+    assert before is not None
     rig.guard.write(new)
     written = len(rig.bus.goals)
     for goal in (new, old):
         with pytest.raises(GuardError):
             rig.guard.write(goal)
+    with pytest.raises(GuardError):
+        rig.guard.write(rig.gate.brake(before))
+    with pytest.raises(GuardError):
+        rig.guard.write(replace(rig.brake()))
     assert len(rig.bus.goals) == written and rig.guard.goal is new
 
 
 def test_a_goal_of_another_gate_is_refused() -> None:
     rig, other = moving(), Gate(MAP, dt=DT)
-    goals = [other.begin(MAP.to_radians(START)) for _ in range(100)]
-    with pytest.raises(GuardError):
-        rig.guard.write(goals[-1])
+    assert rig.guard.goal is not None
+    for goal in (other.begin(MAP.to_radians(START)), other.brake(rig.guard.goal)):
+        with pytest.raises(GuardError):
+            rig.guard.write(goal)
 
 
 def test_what_is_written_keeps_the_limits() -> None:
@@ -225,7 +231,7 @@ def test_a_lost_servo_is_asked_for_nothing_and_stands_when_it_is_back() -> None:
         rig.read()
         rig.guard.write(rig.faster())  # the gate leads all joints to rest
     assert rig.bus.read().valid.all() and rig.stopped() == lost
-    assert rig.gate.goal is not None and abs(rig.gate.goal.joints[0] - kept[0]) > 0.1
+    assert rig.guard.goal is not None and abs(rig.guard.goal.joints[0] - kept[0]) > 0.1
     assert rig.bus.goals[-1][0] == kept[0], "one that is back must not jump"
 
 

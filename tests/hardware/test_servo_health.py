@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from bus_rig import four_servos, waist_servos
 from faulty_bus import FaultKind, FaultyBus, MockFault
+from gates import displacement
 from guard_rig import DT, MAP, Rig
 from hardware.bus import ServoStates
 from hardware.clock import VirtualClock
@@ -157,7 +158,7 @@ def test_the_guard_brakes_at_a_high_error_rate() -> None:
     rig.run(1)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.BUS
     rig.run(100)
-    assert not rig.gate.displacement.any() and rig.guard.torque is Torque.ON
+    assert not displacement(rig.guard).any() and rig.guard.torque is Torque.ON
     rig.check_goals()
 
 
@@ -182,7 +183,7 @@ def test_a_servo_out_of_bounds_stops_the_robot(case: str) -> None:
     stop = rig.guard.stop
     assert stop is not None and stop.cause is cause
     assert text in stop.reason
-    assert not rig.gate.displacement.any() and rig.bus.torque_on
+    assert not displacement(rig.guard).any() and rig.bus.torque_on
     rig.check_goals()
 
 
@@ -274,7 +275,7 @@ def test_a_servo_that_was_reset_is_never_driven_again_by_itself() -> None:
         rig.run(1)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_LIMP
     rig.run(200)  # it reports that it is driven again, which changes nothing
-    assert rig.guard.stop.cause is StopCause.SERVO_LIMP and not rig.gate.displacement.any()
+    assert rig.guard.stop.cause is StopCause.SERVO_LIMP and not displacement(rig.guard).any()
     rig.guard.release()
     with pytest.raises(GuardError):
         rig.arm()

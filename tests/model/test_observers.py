@@ -417,7 +417,8 @@ def test_the_gate_refuses_a_hand_in_the_floor() -> None:
     path = robot.sent + np.linspace(0.0, 1.0, 40)[:, None] * down
     assert heights(robot.robot, robot.standing(path)) < 0.0
     stay = path[:1].repeat(len(path), axis=0)
-    assert bare.clearance(np.ascontiguousarray(path), stay) and not robot.clearance(np.ascontiguousarray(path), stay)
+    assert bare.clearance(np.ascontiguousarray(path), stay, bare.q)
+    assert not robot.clearance(np.ascontiguousarray(path), stay, robot.q)
 
 
 def test_a_simulated_hand_on_the_floor_is_no_fall_and_is_counted() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from faulty_bus import FaultKind, MockFault
-from gates import sent
+from gates import displacement, sent
 from hardware.clock import VirtualClock
 from retarget.model.body import JointLimits
 from retarget.report import motion_metrics, tracking
@@ -211,8 +211,8 @@ def test_ticks_in_which_the_filter_braked_by_itself_are_counted() -> None:
 
     def way(dt: float) -> FloatArray:
         q = knowing.follower.stance.q.copy()
-        q[knowing.robot.servo_columns] = sent(knowing.gate)
-        still_moving = knowing.gate.displacement
+        q[knowing.robot.servo_columns] = sent(knowing.guard)
+        still_moving = displacement(knowing.guard)
         slower = np.maximum(np.abs(still_moving) - knowing.robot.limits.max_acceleration * dt**2, 0.0)
         q[knowing.robot.servo_columns] += np.copysign(slower, still_moving)
         return q

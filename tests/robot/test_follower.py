@@ -259,17 +259,16 @@ def begun() -> Follower:
 
 def followed(*, warm: bool) -> tuple[FloatArray, FloatArray]:
     """Servo angles (T, n) that a gate lets pass, and how far the robot is behind (T,) m."""
-    robot, gate = begun(), Gate(op3().joint_map, dt=DT)
+    robot, gate, goal = begun(), Gate(op3().joint_map, dt=DT), None
     rows: list[FloatArray] = []
     behind: list[float] = []
     for tick, posture in enumerate(human()):
         if warm and tick >= WARM.start:
             robot.set_speed_override(asked(tick))
         reached = robot.step(posture, DT)
-        if not rows:
-            gate.begin(reached.joint_positions)
         rows.append(reached.joint_positions)
-        assert gate.check(rows[-1]) is not None, tick
+        goal = gate.check(goal or gate.begin(rows[0]), rows[-1])
+        assert goal is not None, tick
         behind.append(float(np.linalg.norm(reached.landmarks_asked - reached.landmarks_reached, axis=1).max()))
     return np.array(rows), np.array(behind)
 

@@ -16,7 +16,6 @@ from retarget.run.controllers import (
     RETRY_S,
     Approach,
     ApproachPart,
-    Commanded,
     Follow,
     GoToRest,
     Pace,
@@ -24,6 +23,8 @@ from retarget.run.controllers import (
     SlowMove,
     Target,
     WholeBodyStop,
+    first_commanded,
+    next_commanded,
     require_finite,
     rest_joints,
 )
@@ -49,21 +50,20 @@ class Driven:
     """A robot that is driven by targets through a gate. path: the postures (n,) rad that were commanded."""
 
     def __init__(self, *, script: FloatArray | None = None, present: FloatArray | None = None) -> None:
-        self.robot, self.commanded = op3(), Commanded(op3(), dt=DT)
         self.follower = StubFollower(op3(), np.zeros((1, 20)) if script is None else script)
         self.gate = Gate(op3().joint_map, dt=DT)
         self.refuses = False
         self.path = [stand() if present is None else present]
-        self.commanded.begin(standing(), self.path[0])
-        self.gate.begin(self.path[0])
+        self.commanded = first_commanded(op3(), self.gate.begin(self.path[0]), standing())
 
     def take(self, target: Target | None) -> bool:
         """One tick; whether the target was sent."""
-        goal = None if target is None or self.refuses else self.gate.check(target.joints)
-        sent = goal or self.gate.brake()
-        self.commanded.take(sent, target, on_soles=True)
-        self.path.append(sent.posture)
-        return goal is not None
+        last = self.commanded.goal
+        passed = None if target is None or self.refuses else self.gate.check(last, target.joints)
+        goal = passed or self.gate.brake(last)
+        self.commanded = next_commanded(op3(), self.commanded, goal, target, dt=DT, on_soles=True)
+        self.path.append(goal.posture)
+        return passed is not None
 
     def speeds(self) -> FloatArray:
         """Shares of the servos' greatest speeds, (T, n)."""
@@ -86,11 +86,17 @@ def there() -> FloatArray:
     return np.asarray(np.clip(stand() + far, joints.lower, joints.upper))
 
 
+def slow_move(driven: Driven) -> SlowMove:
+    move = SlowMove(op3(), share=SHARE, dt=DT)
+    move.begin(driven.commanded)
+    return move
+
+
 def test_a_slow_move_is_straight_and_ends_exactly_at_its_goal_at_its_share_of_speed() -> None:
     driven, goal = Driven(), there()
-    move = SlowMove(op3(), driven.commanded, share=SHARE, dt=DT)
-    while not move.is_at(goal):
-        assert driven.take(move.towards(goal, speed_override=1.0))
+    move = slow_move(driven)
+    while not move.is_at(goal, driven.commanded):
+        assert driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
     np.testing.assert_array_equal(driven.path[-1], goal)
     assert 0.9 * SHARE < driven.speeds().max() <= SHARE * (1.0 + 1e-9)
     driven.assert_straight()
@@ -101,9 +107,9 @@ def test_a_warm_robot_moves_more_slowly() -> None:
     ticks = []
     for override in (1.0, 0.5):
         driven, goal = Driven(), there()
-        move = SlowMove(op3(), driven.commanded, share=SHARE, dt=DT)
-        while not move.is_at(goal):
-            driven.take(move.towards(goal, speed_override=override))
+        move = slow_move(driven)
+        while not move.is_at(goal, driven.commanded):
+            driven.take(move.towards(goal, driven.commanded, speed_override=override))
         assert driven.speeds().max() <= override * SHARE * (1.0 + 1e-9)
         ticks.append(len(driven.path))
     assert ticks[1] > 1.3 * ticks[0]
@@ -112,32 +118,32 @@ def test_a_warm_robot_moves_more_slowly() -> None:
 @pytest.mark.parametrize("after", [3, 40, 70])
 def test_it_brakes_on_its_line_and_stands_soon(after: int) -> None:
     driven, goal = Driven(), there()
-    move = SlowMove(op3(), driven.commanded, share=SHARE, dt=DT)
+    move = slow_move(driven)
     for _ in range(after):
-        driven.take(move.towards(goal, speed_override=1.0))
+        driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
     for _ in range(round(STANDS_S / DT)):
-        assert driven.take(move.brake())
-    assert driven.commanded.stands and not move.is_at(goal)
+        assert driven.take(move.brake(driven.commanded))
+    assert driven.commanded.stands and not move.is_at(goal, driven.commanded)
     driven.assert_straight()
     driven.assert_within_limits()
 
 
 def test_a_refused_move_stands_for_a_moment_and_tries_again_from_there() -> None:
     driven, goal = Driven(), there()
-    move = SlowMove(op3(), driven.commanded, share=SHARE, dt=DT)
+    move = slow_move(driven)
     for _ in range(60):
-        driven.take(move.towards(goal, speed_override=1.0))
+        driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
     driven.refuses = True
     while not driven.commanded.stands:
-        driven.take(move.towards(goal, speed_override=1.0))
+        driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
     stood = driven.path[-1]
     driven.refuses, waited = False, 0
     while np.array_equal(driven.path[-1], stood):
-        driven.take(move.towards(goal, speed_override=1.0))
+        driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
         waited += 1
     assert waited * DT == pytest.approx(RETRY_S, abs=3 * DT)
-    while not move.is_at(goal):
-        assert driven.take(move.towards(goal, speed_override=1.0))
+    while not move.is_at(goal, driven.commanded):
+        assert driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
     np.testing.assert_array_equal(driven.path[-1], goal)
     driven.assert_within_limits()
 
@@ -155,20 +161,18 @@ class SettlingFollower(StubFollower):
         return None if self.lasts < 0 else self._made(0)
 
 
-def approaching(driven: Driven, present: FloatArray) -> Approach:
-    human = postures(performer())[0]
-    driven.commanded.begin(standing(), present)
-    return Approach(op3(), driven.follower, driven.commanded, human, dt=DT)
+def approaching(driven: Driven) -> Approach:
+    return Approach(op3(), driven.follower, postures(performer())[0], dt=DT)
 
 
 def test_the_approach_goes_straight_to_the_first_posture_then_settles_on_its_soles() -> None:
     present = stand() - 0.2
     driven = Driven(present=present)
     driven.follower = SettlingFollower(op3(), np.zeros((1, 20)))
-    approach, parts = approaching(driven, present), []
+    approach, parts = approaching(driven), []
     assert not driven.follower.overrides and approach.first.joint_positions.tolist() == stand().tolist()
     while not approach.arrived:
-        target = approach.target(None, speed_override=0.5)
+        target = approach.target(driven.commanded, None, speed_override=0.5)
         if target is not None:
             driven.take(target)
             parts.append((approach.part, target.q is not None))
@@ -191,20 +195,20 @@ def test_an_approach_that_is_not_finite_is_refused() -> None:
 def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_followers() -> None:
     present = stand() - 0.3
     driven = Driven(present=present)
-    approach = approaching(driven, present)
-    stop = WholeBodyStop(op3(), driven.follower, driven.commanded, approach, dt=DT)
+    approach = approaching(driven)
+    stop = WholeBodyStop(op3(), driven.follower, approach, dt=DT)
     for _ in range(60):
-        driven.take(approach.target(None, speed_override=1.0))
+        driven.take(approach.target(driven.commanded, None, speed_override=1.0))
     while not driven.commanded.stands:
-        target = stop.target(None, speed_override=1.0)
+        target = stop.target(driven.commanded, None, speed_override=1.0)
         assert target is not None and target.q is None and driven.take(target)
-    stays = stop.target(None, speed_override=1.0)
-    assert stays is not None and np.array_equal(stays.joints, driven.commanded.joints)
+    stays = stop.target(driven.commanded, None, speed_override=1.0)
+    assert stays is driven.commanded.target and np.array_equal(stays.joints, driven.commanded.joints)
     driven.assert_straight()
     approach.part, halted = ApproachPart.SETTLING, standing() + 0.0
     driven.follower.halt = lambda dt: halted  # type: ignore[method-assign]
-    driven.commanded.stood_s = driven.commanded.waited_s = 0.0
-    target = stop.target(None, speed_override=1.0)
+    driven.commanded = replace(driven.commanded, stood_s=0.0, waited_s=0.0)
+    target = stop.target(driven.commanded, None, speed_override=1.0)
     assert target is not None and target.q is halted
 
 
@@ -217,8 +221,8 @@ def test_following_begins_slowly(settled: float, warm: float, override: float) -
     assert sample is not None
     human = reconstructor.start(sample)
     follow = Follow(reconstructor, driven.follower, human, Pace(DT, DT, settled), slow=0.2)
-    follow.begin()
-    assert follow.target(sample, speed_override=warm) is not None
+    follow.begin(driven.commanded)
+    assert follow.target(driven.commanded, sample, speed_override=warm) is not None
     assert driven.follower.overrides == [pytest.approx(override)]
 
 
@@ -240,13 +244,17 @@ class ReturningFollower(StubFollower):
 @pytest.mark.parametrize("warm", [1.0, 0.25])
 def test_it_returns_to_stance_from_where_it_stands(warm: float) -> None:
     driven, robot = Driven(), ReturningFollower(op3(), np.zeros((1, 20)))
-    to_stance = ReturnToStance(op3(), robot, driven.commanded, dt=DT)
-    to_stance.begin()
+    to_stance = ReturnToStance(op3(), robot, dt=DT)
+    to_stance.begin(driven.commanded)
     targets = []
-    while (target := to_stance.target(None, speed_override=warm)) is not None:
-        assert not to_stance.arrived
+    while (target := to_stance.target(driven.commanded, None, speed_override=warm)) is not None:
+        assert not to_stance.has_arrived(driven.commanded)
         targets.append(target)
-    assert len(targets) == 20 and all(target.q is not None for target in targets) and to_stance.arrived
+    assert (
+        len(targets) == 20
+        and all(target.q is not None for target in targets)
+        and to_stance.has_arrived(driven.commanded)
+    )
     assert set(robot.overrides) == {warm}
     assert len(robot.returns) == 1 and np.array_equal(robot.returns[0], stand())
 
@@ -255,17 +263,17 @@ def test_it_returns_to_stance_from_where_it_stands(warm: float) -> None:
 
 
 def going(driven: Driven, *keyframes: str) -> GoToRest:
-    rest = GoToRest(op3(), driven.commanded, keyframes or ("rest",), dt=DT, pass_time=driven.follower.pass_time)
-    assert not rest.arrived
-    rest.begin()
+    rest = GoToRest(op3(), keyframes or ("rest",), dt=DT, pass_time=driven.follower.pass_time)
+    assert not rest.has_arrived(driven.commanded)
+    rest.begin(driven.commanded)
     return rest
 
 
 def arrive(driven: Driven, rest: GoToRest) -> int:
     """Ticks until the robot is at rest."""
     ticks = 0
-    while not rest.arrived:
-        driven.take(rest.target(None, speed_override=1.0))
+    while not rest.has_arrived(driven.commanded):
+        driven.take(rest.target(driven.commanded, None, speed_override=1.0))
         ticks += 1
         assert ticks < 10**4
     return ticks
@@ -301,8 +309,8 @@ def test_where_the_gate_refuses_the_way_it_holds_and_goes_on_when_it_is_clear() 
     rest = going(driven)
     for tick in range(400):
         driven.refuses = tick >= 60
-        driven.take(rest.target(None, speed_override=1.0))
-    assert driven.commanded.stood_s > 1.0 and not rest.arrived
+        driven.take(rest.target(driven.commanded, None, speed_override=1.0))
+    assert driven.commanded.stood_s > 1.0 and not rest.has_arrived(driven.commanded)
     driven.refuses = False
     arrive(driven, rest)
     np.testing.assert_array_equal(driven.path[-1], rest_joints(op3()))

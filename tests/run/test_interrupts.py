@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from faulty_bus import FaultKind, MockFault
-from gates import sent
+from gates import displacement, sent
 from hardware.arrays import TickArray
 from hardware.bus import ServoAlert, ServoGoals
 from hardware.errors import BusError, GuardError, HardwareError, TorqueError
@@ -25,6 +25,8 @@ from rig import Rig, play, short_clip
 
 FOR_EVER = 10**6
 COUNT = 4096 / (2.0 * np.pi)
+MOVING = 140
+"""A write in which the joints of `swing` are fastest."""
 
 
 def swing() -> FloatArray:
@@ -58,7 +60,31 @@ def assert_no_doubled_step(goals: list[FloatArray], rig: Rig) -> None:
 # Interrupts between the check of a goal and its writing.
 
 
-@pytest.mark.parametrize("ticks", [(40,), (40, 41), (40, 42)])
+@pytest.mark.parametrize("where", ["before the guard has it", "when the bus has it", "when the guard has it"])
+def test_an_interrupt_beside_a_write_doubles_no_step(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(swing())
+    _, goals = written(rig, monkeypatch)
+    part, method = (rig.bus, "write") if "the bus" in where else (rig.guard, "write")
+    write, count = getattr(part, method), 0
+
+    def torn(goal: object) -> None:
+        nonlocal count
+        count += 1
+        if count == MOVING and "before" in where:
+            raise KeyboardInterrupt
+        write(goal)
+        if count == MOVING:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(part, method, torn)
+    with pytest.raises(KeyboardInterrupt):
+        play(rig)
+    assert not displacement(rig.guard).any() and not rig.bus.torque_on
+    fastest = np.abs(np.diff(swing(), axis=0)).max()
+    assert fastest / 2.0 < np.abs(np.diff(goals, axis=0)).max() < fastest + 1.5 / COUNT
+
+
+@pytest.mark.parametrize("ticks", [(MOVING,), (MOVING, MOVING + 1), (MOVING, MOVING + 2)])
 def test_an_interrupted_write_doubles_no_step_and_leaves_no_torque(
     ticks: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -78,13 +104,13 @@ def test_an_interrupted_write_doubles_no_step_and_leaves_no_torque(
     with pytest.raises(KeyboardInterrupt):
         play(rig)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
-    assert not rig.bus.torque_on and rig.gate.displacement.any() != (len(ticks) == 1)
+    assert not rig.bus.torque_on and displacement(rig.guard).any() != (len(ticks) == 1)
     assert_no_doubled_step(goals, rig)
 
 
 @pytest.mark.parametrize("failures", [1, 2])
 def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is tried once more, and the robot brakes; one that is not understood again costs the torque."""
+    """The robot brakes from the goal before; one that is not understood again costs the torque."""
     rig = Rig(swing())
     _, goals = written(rig, monkeypatch)
     to_ticks, count = rig.robot.joint_map.to_ticks, 0
@@ -92,7 +118,7 @@ def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: 
     def once(positions: FloatArray) -> TickArray:
         nonlocal count
         count += 1
-        if 40 <= count < 40 + failures:
+        if MOVING <= count < MOVING + failures:
             raise HardwareError("beyond the servo's travel")
         return to_ticks(positions)
 
@@ -100,7 +126,7 @@ def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: 
     ending = play(rig)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FILTER
     assert ending.state is (RunState.OFF if failures == 1 else RunState.FAULT) and not rig.bus.torque_on
-    assert rig.gate.displacement.any() != (failures == 1)
+    assert displacement(rig.guard).any() != (failures == 1)
     assert_no_doubled_step(goals, rig)
 
 
@@ -264,7 +290,7 @@ def test_a_failure_during_the_approach_brakes_on_its_line() -> None:
     beside = off - np.outer(off @ line, line) / (line @ line)
     assert 50 < len(path) < 70 and np.abs(beside[: len(path)]).max() < 1e-12
     assert np.abs(beside).max() < 1e-12, "and so it brakes"
-    assert not rig.gate.displacement.any() and not rig.bus.torque_on
+    assert not displacement(rig.guard).any() and not rig.bus.torque_on
 
 
 def test_a_posture_that_is_not_finite_is_a_hold() -> None:
@@ -331,7 +357,7 @@ def test_a_forced_stop_after_an_interrupt_does_not_wait_either() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         play(rig, Asks(torque_off=lambda: True), Progress(interrupted, every=1))
-    assert rig.gate.displacement.any() and not rig.bus.torque_on
+    assert displacement(rig.guard).any() and not rig.bus.torque_on
 
 
 class Broken:
@@ -376,7 +402,7 @@ def test_a_look_that_fails_again_and_again_leads_to_rest_all_the_same(what: str)
     ending = broken_looks(what, rig).run()
     expected = ENOUGH if what == "torque_off" else "no such drive"
     assert (ending.state, ending.reason) == (RunState.OFF, expected) and not rig.bus.torque_on
-    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+    np.testing.assert_allclose(sent(rig.guard), rest_of(rig), atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", [Progress, RowObserver])
@@ -412,7 +438,7 @@ def test_a_tick_that_fails_twice_after_its_goal_was_written_brakes_on() -> None:
     rig.follower.step = fails  # type: ignore[method-assign]
     loop._motion.sent = torn  # type: ignore[assignment,method-assign]
     ending = loop.run()
-    assert broken and ending.state is RunState.OFF and not rig.gate.displacement.any() and not rig.bus.torque_on
+    assert broken and ending.state is RunState.OFF and not displacement(rig.guard).any() and not rig.bus.torque_on
 
 
 def test_a_run_begins_once() -> None:
@@ -437,7 +463,7 @@ def test_a_lost_terminal_does_not_hinder_the_stop(error: Exception, monkeypatch:
     monkeypatch.setattr(rig.guard.health.warnings, "take_news", lambda: ["it is warm"])
     ending = play(rig)
     assert calls > 40 and (ending.state, ending.reason) == (RunState.OFF, None)
-    assert not rig.gate.displacement.any() and not rig.bus.torque_on
+    assert not displacement(rig.guard).any() and not rig.bus.torque_on
 
 
 # To rest.
@@ -456,13 +482,15 @@ def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_
     rig.machine = replace(rig.machine, waits=waits)
     check, asked, began = rig.gate.check, 0, list[float]()
 
-    def walled(target: FloatArray | None) -> CheckedGoal | None:
+    def walled(
+        last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
+    ) -> CheckedGoal | None:
         nonlocal asked
         if rig.supervisor.state is not RunState.GO_TO_REST:
-            return check(target)
+            return check(last, target, standing=standing)
         began.append(rig.clock.now())
         asked += target is not None
-        return check(target) if asked <= 50 else None
+        return check(last, target, standing=standing) if asked <= 50 else None
 
     monkeypatch.setattr(rig.gate, "check", walled)
     stands_s = 60.0 if waits else STOOD_S
@@ -476,7 +504,7 @@ def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_
     lasted = rig.clock.now() - began[0]
     assert lasted == pytest.approx(LONGEST_TO_REST_S + stands_s, abs=5 * rig.dt)
     assert 50 + 0.5 * LONGEST_TO_REST_S / (RETRY_S + rig.dt) < asked, "it tries again and again"
-    assert ending.state is (RunState.OFF if waits else RunState.STANDING) and not rig.gate.displacement.any()
+    assert ending.state is (RunState.OFF if waits else RunState.STANDING) and not displacement(rig.guard).any()
     assert rig.bus.torque_on is not waits
     assert ending.reason is not None, "which is no success"
     shows(ending.reason)
@@ -507,9 +535,9 @@ def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
 
     def halt(dt: float) -> FloatArray | None:
         q = rig.follower.stance.q.copy()
-        q[rig.robot.servo_columns] = sent(rig.gate)
+        q[rig.robot.servo_columns] = sent(rig.guard)
         slower = 0.2 * rig.robot.joint_map.max_acceleration[0] * dt**2
-        halts.append(max(float(rig.gate.displacement[0]) - slower, 0.0))
+        halts.append(max(float(displacement(rig.guard)[0]) - slower, 0.0))
         q[rig.robot.servo_columns[0]] += halts[-1]
         return q
 
@@ -517,8 +545,8 @@ def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
     ending = play(rig)
     robot = ending.record.robot
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_ALERT and robot is not None
-    assert 2 <= len(halts) < 50 and not rig.gate.displacement.any() and not robot.gated.any()
-    assert ending.state is RunState.FAULT and np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2
+    assert 2 <= len(halts) < 50 and not displacement(rig.guard).any() and not robot.gated.any()
+    assert ending.state is RunState.FAULT and np.abs(sent(rig.guard) - rest_of(rig)).max() > 0.2
 
 
 def test_a_return_to_stance_that_fails_is_reported_and_the_robot_goes_to_rest() -> None:
@@ -531,7 +559,7 @@ def test_a_return_to_stance_that_fails_is_reported_and_the_robot_goes_to_rest() 
     ending = play(rig)
     shows(rig.notes, "no posture was found")
     assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
-    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+    np.testing.assert_allclose(sent(rig.guard), rest_of(rig), atol=1e-9)
 
 
 def test_a_failure_that_comes_back_while_the_robot_stops_does_not_keep_it_under_torque() -> None:
@@ -545,7 +573,7 @@ def test_a_failure_that_comes_back_while_the_robot_stops_does_not_keep_it_under_
     rig.follower.halt = broken  # type: ignore[method-assign]
     ending = play(rig)
     assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
-    np.testing.assert_allclose(sent(rig.gate), rest_of(rig), atol=1e-9)
+    np.testing.assert_allclose(sent(rig.guard), rest_of(rig), atol=1e-9)
 
 
 def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
@@ -581,8 +609,8 @@ def test_a_faulty_robot_does_not_go_to_rest(kind: FaultKind, first: int) -> None
     fault = MockFault(kind, first, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
     rig = Rig(still(), faults=(fault,), goes_to_rest=True)
     ending = play(rig)
-    assert np.abs(sent(rig.gate) - rest_of(rig)).max() > 0.2 and ending.state is RunState.FAULT
-    assert rig.guard.stop is not None and not rig.gate.displacement.any()
+    assert np.abs(sent(rig.guard) - rest_of(rig)).max() > 0.2 and ending.state is RunState.FAULT
+    assert rig.guard.stop is not None and not displacement(rig.guard).any()
     assert rig.guard.stop.cause in (StopCause.SERVO_ALERT, StopCause.SERVO_LOST)
     assert rig.machine.not_at_rest(ending.standing) == (), "it stays, and the reason says so"
 

@@ -12,9 +12,10 @@ import pytest
 
 from faulty_bus import FaultKind, MockFault
 from followers import DT, follower, op3
+from gates import DrivenGate, displacement
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import VirtualClock
-from hardware.errors import BusError, HardwareError, RetargetError
+from hardware.errors import BusError, RetargetError
 from hardware.guard import CheckedGoal
 from hardware.servo_health import ServoWarnings
 from live_rig import LiveRig
@@ -237,7 +238,7 @@ def test_a_tick_that_fails_after_its_goal_sends_no_second_one(monkeypatch: pytes
     rig.guard.write = written  # type: ignore[method-assign]
     monkeypatch.setattr(TickRecorder, "keep_costs", broken)
     assert play(rig).reason == "no terminal"
-    assert len(sent) == len(set(sent)) > 20 and not rig.gate.displacement.any() and not rig.bus.torque_on
+    assert len(sent) == len(set(sent)) > 20 and not displacement(rig.guard).any() and not rig.bus.torque_on
 
 
 @pytest.mark.parametrize(("error", "brakes"), [(BusError("the port is gone"), False), (ZeroDivisionError(), True)])
@@ -252,7 +253,7 @@ def test_only_a_lost_bus_keeps_a_robot_from_braking(error: Exception, brakes: bo
 
     rig.guard.read = failing  # type: ignore[method-assign]
     assert play(rig).state is (RunState.OFF if brakes else RunState.FAULT)
-    assert rig.gate.displacement.any() != brakes and not rig.bus.torque_on
+    assert displacement(rig.guard).any() != brakes and not rig.bus.torque_on
 
 
 @pytest.mark.parametrize("error", [BusError("no answer"), OSError("no such device")])
@@ -319,10 +320,10 @@ def test_a_robot_that_cannot_brake_loses_its_torque(monkeypatch: pytest.MonkeyPa
     rig = Rig(swing(0.3))
     failed, brakes = broken_stage(rig, monkeypatch), rig.gate.brake
 
-    def brake() -> CheckedGoal:
+    def brake(last: CheckedGoal) -> CheckedGoal:
         if failed:
             raise ArithmeticError("no way to brake")
-        return brakes()
+        return brakes(last)
 
     monkeypatch.setattr(rig.gate, "brake", brake)
     ending = play(rig)
@@ -331,57 +332,22 @@ def test_a_robot_that_cannot_brake_loses_its_torque(monkeypatch: pytest.MonkeyPa
     assert not rig.bus.torque_on and rig.clock.now() == failed[0]
 
 
-def test_a_goal_that_an_interrupt_kept_from_the_bus_is_sent_next(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(swing(0.3))
-    goals, kept, write = written(rig, monkeypatch), list[list[int]](), rig.guard.write
-
-    def interrupted(goal: CheckedGoal) -> None:
-        if len(goals) == MOVING and not kept:
-            kept.append(rig.robot.joint_map.to_ticks(goal.joints).tolist())
-            raise KeyboardInterrupt
-        write(goal)
-
-    monkeypatch.setattr(rig.guard, "write", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        play(rig)
-    assert goals[MOVING] == kept[0] != goals[MOVING - 1]
-    assert not rig.gate.displacement.any() and not rig.bus.torque_on
-
-
-def test_a_goal_that_the_servos_did_not_take_is_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(swing(0.3))
-    write, refused = rig.bus.write, list[list[int]]()
-
-    def refuse(wanted: ServoGoals) -> None:
-        if len(goals) == MOVING and not refused:
-            refused.append(wanted.ticks.tolist())
-            raise HardwareError("no servo takes this")
-        write(wanted)
-
-    monkeypatch.setattr(rig.bus, "write", refuse)
-    goals = written(rig, monkeypatch)
-    ending = play(rig)
-    assert ending.state is RunState.OFF and ending.reason == "no servo takes this"
-    assert goals[MOVING] == refused[0] != goals[MOVING - 1] and not rig.gate.displacement.any()
-
-
 class NotedClearance:
     """Notes what the check of collisions is given."""
 
     def __init__(self) -> None:
-        self.began, self.measured, self.goals = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        self.began, self.measured = list[FloatArray](), list[FloatArray]()
+        self.goals, self.standing = list[FloatArray](), list[FloatArray]()
 
-    def begin(self, standing: FloatArray, position: FloatArray) -> None:
+    def begin(self, position: FloatArray) -> None:
         self.began.append(position)
 
-    def measure(self, position: FloatArray) -> None:
-        assert len(self.measured) == len(self.goals), "once in a tick, before its goal"
+    def measure(self, position: FloatArray, sent: FloatArray) -> None:
         self.measured.append(position)
+        self.goals.append(sent)
 
-    def sent(self, position: FloatArray, standing: FloatArray) -> None:
-        self.goals.append(position)
-
-    def __call__(self, path: FloatArray, instead: FloatArray) -> bool:
+    def __call__(self, path: FloatArray, instead: FloatArray, standing: FloatArray) -> bool:
+        self.standing.append(standing)
         return True
 
 
@@ -392,7 +358,9 @@ def test_the_check_of_collisions_knows_the_servos_and_the_goals() -> None:
     assert robot is not None
     np.testing.assert_array_equal(noted.began, [robot.start])
     np.testing.assert_array_equal(noted.measured[:-1], robot.present)
-    np.testing.assert_array_equal(noted.goals, robot.q[:, rig.robot.servo_columns])
+    np.testing.assert_array_equal(noted.goals, [robot.start, *robot.q[:, rig.robot.servo_columns]])
+    moving = slice(MOVING, MOVING + 10)  # on its soles
+    np.testing.assert_array_equal(noted.standing[moving.start + 1 : moving.stop + 1], robot.q[moving])
 
 
 def test_a_stop_leads_to_rest() -> None:
@@ -420,7 +388,7 @@ def test_a_second_interrupt_switches_torque_off_at_once() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         play(rig, Asks(lambda: next(asked, None) is None and interrupt(), interrupt))
-    assert not rig.bus.torque_on and rig.gate.displacement.any()
+    assert not rig.bus.torque_on and displacement(rig.guard).any()
 
 
 def test_a_silent_bus_is_held_and_followed_again() -> None:
@@ -560,13 +528,13 @@ def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bo
     gate = make_gate(op3(), follower(priorities=name), load_priorities(name), checks=True, dt=DT)
     assert type(gate) is Gate and gate.clearance is not None
     present = standing()
-    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
-    gate.begin(present)
+    gate.clearance.begin(present)
+    driven = DrivenGate(gate, present, op3().posture(op3().profile.postures.stand))
     for _ in range(200):
-        goal = gate.check(present)
+        goal = driven.check(present)
         assert goal is not None and np.array_equal(goal.posture, present)
-    assert gate.goal is not None and np.any(gate.goal.joints != present) == compensates
-    assert gate.check(present + 1.0) is None
+    assert np.any(driven.goal.joints != present) == compensates
+    assert driven.check(present + 1.0) is None
 
 
 def test_compensated_goals_are_checked_for_collision() -> None:
@@ -575,16 +543,15 @@ def test_compensated_goals_are_checked_for_collision() -> None:
     assert gate.clearance is not None
     present, joints = standing(), op3().joint_map
     shoulder, elbow = joints.joints.index("l_sho_roll"), joints.joints.index("l_el")
-    gate.begin(present)
-    gate.clearance.begin(op3().posture(op3().profile.postures.stand), present)
+    driven = DrivenGate(gate, present, op3().posture(op3().profile.postures.stand))
+    gate.clearance.begin(present)
     passed = []
     for _ in range(400):
         target = present.copy()
         target[shoulder] = min(target[shoulder] + 0.002, joints.upper[shoulder])
         target[elbow] = max(target[elbow] - 0.003, joints.lower[elbow])
-        goal = gate.check(target)
-        passed.append(goal is not None)
-        present = (goal or gate.brake()).posture
+        passed.append(driven.check(target) is not None)
+        present = (driven.goal if passed[-1] else driven.brake()).posture
     assert passed[0] and not passed[-1]
 
 

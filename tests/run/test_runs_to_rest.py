@@ -88,9 +88,11 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
         returned.extend([] if q is None else [q[self._robot.servo_columns]])
         return q
 
-    def walled(self: Gate, target: FloatArray | None) -> CheckedGoal | None:
+    def walled(
+        self: Gate, last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
+    ) -> CheckedGoal | None:
         is_return = target is not None and bool(returned) and np.array_equal(target, returned[-1])
-        return None if is_return and len(returned) > passed else check(self, target)
+        return None if is_return and len(returned) > passed else check(self, last, target, standing=standing)
 
     monkeypatch.setattr(Follower, "return_to_stance", to_stance)
     monkeypatch.setattr(Gate, "check", walled)

@@ -205,7 +205,7 @@ def test_a_stop_that_is_asked_for_and_the_end_stop_the_robot(state: RunState, ov
 )
 def test_a_forced_stop_switches_torque_off_at_once(state: RunState) -> None:
     supervisor, rig = running(state=state)
-    assert step(supervisor, 1.0, Situation(), rig.guard, TORQUE_OFF) is RunState.FAULT
+    assert step(supervisor, 1.0, Situation(arrived=True, stands=True), rig.guard, TORQUE_OFF) is RunState.FAULT
     assert rig.guard.torque is Torque.OFF and not rig.bus.torque_on
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
 

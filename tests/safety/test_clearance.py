@@ -127,7 +127,7 @@ def joint(name: str) -> FloatArray:
 
 
 def is_clear(robot: GatedRobot, path: FloatArray) -> bool:
-    return robot.clearance(np.ascontiguousarray(path), path[:1].repeat(len(path), axis=0))
+    return robot.clearance(np.ascontiguousarray(path), path[:1].repeat(len(path), axis=0), robot.q)
 
 
 def obstacles(rng: np.random.Generator, count: int = 5) -> GatedRobot:
@@ -145,7 +145,7 @@ def push(robot: GatedRobot, rng: np.random.Generator, direction: FloatArray) -> 
     """A goal within every limit of the joints, as far in a direction (n,) of signs as they let it."""
     servos, gate = robot.robot.joint_map, robot.gate
     limits = servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration
-    lo, hi = Braking(*limits, dt=DT).bounds(sent(gate), gate.displacement)
+    lo, hi = Braking(*limits, dt=DT).bounds(sent(gate), gate.goal.displacement)
     whim = np.where(rng.random(lo.size) < 0.1, rng.uniform(lo, hi), np.where(direction > 0, hi, lo))
     return sent(gate) + np.where(direction == 0.0, np.clip(0.0, lo, hi), whim)
 
@@ -201,7 +201,7 @@ def test_a_goal_is_refused_in_the_last_tick_that_can_stop() -> None:
     else:
         pytest.fail("nothing was refused")
     assert reached < robot.kept().max() + 2.0 * BETWEEN
-    while robot.gate.displacement.any():
+    while robot.gate.goal.displacement.any():
         robot.ask(np.full(turn.size, np.nan))
     assert robot.kept().max() < robot.distances(robot.sent[None]).min() < 0.02
     assert robot.kept().max() >= 0.001, "a quarter of the margin of the ball"
@@ -293,7 +293,7 @@ def test_an_obstacle_is_where_it_will_be_then() -> None:
         assert is_clear(robot, path) != clear  # it stands until `begin`
         robot.obstacles.begin()
         robot.obstacles.tick(None, DT)
-        assert robot.clearance(path, path) if clear else not is_clear(robot, path)
+        assert robot.clearance(path, path, robot.q) if clear else not is_clear(robot, path)
 
 
 def test_what_servos_are_off_their_way_is_off_the_whole_way() -> None:
@@ -311,12 +311,11 @@ def test_what_servos_are_off_their_way_is_off_the_whole_way() -> None:
         )
     assert room > robot.kept().max() + BETWEEN
     for off, clear in ((0.0, True), (-0.06, True), (0.06, False)):
-        robot.clearance.measure(robot.sent + off * pitch)
+        robot.clearance.measure(robot.sent + off * pitch, robot.sent)
         assert is_clear(robot, path) == clear, off
     # The same offset is but a lag where the robot was sent there lately.
-    robot.clearance.sent(robot.sent + 0.06 * pitch, robot.q)
-    robot.clearance.sent(robot.sent, robot.q)
-    robot.clearance.measure(robot.sent + 0.06 * pitch)
+    robot.clearance.measure(robot.sent, robot.sent + 0.06 * pitch)
+    robot.clearance.measure(robot.sent + 0.06 * pitch, robot.sent)
     assert robot.clearance._following.unexplained(robot.sent + 0.06 * pitch).tolist() == [0.0] * 20
 
 

@@ -88,12 +88,15 @@ def test_the_guard_leads_it_from_arming_to_release() -> None:
     rig, joints = PhysicsRig(), op3().joint_map
     guard = Guard(bus=rig.bus, joint_map=joints, limits=op3().profile.guard_limits())
     present, gate = guard.present(), Gate(joints, dt=DT)
-    guard.arm(gate.begin(present))
+    goal = gate.begin(present)
+    guard.arm(goal)
     arms = np.arange(len(joints)) < 6
     for _ in range(150):
         rig.clock.advance(DT)
         guard.check(guard.read(), rig.clock.now(), rig.clock.idle())
-        guard.write(gate.check(present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms) or gate.brake())
+        target = present + 0.05 * np.sin(2.0 * rig.clock.now()) * arms
+        goal = gate.check(goal, target) or gate.brake(goal)
+        guard.write(goal)
     assert guard.stop is None and rig.bus.witness.fall is None
     guard.release()
     assert not rig.bus.witness.simulation.motors.driven.any()

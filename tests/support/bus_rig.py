@@ -199,7 +199,8 @@ class GuardedBus:
                 begun = self._clock.now()
                 self.guard.check(self.guard.read(), begun, 0.0)
                 if self.guard.torque is Torque.ON:
-                    self.guard.write(self._gate.brake())
+                    assert self.guard.goal is not None
+                    self.guard.write(self._gate.brake(self.guard.goal))
                 self._clock.sleep_until(begun + CYCLE)
 
 

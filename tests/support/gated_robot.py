@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from followers import DT, op3
-from gates import admit
+from gates import DrivenGate, admit
 from observed import scene_of as scene_of
 from observed import sphere as sphere
 from retarget import _solver
@@ -30,10 +30,10 @@ class GatedRobot:
         self.obstacles = SceneObstacles(state)
         compiled = self.observers.for_solver(self.robot.body, self.obstacles.shapes)
         self.clearance = PathClearance(self.robot, compiled, self.obstacles, dt=DT)
-        self.gate = Gate(self.robot.joint_map, dt=DT, clearance=self.clearance if watched else None)
         self.q = plant(self.robot, self.robot.profile.postures.stand).q
-        self.gate.begin(self.sent)
-        self.clearance.begin(self.q, self.sent)
+        gate = Gate(self.robot.joint_map, dt=DT, clearance=self.clearance if watched else None)
+        self.gate = DrivenGate(gate, self.sent, self.q)
+        self.clearance.begin(self.sent)
 
     @property
     def sent(self) -> FloatArray:
@@ -42,9 +42,7 @@ class GatedRobot:
     def ask(self, goal: FloatArray) -> bool:
         """One tick. Returns whether the goal is what was sent."""
         sent = admit(self.gate, goal)
-        q = self.standing(sent[None])[0]
-        self.q = q
-        self.clearance.sent(sent, q)
+        self.q = self.gate.standing = self.standing(sent[None])[0]
         return bool(np.array_equal(sent, goal))
 
     def way_through(self, goal: FloatArray) -> FloatArray:

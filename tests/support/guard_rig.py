@@ -61,7 +61,7 @@ class Rig:
                 self.clock.advance(DT)
                 self.read()
             if self.guard.torque is Torque.ON:
-                self.guard.write(self.gate.brake() if self.guard.stop else (next_goal or self.faster)())
+                self.guard.write(self.brake() if self.guard.stop else (next_goal or self.faster)())
 
     def read(self) -> None:
         """Read the servos and check them, at the beginning of a tick."""
@@ -73,15 +73,20 @@ class Rig:
 
     def stand(self) -> CheckedGoal:
         """The goal of a robot that stands where it was sent."""
-        assert self.gate.goal is not None
-        return self.gate.check(self.gate.goal.posture) or self.gate.brake()
+        assert self.guard.goal is not None
+        return self.gate.check(self.guard.goal, self.guard.goal.posture) or self.brake()
+
+    def brake(self) -> CheckedGoal:
+        """The next goal of a robot that brakes."""
+        assert self.guard.goal is not None
+        return self.gate.brake(self.guard.goal)
 
     def faster(self) -> CheckedGoal:
         """The next goal of the first joint, a little faster than the last."""
-        speed = np.minimum(np.abs(self.gate.displacement / DT) + MAP.max_acceleration * DT, 2.0)
-        assert self.gate.goal is not None
-        goal = self.gate.check(self.gate.goal.joints + speed * DT * [-1, 0, 0, 0])
-        return goal or self.gate.brake()
+        last = self.guard.goal
+        assert last is not None
+        speed = np.minimum(np.abs(last.displacement / DT) + MAP.max_acceleration * DT, 2.0)
+        return self.gate.check(last, last.joints + speed * DT * [-1, 0, 0, 0]) or self.brake()
 
     def check_goals(self) -> None:
         """Assert that what was written keeps speed and acceleration, but for the rounding to ticks."""
