@@ -4,6 +4,7 @@ import errno
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import shows
+from operators import Asks
 from retarget.cli.controls import (
     GRIPS,
     SPACE,
@@ -24,17 +26,19 @@ from retarget.cli.controls import (
     StopFile,
 )
 from retarget.cli.exit import StopRequest
-from retarget.cli.operator import LONGEST_S, TOO_SOON, Announcer, RunOperator
+from retarget.cli.operator import LONGEST_S, REMINDER_S, TOO_SOON, Announcer, RunOperator
 from retarget.cli.stop import connect_to
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.run.loop import Operator
 from retarget.run.prepare import Prepared
 from retarget.run.record import Phase
+from retarget.run.rest_trajectory import EndPlan
 from retarget.run.run_result import RunResult
-from retarget.run.supervisor import AT_RISK, LONGEST_HOLD_S, OperatorInput
+from retarget.run.supervisor import AT_RISK, LONGEST_HOLD_S, End, OperatorInput
 from retarget.run.tick import Machine
 from retarget.types import FloatArray, RunState
+from rig import Rig, play
 from sim.faults.sender import FakeSender
 
 DT = 0.008
@@ -266,6 +270,27 @@ def test_why_the_robot_stops_is_reported_while_it_does() -> None:
     rig, _, _ = played(each=each)
     (line,) = [text for text in rig.said if "stopping" in text]
     shows(line)
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_how_torque_goes_off_is_said_again_while_a_robot_stands_and_a_lost_terminal_keeps_no_press(gone: bool) -> None:
+    rig, said = Rig(np.zeros((10, 20)), goes_to_rest=True), list[str]()
+    rig.machine = replace(rig.machine, waits=True, end_plan=EndPlan(End.STANDING, why="for this test"))
+
+    def notify(text: str) -> None:
+        said.append(text)
+        if gone:
+            raise BrokenPipeError
+
+    def held() -> bool:
+        supervisor = rig.supervisor
+        return supervisor.state is RunState.STANDING and rig.clock.now() - supervisor.since >= 2.1 * REMINDER_S
+
+    announcer = Announcer(rig.machine, StopRequest(), notify=notify)
+    ending = play(rig, Asks(torque_off=held), announcer)
+    assert ending.state is RunState.OFF and not rig.bus.torque_on
+    assert len(said) == (1 if gone else 3)
+    shows(said[-1])
 
 
 def test_a_stop_is_requested_before_anything_is_reported() -> None:
