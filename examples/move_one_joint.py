@@ -15,8 +15,7 @@ DT, SECONDS, TURN = 0.008, 2.0, 0.5
 def main() -> None:
     """Turn the head by TURN rad within SECONDS, and print how far off the servo is in the end."""
     robot, clock = load_robot("op3"), VirtualClock()
-    joints = robot.joint_map
-    gate = Gate(joints, dt=DT)
+    joints, gate = robot.joint_map, Gate(robot.joint_map, dt=DT)
     bus = emulated_bus(robot, clock, start=posture_ticks(robot), notify=print)
     guard = Guard(bus=bus, joint_map=joints, limits=robot.profile.guard_limits())
     head, ticks = joints.joints.index("head_pan"), round(SECONDS / DT)

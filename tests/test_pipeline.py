@@ -546,7 +546,7 @@ def test_what_cannot_be_started_is_refused() -> None:
         pipeline.start(replace(stands, position=wide))
     sides = [stands.names.index(name) for name in ("head", "r_wrist", "l_wrist", "l_ankle", "r_ankle")]
     assert stands.names == FIVE
-    with refuses(InputError, found="of the wrists are exchanged"):
+    with refuses(InputError, found="are exchanged, as seen from the wrists"):
         pipeline.start(replace(stands, position=stands.position[sides]))
     for wrong in (np.full(20, np.nan), [0.0, 0.0], "stand"):
         with refuses(UsageError, "Pipeline.start, present"):
