@@ -52,8 +52,8 @@ class Controller(ABC):
 class Commanded:
     """The posture to which the robot was commanded last, without the deflection of its servos.
 
-    goal: the one that was sent last. target: the one that led to this posture; it stays the same object while the robot
-    stands, so a controller that asked for it knows that nothing else has moved the robot since. q (nq,): the posture.
+    goal: the one that was sent last. target: the one that led to this posture; a robot that stands is held by the same
+    object, so a controller that asked for it knows that nothing else has moved the robot since. q (nq,): the posture.
     standing (nq,): as the robot stands; before it stands on its soles, as it will. velocity (nv,): at which it got
     there, per s. stood_s: s since the last goal for another posture; waited_s: s since then, and since the last target
     that was refused.

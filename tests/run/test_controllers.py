@@ -148,6 +148,21 @@ def test_a_refused_move_stands_for_a_moment_and_tries_again_from_there() -> None
     driven.assert_within_limits()
 
 
+def test_a_move_goes_on_after_a_hold_of_a_robot_that_stands_and_not_after_another_goal() -> None:
+    driven, goal = Driven(), there()
+    move = slow_move(driven)
+    for _ in range(20):
+        driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
+    while not driven.commanded.stands:
+        driven.take(move.brake(driven.commanded))
+    for held in (driven.commanded.target, None):
+        driven.take(held)
+        assert not move.is_refused(driven.commanded)
+    assert driven.take(move.towards(goal, driven.commanded, speed_override=1.0))
+    driven.take(Target(driven.commanded.joints + 1e-4))
+    assert move.is_refused(driven.commanded) and move.brake(driven.commanded) is None
+
+
 # The approach.
 
 
