@@ -1,20 +1,12 @@
-"""The cycles of a recording: arrays with a row per cycle, where a cycle ends, and which one a replayed cycle matches.
-
-The arrays are made before the first cycle and written in place.
-"""
+"""The cycles of a recording: where a cycle ends, and which one a replayed cycle matches. A cycle is a row, from the end
+of one tick to the end of the next."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
 
 import numpy as np
-from numpy.typing import NDArray
 
-from retarget.run.record import room
-from retarget.types import BoolArray, FloatArray
-
-READINGS = 8
-"""Readings of the clock that are kept of a cycle: it takes five at most."""
+from retarget.run.table import RunTable
 
 
 class Asked(IntFlag):
@@ -41,100 +33,6 @@ class Done(IntEnum):
     WELL = 1
     FAILED = 2
     """The bus failed. Of a sample: no valid one was there."""
-
-
-@dataclass(frozen=True)
-class Shape:
-    """Numbers of sensors, servos, columns of q that no servo moves, columns of the human's q, its joints, landmarks,
-    observers of the robot and of the human, and of values that describe where a simulated body really is."""
-
-    sensors: int
-    servos: int
-    rest: int
-    human: int
-    joints: int
-    landmarks: int
-    observers: int
-    human_observers: int
-    truth: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Cycles:
-    """Cycles, a row each: from the end of one tick to the end of the next. Units as in `Record` and `ServoStates`.
-
-    index (T,): number of the cycle, 0 is that of arming. time (T,) s: when its tick began, on the run's clock. clock
-    (T, READINGS) s: what the clock said, `readings` (T,) times. asked (T,): `Asked`. tick (T,): of the performance.
-    sampled, read, written (T,): `Done`. goal (T, n) ticks. kept (T,): the pipeline has a row of it; then phase (T,),
-    gated, no_command, q (T, n) rad as sent, before rounding, rest (T, r): the other columns of q, and so on. cost (T,
-    3) s of thread CPU of both stages and of wall time of the tick. truth (T, t): numbers of `run_result.truth_names`.
-    """
-
-    index: NDArray[np.int64]
-    time: FloatArray
-    clock: FloatArray
-    readings: NDArray[np.uint8]
-    asked: NDArray[np.uint32]
-    tick: NDArray[np.int64]
-    sampled: NDArray[np.uint8]
-    settled: FloatArray
-    sensor_position: FloatArray
-    sensor_orientation: FloatArray
-    sensor_valid: BoolArray
-    sensor_weight: FloatArray
-    weighted: BoolArray
-    read: NDArray[np.uint8]
-    bus_time: FloatArray
-    position: NDArray[np.int64]
-    velocity: FloatArray
-    current: FloatArray
-    voltage: FloatArray
-    temperature: FloatArray
-    error: NDArray[np.uint8]
-    alert: NDArray[np.uint8]
-    age: FloatArray
-    valid: BoolArray
-    driven: BoolArray
-    retries: NDArray[np.int64]
-    error_rate: FloatArray
-    written: NDArray[np.uint8]
-    goal: NDArray[np.int64]
-    state: NDArray[np.uint8]
-    kept: BoolArray
-    phase: NDArray[np.int8]
-    gated: BoolArray
-    no_command: BoolArray
-    q: FloatArray
-    rest: FloatArray
-    landmarks: FloatArray
-    observer_modes: NDArray[np.uint8]
-    human_q: FloatArray
-    human_joints: FloatArray
-    human_observer_modes: NDArray[np.uint8]
-    cost: FloatArray
-    truth: FloatArray
-
-    @classmethod
-    def empty(cls, rows: int, shape: Shape) -> "Cycles":
-        """Room for so many cycles."""
-        k, n = shape.sensors, shape.servos
-        wide: dict[str, tuple[int, ...]] = dict.fromkeys(
-            ("position", "velocity", "current", "voltage", "temperature", "error", "alert", "age", "valid", "driven"),
-            (n,),
-        )
-        wide |= {"clock": (READINGS,), "goal": (n,), "q": (n,), "rest": (shape.rest,), "cost": (3,)}
-        wide |= {"sensor_position": (k, 3), "sensor_orientation": (k, 4), "sensor_valid": (k,), "sensor_weight": (k,)}
-        wide |= {"landmarks": (shape.landmarks, 3), "observer_modes": (shape.observers,)}
-        wide |= {"human_q": (shape.human,), "human_joints": (shape.joints, 3)}
-        wide |= {"human_observer_modes": (shape.human_observers,), "truth": (shape.truth,)}
-        return room(cls, rows, wide)
-
-    def __len__(self) -> int:
-        return len(self.index)
-
-    def taken(self, rows: NDArray[np.intp]) -> "Cycles":
-        """Copy the rows of these numbers."""
-        return Cycles(**{one.name: getattr(self, one.name)[rows] for one in fields(self)})
 
 
 # Where one cycle ends and the next begins: one rule for recording and for replay.
@@ -170,7 +68,7 @@ class Cursor:
     which the recorded clock is then ahead of the replayed one, whose ticks are `dt` s apart; else 0.
     """
 
-    def __init__(self, cycles: Cycles, *, has_robot: bool, dt: float) -> None:
+    def __init__(self, cycles: RunTable, *, has_robot: bool, dt: float) -> None:
         self.cycles = cycles
         self.clock_lead = 0.0
         self._dt = dt

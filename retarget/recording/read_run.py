@@ -17,7 +17,7 @@ from retarget.model.body_file import compile_body, compile_body_text
 from retarget.model.human import build_human
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
-from retarget.recording.cycles import Cycles, Done
+from retarget.recording.cycles import Done
 from retarget.recording.motion import (
     PHASE_NAMES,
     Motion,
@@ -42,6 +42,7 @@ from retarget.recording.topics import LANDMARKS
 from retarget.rotations import normalise
 from retarget.run.record import Phase
 from retarget.run.run_result import truth_names
+from retarget.run.table import RunTable
 from retarget.types import FloatArray, IntArray
 
 
@@ -251,7 +252,7 @@ def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> RecordedRun:
     kept = np.flatnonzero(whole.cycles.kept & (bool(session.joints) | postures))
     if not kept.size:
         raise InputError("a run without ticks", where=str(recording.path))
-    cycles, rows = whole.cycles.taken(kept), np.flatnonzero(postures[kept])
+    cycles, rows = whole.cycles[kept], np.flatnonzero(postures[kept])
     tracks: dict[str, NDArray[Any]] = {"state": cycles.state, "no_command": cycles.no_command}
     notes = [f"{recording.damage}; what is whole of it is used"] if recording.damage else []
     notes += [f"{whole.missing} ticks were never written"] if whole.missing else []
@@ -271,7 +272,7 @@ def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> RecordedRun:
     return replace(run, reasons=_reasons(recording, cycles), notes=tuple(notes))
 
 
-def _with_human(run: RecordedRun, whole: Played, cycles: Cycles, rows: NDArray[np.intp]) -> RecordedRun:
+def _with_human(run: RecordedRun, whole: Played, cycles: RunTable, rows: NDArray[np.intp]) -> RecordedRun:
     """The run with its human, which was kept in some rows of the cycles (T,)."""
     recording, session = whole.recording, whole.recording.session
     source, q, index = str(recording.path), cycles.human_q[rows], cycles.index[rows]
@@ -299,7 +300,7 @@ def _with_human(run: RecordedRun, whole: Played, cycles: Cycles, rows: NDArray[n
 
 def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: RobotBody) -> RecordedRun:
     """The run with what was sent to its robot in the cycles `kept` (T,), on a tree with a free root."""
-    recording, cycles, servos = whole.recording, whole.cycles.taken(kept), robot.joint_map
+    recording, cycles, servos = whole.recording, whole.cycles[kept], robot.joint_map
     compiled = compile_body(robot.profile.body_path, root="free")
     model = body_from_file(compiled)
     q = postures_sent(whole, robot, kept)
@@ -315,7 +316,7 @@ def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: 
         _time(whole, cycles.index),
         _names_of(cycles.phase),
         posture(model, names, joints, root),
-        goal_ticks=servos.spread(names, cycles.goal),
+        goal_ticks=servos.spread(names, cycles.goal_ticks),
         compiled=compiled,
     )
     if recording.session.bus != "none":
@@ -368,7 +369,7 @@ def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -
     return Tracks(tuple(tracks), np.stack(list(tracks.values()), axis=1)) if tracks else None
 
 
-def _reasons(recording: Recording, cycles: Cycles) -> tuple[str, ...]:
+def _reasons(recording: Recording, cycles: RunTable) -> tuple[str, ...]:
     """The last failure or stop until each of the cycles, or ""."""
     said = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _is_reason(who, text))
     last = np.searchsorted([cycle for cycle, _ in said], cycles.index, side="right")
@@ -380,7 +381,7 @@ def _is_reason(who: str, text: str) -> bool:
     return who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)
 
 
-def _valid_sensors(cycles: Cycles) -> FloatArray:
+def _valid_sensors(cycles: RunTable) -> FloatArray:
     """Sensors (T, s, 3) m at every cycle, as they were sampled last, or first; NaN: not valid."""
     sampled = cycles.sampled != Done.NOT
     position = np.where((cycles.sampled == Done.WELL)[:, None, None], cycles.sensor_position, np.nan)

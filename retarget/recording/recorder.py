@@ -9,7 +9,7 @@ from pathlib import Path
 from hardware.clock import Clock, MonotonicClock, VirtualClock, wall_to_monotonic
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human_dimensions import POINTS
-from retarget.recording.cycles import Asked, Shape
+from retarget.recording.cycles import Asked
 from retarget.recording.mcap_writer import OPTION, RecordingFile, Ring, WritingThread, check_target
 from retarget.recording.session import config_files, session_of
 from retarget.recording.taps import Note, TappedBus, TappedClock, TappedSamples
@@ -18,6 +18,7 @@ from retarget.run.loop import ObserverCallback, Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared
 from retarget.run.run_result import truth_names
+from retarget.run.table import Widths
 from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray, Notify
 
@@ -164,7 +165,7 @@ class Recorder:
             self._notify(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._warned}")
 
 
-def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]:
+def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Widths, list[Topic]]:
     """How wide a cycle is, and the topics."""
     robot = None if prepared.machine is None else prepared.machine.robot
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
@@ -172,16 +173,16 @@ def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]
     observers = 0 if prepared.observers is None else len(prepared.observers.names)
     sensors = tuple(prepared.performer.sensors)
     truth = truth_names(robot.body) if robot is not None and simulated else ()
-    shape = Shape(
-        sensors=len(sensors),
-        servos=0 if robot is None else len(robot.joint_map),
-        rest=0 if robot is None else robot.body.nq - len(robot.joint_map),
-        human=prepared.human.body.nq,
-        joints=len(POINTS),
-        landmarks=len(landmarks),
-        observers=0 if robot is None else observers,
-        human_observers=0 if own is None else len(own.names),
-        truth=len(truth),
-    )
+    shape = {
+        "sensors": len(sensors),
+        "servos": 0 if robot is None else len(robot.joint_map),
+        "rest": 0 if robot is None else robot.body.nq - len(robot.joint_map),
+        "human": prepared.human.body.nq,
+        "joints": len(POINTS),
+        "landmarks": len(landmarks),
+        "observers": 0 if robot is None else observers,
+        "human_observers": 0 if own is None else len(own.names),
+        "truth": len(truth),
+    }
     names = {"sensors": sensors, "human_joints": POINTS, "landmarks": landmarks, "truth": truth}
     return shape, topics(shape, dt=prepared.samples.dt, robot=robot, **names)

@@ -80,7 +80,7 @@ class ReplayedBus:
             raise BusError(self._text("bus read", row))
         before, position = int(self._before[row]), cycles.position[row].copy()
         if self.sent and before >= 0:
-            position += self.sent[-1][1] - cycles.goal[before]
+            position += self.sent[-1][1] - cycles.goal_ticks[before]
         said = {name: getattr(cycles, name)[row].copy() for name in SERVO_FIELDS}
         return ServoStates(
             **said | {"position": position},
@@ -242,7 +242,7 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
     """Compare goals, in ticks. Goals after the end of a recording that breaks off are no difference."""
     cycles = played.cycles
     wrote = np.flatnonzero(cycles.written != Done.NOT)
-    now = np.full((len(cycles), cycles.goal.shape[1]), np.iinfo(np.int64).min)
+    now = np.full((len(cycles), cycles.goal_ticks.shape[1]), np.iinfo(np.int64).min)
     extra = 0
     for row, goal in bus.sent:
         if row < 0 or cycles.written[row] == Done.NOT or now[row, 0] != np.iinfo(np.int64).min:
@@ -251,11 +251,13 @@ def goal_difference(played: Played, bus: ReplayedBus, robot: RobotBody) -> Diffe
             now[row] = goal
     sent = wrote[now[wrote, 0] != np.iinfo(np.int64).min]
     servos = robot.joint_map
-    off = np.abs(np.rad2deg(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal[sent])), dtype=np.float64)
+    off = np.abs(
+        np.rad2deg(servos.to_radians(now[sent]) - servos.to_radians(cycles.goal_ticks[sent])), dtype=np.float64
+    )
     return replace(
         _located(off, cycles.index[sent], servos.joints, cycles.clock[sent, 0] - cycles.clock[0, 0]),
         compared=len(wrote),
-        ticks=int(np.abs(now[sent] - cycles.goal[sent]).max(initial=0)),
+        ticks=int(np.abs(now[sent] - cycles.goal_ticks[sent]).max(initial=0)),
         unit="degrees",
         absent=len(wrote) - len(sent),
         extra=extra if played.whole else 0,
@@ -334,7 +336,7 @@ def replay(
         result = prepared.run(_watch(played, cursor, prepared, watch or Watch()))
     result = replace(result, notes=tuple(dict.fromkeys(result.notes)))  # those of then are mostly made again
     if robot is None:
-        difference = posture_difference(played, result.record.human.q)
+        difference = posture_difference(played, result.record.human_q)
     else:
         difference = goal_difference(played, bus, robot)
     return Replayed(result, difference, (*what_computes(session), *configs.notes))

@@ -11,11 +11,12 @@ from hardware.clock import Clock
 from hardware.guard_state import Stop
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
-from retarget.recording.cycles import READINGS, Asked, Boundary, Done
+from retarget.recording.cycles import Asked, Boundary, Done
 from retarget.recording.mcap_writer import MOST_EVENTS, Event, Level, Ring
 from retarget.recording.topics import SERVO_FIELDS
 from retarget.run.loop import Machine
 from retarget.run.record import Record
+from retarget.run.table import READINGS, STAGES
 from retarget.types import FloatArray, RunState
 
 # What the taps write into: the cycle that runs, its events, and the state of the run.
@@ -106,23 +107,24 @@ class Note:
         if ring is None:
             return
         self.rows += 1
-        rows, at, human, robot = ring.rows, ring.at, record.human, record.robot
+        rows, at, robot = ring.rows, ring.at, record.robot
         rows.kept[at], rows.phase[at] = True, record.phase[row]
-        rows.human_q[at], rows.human_joints[at] = human.q[row], human.joints[row]
-        own, modes = rows.human_observer_modes[at], human.observer_modes[row]
+        rows.human_q[at], rows.human_joints[at] = record.human_q[row], record.human_joints[row]
+        own, modes = rows.human_observer_modes[at], record.human_observer_modes[row]
         own[: modes.size] = modes[: own.size]
-        timing, cost = record.timing, rows.cost[at]
-        cost[0], cost[1], cost[2] = timing.reconstruct[row], timing.retarget[row], timing.cycle[row]
+        rows.cost[at] = record.cost[row]
+        for name in STAGES:
+            getattr(rows, name)[at] = getattr(record, name)[row]
         if robot is None:
             rows.time[at] = self.now = self.now + self._dt
             self._boundary.look()
             return
         q = robot.q[row]
-        rows.q[at], rows.rest[at] = q[self._servos], q[self._rest]
+        rows.q_servos[at], rows.q_rest[at] = q[self._servos], q[self._rest]
         if not self._landmarks:
-            rows.landmarks[:] = np.nan
+            rows.landmarks_asked[:] = np.nan
             self._landmarks = [self._names.index(name) for name in robot.landmark_names]
-        rows.landmarks[at, self._landmarks] = robot.landmarks_asked[row]
+        rows.landmarks_asked[at, self._landmarks] = robot.landmarks_asked[row]
         own, modes = rows.observer_modes[at], robot.observer_modes[row]
         own[: modes.size] = modes[: own.size]
         rows.gated[at], rows.no_command[at] = robot.gated[row], robot.no_command[row]
@@ -207,7 +209,7 @@ class TappedBus:
         """Send goal positions."""
         ring = self._note.ring
         if ring is not None:
-            ring.rows.goal[ring.at] = goals.ticks
+            ring.rows.goal_ticks[ring.at] = goals.ticks
             ring.rows.written[ring.at] = Done.WELL
         try:
             self._inner.write(goals)

@@ -195,7 +195,7 @@ def animation_of(run: RunResult) -> Animation | None:
 def _performer(run: RunResult, rows: IntArray) -> Figure:
     """The reconstructed human and the sensors, turned so that it faces x where following begins."""
     facing = performer_facing(run)[:1]
-    poses = run.human.solid.poses(run.record.human.q[rows])
+    poses = run.human.solid.poses(run.record.human_q[rows])
     poses[..., :3] = turned(poses[..., :3], facing)
     half = -0.5 * float(np.arctan2(facing[0, 1], facing[0, 0]))
     poses[..., 3:] = rotations.multiply(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]), poses[..., 3:])
@@ -269,7 +269,7 @@ def _recorded(run: RunResult, rows: IntArray) -> Lines | None:
     """The recorded body, turned as the performer's figure is."""
     if run.human_truth is None or run.robot is not None:
         return None
-    names = run.record.human.joint_names
+    names = run.record.human_joint_names
     edges = tuple((names.index(a), names.index(b)) for a, b in HUMAN_BONES)
     return Lines(packed(turned(run.human_truth[rows], performer_facing(run)[:1])), len(rows), edges)
 

@@ -176,9 +176,9 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where the page does not take it at once."""
-        extras, human, robot = self.extras, record.human, record.robot
+        extras, robot = self.extras, record.robot
         (state, why), time = extras.words(), (self._ticks - 1) * self._dt
-        known: dict[str, Any] = {"human": human.q[row], "sensors": human.sensors[row]}
+        known: dict[str, Any] = {"human": record.human_q[row], "sensors": record.sensors[row]}
         if robot is not None:
             asked = np.full((len(self._landmarks), 3), np.nan)
             asked[[self._landmarks.index(name) for name in robot.landmark_names]] = robot.landmarks_asked[row]

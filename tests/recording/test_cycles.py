@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from retarget.recording.cycles import Asked, Boundary, Cursor, Cycles, Done, Shape
+from retarget.recording.cycles import Asked, Boundary, Cursor, Done
+from retarget.recording.topics import RECORDED
+from retarget.run.table import RunTable
 
 
 @given(st.lists(st.booleans(), max_size=40))
@@ -19,12 +21,12 @@ def test_there_are_as_many_cycles_as_looks(looks: list[bool]) -> None:
 
 
 DT = 0.008
-SHAPE = Shape(sensors=2, servos=3, rest=7, human=5, joints=4, landmarks=2, observers=1, human_observers=0)
+WIDTHS = {"sensors": 2, "servos": 3, "rest": 7, "human": 5, "joints": 4, "landmarks": 2, "observers": 1}
 
 
-def recorded(index: list[int], follow: int) -> Cycles:
+def recorded(index: list[int], follow: int) -> RunTable:
     """Cycles, of which those from `follow` on follow."""
-    cycles = Cycles.empty(len(index), SHAPE)
+    cycles = RunTable.empty(len(index), WIDTHS, RECORDED)
     cycles.index[:] = index
     cycles.clock[:] = DT * np.array(index)[:, None]
     cycles.sampled[0] = Done.WELL

@@ -167,12 +167,12 @@ def test_every_format_takes_it(form: str, mcap_reader_motion: Motion, tmp_path: 
 
 
 def test_the_human_is_as_often_as_it_was_kept(run: Recorded) -> None:
-    human, then = read_run(run.path, of_human=True), run.result.record.human
+    human, then = read_run(run.path, of_human=True), run.result.record
     assert human.robot == "human" and human.row == "posture that was kept" and human.rate_hz == 12.5
     shows(human.notes[0], "12.5")
     rows = np.searchsorted(run.result.record.time, human.time - 1e-9)
     np.testing.assert_allclose(run.result.record.time[rows], human.time, atol=1e-9)
-    np.testing.assert_allclose(human.q, then.q[rows], atol=3e-6)
+    np.testing.assert_allclose(human.q, then.human_q[rows], atol=3e-6)
 
 
 def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from retarget.human.samples import Clip, Samples
 from retarget.live.begin import LiveOptions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.configs import as_recorded
-from retarget.recording.cycles import READINGS, Asked, Cycles, Done, Shape
+from retarget.recording.cycles import Asked, Done
 from retarget.recording.mcap_writer import Level, Ring
 from retarget.recording.reading import Played, played, read_recording
 from retarget.recording.recorder import Recorder
@@ -41,6 +41,7 @@ from retarget.run.loop import Watch
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import RunResult
+from retarget.run.table import READINGS, RunTable
 from retarget.types import RunState
 from rig import Rig
 from sim.faults.sender import FakeSender, silent
@@ -53,7 +54,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 def sent(found: Played) -> list[tuple[int, TickArray]]:
     cycles = found.cycles
-    return [(int(row), cycles.goal[row].copy()) for row in np.flatnonzero(cycles.written != Done.NOT)]
+    return [(int(row), cycles.goal_ticks[row].copy()) for row in np.flatnonzero(cycles.written != Done.NOT)]
 
 
 def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Played | None = None) -> Difference:
@@ -94,7 +95,7 @@ def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded
 
 def test_postures_of_a_human(tmp_path: Path) -> None:
     alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
-    found, q = alone.played(), alone.result.record.human.q.copy()
+    found, q = alone.played(), alone.result.record.human_q.copy()
     assert posture_difference(found, q).none
     q[5, 9] += 0.01
     off = posture_difference(found, q[:-2])
@@ -114,7 +115,7 @@ def same(again: Replayed, result: RunResult) -> None:
     assert len(now) == len(then) and now.robot is not None and then.robot is not None
     np.testing.assert_array_equal(now.robot.goal_ticks, then.robot.goal_ticks)
     np.testing.assert_array_equal(now.robot.q, then.robot.q)
-    np.testing.assert_array_equal(now.human.q, then.human.q)
+    np.testing.assert_array_equal(now.human_q, then.human_q)
     np.testing.assert_array_equal(now.phase, then.phase)
     assert again.result.state == result.state
 
@@ -241,14 +242,14 @@ def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
     again = replay(run.played())
     assert again.difference.none and again.difference.compared == len(run.result.record)
     assert again.difference.lines() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
-    np.testing.assert_array_equal(again.result.record.human.q, run.result.record.human.q)
+    np.testing.assert_array_equal(again.result.record.human_q, run.result.record.human_q)
 
 
 @pytest.mark.long
 def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
     found = plain.played()
     where = int(np.flatnonzero(found.cycles.phase == 1)[10])
-    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    cycles = found.cycles[np.arange(len(found.cycles))]
     cycles.sensor_position[where:, 1] += [0.0, 0.0, 0.3]
     again = replay(replace(found, cycles=cycles))
     difference = again.difference
@@ -268,7 +269,7 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
         rows = np.delete(np.arange(len(cycles)), np.arange(follow - 20, follow))
     else:
         rows = np.insert(np.arange(len(cycles)), follow, [follow - 1] * 20)
-    cycles = cycles.taken(rows)
+    cycles = cycles[rows]
     cycles.index[:] = np.arange(len(cycles))
     cycles.clock[:] = np.maximum(np.arange(len(cycles)) * 0.008, 0.0)[:, None]
     again = replay(replace(found, cycles=cycles))
@@ -278,7 +279,7 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     assert (again.difference.extra, again.difference.absent) == ((20, 0) if then == "sooner" else (0, 20))
     last = again.result.record.robot
     assert last is not None
-    np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
+    np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal_ticks[following[-1]])
 
 
 def test_another_version_is_named(plain: Recorded) -> None:
@@ -320,7 +321,7 @@ def found(stand_ins_run: Recorded) -> Played:
 
 # The taps of a recorder: all values pass through unchanged, and are noted.
 
-SHAPE = Shape(sensors=1, servos=2, rest=0, human=1, joints=1, landmarks=0, observers=0, human_observers=0)
+WIDTHS = {"sensors": 1, "servos": 2, "human": 1, "joints": 1}
 
 
 @pytest.fixture
@@ -331,11 +332,11 @@ def rig() -> Rig:
 @pytest.fixture
 def note(rig: Rig) -> Note:
     note = Note()
-    note.begin(Ring(SHAPE), now=2.0, dt=0.008, machine=rig.machine)
+    note.begin(Ring(WIDTHS), now=2.0, dt=0.008, machine=rig.machine)
     return note
 
 
-def cycles(note: Note) -> Cycles:
+def cycles(note: Note) -> RunTable:
     assert note.ring is not None
     ring = note.ring
     note.end()
@@ -389,15 +390,15 @@ def robot() -> RobotBody:
 
 @pytest.fixture
 def taps_note(robot: RobotBody) -> Note:
-    shape = Shape(2, len(robot.joint_map), 0, 1, 1, 0, 0, 0)
+    shape = {"sensors": 2, "servos": len(robot.joint_map), "human": 1, "joints": 1}
     note = Note()
     note.begin(Ring(shape), now=0.0, dt=0.008, machine=None)
     return note
 
 
-def row(note: Note) -> Cycles:
+def row(note: Note) -> RunTable:
     assert note.ring is not None
-    return note.ring.rows.taken(np.array([note.ring.at]))
+    return note.ring.rows[np.array([note.ring.at])]
 
 
 def bus(robot: RobotBody, note: Note, *faults: MockFault) -> TappedBus:

@@ -18,7 +18,7 @@ from retarget.errors import ConfigError, InputError
 from retarget.model.human import build_human
 from retarget.report.outputs import Outputs
 from retarget.run.options import RunOptions
-from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
+from retarget.run.record import KEPT, Record
 from retarget.run.run_result import Extras
 from retarget.types import RunState
 from retarget.viewer.feed import LIVE_PAGE, READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
@@ -29,13 +29,14 @@ TICKS = 50
 
 
 def record() -> Record:
-    robot = RobotRecord.empty(TICKS, nq=27, start=np.zeros(20), landmark_names=("l_hand", "r_hand"), observers=21)
-    for array in (robot.q, robot.present, robot.temperature, robot.landmarks_asked):
+    widths = {"robot": 27, "servos": 20, "landmarks": 2, "observers": 21, "human": 60, "joints": 1, "sensors": 3}
+    names: dict[str, Any] = {"human_joint_names": ("head",), "landmark_names": ("l_hand", "r_hand")}
+    made = Record.empty(TICKS, widths, KEPT, start=np.zeros(20), **names)
+    for array in (made.q, made.present, made.temperature, made.landmarks_asked):
         array[:] = 0.25
-    robot.bus_time[:] = np.arange(TICKS) / 125.0
-    human = HumanRecord.empty(TICKS, nq=60, joint_names=("head",), sensors=3)
-    human.q[:], human.sensors[:] = 0.5, 0.75
-    return Record(np.zeros(TICKS), np.zeros(TICKS, dtype=np.int8), human, robot, Timing.empty(TICKS))
+    made.bus_time[:] = np.arange(TICKS) / 125.0
+    made.human_q[:], made.sensors[:] = 0.5, 0.75
+    return made
 
 
 def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:

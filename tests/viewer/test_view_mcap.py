@@ -40,12 +40,12 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
         assert snapshot.current is not None and snapshot.current.min() > 0.01
         assert snapshot.modes is not None and snapshot.modes.shape == sent.observer_modes[row].shape
         assert snapshot.sensors is not None and seen.cast.sensors == run.sensors
-        of = np.abs(run.record.human.q[: row + 1] - snapshot.human).max(axis=1)
-        made_of = run.record.human.sensors[: row + 1][of < 1e-6]
+        of = np.abs(run.record.human_q[: row + 1] - snapshot.human).max(axis=1)
+        made_of = run.record.sensors[: row + 1][of < 1e-6]
         assert any(np.array_equal(snapshot.sensors, one) for one in made_of), (
             "those that the human who is shown is made of"
         )
-        assert np.abs(snapshot.human - run.record.human.q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
+        assert np.abs(snapshot.human - run.record.human_q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
     _, goal, present = curves(seen, seen.cast, 4, "angle")
     np.testing.assert_allclose(goal, np.degrees(sent.q[:, columns[4]]), atol=1e-4)
     np.testing.assert_allclose(present, np.degrees(sent.present[:, 4]), atol=1e-6)
