@@ -47,10 +47,10 @@ def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
     task. Raises InputError where a servo is not known in some frame.
     """
     # Where no servo answered, all joints count as driven.
-    driven = np.asarray(np.isfinite(motion.joints if motion.servos is None else motion.servos).any(axis=0))
+    known = motion.present if "present" in motion else motion.joints
+    driven = np.asarray(np.isfinite(known).any(axis=0))
     joints = tuple(f"{name}.pos" for name, kept in zip(motion.joint_names, driven, strict=True) if kept)
-    sent = motion.joints[:, driven]
-    seen = sent if motion.servos is None else motion.servos[:, driven]
+    sent, seen = motion.joints[:, driven], known[:, driven]
     _check_known(seen, joints, motion.source)
     features = [_vector("action", joints, sent), _vector("observation.state", joints, seen)]
     features.append(_vector("observation.root", ("x", "y", "z", "qw", "qx", "qy", "qz"), motion.q[:, :7]))
@@ -67,13 +67,13 @@ def _vector(key: str, names: tuple[str, ...], values: FloatArray) -> Feature:
 
 
 def _landmarks(motion: Motion) -> list[Feature]:
-    if motion.asked is None:
+    if "landmarks_asked" not in motion:
         return []
-    known = np.asarray(np.isfinite(motion.asked.position).all(axis=(0, 2)))
+    known = np.asarray(np.isfinite(motion.landmarks_asked).all(axis=(0, 2)))
     names = tuple(
-        f"{name}.{axis}" for name, kept in zip(motion.asked.names, known, strict=True) if kept for axis in "xyz"
+        f"{name}.{axis}" for name, kept in zip(motion.landmark_names, known, strict=True) if kept for axis in "xyz"
     )
-    values = motion.asked.position[:, known].reshape(len(motion), -1)
+    values = motion.landmarks_asked[:, known].reshape(len(motion), -1)
     return [_vector("observation.landmarks", names, values)] if names else []
 
 
@@ -217,7 +217,7 @@ def _readme(motion: Motion, features: tuple[Feature, ...]) -> str:
         **CONVENTIONS,
         "action": "joints as they were sent",
         "observation.state": "where the servos were, read before the action of that frame was sent"
-        if motion.servos is not None
+        if "present" in motion
         else "the same as action: no servo answered",
         "observation.root": "x y z (m) and qw qx qy qz (wxyz) of the root",
         "observation.landmarks": "where landmarks were asked to be, m, world",

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel
-from retarget.recording.motion import PHASE_NAMES, joints_and_root
-from retarget.run.record import Record
+from retarget.run.record import PHASE_NAMES, Record
 from retarget.run.run_result import RunResult
 from retarget.run.table import FIELDS, STAGES
 from retarget.schema.files import check_place, write_atomic, write_stream
@@ -107,6 +106,15 @@ def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
         "root_position": root[:, :3],
         "root_quaternion": root[:, 3:],
     }
+
+
+def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Split postures (T, nq): names and positions, rad or m, (T, n) of all hinges and slides of the body, and its root
+    (T, 7), xyz and wxyz of the first link in the world."""
+    single, address = body.scalar_joints()
+    solver, q = body.solver_body(), np.ascontiguousarray(q)
+    root = np.hstack([solver.points(q, [1], np.zeros((1, 3)))[:, 0], solver.orientations(q, [1])[:, 0]])
+    return body.scalar_names, np.asarray(q[:, address[single]]), root
 
 
 def _held(record: Record, tracks: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.recording.motion import CONVENTIONS, Motion
+from retarget.run.record import PHASE_NAMES
 
 # What CSV and Parquet have in common: the columns.
 
@@ -36,24 +37,24 @@ def columns_of(motion: Motion) -> tuple[Column, ...]:
     columns += [_column(f"root_q{axis}", "", motion.root_quaternion[:, i]) for i, axis in enumerate("wxyz")]
     named = list(zip(motion.joint_names, motion.joint_units, strict=True))
     columns += [_column(name, unit, motion.joints[:, i]) for i, (name, unit) in enumerate(named)]
-    if motion.servos is not None:
-        known = np.asarray(np.isfinite(motion.servos).any(axis=0))
+    if "present" in motion:
+        known = np.asarray(np.isfinite(motion.present).any(axis=0))
         columns += [
-            _column(f"servo_{name}", unit, motion.servos[:, i]) for i, (name, unit) in enumerate(named) if known[i]
+            _column(f"servo_{name}", unit, motion.present[:, i]) for i, (name, unit) in enumerate(named) if known[i]
         ]
-    if motion.goal_ticks is not None:
+    if "goal_ticks" in motion:
         driven = np.asarray((motion.goal_ticks >= 0).any(axis=0))
         columns += [
             _column(f"ticks_{name}", "", motion.goal_ticks[:, i]) for i, (name, _) in enumerate(named) if driven[i]
         ]
-    if motion.asked is not None:
+    if "landmarks_asked" in motion:
         columns += [
-            _column(f"asked_{name}_{axis}", "m", motion.asked.position[:, i, j])
-            for i, name in enumerate(motion.asked.names)
+            _column(f"asked_{name}_{axis}", "m", motion.landmarks_asked[:, i, j])
+            for i, name in enumerate(motion.landmark_names)
             for j, axis in enumerate("xyz")
         ]
     if len(set(motion.phase.tolist())) > 1:
-        columns.append(_column("phase", "", motion.phase))
+        columns.append(_column("phase", "", np.array(PHASE_NAMES)[motion.phase]))
     _check_names(columns, motion.source)
     return tuple(columns)
 

@@ -27,6 +27,7 @@ class Phase(IntEnum):
     """Braking, after the end of the clip or after a stop, and what follows: return to stance, rest."""
 
 
+PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 KEPT = (
     *("time", "phase", "gated", "no_command", "cost", *STAGES, "sensors", "human_q", "human_joints"),
     *("human_observer_modes", "balance_error", "q", "goals", "goal_ticks", "landmarks_asked", "observer_modes"),

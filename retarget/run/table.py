@@ -160,9 +160,13 @@ class RunTable:
         return cls(**{name: FIELDS[name].room(rows, widths) for name in names or FIELDS}, **given)
 
     @property
-    def known(self) -> dict[str, NDArray[Any]]:
+    def known(self) -> dict[str, Any]:
         """The arrays of the fields that are known."""
         return {name: value for name, value in vars(self).items() if name in FIELDS and value is not None}
+
+    def __contains__(self, name: str) -> bool:
+        """Whether a field is known."""
+        return getattr(self, name) is not None
 
     def __len__(self) -> int:
         return len(next(iter(self.known.values())))

@@ -20,10 +20,10 @@ from retarget.report.outputs import Outputs
 from retarget.run.options import RunOptions
 from retarget.run.record import KEPT, Record
 from retarget.run.run_result import Extras
+from retarget.run.table import RunTable
 from retarget.types import RunState
 from retarget.viewer.feed import LIVE_PAGE, READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
 from retarget.viewer.live_page import serve
-from retarget.viewer.snapshot import Row
 
 TICKS = 50
 
@@ -49,9 +49,9 @@ def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:
     return run, theirs
 
 
-def received(page: socket.socket) -> Row:
+def received(page: socket.socket) -> RunTable:
     row = unpacked(page.recv(1 << 16))
-    assert isinstance(row, Row)
+    assert isinstance(row, RunTable)
     return row
 
 
@@ -65,8 +65,8 @@ class FakePage:
     def announce(self, state: str) -> None:
         self.states.append(state)
 
-    def show(self, row: Row, *, newest: bool) -> None:
-        self.rows.append((row.time, newest))
+    def show(self, row: RunTable, *, newest: bool) -> None:
+        self.rows.append((float(row.time), newest))
 
 
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
@@ -77,11 +77,11 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
         run.on_row(whole, row)
     rows = [received(page) for _ in range(10)]
     for shown in rows:
-        assert shown.asked is not None and np.isnan(shown.asked[0]).all() and (shown.asked[1:] == 0.25).all()
-        assert shown.modes is not None
-    assert all(row.state == "holding" and row.why == "the stream is silent" for row in rows)
-    assert all(row.current is not None and (row.current == 1.25).all() for row in rows)
-    assert all(row.sensors is not None and (row.sensors == np.full((3, 3), 0.75)).all() for row in rows)
+        assert np.isnan(shown.landmarks_asked[0]).all() and (shown.landmarks_asked[1:] == 0.25).all()
+        assert "observer_modes" in shown
+    assert all(row.doing == "holding" and row.reason == "the stream is silent" for row in rows)
+    assert all((row.current == 1.25).all() for row in rows)
+    assert all((row.sensors == np.full((3, 3), 0.75)).all() for row in rows)
     assert [row.time for row in rows] == [pytest.approx(i / 125.0) for i in range(4, TICKS, 5)]
     with pytest.raises(BlockingIOError):
         page.recv(1)
@@ -95,8 +95,8 @@ def test_what_is_not_in_the_record_is_shown_too() -> None:
     run.extras = Extras(obstacles=lambda: poses, truth=lambda: truth)
     run.on_row(record(), 0)
     row = received(page)
-    assert row.current is None, "it is not known"
-    np.testing.assert_array_equal(row.obstacle_poses, poses)
+    assert "current" not in row, "it is not known"
+    np.testing.assert_array_equal(row.obstacles, poses)
     np.testing.assert_array_equal(row.truth, truth)
 
 
