@@ -115,13 +115,14 @@ def _keys(title: str, place: str, model: type[BaseModel]) -> str:
 def run_table() -> str:
     """The page of the fields of a run."""
     lines = ["# Fields of a run", "", "A row per tick. Made from the list that the files of a run are made from.", ""]
-    lines += ["| field | type | of a row | unit | recording | every | `--save` | meaning |", "|" + "---|" * 8]
+    lines += ["| field | type | of a row | unit | recording | every | `--save` | tables | meaning |", "|" + "---|" * 9]
     for name, one in FIELDS.items():
         shape, topic = ", ".join(map(str, one.shape)), f"`{one.topic}.{one.key}`" if one.topic else ""
         every = f"{EVERY_S[one.topic]:g} s" if one.topic in EVERY_S else "tick" if topic else ""
-        saved = f"`{one.npz}`" if one.npz else ""
+        saved, column = (f"`{name}`" if name else "" for name in (one.npz, one.column and f"{one.column}..."))
         kind = "text" if one.dtype.kind == "U" else str(one.dtype)
-        lines.append(f"| `{name}` | {kind} | {shape} | {one.unit} | {topic} | {every} | {saved} | {one.meaning} |")
+        cells = [f"`{name}`", kind, shape, one.unit, topic, every, saved, column, one.meaning]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
 
 

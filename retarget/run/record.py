@@ -193,7 +193,8 @@ class TickRecorder:
 
     def keep_costs(self, reconstruct: float, retarget: float) -> None:
         """Thread CPU of both stages, s."""
-        self._record.cost[self._rows.row, :2] = reconstruct, retarget
+        cost, row = self._record.cost, self._rows.row
+        cost[row, 0], cost[row, 1] = reconstruct, retarget
 
     def keep_robot(
         self,

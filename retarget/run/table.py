@@ -30,8 +30,8 @@ EVERY_S = {"/landmarks": 0.04, "/truth": 0.04} | dict.fromkeys(
 class RunField:
     """One field of a row. unit: "" where it has none. shape: of one row; a word is a width that the run decides.
 
-    topic, key: the topic of a recording and the field of its message; npz: the key of `--save`; "" where it is not.
-    fill: the value of a row that is not written yet.
+    topic, key: the topic of a recording and the field of its message; npz: the key of `--save`; column: the begin of
+    its columns in CSV and Parquet; "" where it is not there. fill: the value of a row that is not written yet.
     """
 
     name: str
@@ -42,6 +42,7 @@ class RunField:
     topic: str
     key: str
     npz: str
+    column: str
     fill: float
 
     def sizes(self, widths: Widths) -> tuple[int, ...]:
@@ -54,12 +55,14 @@ class RunField:
         return np.full(shape, self.fill, self.dtype) if self.fill else np.zeros(shape, self.dtype)
 
 
-def _field(unit: str, meaning: str, *shape: int | str, topic: str = "", npz: str = "", fill: float = 0.0) -> Any:
+def _field(
+    unit: str, meaning: str, *shape: int | str, topic: str = "", npz: str = "", column: str = "", fill: float = 0.0
+) -> Any:
     """A field, whose dtype is that of its annotation. topic: "/tick" where the message's field has the same name, else
     "/tick.field"."""
     place, _, key = topic.partition(".")
-    given = {"unit": unit, "meaning": meaning, "shape": shape, "topic": place, "key": key, "npz": npz, "fill": fill}
-    return field(default=None, metadata=given)
+    given = {"unit": unit, "meaning": meaning, "shape": shape, "topic": place, "key": key, "npz": npz}
+    return field(default=None, metadata=given | {"column": column, "fill": fill})
 
 
 def _stage(meaning: str) -> Any:
@@ -120,10 +123,16 @@ class RunTable:
     q_rest: FloatArray = _field("m, rad", "its other coordinates", "rest", topic="/tick.root")
     goals: FloatArray = _field("rad", "goals of the gate: the posture, or more where it compensates a load", "servos")
     goal_ticks: IntArray = _field(
-        "ticks", "the same as they were written", "servos", topic="/tick.goal", npz="goal_ticks"
+        "ticks", "the same as they were written", "servos", topic="/tick.goal", npz="goal_ticks", column="ticks_"
     )
     landmarks_asked: FloatArray = _field(
-        "m", "landmarks that were asked for", "landmarks", 3, topic="/landmarks.poses", npz="landmarks_asked"
+        "m",
+        "landmarks that were asked for",
+        "landmarks",
+        3,
+        topic="/landmarks.poses",
+        npz="landmarks_asked",
+        column="asked_",
     )
     landmarks_reached: FloatArray = _field(
         "m", "landmarks in the posture sent", "landmarks", 3, npz="landmarks_reached"
@@ -133,7 +142,7 @@ class RunTable:
     written: ModeArray = _field("", "`Done`: what became of the write", topic="/tick")
     read: ModeArray = _field("", "`Done`: what became of the read at the start of the tick", topic="/servos.answer")
     bus_time: FloatArray = _field("s", "when the servos were read, on the bus's clock", topic="/servos")
-    present: FloatArray = _field("rad", "where the servos were", "servos", npz="servo_positions")
+    present: FloatArray = _field("rad", "where the servos were", "servos", npz="servo_positions", column="servo_")
     faults: IntArray = _field("", "servos that did not answer or reported an alert")
     position: IntArray = _field("ticks", "of each servo: where it was", "servos", topic="/servos")
     velocity: FloatArray = _field("rad/s", "its velocity", "servos", topic="/servos")
