@@ -120,7 +120,7 @@ def run_table() -> str:
         shape, topic = ", ".join(map(str, one.shape)), f"`{one.topic}.{one.key}`" if one.topic else ""
         every = f"{EVERY_S[one.topic]:g} s" if one.topic in EVERY_S else "tick" if topic else ""
         saved, column = (f"`{name}`" if name else "" for name in (one.npz, one.column and f"{one.column}..."))
-        kind = "text" if one.dtype.kind == "U" else str(one.dtype)
+        kind = "text" if one.dtype.kind == "O" else str(one.dtype)
         cells = [f"`{name}`", kind, shape, one.unit, topic, every, saved, column, one.meaning]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])

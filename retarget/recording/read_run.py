@@ -53,12 +53,11 @@ def no_human(source: str) -> InputError:
     return InputError("the human is not in this run", where=source[:200], found=found, next_step=NO_RUN)
 
 
-def _of_human(known: dict[str, Any], human: BodyFile, **given: Any) -> Motion:
-    """The motion of the human of a run, at the rows at which it was kept."""
-    model = body_from_file(human)
+def _of_human(known: dict[str, Any], human: BodyFile) -> Motion:
+    """The motion of the human of a run, of which so much is known, at the rows at which it was kept."""
     own = {name: values for name, values in known.items() if name not in OF_SERVOS}
-    given |= {"robot": "human", "body": model, "compiled": human, "human": human}
-    return Motion(**own, q=known["human_q"], **given)[np.isfinite(known["human_q"]).all(axis=1)]
+    own |= {"q": known["human_q"], "robot": "human", "body": body_from_file(human), "compiled": human, "human": human}
+    return Motion(**own)[np.isfinite(known["human_q"]).all(axis=1)]
 
 
 def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -> Motion:
@@ -107,25 +106,22 @@ def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
     if all(key in file for key in HUMAN_KEYS):
         human = compile_body_text(str(file.texts("human_mjcf")), source=f"{path}: human_mjcf", root="free")
         widths["human"] = body_from_file(human).nq
-    known: dict[str, Any] = {"time": time, "phase": _npz_phase(file, len(time))}
+    known: dict[str, Any] = {"source": str(path), "time": time, "phase": _npz_phase(file, len(time))}
+    known["sensor_names"], known["landmark_names"] = named.get("sensors", ()), named.get("landmarks", ())
     for one in (FIELDS[name] for name in READ):
         if one.npz in file and all(word in widths for word in one.shape if isinstance(word, str)):
             shape = (len(time), *one.sizes(widths))
-            floats = one.dtype.kind == "f"
-            known[one.name] = (
-                file.floats(one.npz, *shape, unknown=one.name != "human_q") if floats else file.whole(one.npz, *shape)
-            )
-    given: dict[str, Any] = {"source": str(path), "sensor_names": named.get("sensors", ())}
+            if one.dtype.kind == "i":
+                known[one.name] = file.whole(one.npz, *shape)
+            else:
+                known[one.name] = file.floats(one.npz, *shape, unknown=one.name != "human_q")
     if human is not None:
         known["human_q"][:, 3:7] = _unit(file, known["human_q"][:, 3:7])
         if not robot:
-            known.pop("landmarks_asked", None)
-            return _of_human(known, human, **given)
-    given["landmark_names"] = named.get("landmarks", ())
-    names = named["servos"]
-    if human is not None and body_from_file(human).scalar_names == names:
-        return _of_human(known, human, **given)
-    place = _body_place(file, path, body)
+            return _of_human(known | {"landmarks_asked": None}, human)
+        if body_from_file(human).scalar_names == named["servos"]:
+            return _of_human(known, human)
+    names, place = named["servos"], _body_place(file, path, body)
     compiled = compile_body(place, root="free")
     model = body_from_file(compiled)
     known["q"] = _npz_posture(file, model, names, len(time))
@@ -134,7 +130,7 @@ def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
         if name in known:
             values = np.hstack([known[name], np.full((len(time), 1), missing)])[:, order]
             known[name] = None if (np.isnan(values) | (values == NO_SERVO)).all() else values
-    return Motion(**known, **given, robot=_robot_name(place), body=model, compiled=compiled, human=human)
+    return Motion(**known, robot=_robot_name(place), body=model, compiled=compiled, human=human)
 
 
 def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
@@ -221,20 +217,20 @@ def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> Motion:
     known = {name: rows.known[name] for name in ("state", "no_command", "observer_modes", "human_q", *STAGES)}
     known |= {"time": _time(whole, rows.index), "phase": np.clip(rows.phase, 0, len(Phase) - 1)}
     known |= {"reason": _reasons(recording, rows), "sensors": _valid_sensors(cycles)[kept]}
-    given: dict[str, Any] = {"source": source, "sensor_names": session.sensors, "recording": recording}
+    known |= {"source": source, "sensor_names": session.sensors, "recording": recording}
     human = _recorded_human(whole) if postures.any() else None
     known["human_q"][postures, 3:7] = normalise(known["human_q"][postures, 3:7])
     if with_robot and not alone:
         with as_recorded(recording, body=body) as configs:
             assert configs.robot is not None, "there are joints"
-            known, of_robot = _of_robot(whole, kept, configs.robot, known)
-            return Motion(**known, **given, **of_robot, human=human, notes=(*notes, *configs.notes))
+            known |= _of_robot(whole, kept, configs.robot)
+            return Motion(**known, human=human, notes=(*notes, *configs.notes))
     if human is None:
         raise no_human(source)
     if alone:
-        known["landmarks_asked"], given["landmark_names"] = known["sensors"], session.sensors
-        return _of_human(known, human, **given, notes=tuple(notes))
-    run = _of_human(known, human, **given, row="posture that was kept")
+        asked = {"landmarks_asked": known["sensors"], "landmark_names": session.sensors}
+        return _of_human(known | asked | {"notes": tuple(notes)}, human)
+    run = _of_human(known | {"row": "posture that was kept"}, human)
     often = 1.0 / float(np.median(np.diff(run.time))) if len(run) > 1 else 0.0
     every = "`retarget replay` with --save FILE.npz has it at every tick"
     return replace(run, notes=(*notes, f"the human was kept {often:.3g} times a second; {every}"))
@@ -251,11 +247,8 @@ def _recorded_human(whole: Played) -> BodyFile:
     return human
 
 
-def _of_robot(
-    whole: Played, kept: NDArray[np.intp], robot: RobotBody, known: dict[str, Any]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What was sent to the robot in the cycles `kept` (T,), on a tree with a free root: the fields, with those that are
-    `known`, and the robot."""
+def _of_robot(whole: Played, kept: NDArray[np.intp], robot: RobotBody) -> dict[str, Any]:
+    """What was sent to the robot in the cycles `kept` (T,), on a tree with a free root."""
     recording, rows, servos = whole.recording, whole.cycles[kept], robot.joint_map
     compiled = compile_body(robot.profile.body_path, root="free")
     model = body_from_file(compiled)
@@ -272,20 +265,19 @@ def _of_robot(
         made[:, columns] = values
         return made
 
-    known |= {"q": posture(model, names, joints, root), "goal_ticks": servos.spread(names, rows.goal_ticks)}
+    known = {"q": posture(model, names, joints, root), "goal_ticks": servos.spread(names, rows.goal_ticks)}
     known |= {name: spread(rows.known[name]) for name in ("temperature", "current")}
     if recording.session.bus != "none":
         read = (rows.read == Done.WELL)[:, None]
         known["present"] = spread(np.where(read, servos.to_radians(rows.position), np.nan))
-    given: dict[str, Any] = {"robot": robot.profile.name, "body": model, "compiled": compiled}
     if LANDMARKS in recording.topics:
-        landmarks = tuple(robot.profile.landmarks)
-        known["landmarks_asked"], given["landmark_names"] = _asked(landmarks, recording.topics[LANDMARKS], rows.index)
+        known |= _asked(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], rows.index)
     if rows.truth.shape[1] == len(truth_names(model)):
         there = np.where(np.isnan(rows.truth).all(axis=1), 0, np.arange(len(rows)))
         known["truth"] = rows.truth[np.maximum.accumulate(there)]
     moved = model.joint_qpos[[model.joint_index(joint) for joint in servos.joints]]
-    return known, given | {"profile": replace(robot, body=model, servo_columns=moved)}
+    profile = replace(robot, body=model, servo_columns=moved)
+    return known | {"robot": robot.profile.name, "body": model, "compiled": compiled, "profile": profile}
 
 
 def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
@@ -300,9 +292,7 @@ def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
     return np.asarray((index - first) * found.recording.session.dt)
 
 
-def _asked(
-    names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]
-) -> tuple[FloatArray | None, tuple[str, ...]]:
+def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> dict[str, Any]:
     """Landmarks at every cycle: between two that were kept on a straight line, before the first and after the last that
     were asked for as they stood then; unknown in between where one of them is."""
     tracks = {}
@@ -313,14 +303,15 @@ def _asked(
             part = slice(known[0], known[-1] + 1)
             x, y = topic.cycles[part].astype(np.float64), said[part]
             tracks[name] = np.stack([np.interp(index, x, column) for column in y.T], axis=1)
-    return np.stack(list(tracks.values()), axis=1) if tracks else None, tuple(tracks)
+    asked = np.stack(list(tracks.values()), axis=1) if tracks else None
+    return {"landmarks_asked": asked, "landmark_names": tuple(tracks)}
 
 
 def _reasons(recording: Recording, cycles: RunTable) -> TextArray:
     """The last failure or stop until each of the cycles, or ""."""
     said = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _is_reason(who, text))
     last = np.searchsorted([cycle for cycle, _ in said], cycles.index, side="right")
-    return np.array([said[count - 1][1] if count else "" for count in last.tolist()], dtype=np.str_)
+    return np.array([said[count - 1][1] if count else "" for count in last.tolist()], dtype=np.object_)
 
 
 def _is_reason(who: str, text: str) -> bool:

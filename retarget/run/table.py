@@ -15,7 +15,7 @@ from retarget.types import BoolArray, FloatArray, IntArray, ModeArray
 
 ByteArray = NDArray[np.int8]
 BitArray = NDArray[np.uint32]
-TextArray = NDArray[np.str_]
+TextArray = NDArray[np.object_]
 Widths = Mapping[str, int]
 """The numbers that the words in the shapes of fields stand for in one run; 0 for a word that is missing."""
 READINGS = 8

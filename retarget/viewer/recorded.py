@@ -106,7 +106,7 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     doing = [PHASE_WORDS[phase] for phase in run.phase.tolist()]
     if "state" in run:
         doing = [WORDS.get(state, words) for state, words in zip(run.state.tolist(), doing, strict=True)]
-    known["doing"] = np.array(doing)
+    known["doing"] = np.array(doing, dtype=np.object_)
     known["reason"] = np.where(known["doing"] == "following", "", run.reason if "reason" in run else "")
     notes = tuple(dict.fromkeys((*run.notes, *(() if scene is None else scene.notes))))
     return ShownRun(cast, RunTable(**known), scene, notes)

@@ -21,8 +21,8 @@ def row(tick: int, *, state: str = "following", truth: bool = False) -> RunTable
     known: dict[str, Any] = {"truth": np.arange(9.0 + joints)} if truth else {}
     return RunTable(
         time=np.array(0.04 * tick),
-        doing=np.array(state),
-        reason=np.array(""),
+        doing=np.array(state, dtype=np.object_),
+        reason=np.array("", dtype=np.object_),
         q=robot.body.qpos0 + 0.001 * tick,
         human_q=person().body.qpos0,
         present=np.where(np.arange(20) == 3, np.nan, 0.01 * tick),

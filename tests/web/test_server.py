@@ -362,8 +362,8 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
                 latency=np.array(0.007),
                 human_q=build_human(dimensions(performer())).body.qpos0,
                 q=goal,
-                doing=np.array("holding"),
-                reason=np.array("l_wrist: lost"),
+                doing=np.array("holding", dtype=np.object_),
+                reason=np.array("l_wrist: lost", dtype=np.object_),
                 landmarks_asked=asked,
                 sensors=sensors,
             )
