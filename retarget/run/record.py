@@ -100,6 +100,11 @@ class RecordRows:
             self._oldest, self.row = self.row % self._approach, self._approach
 
     @property
+    def reused(self) -> bool:
+        """Whether the next tick may fill a row that was filled before."""
+        return self._laps > 0 or self._end is not None
+
+    @property
     def closed(self) -> bool:
         """Whether no more ticks are kept."""
         return self._end is not None
@@ -176,8 +181,9 @@ class TickRecorder:
     def begin(self) -> None:
         """Begin the row of a tick."""
         self._begun = self._wall.now()
-        for times in self._stages.values():
-            times[self._rows.row] = np.nan
+        if self._rows.reused:
+            for times in self._stages.values():
+                times[self._rows.row] = np.nan
 
     def keep_time(self, stage: str, time: float) -> None:
         """Keep when a stage of this tick was done, s on the run's clock. stage: one of STAGES."""

@@ -615,14 +615,20 @@ def test_a_stage_has_a_time_in_the_ticks_in_which_it_was_kept() -> None:
     clip, stages = short_clip(), StubReconstructor(person())
     first = clip.sample(0)
     assert first is not None
-    recorder = TickRecorder(clip, stages.start(first), len(first.names), lambda record, row: None)
-    for tick in range(3):
+    seen: list[float] = []
+    recorder = TickRecorder(
+        clip, stages.start(first), len(first.names), lambda record, row: seen.append(float(record.time_human[row]))
+    )
+    for tick in range(5):
+        if tick == 3:
+            recorder.close()  # from now on all ticks fill one row
         recorder.begin()
-        if tick == 1:
-            recorder.keep_time("time_human", 0.25)
+        if tick % 2:
+            recorder.keep_time("time_human", 0.25 * tick)
         recorder.keep(Phase.FOLLOW)
     record, _ = recorder.finish()
-    np.testing.assert_array_equal(record.time_human, [np.nan, 0.25, np.nan])
+    np.testing.assert_array_equal(seen, [np.nan, 0.25, np.nan, 0.75, np.nan])
+    np.testing.assert_array_equal(record.time_human, seen[:3])
     assert np.isnan(record.time_gate).all()
 
 
