@@ -121,7 +121,7 @@ def cost_of_run(name: str, frames: SensorFrames, options: RunOptions) -> Physics
         spent = sum(on_bus)
     run = bench.seen(run)
     ticks, dt = len(run.record), run.clip.dt
-    human, robot = _total(run.record.timing.reconstruct), _total(run.record.timing.retarget)
+    human, robot = _total(run.record.cost[:, 0]), _total(run.record.cost[:, 1])
     us = 1e6 / ticks
     return PhysicsCost(
         motion=name,

@@ -14,6 +14,7 @@ from retarget.recording.export import export_motion, format_named
 from retarget.recording.motion import resampled
 from retarget.recording.npz import write_npz
 from retarget.run.prepare import prepare
+from retarget.run.record import Phase
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 
@@ -21,7 +22,7 @@ from sim.performer import synthetic_performer
 def main(run: Path, out: Path) -> None:
     """Export what followed, 50 frames a second; compare what was done with what was seen."""
     whole = read_run(run)
-    motion = resampled(whole.rows(whole.phase == "follow"), 50.0)
+    motion = resampled(whole[whole.phase == Phase.FOLLOW], 50.0)
     export_motion(motion, format_named("lerobot"), out, task="Reach and crouch.")
     frames = pyarrow.parquet.read_table(out / "data/chunk-000/file-000.parquet")
     done, seen = (np.array(frames[key].to_pylist()) for key in ("action", "observation.state"))

@@ -206,7 +206,7 @@ def test_every_section_is_in_the_table_of_symptoms() -> None:
 
 CONFIG: dict[str, Any] = yaml.safe_load(text_of("mkdocs.yml"))
 MADE = {"reference/robot.md", "reference/performer.md", "reference/priorities.md", "reference/scene.md", *PYTHON_PAGES}
-MADE |= {"reference/command-line.md", "security.md", "changelog.md", "examples.md"}
+MADE |= {"reference/command-line.md", "reference/run-table.md", "security.md", "changelog.md", "examples.md"}
 """Pages that are no files of docs/."""
 LOADING = {"script": "src", "img": "src", "iframe": "src", "link": "href", "source": "src"}
 """Elements that fetch what they name."""

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from command_pages import command_page
 from model_tables import models_below, section
 from python_pages import PAGES, python_page
+from retarget.run.table import EVERY_S, FIELDS
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import Priorities
 from retarget.schema.profile import RobotProfile
@@ -33,6 +34,7 @@ def made_pages() -> dict[str, str]:
     pages = {place: _keys(*what) for place, what in MODELS.items()}
     pages |= {place: python_page(place) for place in PAGES}
     pages["reference/command-line.md"] = command_page()
+    pages["reference/run-table.md"] = run_table()
     for path in _scripts():
         pages[f"examples/{path.stem}.md"] = _source(path)
     for beside, place in SHOWN.items():
@@ -108,6 +110,20 @@ def _keys(title: str, place: str, model: type[BaseModel]) -> str:
         f"# {title}\n\n{place}. Made from the models that read the file; `retarget check` holds a file against them.\n"
     )
     return "\n".join([head, *(section(one) for one in models_below(model))])
+
+
+def run_table() -> str:
+    """The page of the fields of a run."""
+    lines = ["# Fields of a run", "", "A row per tick. Made from the list that the files of a run are made from.", ""]
+    lines += ["| field | type | of a row | unit | recording | every | `--save` | tables | meaning |", "|" + "---|" * 9]
+    for name, one in FIELDS.items():
+        shape, topic = ", ".join(map(str, one.shape)), f"`{one.topic}.{one.key}`" if one.topic else ""
+        every = f"{EVERY_S[one.topic]:g} s" if one.topic in EVERY_S else "tick" if topic else ""
+        saved, column = (f"`{name}`" if name else "" for name in (one.npz, one.column and f"{one.column}..."))
+        kind = "text" if one.dtype.kind == "O" else str(one.dtype)
+        cells = [f"`{name}`", kind, shape, one.unit, topic, every, saved, column, one.meaning]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
 
 
 def _source(path: Path) -> str:

@@ -30,6 +30,7 @@ PAGES = {
             "retarget.run.loop",
             "retarget.run.run_result",
             "retarget.run.record",
+            "retarget.run.table",
             "retarget.report.measure",
             "retarget.report.report",
             "retarget.recording.npz",

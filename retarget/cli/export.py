@@ -10,9 +10,9 @@ from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
 from retarget.recording.export import export_motion, export_place, format_named
 from retarget.recording.lerobot import DEFAULT_TASK
-from retarget.recording.motion import PHASE_NAMES, Motion, resampled
+from retarget.recording.motion import Motion, resampled
 from retarget.recording.read_run import read_run
-from retarget.run.record import Phase
+from retarget.run.record import PHASE_NAMES, Phase
 
 FOLLOW, ALL = "follow", "all"
 ROBOT, HUMAN = "robot", "human"
@@ -65,11 +65,11 @@ def _chosen(motion: Motion, phase: str) -> Motion:
     """The chosen part of a run. Raises InputError where it is empty."""
     if phase == ALL:
         return motion
-    following = motion.phase == PHASE_NAMES[Phase.FOLLOW]
+    following = motion.phase == Phase.FOLLOW
     if not following.any():
         step = "Export all of it: --phase all"
         raise InputError("nothing was followed in this run", where=motion.source, found="no such tick", next_step=step)
-    return motion.rows(following)
+    return motion[following]
 
 
 def _summary(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:
@@ -79,7 +79,7 @@ def _summary(whole: Motion, motion: Motion, phase: str, fps: float | None) -> st
     text += f", {motion.time[-1] - motion.time[0]:.2f} s"
     if phase == ALL:
         return text
-    other = [name for name in PHASE_NAMES if name != PHASE_NAMES[Phase.FOLLOW]]
-    counts = {name: int(np.count_nonzero(whole.phase == name)) for name in other}
-    left = " and ".join(f"{counted(count, 'row')} of {name}" for name, count in counts.items() if count)
+    counts = np.bincount(whole.phase, minlength=len(Phase)).tolist()
+    others = [(PHASE_NAMES[phase], counts[phase]) for phase in Phase if phase is not Phase.FOLLOW]
+    left = " and ".join(f"{counted(count, 'row')} of {name}" for name, count in others if count)
     return f"{text}; left out: {left} (--phase all has them)" if left else text

@@ -15,7 +15,8 @@ from retarget.run.record import Phase
 if TYPE_CHECKING:
     from retarget.model.robot import RobotBody
     from retarget.recording.configs import Configs
-    from retarget.recording.reading import Played
+    from retarget.recording.cycles import now_of
+from retarget.recording.reading import Played
     from retarget.recording.replay import Replayed
     from retarget.report.outputs import Outputs
     from retarget.run.run_result import RunResult
@@ -73,7 +74,8 @@ def _note_damage(found: "Played") -> None:
     """Say which part of the recording there is, if it is not whole."""
     recording, cycles = found.recording, found.cycles
     if recording.damage:
-        seconds = float(cycles.now[-1] - cycles.now[0])
+        times = now_of(cycles)
+        seconds = float(times[-1] - times[0])
         until = f"its first {seconds:.2f} s are read, up to cycle {cycles.index[-1]}"
         note(f"{recording.path}: {recording.damage}; {until}")
     if found.missing:

@@ -163,6 +163,12 @@ class BodyModel:
         address[self.joint_dof[single]] = self.joint_qpos[single]
         return address >= 0, address
 
+    @property
+    def scalar_names(self) -> tuple[str, ...]:
+        """All hinges and slides, in the order of the DoFs."""
+        single, _ = self.scalar_joints()
+        return tuple(name for name, kept in zip(self.dof_names, single, strict=True) if kept)
+
     def solver_body(self) -> "_solver.Body":
         """The same tree for the compiled solver."""
         from retarget import _solver

@@ -50,7 +50,7 @@ class Node:
 
 def nodes_of(motion: Motion) -> tuple[Node, ...]:
     """The first link and all that hang on it; parents come first, and each joint before those of the next branch."""
-    body, human = motion.body, motion.robot == "human"
+    body, human = motion.body, motion.is_human
     nodes: list[Node] = []
 
     def add(link: int, parent: int) -> None:
@@ -152,7 +152,7 @@ def _rest(motion: Motion) -> Links:
     """The body with every joint at zero, its root at the origin and upright."""
     q = np.zeros((1, motion.body.nq))
     q[0, quaternion_columns(motion.body)] = 1.0
-    return links_of(replace(motion, time=np.zeros(1), phase=motion.phase[:1], q=q))
+    return links_of(replace(motion[:1], q=q))
 
 
 def _block(skeleton: BvhSkeleton, joint: int, depth: int) -> list[str]:

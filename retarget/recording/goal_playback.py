@@ -31,7 +31,7 @@ def recorded_goals(played: Played, *, speed: float, dt: float) -> FloatArray:
     if not followed.size:
         raise InputError("no performer was followed in the recording: it has no goals", where=where)
     rows = followed[0] + np.flatnonzero(cycles.kept[followed[0] : followed[-1] + 1])
-    if not np.isfinite(cycles.q[rows]).all():
+    if not np.isfinite(cycles.q_servos[rows]).all():
         raise InputError(
             "the goals of this recording were never a robot's", where=where, found="one that is not finite"
         )
@@ -39,7 +39,7 @@ def recorded_goals(played: Played, *, speed: float, dt: float) -> FloatArray:
     step = speed * dt / played.recording.session.dt  # recorded ticks in one tick
     at = np.append(np.arange(0.0, index[-1], step), index[-1])
     before = np.clip(np.searchsorted(index, at, side="right") - 1, 0, max(len(index) - 2, 0))
-    after, q = np.minimum(before + 1, len(index) - 1), cycles.q[rows].astype(np.float64)
+    after, q = np.minimum(before + 1, len(index) - 1), cycles.q_servos[rows].astype(np.float64)
     share = ((at - index[before]) / np.maximum(index[after] - index[before], 1.0))[:, None]
     return np.asarray(q[before] + share * (q[after] - q[before]))
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from retarget.errors import InputError, UsageError
 from retarget.recording.motion import CONVENTIONS, Motion
 from retarget.recording.tables import arrow
-from retarget.types import FloatArray
 
 # A motion as the features of a LeRobot dataset: observations and actions, frame by frame.
 
@@ -47,43 +46,30 @@ def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
     task. Raises InputError where a servo is not known in some frame.
     """
     # Where no servo answered, all joints count as driven.
-    driven = np.asarray(np.isfinite(motion.joints if motion.servos is None else motion.servos).any(axis=0))
+    known = motion.present if "present" in motion else motion.joints
+    driven = np.asarray(np.isfinite(known).any(axis=0))
     joints = tuple(f"{name}.pos" for name, kept in zip(motion.joint_names, driven, strict=True) if kept)
-    sent = motion.joints[:, driven]
-    seen = sent if motion.servos is None else motion.servos[:, driven]
-    _check_known(seen, joints, motion.source)
-    features = [_vector("action", joints, sent), _vector("observation.state", joints, seen)]
-    features.append(_vector("observation.root", ("x", "y", "z", "qw", "qx", "qy", "qz"), motion.q[:, :7]))
-    features += _landmarks(motion)
-    frame, zero = np.arange(len(motion)), np.zeros(len(motion), dtype=np.int64)
-    features.append(Feature("timestamp", "float32", (frame / rate_hz).astype(np.float32)[:, None]))
-    counted = {"frame_index": frame, "episode_index": zero, "index": frame, "task_index": zero}
-    features += [Feature(key, "int64", values.astype(np.int64)[:, None]) for key, values in counted.items()]
-    return tuple(features)
-
-
-def _vector(key: str, names: tuple[str, ...], values: FloatArray) -> Feature:
-    return Feature(key, "float32", values.astype(np.float32), names)
-
-
-def _landmarks(motion: Motion) -> list[Feature]:
-    if motion.asked is None:
-        return []
-    known = np.asarray(np.isfinite(motion.asked.position).all(axis=(0, 2)))
-    names = tuple(
-        f"{name}.{axis}" for name, kept in zip(motion.asked.names, known, strict=True) if kept for axis in "xyz"
-    )
-    values = motion.asked.position[:, known].reshape(len(motion), -1)
-    return [_vector("observation.landmarks", names, values)] if names else []
-
-
-def _check_known(seen: FloatArray, joints: tuple[str, ...], source: str) -> None:
+    sent, seen = motion.joints[:, driven], known[:, driven]
     missing = np.argwhere(~np.isfinite(seen))
     if missing.size:
         row, column = missing[0].tolist()
         found = f"nothing of {joints[column]} in row {row + 1}"
         step = "Export csv or parquet, which can leave numbers out"
-        raise InputError("a servo that was not read", where=source, found=found, next_step=step)
+        raise InputError("a servo that was not read", where=motion.source, found=found, next_step=step)
+    vectors = [("action", joints, sent), ("observation.state", joints, seen)]
+    vectors.append(("observation.root", ("x", "y", "z", "qw", "qx", "qy", "qz"), motion.q[:, :7]))
+    if "landmarks_asked" in motion:
+        always = np.asarray(np.isfinite(motion.landmarks_asked).all(axis=(0, 2)))
+        names = [name for name, kept in zip(motion.landmark_names, always, strict=True) if kept]
+        points = motion.landmarks_asked[:, always].reshape(len(motion), -1)
+        vectors += [("observation.landmarks", tuple(f"{name}.{axis}" for name in names for axis in "xyz"), points)]
+    frame, zero = np.arange(len(motion)), np.zeros(len(motion), dtype=np.int64)
+    counted = {"frame_index": frame, "episode_index": zero, "index": frame, "task_index": zero}
+    return (
+        *(Feature(key, "float32", values.astype(np.float32), names) for key, names, values in vectors if names),
+        Feature("timestamp", "float32", (frame / rate_hz).astype(np.float32)[:, None]),
+        *(Feature(key, "int64", values.astype(np.int64)[:, None]) for key, values in counted.items()),
+    )
 
 
 # Statistics of one feature over the frames of a dataset, by which trainers normalise.
@@ -217,7 +203,7 @@ def _readme(motion: Motion, features: tuple[Feature, ...]) -> str:
         **CONVENTIONS,
         "action": "joints as they were sent",
         "observation.state": "where the servos were, read before the action of that frame was sent"
-        if motion.servos is not None
+        if "present" in motion
         else "the same as action: no servo answered",
         "observation.root": "x y z (m) and qw qx qy qz (wxyz) of the root",
         "observation.landmarks": "where landmarks were asked to be, m, world",

@@ -18,10 +18,11 @@ import numpy as np
 from hardware.clock import thread_cpu
 from retarget.errors import UsageError
 from retarget.recording.cdr import layout_of, schema
-from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.cycles import Done
 from retarget.recording.npz import MAX_BYTES
 from retarget.recording.session import ConfigFile, Session
-from retarget.recording.topics import EVENTS, Topic
+from retarget.recording.topics import EVENTS, RECORDED, Topic
+from retarget.run.table import STAGES, RunTable, Widths
 from retarget.schema.files import check_place, refuse_existing
 
 OPTION = "--record"
@@ -152,8 +153,9 @@ class Ring:
     which time is not real. index: number of the row that is being filled, lost ones counted.
     """
 
-    def __init__(self, shape: Shape, *, patient: bool = False, rows: int = ROWS) -> None:
-        self.rows = Cycles.empty(rows, shape)
+    def __init__(self, widths: Widths, *, patient: bool = False, rows: int = ROWS) -> None:
+        self.rows = RunTable.empty(rows, widths, RECORDED)
+        self._stages = [self.rows.known[name] for name in STAGES]
         self.at = self.index = self.lost = 0
         self.wanted = threading.Event()
         """Set when it is time to take rows."""
@@ -179,11 +181,13 @@ class Ring:
         rows.sampled[at] = rows.read[at] = rows.written[at] = Done.NOT
         rows.kept[at] = rows.weighted[at] = rows.sensor_valid[at] = False
         rows.clock[at] = rows.sensor_weight[at] = 0.0
+        for times in self._stages:
+            times[at] = np.nan
 
-    def take(self) -> Cycles:
+    def take(self) -> RunTable:
         """The rows that are finished and were not taken before, as copies."""
         first, last = self._taken, self._finished
-        taken = self.rows.taken(np.arange(first, last) % self._size)
+        taken = self.rows[np.arange(first, last) % self._size]
         self._taken = last
         self._room.set()
         return taken

@@ -1,65 +1,54 @@
-"""A run as it is handed on to others: one frozen value that every export is written from and every reader yields."""
+"""A run as it is handed on to others: one table that every export is written from and every reader yields."""
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel, JointType
 from retarget.model.body_file import BodyFile
+from retarget.model.robot import RobotBody
+from retarget.recording.reading import Recording
 from retarget.rotations import conjugate, log, multiply, slerp
-from retarget.run.record import Phase
-from retarget.types import FloatArray, IntArray
+from retarget.run.table import RunTable
+from retarget.types import FloatArray
 
-PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 UNEVEN = 0.01
 """Ticks may be early or late by this share of their period and still count as evenly spaced."""
-TextArray = NDArray[np.str_]
 
 
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """Named points over time: position (T, k, 3) m, world; NaN where not known."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motion(RunTable):
+    """A motion of one body, whose tree has a free root: q (T, nq) is what was sent. Fields of servos have a column for
+    each of `joint_names`, NaN or -1 for a joint without servo. A human alone was asked for its sensors as landmarks.
 
-    names: tuple[str, ...]
-    position: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A motion of one body, one row per tick (T).
-
-    source: the file that it is from. robot: its name, or `human`. body: its tree, with a free root. time (T,) s: 0 at
-    the first tick of following.
-    phase (T,): names of `Phase` in lower case. q (T, nq): what was sent, root xyz m and wxyz in the world (REP-103),
-    then joints, rad or m. servos (T, n): where the servos were, as `joint_names`, NaN for a joint without servo; None
-    where no servo answered. goal_ticks (T, n): servo goals, -1 without; None where rows are no ticks. asked: landmarks
-    (of a human: its sensors) that were asked for. row: what a row is. notes: for the user, about missing parts.
-    compiled: the body with its shapes, where it is to be seen.
+    source: the file that it is from. robot: its name, or `human`. row: what a row is. notes: for the user, about
+    missing parts. compiled: the body with its shapes; human: that of `human_q`. profile: of the robot, with the tree of
+    its motion. recording: of an MCAP file.
     """
 
     source: str
     robot: str
     body: BodyModel
-    time: FloatArray
-    phase: TextArray
-    q: FloatArray
-    servos: FloatArray | None = None
-    goal_ticks: IntArray | None = None
-    asked: Tracks | None = None
     row: str = "tick"
     notes: tuple[str, ...] = ()
+    landmark_names: tuple[str, ...] = ()
+    sensor_names: tuple[str, ...] = ()
     compiled: BodyFile | None = None
+    human: BodyFile | None = None
+    profile: RobotBody | None = None
+    recording: Recording | None = None
 
-    def __len__(self) -> int:
-        return len(self.time)
+    @property
+    def is_human(self) -> bool:
+        """Whether it is the virtual human that moves."""
+        return self.robot == "human"
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """All hinges and slides of the body, in its order."""
-        return joint_names_of(self.body)
+        return self.body.scalar_names
 
     @property
     def joint_units(self) -> tuple[str, ...]:
@@ -101,25 +90,6 @@ class Motion:
         whole = round(rate)
         return float(whole) if abs(rate - whole) < 1e-6 * rate else rate
 
-    def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
-        """Numbers of the rows (T,) that are chosen."""
-        asked = self.asked
-        return replace(
-            self,
-            time=self.time[chosen],
-            phase=self.phase[chosen],
-            q=self.q[chosen],
-            servos=None if self.servos is None else self.servos[chosen],
-            goal_ticks=None if self.goal_ticks is None else self.goal_ticks[chosen],
-            asked=None if asked is None else Tracks(asked.names, asked.position[chosen]),
-        )
-
-
-def joint_names_of(body: BodyModel) -> tuple[str, ...]:
-    """All hinges and slides of a body, in its order."""
-    single, _ = body.scalar_joints()
-    return tuple(name for name, kept in zip(body.dof_names, single, strict=True) if kept)
-
 
 def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, root: FloatArray) -> FloatArray:
     """Postures (T, nq) of a body with a free root, from joints (T, n) and the root (T, 7), xyz and wxyz.
@@ -130,15 +100,6 @@ def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, r
     q[:, :7] = root
     q[:, [body.joint_qpos[body.joint_index(name)] for name in joint_names]] = joints
     return q
-
-
-def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Split postures (T, nq): names and positions, rad or m, (T, n) of all hinges and slides of the body, and its root
-    (T, 7), xyz and wxyz of the first link in the world."""
-    single, address = body.scalar_joints()
-    solver, q = body.solver_body(), np.ascontiguousarray(q)
-    root = np.hstack([solver.points(q, [1], np.zeros((1, 3)))[:, 0], solver.orientations(q, [1])[:, 0]])
-    return joint_names_of(body), np.asarray(q[:, address[single]]), root
 
 
 def quaternion_columns(body: BodyModel) -> list[int]:
@@ -163,8 +124,8 @@ EXACT = 1e-9
 def resampled(motion: Motion, fps: float) -> Motion:
     """The motion at `fps` rows per second, from its first row on; nothing is added after its last.
 
-    Raises UsageError for an impossible rate. At its own rate it is returned as it is; otherwise servo goals, which were
-    sent at ticks, are left out.
+    Raises UsageError for an impossible rate. At its own rate it is returned as it is; otherwise what belongs to single
+    ticks, as the goals of servos do, is left out.
     """
     if not 0.0 < fps <= MAX_FPS:
         raise UsageError("impossible rate", where="--fps", found=f"{fps:g}", allowed=f"above 0, up to {MAX_FPS:g}")
@@ -191,16 +152,9 @@ def resampled(motion: Motion, fps: float) -> Motion:
     q = between(motion.q)
     for start in quaternion_columns(motion.body):
         q[:, start : start + 4] = slerp(motion.q[before, start : start + 4], motion.q[after, start : start + 4], share)
-    asked = motion.asked
-    return replace(
-        motion,
-        time=time,
-        phase=motion.phase[before],
-        q=q,
-        servos=None if motion.servos is None else between(motion.servos),
-        goal_ticks=None,
-        asked=None if asked is None else Tracks(asked.names, between(asked.position)),
-    )
+    values: dict[str, Any] = dict.fromkeys(motion.known)
+    values |= {name: between(values) for name, values in motion.known.items() if name in ("present", "landmarks_asked")}
+    return replace(motion, **values | {"time": time, "phase": motion.phase[before], "q": q})
 
 
 # The conventions of what is exported, in words that travel with the data.

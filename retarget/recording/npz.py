@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel
-from retarget.recording.motion import PHASE_NAMES, joints_and_root
-from retarget.run.record import Record
+from retarget.run.record import PHASE_NAMES, Record
 from retarget.run.run_result import RunResult
+from retarget.run.table import FIELDS, STAGES
 from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray
 
+AS_THEY_ARE = ("time", "gated", "human_joints", "human_q", "sensors", *STAGES)
+"""Fields that are saved as they are in the record."""
 NO_SERVO = -1
 """Goal, ticks, in the column of a joint without a servo."""
 Arrays = dict[str, NDArray[Any]]
@@ -66,11 +68,12 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     the text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
     valid; dt s; motion_dt s. Before and after following, landmarks_asked, human_truth and sensors stand still.
     """
-    record, human, robot, sent = run.record, run.record.human, run.robot, run.record.robot
+    record, robot, sent = run.record, run.robot, run.record.robot
     names, asked, reached = run.followed
-    arrays: Arrays = {"time": record.time, "phase": np.array(PHASE_NAMES)[record.phase]}
+    arrays: Arrays = {FIELDS[name].npz: array for name, array in record.known.items() if name in AS_THEY_ARE}
+    arrays["phase"] = np.array(PHASE_NAMES)[record.phase]
     if robot is None or sent is None:
-        arrays |= _moved_body(run.human.body, human.q)
+        arrays |= _moved_body(run.human.body, record.human_q)
         arrays["goal_ticks"] = np.full(arrays["joint_positions"].shape, NO_SERVO, dtype=np.int64)
     else:
         arrays |= _moved_body(robot.body, sent.q)
@@ -83,14 +86,10 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
         "landmark_names": np.array(names),
         "landmarks_asked": _held(record, asked),
         "landmarks_reached": reached,
-        "gated": np.zeros(len(record), dtype=np.bool_) if sent is None else sent.gated,
         "body": np.array(str(body.resolve())),
-        "human_joint_names": np.array(human.joint_names),
-        "human_joint_positions": human.joints,
-        "human_q": human.q,
+        "human_joint_names": np.array(record.human_joint_names),
         "human_mjcf": np.array(run.human.mjcf),
         "sensor_names": np.array(run.sensors),
-        "sensor_positions": human.sensors,
         "dt": np.array(run.clip.dt),
         "motion_dt": np.array(run.clip.motion_dt),
     }
@@ -107,6 +106,15 @@ def _moved_body(body: BodyModel, q: FloatArray) -> Arrays:
         "root_position": root[:, :3],
         "root_quaternion": root[:, 3:],
     }
+
+
+def joints_and_root(body: BodyModel, q: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Split postures (T, nq): names and positions, rad or m, (T, n) of all hinges and slides of the body, and its root
+    (T, 7), xyz and wxyz of the first link in the world."""
+    single, address = body.scalar_joints()
+    solver, q = body.solver_body(), np.ascontiguousarray(q)
+    root = np.hstack([solver.points(q, [1], np.zeros((1, 3)))[:, 0], solver.orientations(q, [1])[:, 0]])
+    return body.scalar_names, np.asarray(q[:, address[single]]), root
 
 
 def _held(record: Record, tracks: FloatArray) -> FloatArray:

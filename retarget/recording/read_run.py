@@ -4,7 +4,7 @@ NPZ (`--save`) holds every tick in full precision. MCAP (`--record`) holds goals
 landmarks asked for 25 times a second (between two of them they are on a straight line) and the human 12.5 times.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +13,13 @@ from numpy.typing import NDArray
 
 from retarget.errors import ConfigError, InputError
 from retarget.model.body import BodyModel, body_from_file
-from retarget.model.body_file import compile_body, compile_body_text
+from retarget.model.body_file import BodyFile, compile_body, compile_body_text
 from retarget.model.human import build_human
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
-from retarget.recording.cycles import Cycles, Done
-from retarget.recording.motion import (
-    PHASE_NAMES,
-    Motion,
-    TextArray,
-    Tracks,
-    joints_and_root,
-    posture,
-    quaternion_columns,
-)
-from retarget.recording.npz import NO_RUN, NO_SERVO, ArrayFile, read_arrays, refuse_no_file
+from retarget.recording.cycles import Done
+from retarget.recording.motion import Motion, posture, quaternion_columns
+from retarget.recording.npz import NO_RUN, NO_SERVO, ArrayFile, joints_and_root, read_arrays, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
     Played,
@@ -40,32 +32,10 @@ from retarget.recording.reading import (
 )
 from retarget.recording.topics import LANDMARKS
 from retarget.rotations import normalise
-from retarget.run.record import Phase
+from retarget.run.record import PHASE_NAMES, Phase
 from retarget.run.run_result import truth_names
-from retarget.types import FloatArray, IntArray
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedRun:
-    """A recorded run. robot: what was sent, a row per tick (T), None for a human alone and where it was not asked for.
-    human: what was reconstructed (H), of a human alone at every tick; None: not in the file.
-
-    shown (T,): the row of the human at each tick, or the last before it. sensors: of the performer, at the human's
-    rows, NaN: not valid; reached: landmarks, at the ticks. profile: of the robot, with the tree of its motion. tracks:
-    what else is known at the ticks, by its names in `Cycles`. reasons: the last failure or stop until each tick, or "".
-    recording: of an MCAP file. notes: about missing parts.
-    """
-
-    robot: Motion | None
-    human: Motion | None
-    shown: IntArray
-    sensors: Tracks | None = None
-    reached: Tracks | None = None
-    profile: RobotBody | None = None
-    tracks: dict[str, NDArray[Any]] = field(default_factory=dict)
-    reasons: tuple[str, ...] = ()
-    recording: Recording | None = None
-    notes: tuple[str, ...] = ()
+from retarget.run.table import FIELDS, STAGES, ByteArray, RunTable, TextArray
+from retarget.types import FloatArray
 
 
 def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) -> Motion:
@@ -74,22 +44,27 @@ def read_run(path: Path, *, of_human: bool = False, body: Path | None = None) ->
     body: MJCF or URDF of the robot, where the one that the file names is not there any more. Raises InputError.
     """
     run = read_recorded(path, robot=not of_human, body=body)
-    notes = tuple(f"{path}: {note}" for note in run.notes)
-    return replace(run.robot or human_of(run, path), notes=notes)
+    return replace(run, notes=tuple(f"{path}: {note}" for note in run.notes))
 
 
-def human_of(run: RecordedRun, path: Path) -> Motion:
-    """The human of a run that was read from `path`. Raises InputError where the file has none."""
-    if run.human is None:
-        found = "no human_q, human_mjcf or /human/posture"
-        raise InputError("the human is not in this run", where=str(path)[:200], found=found, next_step=NO_RUN)
-    return run.human
+def no_human(source: str) -> InputError:
+    """The refusal of a run without a human."""
+    found = "no human_q, human_mjcf or /human/posture"
+    return InputError("the human is not in this run", where=source[:200], found=found, next_step=NO_RUN)
 
 
-def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -> RecordedRun:
-    """A recorded run, by what is in its file. robot: whether it is needed; body: as of `read_run`.
+def _of_human(known: dict[str, Any], human: BodyFile) -> Motion:
+    """The motion of the human of a run, of which so much is known, at the rows at which it was kept."""
+    own = {name: values for name, values in known.items() if name not in OF_SERVOS}
+    own |= {"q": known["human_q"], "robot": "human", "body": body_from_file(human), "compiled": human, "human": human}
+    return Motion(**own)[np.isfinite(known["human_q"]).all(axis=1)]
 
-    Raises InputError for anything that is no such run, and for one without a tick that was sent.
+
+def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -> Motion:
+    """A recorded run, by what is in its file: of its robot, with its human where that is known, or of the human alone.
+
+    robot: whether it is needed; body: as of `read_run`. Raises InputError for anything that is no such run, and for one
+    without a tick that was sent.
     """
     try:
         refuse_no_file(path)
@@ -113,56 +88,49 @@ ZIP = b"PK"
 """Begins an NPZ file."""
 ROBOT_KEYS = frozenset({"time", "joint_names", "joint_positions", "root_position", "root_quaternion", "body"})
 HUMAN_KEYS = frozenset({"time", "human_q", "human_mjcf"})
-OTHER_KEYS = frozenset({"phase", "goal_ticks", "servo_positions"})
-POINT_KEYS = frozenset({"landmark_names", "landmarks_asked", "landmarks_reached", "sensor_names", "sensor_positions"})
+NAMES = {"landmarks": "landmark_names", "sensors": "sensor_names", "servos": "joint_names"}
+"""The keys that name the columns of a width."""
+OF_SERVOS = ("present", "goal_ticks", "temperature", "current")
+READ = ("human_q", "sensors", "present", "goal_ticks", "landmarks_asked", "landmarks_reached", *STAGES)
+"""The fields that are read where the file has them."""
 UNIT = 0.01
 """A quaternion may miss unit length by this."""
 
 
-def _of_npz(path: Path, robot: bool, body: Path | None) -> RecordedRun:
-    file = read_arrays(
-        path, needed=ROBOT_KEYS if robot else HUMAN_KEYS, used=ROBOT_KEYS | HUMAN_KEYS | OTHER_KEYS | POINT_KEYS
-    )
-    time = _npz_time(file)
-    phase, human = _npz_phase(file, len(time)), None
+def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
+    used = ROBOT_KEYS | HUMAN_KEYS | {"phase", *NAMES.values(), *(FIELDS[name].npz for name in READ)}
+    file = read_arrays(path, needed=ROBOT_KEYS if robot else HUMAN_KEYS, used=used)
+    time, human = _npz_time(file), None
+    named = {word: tuple(map(str, file.texts(key, None))) for word, key in NAMES.items() if key in file}
+    widths = {word: len(names) for word, names in named.items()}
     if all(key in file for key in HUMAN_KEYS):
-        compiled = compile_body_text(str(file.texts("human_mjcf")), source=f"{path}: human_mjcf", root="free")
-        model = body_from_file(compiled)
-        q = file.floats("human_q", len(time), model.nq)
-        q[:, 3:7] = _unit(file, q[:, 3:7])
-        human = Motion(str(path), "human", model, time, phase, q, compiled=compiled)
-    run = RecordedRun(
-        None,
-        human,
-        np.arange(len(time)),
-        sensors=_npz_points(file, len(time), "sensor_names", "sensor_positions"),
-        reached=_npz_points(file, len(time), "landmark_names", "landmarks_reached"),
-    )
-    if not robot:
-        return run
-    names = tuple(str(name) for name in file.texts("joint_names", None))
-    asked = _npz_points(file, len(time), "landmark_names", "landmarks_asked")
-    if human is not None and human.joint_names == names:
-        return replace(run, human=replace(human, asked=asked))
-    return replace(run, robot=_npz_robot(file, _body_place(file, path, body), names, time, phase, asked))
-
-
-def _npz_robot(
-    file: ArrayFile, body: Path, names: tuple[str, ...], time: FloatArray, phase: TextArray, asked: Tracks | None
-) -> Motion:
-    compiled = compile_body(body, root="free")
-    model, rows = body_from_file(compiled), len(time)
-    q = _npz_posture(file, model, names, rows)
-    robot = Motion(file.source, _robot_name(body), model, time, phase, q, asked=asked, compiled=compiled)
-    order = [names.index(name) if name in names else -1 for name in robot.joint_names]
-    if "servo_positions" in file:
-        servos = file.floats("servo_positions", rows, len(names), unknown=True)
-        servos = np.hstack([servos, np.full((rows, 1), np.nan)])[:, order]
-        robot = replace(robot, servos=servos if np.isfinite(servos).any() else None)
-    if "goal_ticks" in file:
-        goals = np.hstack([file.whole("goal_ticks", rows, len(names)), np.full((rows, 1), NO_SERVO)])[:, order]
-        robot = replace(robot, goal_ticks=goals if (goals != NO_SERVO).any() else None)
-    return robot
+        human = compile_body_text(str(file.texts("human_mjcf")), source=f"{path}: human_mjcf", root="free")
+        widths["human"] = body_from_file(human).nq
+    known: dict[str, Any] = {"source": str(path), "time": time, "phase": _npz_phase(file, len(time))}
+    known["sensor_names"], known["landmark_names"] = named.get("sensors", ()), named.get("landmarks", ())
+    for one in (FIELDS[name] for name in READ):
+        if one.npz in file and all(word in widths for word in one.shape if isinstance(word, str)):
+            shape = (len(time), *one.sizes(widths))
+            if one.dtype.kind == "i":
+                known[one.name] = file.whole(one.npz, *shape)
+            else:
+                known[one.name] = file.floats(one.npz, *shape, unknown=one.name != "human_q")
+    if human is not None:
+        known["human_q"][:, 3:7] = _unit(file, known["human_q"][:, 3:7])
+        if not robot:
+            return _of_human(known | {"landmarks_asked": None}, human)
+        if body_from_file(human).scalar_names == named["servos"]:
+            return _of_human(known, human)
+    names, place = named["servos"], _body_place(file, path, body)
+    compiled = compile_body(place, root="free")
+    model = body_from_file(compiled)
+    known["q"] = _npz_posture(file, model, names, len(time))
+    order = [names.index(name) if name in names else -1 for name in model.scalar_names]
+    for name, missing in (("present", np.nan), ("goal_ticks", NO_SERVO)):
+        if name in known:
+            values = np.hstack([known[name], np.full((len(time), 1), missing)])[:, order]
+            known[name] = None if (np.isnan(values) | (values == NO_SERVO)).all() else values
+    return Motion(**known, robot=_robot_name(place), body=model, compiled=compiled, human=human)
 
 
 def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
@@ -211,24 +179,16 @@ def _npz_time(file: ArrayFile) -> FloatArray:
     return time
 
 
-def _npz_phase(file: ArrayFile, rows: int) -> TextArray:
+def _npz_phase(file: ArrayFile, rows: int) -> ByteArray:
     """Files from before phases were saved are all following."""
     if "phase" not in file:
-        return np.full(rows, PHASE_NAMES[Phase.FOLLOW])
+        return np.full(rows, Phase.FOLLOW, dtype=np.int8)
     phase = file.texts("phase", rows)
     strange = sorted(set(phase.tolist()) - set(PHASE_NAMES))
     if strange:
         where, allowed = f"{file.source}: phase", ", ".join(PHASE_NAMES)
         raise InputError("unknown phase", where=where, found=repr(strange[0])[:80], allowed=allowed)
-    return np.asarray(phase)
-
-
-def _npz_points(file: ArrayFile, rows: int, names: str, tracks: str) -> Tracks | None:
-    """Points by the keys of their names and of where they were; None where the file has none."""
-    if names not in file or tracks not in file:
-        return None
-    named = tuple(str(name) for name in file.texts(names, None))
-    return Tracks(named, file.floats(tracks, rows, len(named), 3, unknown=True))
+    return np.array([PHASE_NAMES.index(name) for name in phase.tolist()], dtype=np.int8)
 
 
 def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
@@ -244,62 +204,52 @@ def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
 # A run that `--record FILE.mcap` wrote.
 
 
-def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> RecordedRun:
-    recording, session = whole.recording, whole.recording.session
-    postures = np.isfinite(whole.cycles.human_q).all(axis=1) & (whole.cycles.human_q.shape[1] > 0)
-    # Of a human alone, a tick is its posture.
-    kept = np.flatnonzero(whole.cycles.kept & (bool(session.joints) | postures))
+def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> Motion:
+    recording, session, cycles = whole.recording, whole.recording.session, whole.cycles
+    source, alone = str(recording.path), not session.joints
+    postures = np.isfinite(cycles.human_q).all(axis=1) & (cycles.human_q.shape[1] > 0)
+    kept = np.flatnonzero(cycles.kept & (postures | (not alone)))  # of a human alone, a tick is its posture
     if not kept.size:
-        raise InputError("a run without ticks", where=str(recording.path))
-    cycles, rows = whole.cycles.taken(kept), np.flatnonzero(postures[kept])
-    tracks: dict[str, NDArray[Any]] = {"state": cycles.state, "no_command": cycles.no_command}
+        raise InputError("a run without ticks", where=source)
+    rows, postures = cycles[kept], postures[kept]
     notes = [f"{recording.damage}; what is whole of it is used"] if recording.damage else []
     notes += [f"{whole.missing} ticks were never written"] if whole.missing else []
-    run = RecordedRun(None, None, np.zeros(len(kept), dtype=np.int64), tracks=tracks, recording=recording)
-    if rows.size:
-        run = _with_human(run, whole, cycles, rows)
-    if with_robot and session.joints:
+    known = {name: rows.known[name] for name in ("state", "no_command", "observer_modes", "human_q", *STAGES)}
+    known |= {"time": _time(whole, rows.index), "phase": np.clip(rows.phase, 0, len(Phase) - 1)}
+    known |= {"reason": _reasons(recording, rows), "sensors": _valid_sensors(cycles)[kept]}
+    known |= {"source": source, "sensor_names": session.sensors, "recording": recording}
+    human = _recorded_human(whole) if postures.any() else None
+    known["human_q"][postures, 3:7] = normalise(known["human_q"][postures, 3:7])
+    if with_robot and not alone:
         with as_recorded(recording, body=body) as configs:
             assert configs.robot is not None, "there are joints"
-            run = _with_robot(run, whole, kept, configs.robot)
-            notes += configs.notes
-    elif session.joints and run.human is not None:
-        steps = np.diff(run.human.time)
-        often = 1.0 / float(np.median(steps)) if steps.size else 0.0
-        every = "`retarget replay` with --save FILE.npz has it at every tick"
-        notes.append(f"the human was kept {often:.3g} times a second; {every}")
-    return replace(run, reasons=_reasons(recording, cycles), notes=tuple(notes))
+            known |= _of_robot(whole, kept, configs.robot)
+            return Motion(**known, human=human, notes=(*notes, *configs.notes))
+    if human is None:
+        raise no_human(source)
+    if alone:
+        asked = {"landmarks_asked": known["sensors"], "landmark_names": session.sensors}
+        return _of_human(known | asked | {"notes": tuple(notes)}, human)
+    run = _of_human(known | {"row": "posture that was kept"}, human)
+    often = 1.0 / float(np.median(np.diff(run.time))) if len(run) > 1 else 0.0
+    every = "`retarget replay` with --save FILE.npz has it at every tick"
+    return replace(run, notes=(*notes, f"the human was kept {often:.3g} times a second; {every}"))
 
 
-def _with_human(run: RecordedRun, whole: Played, cycles: Cycles, rows: NDArray[np.intp]) -> RecordedRun:
-    """The run with its human, which was kept in some rows of the cycles (T,)."""
-    recording, session = whole.recording, whole.recording.session
-    source, q, index = str(recording.path), cycles.human_q[rows], cycles.index[rows]
-    compiled = compile_body_text(build_human(session.size).mjcf, source=f"{source}: the human", root="free", own=True)
-    model = body_from_file(compiled)
-    if q.shape[1] != model.nq:
-        raise InputError("the human has another tree now", where=source, found=f"q of {q.shape[1]}")
-    q[:, 3:7] = normalise(q[:, 3:7])
-    worn = _valid_sensors(whole.cycles)[np.searchsorted(whole.cycles.index, index)]
-    sensors, alone = Tracks(session.sensors, worn), not session.joints
-    human = Motion(
-        source,
-        "human",
-        model,
-        _time(whole, index),
-        _names_of(cycles.phase[rows]),
-        q,
-        asked=sensors if alone else None,
-        row="tick" if alone else "posture that was kept",
-        compiled=compiled,
-    )
-    shown = np.maximum(np.searchsorted(index, cycles.index, side="right") - 1, 0)
-    return replace(run, human=human, shown=shown, sensors=sensors)
+def _recorded_human(whole: Played) -> BodyFile:
+    """The body of the human of a recording."""
+    source = str(whole.recording.path)
+    mjcf = build_human(whole.recording.session.size).mjcf
+    human = compile_body_text(mjcf, source=f"{source}: the human", root="free", own=True)
+    if whole.cycles.human_q.shape[1] != body_from_file(human).nq:
+        found = f"q of {whole.cycles.human_q.shape[1]}"
+        raise InputError("the human has another tree now", where=source, found=found)
+    return human
 
 
-def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: RobotBody) -> RecordedRun:
-    """The run with what was sent to its robot in the cycles `kept` (T,), on a tree with a free root."""
-    recording, cycles, servos = whole.recording, whole.cycles.taken(kept), robot.joint_map
+def _of_robot(whole: Played, kept: NDArray[np.intp], robot: RobotBody) -> dict[str, Any]:
+    """What was sent to the robot in the cycles `kept` (T,), on a tree with a free root."""
+    recording, rows, servos = whole.recording, whole.cycles[kept], robot.joint_map
     compiled = compile_body(robot.profile.body_path, root="free")
     model = body_from_file(compiled)
     q = postures_sent(whole, robot, kept)
@@ -308,34 +258,26 @@ def _with_robot(run: RecordedRun, whole: Played, kept: NDArray[np.intp], robot: 
     for start in quaternion_columns(robot.body):
         q[:, start : start + 4] = normalise(q[:, start : start + 4])
     names, joints, root = joints_and_root(robot.body, q)
-    motion = Motion(
-        str(recording.path),
-        robot.profile.name,
-        model,
-        _time(whole, cycles.index),
-        _names_of(cycles.phase),
-        posture(model, names, joints, root),
-        goal_ticks=servos.spread(names, cycles.goal),
-        compiled=compiled,
-    )
+    columns = [names.index(joint) for joint in servos.joints]
+
+    def spread(values: FloatArray) -> FloatArray:
+        made = np.full(joints.shape, np.nan)
+        made[:, columns] = values
+        return made
+
+    known = {"q": posture(model, names, joints, root), "goal_ticks": servos.spread(names, rows.goal_ticks)}
+    known |= {name: spread(rows.known[name]) for name in ("temperature", "current")}
     if recording.session.bus != "none":
-        present = np.full(joints.shape, np.nan)
-        read = (cycles.read == Done.WELL)[:, None]
-        present[:, [names.index(joint) for joint in servos.joints]] = np.where(
-            read, servos.to_radians(cycles.position), np.nan
-        )
-        motion = replace(motion, servos=present)
+        read = (rows.read == Done.WELL)[:, None]
+        known["present"] = spread(np.where(read, servos.to_radians(rows.position), np.nan))
     if LANDMARKS in recording.topics:
-        asked = _asked(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], cycles.index)
-        motion = replace(motion, asked=asked)
-    tracks = run.tracks | {name: getattr(cycles, name) for name in ("temperature", "current", "observer_modes")}
-    if cycles.truth.shape[1] == len(truth_names(model)):
-        known = np.where(np.isnan(cycles.truth).all(axis=1), 0, np.arange(len(cycles)))
-        tracks["truth"] = cycles.truth[np.maximum.accumulate(known)]
-    profile = replace(
-        robot, body=model, servo_columns=model.joint_qpos[[model.joint_index(joint) for joint in servos.joints]]
-    )
-    return replace(run, robot=motion, profile=profile, tracks=tracks)
+        known |= _asked(tuple(robot.profile.landmarks), recording.topics[LANDMARKS], rows.index)
+    if rows.truth.shape[1] == len(truth_names(model)):
+        there = np.where(np.isnan(rows.truth).all(axis=1), 0, np.arange(len(rows)))
+        known["truth"] = rows.truth[np.maximum.accumulate(there)]
+    moved = model.joint_qpos[[model.joint_index(joint) for joint in servos.joints]]
+    profile = replace(robot, body=model, servo_columns=moved)
+    return known | {"robot": robot.profile.name, "body": model, "compiled": compiled, "profile": profile}
 
 
 def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
@@ -350,11 +292,7 @@ def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
     return np.asarray((index - first) * found.recording.session.dt)
 
 
-def _names_of(phase: NDArray[np.int8]) -> TextArray:
-    return np.array(PHASE_NAMES)[np.clip(phase, 0, len(PHASE_NAMES) - 1)]
-
-
-def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> Tracks | None:
+def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> dict[str, Any]:
     """Landmarks at every cycle: between two that were kept on a straight line, before the first and after the last that
     were asked for as they stood then; unknown in between where one of them is."""
     tracks = {}
@@ -365,14 +303,15 @@ def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -
             part = slice(known[0], known[-1] + 1)
             x, y = topic.cycles[part].astype(np.float64), said[part]
             tracks[name] = np.stack([np.interp(index, x, column) for column in y.T], axis=1)
-    return Tracks(tuple(tracks), np.stack(list(tracks.values()), axis=1)) if tracks else None
+    asked = np.stack(list(tracks.values()), axis=1) if tracks else None
+    return {"landmarks_asked": asked, "landmark_names": tuple(tracks)}
 
 
-def _reasons(recording: Recording, cycles: Cycles) -> tuple[str, ...]:
+def _reasons(recording: Recording, cycles: RunTable) -> TextArray:
     """The last failure or stop until each of the cycles, or ""."""
     said = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _is_reason(who, text))
     last = np.searchsorted([cycle for cycle, _ in said], cycles.index, side="right")
-    return tuple(said[count - 1][1] if count else "" for count in last.tolist())
+    return np.array([said[count - 1][1] if count else "" for count in last.tolist()], dtype=np.object_)
 
 
 def _is_reason(who: str, text: str) -> bool:
@@ -380,7 +319,7 @@ def _is_reason(who: str, text: str) -> bool:
     return who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)
 
 
-def _valid_sensors(cycles: Cycles) -> FloatArray:
+def _valid_sensors(cycles: RunTable) -> FloatArray:
     """Sensors (T, s, 3) m at every cycle, as they were sampled last, or first; NaN: not valid."""
     sampled = cycles.sampled != Done.NOT
     position = np.where((cycles.sampled == Done.WELL)[:, None, None], cycles.sensor_position, np.nan)

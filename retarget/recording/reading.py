@@ -26,23 +26,22 @@ from retarget.frames import SensorFrames
 from retarget.human.samples import Clip
 from retarget.model.robot import RobotBody
 from retarget.recording.cdr import Rows, layout_from
-from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA, MOST_RECORDS, require_mcap
 from retarget.recording.npz import MAX_BYTES, refuse_no_file
 from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import (
-    BUS_FIELDS,
     GOALS,
     HUMAN_POSTURE,
     LANDMARKS,
+    RECORDED,
     SENSORS,
-    SERVO_FIELDS,
     SERVOS,
     TICK,
-    TICK_FIELDS,
     TRUTH,
     sent_postures,
 )
+from retarget.run.table import STAGES, RunTable, Widths, message_fields
 from retarget.types import FloatArray
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -273,22 +272,15 @@ def _log_of(data: bytes) -> tuple[str, str]:
 
 MOST_CYCLES = 50_000_000
 """Four days at 125 Hz."""
-OF_TOPICS = {
-    SERVOS: BUS_FIELDS | SERVO_FIELDS,
-    GOALS: {"position": "q"},
-    HUMAN_POSTURE: {"q": "human_q"},
-    TRUTH: {"q": "truth"},
-}
-"""Fields of messages, and where they are in `Cycles`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Played:
     """recording: what was read. cycles: those that are whole, from the first one on. missing: cycles that were never
-    written. In a cycle in which they were not kept, q, human_q and truth are NaN."""
+    written. In a cycle in which they were not kept, q_servos, human_q and truth are NaN."""
 
     recording: Recording
-    cycles: Cycles
+    cycles: RunTable
     missing: int
 
     @property
@@ -338,8 +330,8 @@ def played(recording: Recording) -> Played:
 def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
     """Read the postures (k, nq), m, wxyz and rad, that were sent in some rows of the cycles. Raises InputError where
     the body is another one."""
-    cycles, body = found.cycles.taken(rows), robot.body
-    servos, recorded = len(robot.servo_columns), (cycles.q.shape[1], cycles.rest.shape[1])
+    cycles, body = found.cycles[rows], robot.body
+    servos, recorded = len(robot.servo_columns), (cycles.q_servos.shape[1], cycles.q_rest.shape[1])
     if recorded != (servos, body.nq - servos):
         raise InputError(
             "joints and body do not belong together",
@@ -350,7 +342,7 @@ def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> Fl
     return sent_postures(robot, cycles)
 
 
-def _cycles(recording: Recording) -> Cycles:
+def _cycles(recording: Recording) -> RunTable:
     ticks, sensors, session = recording.topic(TICK), recording.topic(SENSORS), recording.session
     _, first = np.unique(ticks.rows["cycle"], return_index=True)
     rows = ticks.rows[first]  # in order, each cycle once
@@ -360,13 +352,13 @@ def _cycles(recording: Recording) -> Cycles:
         raise ValueError(f"more than {MOST_CYCLES} cycles")
     if session.joints:
         recording.topic(SERVOS)
-    shape = _shape(recording, rows)
-    if 8 * len(rows) * (shape.human + shape.truth) > MAX_BYTES:
+    widths = _widths(recording, rows)
+    if 8 * len(rows) * (widths["human"] + widths["truth"]) > MAX_BYTES:
         raise ValueError("wider postures than a body has")
-    cycles = Cycles.empty(len(rows), shape)
-    for name, own in TICK_FIELDS.items():
-        if getattr(cycles, own).size:
-            getattr(cycles, own)[:] = rows[name]
+    cycles = RunTable.empty(len(rows), widths, RECORDED)
+    for name, own in message_fields(TICK).items():
+        if cycles.known[own].size and (own not in STAGES or name in (rows.dtype.names or ())):
+            cycles.known[own][:] = rows[name]
     _take_sensors(cycles, sensors, rows["sensor_oriented"])
     asked = cycles.sampled != Done.NOT
     first = np.flatnonzero(asked & (cycles.tick == 0))
@@ -374,25 +366,27 @@ def _cycles(recording: Recording) -> Cycles:
         raise ValueError("no valid sensors in its first tick")
     if cycles.tick[asked].max() >= session.ticks:
         raise ValueError("more ticks than its session has")
-    cycles.q[:], cycles.human_q[:], cycles.truth[:] = np.nan, np.nan, np.nan
-    for topic, fields in OF_TOPICS.items():
-        if topic in recording.topics:
-            at, known = _places(cycles, recording.topics[topic])
-            for name, own in fields.items():
-                getattr(cycles, own)[at] = recording.topics[topic].rows[name][known]
+    cycles.q_servos[:], cycles.human_q[:], cycles.truth[:] = np.nan, np.nan, np.nan
+    for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH} & set(recording.topics):
+        at, known = _places(cycles, recording.topics[topic])
+        for name, own in message_fields(topic).items():
+            cycles.known[own][at] = recording.topics[topic].rows[name][known]
     return cycles
 
 
-def _shape(recording: Recording, rows: Rows) -> Shape:
+def _widths(recording: Recording, rows: Rows) -> Widths:
     session, topics = recording.session, recording.topics
-    fields = {HUMAN_POSTURE: "q", TRUTH: "q", LANDMARKS: "poses"}
-    human, truth, landmarks = (topics[at].rows[name].shape[1] if at in topics else 0 for at, name in fields.items())
-    rest = rows["root"].shape[1] if "root" in (rows.dtype.names or ()) else 0
-    observers = len(session.observers) if session.joints else 0
-    return Shape(len(session.sensors), len(session.joints), rest, human, 0, landmarks, observers, 0, truth)
+    fields = {"human": (HUMAN_POSTURE, "q"), "truth": (TRUTH, "q"), "landmarks": (LANDMARKS, "poses")}
+    return {
+        "sensors": len(session.sensors),
+        "servos": len(session.joints),
+        "rest": rows["root"].shape[1] if "root" in (rows.dtype.names or ()) else 0,
+        "observers": len(session.observers) if session.joints else 0,
+        **{name: topics[at].rows[key].shape[1] if at in topics else 0 for name, (at, key) in fields.items()},
+    }
 
 
-def _places(cycles: Cycles, topic: TopicRows) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _places(cycles: RunTable, topic: TopicRows) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Rows of `cycles` of the messages, and which messages have one."""
     at = np.searchsorted(cycles.index, topic.cycles)
     known = at < len(cycles)
@@ -400,7 +394,7 @@ def _places(cycles: Cycles, topic: TopicRows) -> tuple[NDArray[np.intp], NDArray
     return at[known], known
 
 
-def _take_sensors(cycles: Cycles, topic: TopicRows, oriented: NDArray[np.bool_]) -> None:
+def _take_sensors(cycles: RunTable, topic: TopicRows, oriented: NDArray[np.bool_]) -> None:
     at, known = _places(cycles, topic)
     poses = topic.rows["poses"][known]
     cycles.sensor_position[at] = poses[..., :3]

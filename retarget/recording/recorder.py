@@ -14,7 +14,7 @@ from hardware.guard_state import Stop, StopCause
 from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.model.human_dimensions import POINTS
-from retarget.recording.cycles import STATES_OF_RUN, Asked, Cycles, Done, Shape
+from retarget.recording.cycles import STATES_OF_RUN, Asked, Done
 from retarget.recording.mcap_writer import (
     MOST_EVENTS,
     OPTION,
@@ -32,6 +32,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Record
 from retarget.run.run_result import truth_names
+from retarget.run.table import STAGES, RunTable, Widths
 from retarget.run.tick import Machine, TickInput
 from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray, Notify, RunState
@@ -61,7 +62,7 @@ class CycleObserver(Observer):
 
     def begin(self, ring: Ring, machine: Machine | None, *, now: float) -> None:
         """Record every cycle from now on. machine: None: of a human alone."""
-        ring.rows.landmarks[:] = np.nan
+        ring.rows.landmarks_asked[:] = np.nan
         self.ring, self._machine, self._now = ring, machine, now
 
     def end(self) -> None:
@@ -112,7 +113,7 @@ class CycleObserver(Observer):
         self._say_failures(rows, at, given)
         # The goal that was given to the bus, the row of the record, and where the run is.
         if goal is not None and machine is not None:
-            rows.goal[at] = machine.guard.ticks_of(goal)
+            rows.goal_ticks[at] = machine.guard.ticks_of(goal)
             rows.written[at] = Done.WELL if goal is machine.guard.goal else Done.FAILED
         if tick is not None and tick.row is not None:
             self._keep_row(rows, at, tick.record, tick.row)
@@ -121,7 +122,7 @@ class CycleObserver(Observer):
             self._say_changes(machine)
         ring.turn()
 
-    def _say_failures(self, rows: Cycles, at: int, given: TickInput) -> None:
+    def _say_failures(self, rows: RunTable, at: int, given: TickInput) -> None:
         for failure in given.failures:
             who = failure.cause.value
             if given.servos is None and failure.cause is not StopCause.SOURCE:
@@ -144,21 +145,21 @@ class CycleObserver(Observer):
             self.say("run", state.value)
         self._logged = (stop, torque, state)
 
-    def _keep_row(self, rows: Cycles, at: int, record: Record, row: int) -> None:
+    def _keep_row(self, rows: RunTable, at: int, record: Record, row: int) -> None:
         """Copy a row of the record."""
         self.rows += 1
-        human, robot, timing = record.human, record.robot, record.timing
         rows.kept[at], rows.phase[at] = True, record.phase[row]
-        rows.human_q[at], rows.human_joints[at] = human.q[row], human.joints[row]
-        own, modes = rows.human_observer_modes[at], human.observer_modes[row]
+        rows.human_q[at], rows.human_joints[at] = record.human_q[row], record.human_joints[row]
+        own, modes = rows.human_observer_modes[at], record.human_observer_modes[row]
         own[: modes.size] = modes[: own.size]
-        rows.cost[at] = timing.reconstruct[row], timing.retarget[row], timing.cycle[row]
-        if robot is None or self._machine is None:
+        for name in ("cost", *STAGES):
+            getattr(rows, name)[at] = getattr(record, name)[row]
+        if self._machine is None or record.robot is None:
             return
-        body = self._machine.robot
+        robot, body = record.robot, self._machine.robot
         q, names = robot.q[row], tuple(body.profile.landmarks)
-        rows.q[at], rows.rest[at] = q[body.servo_columns], np.delete(q, body.servo_columns)
-        rows.landmarks[at, [names.index(name) for name in robot.landmark_names]] = robot.landmarks_asked[row]
+        rows.q_servos[at], rows.q_rest[at] = q[body.servo_columns], np.delete(q, body.servo_columns)
+        rows.landmarks_asked[at, [names.index(name) for name in robot.landmark_names]] = robot.landmarks_asked[row]
         own, modes = rows.observer_modes[at], robot.observer_modes[row]
         own[: modes.size] = modes[: own.size]
         rows.gated[at], rows.no_command[at] = robot.gated[row], robot.no_command[row]
@@ -167,7 +168,7 @@ class CycleObserver(Observer):
             rows.truth[at] = np.nan if truth is None else truth
 
 
-def _keep_sample(rows: Cycles, at: int, sample: SensorSample | None) -> None:
+def _keep_sample(rows: RunTable, at: int, sample: SensorSample | None) -> None:
     rows.sampled[at] = Done.FAILED if sample is None else Done.WELL
     if sample is None:
         return
@@ -285,7 +286,7 @@ class Recorder:
             self._notify(f"warning: the recording is not whole, the robot goes on: {self._path}: {self._warned}")
 
 
-def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]:
+def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Widths, list[Topic]]:
     """How wide a cycle is, and the topics."""
     robot = None if prepared.machine is None else prepared.machine.robot
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
@@ -293,16 +294,16 @@ def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Shape, list[Topic]]
     observers = 0 if prepared.observers is None else len(prepared.observers.names)
     sensors = tuple(prepared.performer.sensors)
     truth = truth_names(robot.body) if robot is not None and simulated else ()
-    shape = Shape(
-        sensors=len(sensors),
-        servos=0 if robot is None else len(robot.joint_map),
-        rest=0 if robot is None else robot.body.nq - len(robot.joint_map),
-        human=prepared.human.body.nq,
-        joints=len(POINTS),
-        landmarks=len(landmarks),
-        observers=0 if robot is None else observers,
-        human_observers=0 if own is None else len(own.names),
-        truth=len(truth),
-    )
+    shape = {
+        "sensors": len(sensors),
+        "servos": 0 if robot is None else len(robot.joint_map),
+        "rest": 0 if robot is None else robot.body.nq - len(robot.joint_map),
+        "human": prepared.human.body.nq,
+        "joints": len(POINTS),
+        "landmarks": len(landmarks),
+        "observers": 0 if robot is None else observers,
+        "human_observers": 0 if own is None else len(own.names),
+        "truth": len(truth),
+    }
     names = {"sensors": sensors, "human_joints": POINTS, "landmarks": landmarks, "truth": truth}
     return shape, topics(shape, dt=prepared.samples.dt, robot=robot, **names)

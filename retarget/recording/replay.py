@@ -17,7 +17,7 @@ from retarget.frames import SensorSample
 from retarget.human.samples import MAX_KEPT, Clip, Performance, PerformerInput
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_recorded
-from retarget.recording.cycles import Asked, Done
+from retarget.recording.cycles import Asked, Done, now_of
 from retarget.recording.reading import Played
 from retarget.recording.session import Session, machine_name
 from retarget.recording.topics import SERVO_FIELDS
@@ -90,7 +90,7 @@ class RecordedInputs:
 
     def __init__(self, played: Played, samples: RecordedSamples) -> None:
         self._cycles = cycles = played.cycles
-        self._now, self._texts, self._samples = cycles.now, played.recording.texts, samples
+        self._now, self._texts, self._samples = now_of(cycles), played.recording.texts, samples
         self.clock = VirtualClock(float(self._now[0]))
         self.sent: list[tuple[int, TickArray]] = []
         wrote = np.where(cycles.written != Done.NOT, np.arange(len(cycles)), -1)
@@ -167,7 +167,7 @@ class RecordedInputs:
         cycles, row = self._cycles, self._row
         states = {name: getattr(cycles, name)[row].copy() for name in SERVO_FIELDS}
         if self.sent and self._last_goal[row] >= 0:
-            states["position"] += self.sent[-1][1] - cycles.goal[self._last_goal[row]]
+            states["position"] += self.sent[-1][1] - cycles.goal_ticks[self._last_goal[row]]
         time = float(cycles.bus_time[row]) - self._clock_lead
         retries, error_rate = int(cycles.retries[row]), float(cycles.error_rate[row])
         return ServoStates(**states, time=time, retries=retries, error_rate=error_rate)
@@ -264,11 +264,11 @@ def goal_difference(played: Played, goals: Sequence[tuple[int, TickArray]], robo
     cycles, first = played.cycles, dict(reversed(goals))  # the first goal of each row
     wrote = np.flatnonzero(cycles.written != Done.NOT)
     sent = np.array([row for row in wrote.tolist() if row in first], dtype=np.intp)
-    then, servos = cycles.goal[sent], robot.joint_map
+    then, servos = cycles.goal_ticks[sent], robot.joint_map
     now = np.array([first[row] for row in sent.tolist()]).reshape(then.shape)
     off = np.abs(np.rad2deg(servos.to_radians(now) - servos.to_radians(then)), dtype=np.float64)
     return replace(
-        _located(off, cycles.index[sent], servos.joints, cycles.now[sent] - cycles.now[0]),
+        _located(off, cycles.index[sent], servos.joints, now_of(cycles)[sent] - now_of(cycles)[0]),
         compared=len(wrote),
         ticks=int(np.abs(now - then).max(initial=0)),
         unit="degrees",
@@ -352,7 +352,7 @@ def replay(
         result = prepared.run(observers=observers, inputs=inputs)
     result = replace(result, notes=tuple(dict.fromkeys(result.notes)))  # those of then are mostly made again
     if robot is None:
-        difference = posture_difference(played, result.record.human.q)
+        difference = posture_difference(played, result.record.human_q)
     else:
         difference = goal_difference(played, inputs.sent, robot)
     return Replayed(result, difference, (*what_computes(session), *configs.notes))

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
 from retarget.recording.motion import CONVENTIONS, Motion
+from retarget.run.record import PHASE_NAMES
+from retarget.run.table import FIELDS
 
 # What CSV and Parquet have in common: the columns.
 
@@ -36,24 +38,19 @@ def columns_of(motion: Motion) -> tuple[Column, ...]:
     columns += [_column(f"root_q{axis}", "", motion.root_quaternion[:, i]) for i, axis in enumerate("wxyz")]
     named = list(zip(motion.joint_names, motion.joint_units, strict=True))
     columns += [_column(name, unit, motion.joints[:, i]) for i, (name, unit) in enumerate(named)]
-    if motion.servos is not None:
-        known = np.asarray(np.isfinite(motion.servos).any(axis=0))
-        columns += [
-            _column(f"servo_{name}", unit, motion.servos[:, i]) for i, (name, unit) in enumerate(named) if known[i]
-        ]
-    if motion.goal_ticks is not None:
-        driven = np.asarray((motion.goal_ticks >= 0).any(axis=0))
-        columns += [
-            _column(f"ticks_{name}", "", motion.goal_ticks[:, i]) for i, (name, _) in enumerate(named) if driven[i]
-        ]
-    if motion.asked is not None:
-        columns += [
-            _column(f"asked_{name}_{axis}", "m", motion.asked.position[:, i, j])
-            for i, name in enumerate(motion.asked.names)
-            for j, axis in enumerate("xyz")
-        ]
+    points = [(f"{name}_{axis}", "m") for name in motion.landmark_names for axis in "xyz"]
+    for field, labels in (("present", named), ("goal_ticks", named), ("landmarks_asked", points)):
+        if field in motion:
+            values = motion.known[field].reshape(len(motion), -1)
+            whole = values.dtype.kind == "i"
+            known = values >= 0 if whole else np.isfinite(values) | (labels is points)
+            columns += [
+                _column(FIELDS[field].column + name, "" if whole else unit, values[:, i])
+                for i, (name, unit) in enumerate(labels)
+                if known[:, i].any()
+            ]
     if len(set(motion.phase.tolist())) > 1:
-        columns.append(_column("phase", "", motion.phase))
+        columns.append(_column("phase", "", np.array(PHASE_NAMES)[motion.phase]))
     _check_names(columns, motion.source)
     return tuple(columns)
 

@@ -16,7 +16,7 @@ from retarget.report import motion_metrics
 from retarget.report.findings import moments
 from retarget.report.plots import HUMAN_BONES, POSES, unlike_ticks
 from retarget.report.tracking import performer_facing, turned
-from retarget.run.record import Phase
+from retarget.run.record import PHASE_NAMES
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray, IntArray
 
@@ -106,103 +106,45 @@ TRAVEL = 0.5
 """A body that gets farther than this share of its height is followed by the view."""
 
 
-@dataclass(frozen=True)
-class Figure:
-    """A body, as `bodies.js` draws it. poses (T, links, 7) and their step: see `packed_poses`. marks (T, k, 3): what
-    was measured of a performer, or asked of a robot. centre (T, 2): where the view looks. height, reach m: what it must
-    show."""
+def animation_of(run: RunResult) -> dict[str, Any] | None:
+    """What the player draws, as JSON; None of a run that followed nothing.
 
-    label: str
-    body: dict[str, Any]
-    poses: str
-    step: float
-    marks: str
-    centre: str
-    height: float
-    reach: float
-
-
-@dataclass(frozen=True)
-class Ground:
-    """corners (T, c, 3) of all soles, `sizes` of them each; com (T, 3); margin (T,), see `support_margin`. contact: m
-    above the ground that still carry. middle, span (2,): of all of it, seen from above. outside: a letter a row, 1
-    where the centre of mass was beyond the edge in any of its ticks."""
-
-    corners: str
-    sizes: tuple[int, ...]
-    com: str
-    margin: str
-    contact: float
-    middle: tuple[float, ...]
-    span: tuple[float, ...]
-    outside: str
-
-
-@dataclass(frozen=True)
-class Lines:
-    """points (rows, p, 3): a row for each of the animation's, or one where nothing moves; edges: pairs of points."""
-
-    points: str
-    rows: int
-    edges: tuple[tuple[int, int], ...]
-
-
-@dataclass(frozen=True)
-class Animation:
-    """time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong.
-    recorded: of a human alone, its body as the file knows it. poses: rows that are shown side by side."""
-
-    time: tuple[int, ...]
-    phase: str
-    gated: str
-    every: int
-    performer: Figure
-    robot: Figure | None
-    ground: Ground | None
-    obstacles: Lines | None
-    recorded: Lines | None
-    poses: tuple[int, ...]
-    moments: tuple[int, ...]
-    simulated: bool
-
-
-def animation_of(run: RunResult) -> Animation | None:
-    """None of a run that followed nothing."""
+    time: ms. phase, gated: a letter a row. every: ticks to a row. moments: ms, at which something went wrong. recorded:
+    of a human alone, its body as the file knows it. poses: rows that are shown side by side.
+    """
     record, following = run.record, run.record.following
     if following.stop - following.start < 2:
         return None
     every = max(1, math.ceil(1.0 / (run.clip.dt * FPS) - 1e-9), math.ceil(len(record) / MOST_ROWS))
     rows = np.arange(0, len(record), every)
-    sent = record.robot
-    return Animation(
-        time=tuple(round(1e3 * time) for time in record.time[rows]),
-        phase="".join(Phase(value).name[0].lower() for value in record.phase[rows]),
-        gated="0" * len(rows) if sent is None else _letters(sent.gated, rows),
-        every=every,
-        performer=_performer(run, rows),
-        robot=_robot(run, rows),
-        ground=_ground(run, rows),
-        obstacles=_obstacles(run, rows),
-        recorded=_recorded(run, rows),
-        poses=tuple(
-            min(-(-tick // every), len(rows) - 1) for tick in unlike_ticks(run, min(POSES, run.ticks_followed))
-        ),
-        moments=tuple(round(1e3 * moment.time) for moment in moments(run)),
-        simulated=run.physics is not None,
-    )
+    ticks = unlike_ticks(run, min(POSES, run.ticks_followed))
+    return {
+        "time": [round(1e3 * time) for time in record.time[rows]],
+        "phase": "".join(PHASE_NAMES[phase][0] for phase in record.phase[rows]),
+        "gated": _letters(record.gated, rows),
+        "every": every,
+        "performer": _performer(run, rows),
+        "robot": _robot(run, rows),
+        "ground": _ground(run, rows),
+        "obstacles": _obstacles(run, rows),
+        "recorded": _recorded(run, rows),
+        "poses": [min(-(-tick // every), len(rows) - 1) for tick in ticks],
+        "moments": [round(1e3 * moment.time) for moment in moments(run)],
+        "simulated": run.physics is not None,
+    }
 
 
-def _performer(run: RunResult, rows: IntArray) -> Figure:
+def _performer(run: RunResult, rows: IntArray) -> dict[str, Any]:
     """The reconstructed human and the sensors, turned so that it faces x where following begins."""
     facing = performer_facing(run)[:1]
-    poses = run.human.solid.poses(run.record.human.q[rows])
+    poses = run.human.solid.poses(run.record.human_q[rows])
     poses[..., :3] = turned(poses[..., :3], facing)
     half = -0.5 * float(np.arctan2(facing[0, 1], facing[0, 0]))
     poses[..., 3:] = rotations.multiply(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]), poses[..., 3:])
     return _figure("performer", run.human.solid, poses, turned(run.sensors_asked[rows], facing))
 
 
-def _robot(run: RunResult, rows: IntArray) -> Figure | None:
+def _robot(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
     """The robot as it moved, see `RunResult.moved_q`, and the landmarks that were asked of it."""
     robot, sent, q = run.robot, run.record.robot, run.moved_q
     if robot is None or sent is None or q is None:
@@ -210,7 +152,10 @@ def _robot(run: RunResult, rows: IntArray) -> Figure | None:
     return _figure(robot.profile.name, robot.solid, robot.solid.poses(q[rows]), sent.landmarks_asked[rows])
 
 
-def _figure(label: str, solid: SolidBody, poses: FloatArray, marks: FloatArray) -> Figure:
+def _figure(label: str, solid: SolidBody, poses: FloatArray, marks: FloatArray) -> dict[str, Any]:
+    """A body, as `bodies.js` draws it. poses (T, links, 7) and their step: see `packed_poses`. marks (T, k, 3): what
+    was measured of a performer, or asked of a robot. centre (T, 2): where the view looks. height, reach m: what it must
+    show."""
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
     corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
     points = (poses[:, :, None, :3] + rotations.rotate(poses[:, :, None, 3:], corners)).reshape(len(poses), -1, 3)
@@ -222,7 +167,8 @@ def _figure(label: str, solid: SolidBody, poses: FloatArray, marks: FloatArray) 
         centre = _smooth(centre, int(FPS))
     reach = float(np.linalg.norm(points[..., :2] - centre[:, None], axis=-1).max())
     track, step = packed_poses(poses, centre)
-    return Figure(label, solid.as_json(), track, step, packed(marks), packed(centre), height, reach)
+    view = {"centre": packed(centre), "height": height, "reach": reach}
+    return {"label": label, "body": solid.as_json(), "poses": track, "step": step, "marks": packed(marks)} | view
 
 
 def _smooth(track: FloatArray, width: int) -> FloatArray:
@@ -233,8 +179,11 @@ def _smooth(track: FloatArray, width: int) -> FloatArray:
     return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
 
 
-def _ground(run: RunResult, rows: IntArray) -> Ground | None:
-    """Soles and centre of mass of a robot that stands, as it moved."""
+def _ground(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
+    """Soles and centre of mass of a robot that stands, as it moved. corners (T, c, 3) of all soles, `sizes` of them
+    each; com (T, 3); margin (T,), see `support_margin`. contact: m above the ground that still carry. middle, span
+    (2,): of all of it, seen from above. outside: a letter a row, 1 where the centre of mass was beyond the edge in any
+    of its ticks."""
     robot, q = run.robot, run.moved_q
     if robot is None or q is None or not robot.stands:
         return None
@@ -242,19 +191,19 @@ def _ground(run: RunResult, rows: IntArray) -> Ground | None:
     sizes = tuple(len(sole.polygon) for sole in stand.soles)
     flat = np.concatenate([stand.corners[rows], stand.com[rows, None]], axis=1)[..., :2].reshape(-1, 2)
     low, high = flat.min(axis=0), flat.max(axis=0)
-    return Ground(
-        corners=packed(stand.corners[rows]),
-        sizes=sizes,
-        com=packed(stand.com[rows]),
-        margin=packed(stand.margin[rows]),
-        contact=motion_metrics.CONTACT_M,
-        middle=tuple((0.5 * (low + high)).tolist()),
-        span=tuple((high - low).tolist()),
-        outside=_letters(stand.outside, rows),
-    )
+    return {
+        "corners": packed(stand.corners[rows]),
+        "sizes": sizes,
+        "com": packed(stand.com[rows]),
+        "margin": packed(stand.margin[rows]),
+        "contact": motion_metrics.CONTACT_M,
+        "middle": (0.5 * (low + high)).tolist(),
+        "span": (high - low).tolist(),
+        "outside": _letters(stand.outside, rows),
+    }
 
 
-def _obstacles(run: RunResult, rows: IntArray) -> Lines | None:
+def _obstacles(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
     """Obstacles of the last stage's body, in the world that its figure is drawn in."""
     wires = None if run.scene is None else wires_of(run.scene, np.maximum(run.record.time[rows], 0.0))
     if wires is None:
@@ -262,16 +211,21 @@ def _obstacles(run: RunResult, rows: IntArray) -> Lines | None:
     points = wires.points
     if run.robot is None:
         points = turned(points, performer_facing(run)[:1])
-    return Lines(packed(points), len(points), wires.edges)
+    return _lines(points, wires.edges)
 
 
-def _recorded(run: RunResult, rows: IntArray) -> Lines | None:
+def _recorded(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
     """The recorded body, turned as the performer's figure is."""
     if run.human_truth is None or run.robot is not None:
         return None
-    names = run.record.human.joint_names
+    names = run.record.human_joint_names
     edges = tuple((names.index(a), names.index(b)) for a, b in HUMAN_BONES)
-    return Lines(packed(turned(run.human_truth[rows], performer_facing(run)[:1])), len(rows), edges)
+    return _lines(turned(run.human_truth[rows], performer_facing(run)[:1]), edges)
+
+
+def _lines(points: FloatArray, edges: tuple[tuple[int, int], ...]) -> dict[str, Any]:
+    """Lines between pairs of points (rows, p, 3): a row for each of the animation's, or one where nothing moves."""
+    return {"points": packed(points), "rows": len(points), "edges": edges}
 
 
 def _letters(flags: BoolArray, rows: IntArray) -> str:

@@ -504,7 +504,7 @@ def _body(run: RunResult) -> tuple[BodyModel, FloatArray, PlacedBody, Clearance]
             placed,
             placed.to_itself(neutral=robot.posture(profile.postures.neutral), ignored=ignored),
         )
-    q = run.record.human.q
+    q = run.record.human_q
     placed = place_body(run.human.mjcf, q)
     return run.human.body, q, placed, placed.to_itself(neutral=run.human.posture(NEUTRAL))
 

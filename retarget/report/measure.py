@@ -34,6 +34,7 @@ from retarget.report.report import (
 )
 from retarget.report.tracking import ReferenceMotion, hands_from_shoulders, reachable_hands, top_level_error
 from retarget.report.unfollowed import unfollowed_of
+from retarget.run.record import CYCLE
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
 from retarget.types import MM, FloatArray
@@ -82,7 +83,7 @@ def bus_report(run: RunResult) -> BusReport | None:
     rate, longest, missed = pace(sent.bus_time, run.clip.dt) or (None, None, None)
     return BusReport(
         rate_hz=rate,
-        cycle_ms=percentiles(run.record.timing.cycle, 1e3),
+        cycle_ms=percentiles(run.record.cost[:, CYCLE], 1e3),
         faults=fault_count(run),
         longest_period_ms=None if longest is None else 1e3 * longest,
         missed_ticks=missed,
@@ -118,15 +119,16 @@ def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
     performance, moved = tracking.performance_of(run), _moved(run, reached)
+    reconstruct, retarget, _ = run.record.cost.T
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
         duration_s=max(float(run.record.time[-1]), 0.0) if len(run.record) else 0.0,
         rate_hz=run.clip.rate_hz,
         frames_per_s=played / max(run.wall_s, 1e-9),
-        solve_us=percentiles(run.record.timing.reconstruct + run.record.timing.retarget, 1e6),
-        reconstruct_us=percentiles(run.record.timing.reconstruct, 1e6),
-        retarget_us=None if run.record.robot is None else percentiles(run.record.timing.retarget, 1e6),
+        solve_us=percentiles(reconstruct + retarget, 1e6),
+        reconstruct_us=percentiles(reconstruct, 1e6),
+        retarget_us=None if run.record.robot is None else percentiles(retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, run.clip.dt),
         **_ways(run, performance, moved),
@@ -199,24 +201,24 @@ def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
 
 def _pelvis_heights(run: RunResult, moved: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Heights (T,) m of the pelvis, asked and reached: of a robot's landmark, or of the recorded body and the human."""
-    sent, human, truth = run.record.robot, run.record.human, run.truth_of(("pelvis",))
+    sent, record, truth = run.record.robot, run.record, run.truth_of(("pelvis",))
     if sent is not None:
         if "pelvis" not in sent.landmark_names:
             return None
         column = sent.landmark_names.index("pelvis")
         return sent.landmarks_asked[:, column, 2], moved[:, column, 2]
-    if truth is None or "pelvis" not in human.joint_names:
+    if truth is None or "pelvis" not in record.human_joint_names:
         return None
-    column = human.joint_names.index("pelvis")
-    return truth[:, 0, 2], human.joints[:, column, 2]
+    column = record.human_joint_names.index("pelvis")
+    return truth[:, 0, 2], record.human_joints[:, column, 2]
 
 
 def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     """How far performer and robot got over the ground, m, and how far they turned, degrees, while it followed."""
-    human, robot, q, rows = run.record.human, run.robot, run.moved_q, run.record.following
+    record, robot, q, rows = run.record, run.robot, run.moved_q, run.record.following
     if not run.ticks_followed:
         return BothMoved(None, None), BothMoved(None, None)
-    place = human.joints[rows, human.joint_names.index("pelvis"), :2]
+    place = record.human_joints[rows, record.human_joint_names.index("pelvis"), :2]
     travelled, turned = tracking.extent(place), float(np.degrees(tracking.turn_extent(tracking.performer_facing(run))))
     if robot is None or q is None:
         return BothMoved(travelled, None), BothMoved(turned, None)
@@ -332,15 +334,15 @@ def _degrees(angles: dict[str, FloatArray]) -> dict[str, Spread]:
 
 def _unsensed(run: RunResult) -> dict[str, float] | None:
     """Mean error, mm, of each joint that no sensor sits on, and the mean of those; None where no truth is known."""
-    human, sensed = run.record.human, {sensor.joint for sensor in run.setup.performer.sensors.values()}
+    record, sensed = run.record, {sensor.joint for sensor in run.setup.performer.sensors.values()}
     means = {}
     for joint in UNSENSED:
-        if joint in human.joint_names and joint not in sensed:
-            column = human.joint_names.index(joint)
+        if joint in record.human_joint_names and joint not in sensed:
+            column = record.human_joint_names.index(joint)
             truth = run.truth_of((joint,))
             if truth is None:
                 continue
-            known = tracking.distances(truth, human.joints[:, [column]])[:, 0]
+            known = tracking.distances(truth, record.human_joints[:, [column]])[:, 0]
             known = known[np.isfinite(known)]
             if known.size:
                 means[joint] = MM * float(known.mean())
@@ -352,7 +354,7 @@ def _joint_positions(run: RunResult) -> FloatArray:
     if run.robot is not None and run.record.robot is not None:
         return np.asarray(run.record.robot.q[:, run.robot.servo_columns])
     single, address = run.human.body.scalar_joints()
-    return np.asarray(run.record.human.q[:, address[single]])
+    return np.asarray(run.record.human_q[:, address[single]])
 
 
 def limits_broken(run: RunResult) -> LimitViolations:
@@ -360,7 +362,7 @@ def limits_broken(run: RunResult) -> LimitViolations:
     moved, kept = moved_joints(run), run.record
     if kept.robot is None:
         return limit_violations(moved.positions, moved.limits, moved.dt, from_rest=False)
-    goals = np.vstack([kept.robot.start, kept.robot.goals])
+    goals = np.vstack([kept.start, kept.goals])
     return limit_violations(goals, moved.limits, moved.dt, from_rest=kept.from_start, to_rest=kept.to_end)
 
 
@@ -368,7 +370,7 @@ def _observers(run: RunResult) -> tuple[RunClearances, ModeSwitches | None, Obse
     """How near the last stage's body came to anything, and what its observers did in the ticks that followed."""
     clear = clearances(run)
     sent = run.record.robot
-    modes = run.record.human.observer_modes if sent is None else sent.observer_modes
+    modes = run.record.human_observer_modes if sent is None else sent.observer_modes
     dt = run.clip.motion_dt if sent is None else run.clip.dt
     seen = observer_activity(modes[run.record.following], run.observer_names, dt)
     if seen is None:
@@ -473,9 +475,9 @@ def latest_of(run: RunResult, seconds: float) -> RunResult:
         return run
     following = record.following
     begun = max(first - following.start, 0)
-    kept = record.rows(first, len(record))
-    if record.robot is not None and kept.robot is not None:
-        kept = replace(kept, robot=replace(kept.robot, start=record.robot.goals[first - 1].copy()))
+    kept = record[first:]
+    if record.robot is not None:
+        kept = replace(kept, start=record.goals[first - 1].copy())
     return replace(run, record=replace(kept, from_start=False), clip=_from(clip, begun, run.ticks_followed))
 
 

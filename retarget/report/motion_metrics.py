@@ -39,7 +39,7 @@ def moved_joints(run: RunResult) -> MovedJoints:
     free = single & ~run.human.locked
     limits = JointLimits(whole.lower[free], whole.upper[free], whole.max_velocity[free], whole.max_acceleration[free])
     names = tuple(name for name, kept in zip(body.dof_names, free, strict=True) if kept)
-    return MovedJoints(names, run.record.human.q[:, address[free]], limits, run.clip.motion_dt)
+    return MovedJoints(names, run.record.human_q[:, address[free]], limits, run.clip.motion_dt)
 
 
 @dataclass(frozen=True)

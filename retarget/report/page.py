@@ -5,7 +5,6 @@ import hashlib
 import io
 import re
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 
 import jinja2
@@ -90,7 +89,6 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
         failed=sum(not limit.kept for limit in limits),
         moments=moments(run),
         animation=animation,
-        motion=None if animation is None else asdict(animation),
         drawings={name: drawn(figure, name) for name, figure in figures.items() if name != "poses"},
         tracking=tracking,
         longest_bar=max([LEAST_BAR, *(spread.p95 for block in tracking.values() for spread in block.values())]),

@@ -180,9 +180,9 @@ def unlike_ticks(run: RunResult, count: int) -> list[int]:
     """The `count` ticks at which the performer's postures differ most: the first tick that followed, then each time the
     one farthest from those chosen. Equal steps would show a motion that repeats itself at one of its phases."""
     following, facing = run.record.following, performer_facing(run)
-    points = turned(run.record.human.joints[following], facing)
+    points = turned(run.record.human_joints[following], facing)
     rows = thinned(len(points))
-    points = points[rows] - _feet(points, run.record.human.joint_names)[rows]
+    points = points[rows] - _feet(points, run.record.human_joint_names)[rows]
     chosen: list[int] = [0]
     apart = np.full(len(points), np.inf)
     while len(chosen) < count:
@@ -211,17 +211,17 @@ def _poses_title(run: RunResult) -> str:
 
 def performer_postures(run: RunResult, ticks: list[int]) -> DrawnPostures:
     """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
-    human, truth = run.record.human, run.human_truth
+    record, truth = run.record, run.human_truth
     facing = performer_facing(run)[np.array(ticks) - run.record.following.start]
-    points = turned(human.joints[ticks], facing)
-    feet, size = _feet(points, human.joint_names), _size(points, human.joint_names)
-    corners, normal, colour = facets_of(run.human.solid, human.q[ticks])
+    points = turned(record.human_joints[ticks], facing)
+    feet, size = _feet(points, record.human_joint_names), _size(points, record.human_joint_names)
+    corners, normal, colour = facets_of(run.human.solid, record.human_q[ticks])
     corners, normal = turned(corners, facing), turned(normal, facing)
     recorded: FloatArray | None = None
     bones: tuple[tuple[int, int], ...] = ()
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
-        bones = tuple((human.joint_names.index(a), human.joint_names.index(b)) for a, b in HUMAN_BONES)
+        bones = tuple((record.human_joint_names.index(a), record.human_joint_names.index(b)) for a, b in HUMAN_BONES)
     return DrawnPostures((corners - feet[:, None]) / size, normal, colour, recorded=recorded, bones=bones)
 
 

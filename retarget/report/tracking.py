@@ -180,7 +180,7 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
     robot, sent = run.robot, run.record.robot
     if isinstance(task, CentreOfMassTask):
         if robot is None or sent is None:
-            yield run.record.human.balance_error
+            yield run.record.balance_error
         elif task.mode == "support" and robot.stands:
             yield np.maximum(task.margin - motion_metrics.soles_over(robot, sent.q).margin, 0.0)
     elif isinstance(task, PositionTask):
@@ -268,14 +268,14 @@ class ReferenceMotion:
 
 def performance_of(run: RunResult) -> ReferenceMotion | None:
     """What was asked of the robot of a run, and of whom; None where nothing was."""
-    human, sent = run.record.human, run.record.robot
+    record, sent = run.record, run.record.robot
     if sent is None or not len(sent.q):
         return None
     return ReferenceMotion(
         dimensions=run.human.dimensions,
-        joint_names=human.joint_names,
-        joints=human.joints,
-        pelvis=_pelvis_turns(run, human.q),
+        joint_names=record.human_joint_names,
+        joints=record.human_joints,
+        pelvis=_pelvis_turns(run, record.human_q),
         landmark_names=sent.landmark_names,
         landmarks=sent.landmarks_asked,
         dt=run.clip.dt,
@@ -360,9 +360,9 @@ def _faced(pelvis: FloatArray, left: FloatArray, right: FloatArray, dt: float) -
 
 def performer_facing(run: RunResult) -> FloatArray:
     """Heading (t, 2), unit vectors on the ground, in which a robot mirrors the performer at the ticks that followed."""
-    human, following = run.record.human, run.record.following
-    turns = _pelvis_turns(run, human.q[following])
-    return headings(turns, human.joint_names, human.joints[following], run.clip.dt)
+    record, following = run.record, run.record.following
+    turns = _pelvis_turns(run, record.human_q[following])
+    return headings(turns, record.human_joint_names, record.human_joints[following], run.clip.dt)
 
 
 def _pelvis_turns(run: RunResult, q: FloatArray) -> FloatArray:

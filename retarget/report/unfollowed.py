@@ -155,7 +155,7 @@ class UnfollowedNotice:
         """Look at a row that was filled."""
         if record.phase[row] != Phase.FOLLOW:
             return
-        heights = _heights(record.human.joints[row : row + 1, self._columns])
+        heights = _heights(record.human_joints[row : row + 1, self._columns])
         feet = float(heights.ankle[0]), float(heights.toe[0])
         floors = feet if self._floors is None else self._floors
         self._floors = floor, toes_floor = self._risen(floors[0], feet[0]), self._risen(floors[1], feet[1])

@@ -1,23 +1,20 @@
 """The record of a run, one row per tick: arrays made before the first tick and filled in place."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock
 from hardware.guard import CheckedGoal, Guard
-from hardware.joint_map import JointMap
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
 from retarget.model.robot import RobotBody
-from retarget.types import BoolArray, FloatArray, HumanPosture, IntArray, ModeArray, RobotPosture
-
-ByteArray = NDArray[np.int8]
+from retarget.run.table import STAGES, RunTable
+from retarget.types import FloatArray, HumanPosture, RobotPosture
 
 
 class Phase(IntEnum):
@@ -30,126 +27,33 @@ class Phase(IntEnum):
     """Braking, after the end of the clip or after a stop, and what follows: return to stance, rest."""
 
 
-T = TypeVar("T")
+PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
+KEPT = (
+    *("time", "phase", "gated", "no_command", "cost", *STAGES, "sensors", "human_q", "human_joints"),
+    *("human_observer_modes", "balance_error", "q", "goals", "goal_ticks", "landmarks_asked", "observer_modes"),
+    *("bus_time", "present", "faults", "voltage", "temperature", "retries"),
+)
+"""The fields that the record of a run has."""
 
 
-def room(kind: type[T], rows: int, wide: Mapping[str, tuple[int, ...]], **given: Any) -> T:
-    """A dataclass whose arrays have room for so many rows, zero and not touched yet: a long run is not filled before
-    its first tick. wide: of the arrays that have more than one number a row. given: fields that are no such array."""
-    arrays = {
-        one.name: np.zeros((rows, *wide.get(one.name, ())), one.type.__args__[1].__args__[0])  # type: ignore[union-attr]
-        for one in fields(kind)  # type: ignore[arg-type]
-        if one.name not in given
-    }
-    return kind(**arrays, **given)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Record(RunTable):
+    """A run, a row for every tick that was sent. human_joint_names, landmark_names: of what its arrays hold.
 
-
-@dataclass(frozen=True, eq=False)
-class HumanRecord:
-    """The reconstructed human. q (T, nq); joints (T, m, 3) m, world: centres of `joint_names`.
-
-    balance_error (T,) m: of the centre of mass from its goal. Outside of following the human stands still, and only the
-    error is NaN. observer_modes (T, o). sensors (T, s, 3) m, world: what the posture was made of; NaN: not valid.
+    start (n,) rad: where the robot stood before the first tick; empty when only the human was reconstructed, then every
+    tick follows. from_start, to_end: no tick is missing there.
     """
 
-    joint_names: tuple[str, ...]
-    q: FloatArray
-    joints: FloatArray
-    balance_error: FloatArray
-    observer_modes: ModeArray
-    sensors: FloatArray
-
-    @classmethod
-    def empty(
-        cls, ticks: int, *, nq: int, joint_names: tuple[str, ...], observers: int = 0, sensors: int = 0
-    ) -> "HumanRecord":
-        """Room for so many ticks."""
-        wide = {"q": (nq,), "joints": (len(joint_names), 3), "observer_modes": (observers,), "sensors": (sensors, 3)}
-        return room(cls, ticks, wide, joint_names=joint_names)
-
-
-@dataclass(frozen=True, eq=False)
-class RobotRecord:
-    """What was asked of the robot, what was sent, and where its servos were, over T ticks.
-
-    landmarks_asked (T, k, 3) m, world, NaN outside of following. q (T, nq): posture sent, before rounding to ticks,
-    with the root that the robot's stage assumes. goals (T, n) rad, servo order: what the filter returned, which differs
-    from the posture where it compensates a load; goal_ticks (T, n): the same, rounded; present (T, n) rad: read at the
-    start of the tick. gated (T,): the gate sent something else than was asked. no_command (T,): there was no goal, and
-    the filter braked by itself. bus_time (T,) s: when the servos were read, on the bus's clock. faults (T,): servos
-    that did not answer or reported an alert. temperature (T, n) degrees Celsius, voltage (T, n) V; retries (T,):
-    requests repeated on the bus since it was opened. observer_modes (T, o): of the stage that asked. start (n,) rad:
-    where the robot stood before the first tick.
-    """
-
-    landmark_names: tuple[str, ...]
-    landmarks_asked: FloatArray
-    q: FloatArray
-    goals: FloatArray
-    goal_ticks: IntArray
-    present: FloatArray
-    gated: BoolArray
-    no_command: BoolArray
-    bus_time: FloatArray
-    faults: IntArray
-    temperature: FloatArray
-    voltage: FloatArray
-    retries: IntArray
-    observer_modes: ModeArray
-    start: FloatArray
-
-    @classmethod
-    def empty(
-        cls, ticks: int, *, nq: int, start: FloatArray, landmark_names: tuple[str, ...], observers: int = 0
-    ) -> "RobotRecord":
-        """Room for so many ticks of a robot that stands at `start` (n,) rad, servo order."""
-        wide = dict.fromkeys(("goals", "goal_ticks", "present", "temperature", "voltage"), start.shape)
-        wide |= {"landmarks_asked": (len(landmark_names), 3), "q": (nq,), "observer_modes": (observers,)}
-        return room(cls, ticks, wide, landmark_names=landmark_names, start=np.array(start, dtype=np.float64))
-
-    def keep_servos(self, row: int, states: ServoStates, joint_map: JointMap) -> None:
-        """Write the servo states at the start of a tick into its row."""
-        self.bus_time[row] = states.time
-        self.present[row] = joint_map.to_radians(states.position)
-        self.temperature[row], self.voltage[row] = states.temperature, states.voltage
-        self.retries[row] = states.retries
-        if states.alert.any() or not states.valid.all():
-            self.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
-        else:
-            self.faults[row] = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Timing:
-    """Cost of each tick (T,), s: thread CPU of both stages, NaN where they did not run; wall time of the whole tick."""
-
-    reconstruct: FloatArray
-    retarget: FloatArray
-    cycle: FloatArray
-
-    @classmethod
-    def empty(cls, ticks: int) -> "Timing":
-        """Room for so many ticks."""
-        return cls(*(np.full(ticks, np.nan) for _ in fields(cls)))
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """A run, a row for every tick that was sent. time (T,) s: 0 at the first tick of following, before it negative.
-
-    phase (T,): a `Phase`. robot is None when only the human was reconstructed; then every tick follows.
-    """
-
-    time: FloatArray
-    phase: ByteArray
-    human: HumanRecord
-    robot: RobotRecord | None
-    timing: Timing
+    human_joint_names: tuple[str, ...]
+    landmark_names: tuple[str, ...] = ()
+    start: FloatArray = field(default_factory=lambda: np.zeros(0))
     from_start: bool = True
     to_end: bool = True
 
-    def __len__(self) -> int:
-        return len(self.time)
+    @property
+    def robot(self) -> "Record | None":
+        """The record of a robot; None when only the human was reconstructed."""
+        return self if self.start.size else None
 
     @property
     def following(self) -> slice:
@@ -162,30 +66,6 @@ class Record:
         approach = () if self.from_start else ("the approach took long: its beginning is not recorded",)
         end = () if self.to_end else (f"what came after the first {self.time[-1]:.0f} s is not recorded",)
         return approach + end
-
-    def rows(self, first: int, end: int) -> "Record":
-        """The rows from `first` to before `end`, as views: for a run that ended early."""
-        return self.each(lambda array: array[first:end])
-
-    def each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> "Record":
-        """The record with every array that has one row per tick changed."""
-        return replace(
-            self,
-            time=change(self.time),
-            phase=change(self.phase),
-            human=_each(self.human, change),
-            robot=None if self.robot is None else _each(self.robot, change),
-            timing=_each(self.timing, change),
-        )
-
-
-Part = TypeVar("Part", HumanRecord, RobotRecord, Timing)
-
-
-def _each(part: Part, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Part:
-    values = {one.name: getattr(part, one.name) for one in fields(part) if one.name != "start"}
-    arrays: dict[str, Any] = {name: change(value) for name, value in values.items() if isinstance(value, np.ndarray)}
-    return replace(part, **arrays)
 
 
 # Which row of the record each tick fills, where a run lasts longer than there is room for.
@@ -220,6 +100,11 @@ class RecordRows:
             self._oldest, self.row = self.row % self._approach, self._approach
 
     @property
+    def reused(self) -> bool:
+        """Whether the next tick may fill a row that was filled before."""
+        return self._laps > 0 or self._end is not None
+
+    @property
     def closed(self) -> bool:
         """Whether no more ticks are kept."""
         return self._end is not None
@@ -242,10 +127,12 @@ class RecordRows:
 
             record = record.each(in_order)
             if record.robot is not None:  # the goals of the oldest row are where the kept rows begin
-                record.robot.start[:] = record.robot.goals[0]
-        return replace(record.rows(first, end), from_start=self._laps == 0, to_end=self._end is None)
+                record.start[:] = record.goals[0]
+        return replace(record[first:end], from_start=self._laps == 0, to_end=self._end is None)
 
 
+CYCLE = 2
+"""Column of `cost` that holds the wall time of the tick."""
 LONGEST_APPROACH_S = 30.0
 """An approach that takes up to this long is recorded whole; of a longer one the end is recorded."""
 
@@ -268,50 +155,50 @@ class TickRecorder:
         self._rows = RecordRows(approach=approach, follow=samples.kept, brake=round(stopping / samples.dt))
         self._samples, self._robot = samples, robot
         self._wall, self._begun, self._followed_at = MonotonicClock(), 0.0, (0.0, 0.0)
-        self.record = self._empty(self._rows.room, human, sensors, posture)
+        widths = {
+            "sensors": sensors,
+            "human": human.q.size,
+            "joints": len(human.joint_names),
+            "human_observers": human.observer_modes.size,
+        }
+        known: dict[str, Any] = {"human_joint_names": tuple(human.joint_names)}
+        if robot is not None and posture is not None:
+            widths |= {"robot": robot.body.nq, "servos": len(robot.joint_map)}
+            widths |= {"landmarks": len(posture.landmark_names), "observers": posture.observer_modes.size}
+            known |= {"landmark_names": posture.landmark_names, "start": np.zeros(len(robot.joint_map))}
+        self.record = Record.empty(self._rows.room, widths, KEPT, **known)
+        self.record.phase[:] = Phase.FOLLOW
+        self._stages = {name: self.record.known[name] for name in STAGES}
         self._followed = 0  # ticks
-
-    def _empty(self, rows: int, human: HumanPosture, sensors: int, posture: RobotPosture | None) -> Record:
-        own, robot = human.observer_modes.size, None
-        if self._robot is not None and posture is not None:
-            robot = RobotRecord.empty(
-                rows,
-                nq=self._robot.body.nq,
-                start=np.zeros(len(self._robot.joint_map)),
-                landmark_names=posture.landmark_names,
-                observers=posture.observer_modes.size,
-            )
-        return Record(
-            np.zeros(rows),  # filled in at the end, when the start of following is known
-            np.full(rows, Phase.FOLLOW, dtype=np.int8),
-            HumanRecord.empty(
-                rows, nq=human.q.size, joint_names=tuple(human.joint_names), observers=own, sensors=sensors
-            ),
-            robot,
-            Timing.empty(rows),
-        )
 
     def started(self, present: FloatArray) -> None:
         """Keep the joint positions (n,) rad before the first tick."""
         if self.record.robot is not None:
-            self.record.robot.start[:] = present
+            self.record.start[:] = present
 
     def begin(self) -> None:
         """Begin the row of a tick."""
         self._begun = self._wall.now()
+        if self._rows.reused:
+            for times in self._stages.values():
+                times[self._rows.row] = np.nan
+
+    def keep_time(self, stage: str, time: float) -> None:
+        """Keep when a stage of this tick was done, s on the run's clock. stage: one of STAGES."""
+        self._stages[stage][self._rows.row] = time
 
     def keep_human(self, human: HumanPosture, sample: SensorSample | None, *, error: bool) -> None:
         """The human of this tick, and the sample; error: whether the balance error is one of following."""
-        kept, row = self.record.human, self._rows.row
-        kept.q[row], kept.joints[row] = human.q, human.joints
-        kept.observer_modes[row] = human.observer_modes
+        kept, row = self.record, self._rows.row
+        kept.human_q[row], kept.human_joints[row] = human.q, human.joints
+        kept.human_observer_modes[row] = human.observer_modes
         kept.sensors[row] = np.nan if sample is None else sample.position
         kept.balance_error[row] = human.balance_error if error else np.nan
 
     def keep_costs(self, reconstruct: float, retarget: float) -> None:
         """Thread CPU of both stages, s."""
-        timing, row = self.record.timing, self._rows.row
-        timing.reconstruct[row], timing.retarget[row] = reconstruct, retarget
+        cost, row = self.record.cost, self._rows.row
+        cost[row, 0], cost[row, 1] = reconstruct, retarget
 
     def keep_robot(
         self,
@@ -325,15 +212,20 @@ class TickRecorder:
     ) -> None:
         """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target; gated:
         whether the gate refused what was asked; followed: for the performer."""
-        record, robot, row = self.record.robot, self._robot, self._rows.row
-        assert record is not None and robot is not None, "a goal was written"
-        assert guard.states is not None and guard.sent is not None, "a goal was written"
+        record, robot, row, states = self.record, self._robot, self._rows.row, guard.states
+        assert robot is not None and states is not None and guard.sent is not None, "a goal was written"
         record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent
         record.gated[row], record.no_command[row] = gated, not asked
         record.landmarks_asked[row] = np.nan if followed is None else followed.landmarks_asked
         if followed is not None:
             record.observer_modes[row] = followed.observer_modes
-        record.keep_servos(row, guard.states, robot.joint_map)
+        record.bus_time[row], record.retries[row] = states.time, states.retries
+        record.present[row] = robot.joint_map.to_radians(states.position)
+        record.temperature[row], record.voltage[row] = states.temperature, states.voltage
+        if states.alert.any() or not states.valid.all():
+            record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+        else:
+            record.faults[row] = 0
 
     def keep(self, phase: Phase, look: Callable[[Record, int], object], *, approaches: bool = False) -> None:
         """The tick is over. look: receives the record and the row. approaches: the next tick is still of the
@@ -341,9 +233,9 @@ class TickRecorder:
         record, row = self.record, self._rows.row
         record.phase[row] = phase
         now = self._wall.now()
-        record.timing.cycle[row] = now - self._begun
+        record.cost[row, CYCLE] = now - self._begun
         look(record, row)
-        record.timing.cycle[row] = self._wall.now() - self._begun  # callbacks are part of the tick
+        record.cost[row, CYCLE] = self._wall.now() - self._begun  # callbacks are part of the tick
         if phase is Phase.FOLLOW and not self._rows.closed:
             self._followed_at = (self._followed_at[0] if self._followed else self._begun, now)
             self._followed += 1

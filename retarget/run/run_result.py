@@ -130,14 +130,14 @@ class RunResult:
     @property
     def sensors_reached(self) -> FloatArray:
         """Positions (T, k, 3) m of the human's joints that wear the sensors."""
-        names = self.record.human.joint_names
+        names = self.record.human_joint_names
         columns = [names.index(self.setup.performer.sensors[sensor].joint) for sensor in self.sensors]
-        return np.asarray(self.record.human.joints[:, columns])
+        return np.asarray(self.record.human_joints[:, columns])
 
     @property
     def human_truth(self) -> FloatArray | None:
         """Recorded joint centres (T, m, 3) m, in the order of the record's; NaN or None where not known."""
-        return self.truth_of(self.record.human.joint_names)
+        return self.truth_of(self.record.human_joint_names)
 
     def truth_of(self, names: tuple[str, ...], rows: slice | None = None) -> FloatArray | None:
         """As `human_truth`, of some joints (T, m, 3) m and some rows, which go up one by one."""

@@ -96,14 +96,14 @@ def _add_robot(scene: "viser.SceneApi", cast: Cast, solid: SolidBody) -> dict[st
 
     def show_robot(seen: Snapshot) -> None:
         robot.show_poses(solid.poses(seen.robot[None])[0])
-        if cast.profile is None or seen.temperature is None:
+        if cast.profile is None or "temperature" not in seen:
             return
         for limb, temperature in zip(limbs, seen.temperature.tolist(), strict=True):
             if limb is not None:
                 limb.color = heat(temperature, cast.profile.profile.safety.temperature_c)
 
     def show_goal(seen: Snapshot) -> None:
-        goal.show_poses(solid.poses(seen.goal[None])[0])
+        goal.show_poses(solid.poses(seen.q[None])[0])
 
     return {"robot": (robot.top, show_robot), "goal": (goal.top, show_goal)}
 
@@ -126,7 +126,7 @@ def _add_performer(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[s
     human = Shapes(scene, "/performer/body", cast.human.meshes, scale=scale, color=HUMAN, opacity=HUMAN_OPACITY)
 
     def show_human(seen: Snapshot) -> None:
-        human.show_poses(cast.human.poses(seen.human[None])[0])
+        human.show_poses(cast.human.poses(seen.human_q[None])[0])
 
     parts: dict[str, Part] = {"performer": (human.top, show_human)}
     if cast.sensors:
@@ -137,8 +137,8 @@ def _add_performer(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[s
         balls = [_ball(BALL * height)] * len(cast.landmarks)
         asked = Shapes(scene, "/asked", balls, color=ASKED, cast_shadow=False)
         reached = Shapes(scene, "/reached", balls, color=REACHED, cast_shadow=False)
-        parts["asked"] = asked.top, lambda seen: asked.show(seen.asked)
-        parts["reached"] = reached.top, lambda seen: reached.show(seen.reached)
+        parts["asked"] = asked.top, lambda seen: asked.show(seen.landmarks_asked)
+        parts["reached"] = reached.top, lambda seen: reached.show(seen.landmarks_reached)
     return parts
 
 
@@ -169,8 +169,8 @@ def _add_ground(scene: "viser.SceneApi", cast: Cast, height: float) -> dict[str,
         shapes = Shapes(scene, "/obstacles", cast.obstacles, **look)
 
         def show_obstacles(seen: Snapshot) -> None:
-            if seen.obstacle_poses is not None:
-                shapes.show_poses(seen.obstacle_poses)
+            if "obstacles" in seen:
+                shapes.show_poses(seen.obstacles)
 
         parts["obstacles"] = shapes.top, show_obstacles
     return parts
@@ -195,7 +195,7 @@ def _balance(scene: "viser.SceneApi", name: str, robot: RobotBody | None, height
         for node, point, up in ((below, seen.com[:2], 0.001), (disc, seen.zmp, 0.002), (pressed, seen.pressure, 0.003)):
             move(node, np.append(point, up))
         if robot is not None:
-            points = robot.kinematics.points(np.ascontiguousarray(seen.goal)[None], links, np.array(local))[0]
+            points = robot.kinematics.points(np.ascontiguousarray(seen.q)[None], links, np.array(local))[0]
             flat = convex_hull(points[:, :2])
             disc.color = OUTSIDE if float(support_distance(seen.zmp[None], support_edges([flat]))[0]) < -EDGE_M else ZMP
             corners = np.column_stack([flat, np.full(len(flat), LINE_M)]).round(4)
@@ -211,10 +211,10 @@ def _observers(scene: "viser.SceneApi", robot: RobotBody) -> Part:
     shapes = Shapes(scene, "/observers", meshes, color=MODES[0], opacity=OBSERVER_OPACITY, cast_shadow=False)
 
     def show(seen: Snapshot) -> None:
-        modes = seen.modes
-        if modes is None or len(modes) != len(known.names):
-            modes = np.zeros(len(known.names), dtype=np.uint8)
-        positions, turns = body.forward(np.ascontiguousarray(seen.goal))
+        modes = np.zeros(len(known.names), dtype=np.uint8)
+        if "observer_modes" in seen and len(seen.observer_modes) == len(known.names):
+            modes = seen.observer_modes
+        positions, turns = body.forward(np.ascontiguousarray(seen.q))
         at = positions[known.links] + rotate(turns[known.links], known.positions)
         at[modes == 0] = np.nan
         shapes.show(at, multiply(turns[known.links], known.quats))
@@ -281,9 +281,9 @@ class Drawing:
     def _begin(self, first: Snapshot) -> None:
         """The performer begins left of the robot (alone, where one looks) and looks along x, as the robot does."""
         human = self._cast.human
-        _, turns = human.kinematics.forward(np.ascontiguousarray(first.human))
+        _, turns = human.kinematics.forward(np.ascontiguousarray(first.human_q))
         x, y, _ = rotate(turns[1], np.array([1.0, 0.0, 0.0])).tolist()
         half = -0.5 * np.arctan2(y, x)
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-        origin = self._height / human.height * first.human[:3] * (1.0, 1.0, 0.0)
+        origin = self._height / human.height * first.human_q[:3] * (1.0, 1.0, 0.0)
         move(self._performer, np.array([0.0, self._left, 0.0]) - rotate(turn, origin), turn)

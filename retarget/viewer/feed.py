@@ -22,7 +22,8 @@ from retarget.errors import ConfigError
 from retarget.model.body_file import Root
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
-from retarget.viewer.snapshot import Row
+from retarget.run.table import RunTable
+from retarget.viewer.snapshot import SHOWN
 
 LIVE_PAGE = "retarget.viewer.live_page"
 """The module that serves the page of `--view`: it takes a port and a title."""
@@ -63,12 +64,13 @@ class Note:
     note: str
 
 
-def packed(message: PageSetup | Row | Note | str) -> bytes:
+def packed(message: PageSetup | RunTable | Note | str) -> bytes:
     """A message to the process of the page, as JSON; a text is a state."""
-    return json.dumps(message if isinstance(message, str) else vars(message), default=np.ndarray.tolist).encode()
+    known = message.known if isinstance(message, RunTable) else message if isinstance(message, str) else vars(message)
+    return json.dumps(known, default=np.ndarray.tolist).encode()
 
 
-def unpacked(data: bytes) -> PageSetup | Row | Note | str:
+def unpacked(data: bytes) -> PageSetup | RunTable | Note | str:
     """The message of these bytes."""
     said = json.loads(data)
     if isinstance(said, str):
@@ -77,7 +79,7 @@ def unpacked(data: bytes) -> PageSetup | Row | Note | str:
         return Note(**said)
     lists: Any = tuple if "human_mjcf" in said else np.array
     known = {name: lists(value) if isinstance(value, list) else value for name, value in said.items()}
-    return PageSetup(**known) if lists is tuple else Row(**known)
+    return PageSetup(**known) if lists is tuple else RunTable(**known)
 
 
 class ViewFeed:
@@ -176,19 +178,17 @@ class ViewFeed:
 
     def _show(self, record: Record, row: int) -> None:
         """Raises OSError where the page does not take it at once."""
-        extras, human, robot = self.extras, record.human, record.robot
-        (state, why), time = extras.words(), (self._ticks - 1) * self._dt
-        known: dict[str, Any] = {"human": human.q[row], "sensors": human.sensors[row]}
-        if robot is not None:
+        extras = self.extras
+        (doing, reason), time = extras.words(), (self._ticks - 1) * self._dt
+        known: dict[str, Any] = {name: record.known[name][row] for name in SHOWN if name in record}
+        if record.robot is not None:
             asked = np.full((len(self._landmarks), 3), np.nan)
-            asked[[self._landmarks.index(name) for name in robot.landmark_names]] = robot.landmarks_asked[row]
-            known |= {"goal": robot.q[row], "modes": robot.observer_modes[row], "asked": asked}
-            known |= {"present": robot.present[row], "temperature": robot.temperature[row]}
-            known |= {"current": extras.current(), "truth": extras.truth()}
-        known["latency"] = extras.latency()
-        self._send(Row(time=time, state=state, why=why, obstacle_poses=extras.obstacles(), **known))
+            asked[[self._landmarks.index(name) for name in record.landmark_names]] = record.landmarks_asked[row]
+            known |= {"landmarks_asked": asked, "current": extras.current(), "truth": extras.truth()}
+        known |= {"obstacles": extras.obstacles(), "latency": extras.latency()}
+        self._send(RunTable(**known | {"time": time, "doing": doing, "reason": reason}))
 
-    def _send(self, message: PageSetup | Row | Note | str) -> None:
+    def _send(self, message: PageSetup | RunTable | Note | str) -> None:
         self._link.send(packed(message))
 
 

@@ -89,8 +89,8 @@ def curves(rows: Rows, cast: Cast, joint: int, quantity: str) -> tuple[FloatArra
     shown = [rows[at] for at in np.unique(np.linspace(0, len(rows) - 1, PLOTTED).astype(int))]
     time, unknown = np.array([row.time for row in shown]), np.full(len(shown), np.nan)
     if quantity not in OF_ANGLES:
-        values = [getattr(row, quantity) for row in shown]
+        values = [row.known.get(quantity) for row in shown]
         return time, unknown, np.array([np.nan if value is None else value[joint] for value in values])
-    sent = np.degrees([row.goal[cast.columns[joint]] for row in shown])
+    sent = np.degrees([row.q[cast.columns[joint]] for row in shown])
     present = np.degrees([row.present[joint] for row in shown])
     return (time, sent, present) if quantity == "angle" else (time, unknown, sent - present)

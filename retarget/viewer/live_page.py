@@ -22,11 +22,12 @@ from retarget.model.body_file import compile_body_text
 from retarget.model.meshes import solid_body
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
+from retarget.run.table import RunTable
 from retarget.schema.scene import load_scene
 from retarget.viewer.feed import BUFFER_BYTES, LONGEST_ANSWER, READY, REFUSED, SHOWN_HZ, STOP, PageSetup, unpacked
 from retarget.viewer.page import Page, headline
 from retarget.viewer.server import open_server
-from retarget.viewer.snapshot import Cast, Row, obstacle_meshes
+from retarget.viewer.snapshot import Cast, obstacle_meshes
 
 if TYPE_CHECKING:
     import viser
@@ -51,7 +52,7 @@ class LivePage:
         )
         self.button.on_click(self.pressed)
         self._page: Page | None = None
-        self.rows: deque[Row] = deque(maxlen=round(KEPT_S * SHOWN_HZ))
+        self.rows: deque[RunTable] = deque(maxlen=round(KEPT_S * SHOWN_HZ))
         self._received = 0
         self.announce("waiting")
 
@@ -68,7 +69,7 @@ class LivePage:
         """Robot and performer are known."""
         self._page = Page(self._server, cast, self.rows, self.state)
 
-    def show(self, row: Row, *, newest: bool) -> None:
+    def show(self, row: RunTable, *, newest: bool) -> None:
         """Keep a row; it is drawn if it is the newest, and a browser is connected."""
         assert self._page is not None, "a run says first who is seen"
         self.rows.append(row)
@@ -132,7 +133,7 @@ def serve(link: socket.socket, page: LivePage) -> None:
         elif isinstance(said, PageSetup):
             page.begin(cast_of(said))  # whole before the run goes on: this work would slow it
             link.send(READY)
-        elif isinstance(said, Row):
+        elif isinstance(said, RunTable):
             page.show(said, newest=not select.select([link], [], [], 0.0)[0])
 
 

@@ -33,7 +33,7 @@ def headline(state: str, *lines: str) -> str:
 def headline_of(snapshot: Snapshot, *notes: str) -> str:
     """What the robot does, why, when, and how far its servos are off. notes: lines below."""
     off = () if np.isnan(snapshot.off) else (f"servos at most {np.degrees(snapshot.off):.1f} degrees off their goals",)
-    return headline(snapshot.state, snapshot.why, f"{snapshot.time:.2f} s", *off, *notes)
+    return headline(str(snapshot.doing), str(snapshot.reason), f"{snapshot.time:.2f} s", *off, *notes)
 
 
 class Page:

@@ -1,53 +1,43 @@
 """A finished run to be looked at, whatever file it is from: its cast, and what the page shows of each of its ticks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from retarget.errors import RefusedError
 from retarget.model.body import body_from_file
-from retarget.model.meshes import Mesh, SolidBody, solid_body
+from retarget.model.meshes import Mesh, solid_body
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import recorded_scene
 from retarget.recording.cycles import STATES_OF_RUN
-from retarget.recording.motion import PHASE_NAMES, Motion
-from retarget.recording.read_run import human_of, read_recorded
+from retarget.recording.read_run import no_human, read_recorded
 from retarget.recording.reading import Recording
 from retarget.run.record import Phase
+from retarget.run.table import ByteArray, RunTable
 from retarget.schema.scene import load_scene
 from retarget.types import BoolArray, FloatArray
-from retarget.viewer.snapshot import (
-    STATE_WORDS,
-    Cast,
-    Row,
-    obstacle_meshes,
-    obstacle_poses,
-)
+from retarget.viewer.snapshot import SHOWN, STATE_WORDS, Cast, obstacle_meshes, obstacle_poses
 
-WORDS: dict[int | str, str] = {"approach": "approaching", "follow": "following", "brake": "stopping"}
-WORDS |= {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
-"""By the phase of a tick, and by the state of the run, which is more precise."""
-OF_SERVOS = {"temperature": "temperature", "current": "current", "modes": "observer_modes", "truth": "truth"}
-"""What a `Row` has besides postures: its name in the recorded run."""
+WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
+PHASE_WORDS = ("approaching", "following", "stopping")
+"""What a robot does, by the state of the run, and by the phase of a tick, which is less precise."""
 
 
 class RecordedScene:
     """The scene of a recorded run: where its obstacles were at every tick.
 
-    phase (T,): names of the phases of the ticks; no_command (T,). notes: why it is not shown, or that its file is
+    phase (T,): phases of the ticks; no_command (T,). notes: why it is not shown, or that its file is
     another one now. A recording has its scene attached. Obstacles that a program moved live are shown where the scene
     file has them.
     """
 
-    def __init__(self, recording: Recording, phase: NDArray[np.str_], no_command: BoolArray) -> None:
+    def __init__(self, recording: Recording, phase: ByteArray, no_command: BoolArray) -> None:
         self.obstacles: list[Mesh] = []
         self.notes: tuple[str, ...] = ()
         self._state: SceneState | None = None
-        moves = (phase != PHASE_NAMES[Phase.APPROACH]) & ~no_command
+        moves = (phase != Phase.APPROACH) & ~no_command
         self._times = recording.session.dt * (np.cumsum(moves) - moves)
         try:
             with recorded_scene(recording) as (scene, self.notes):
@@ -68,25 +58,25 @@ class RecordedScene:
 
 @dataclass(frozen=True, eq=False)
 class ShownRun:
-    """A recorded run, as a page shows it. times (T,) s of its rows. notes: what is missing.
-
-    tracks: everything else that is known of a `Row`, with a row per tick. scene: None without any.
-    """
+    """A recorded run, as a page shows it: its rows (T). scene: None without any. notes: what is missing."""
 
     cast: Cast
-    times: FloatArray
-    tracks: dict[str, NDArray[Any]]
+    table: RunTable
     scene: RecordedScene | None
     notes: tuple[str, ...] = ()
+
+    @property
+    def times(self) -> FloatArray:
+        """Times (T,) s of the rows."""
+        return self.table.time
 
     def __len__(self) -> int:
         return len(self.times)
 
-    def __getitem__(self, row: int) -> Row:
+    def __getitem__(self, row: int) -> RunTable:
         """The tick of a row."""
-        poses = None if self.scene is None else self.scene.at(row)
-        known = {name: values[row] for name, values in self.tracks.items()}
-        return Row(time=float(self.times[row]), obstacle_poses=poses, **known)
+        shown, obstacles = self.table[row], None if self.scene is None else self.scene.at(row)
+        return shown if obstacles is None else replace(shown, obstacles=obstacles)
 
 
 def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
@@ -96,40 +86,30 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     Raises InputError for anything else.
     """
     run = read_recorded(path, body=body)
-    human, robot = human_of(run, path), run.robot
-    motion, scene = robot or human, None
-    if run.recording is not None:
-        scene = RecordedScene(run.recording, motion.phase, run.tracks["no_command"])
+    if run.human is None or run.compiled is None:
+        raise no_human(str(path))
+    scene = None if run.recording is None else RecordedScene(run.recording, run.phase, run.no_command)
     cast = Cast(
-        human=_solid(human),
-        robot=None if robot is None else _solid(robot),
-        profile=run.profile if robot is None else run.profile or _profile(Path(robot.body.source)),
-        joints=() if robot is None else run.profile.joint_map.joints if run.profile else robot.joint_names,
-        landmarks=() if robot is None or robot.asked is None else robot.asked.names,
-        sensors=() if run.sensors is None else run.sensors.names,
+        human=solid_body(body_from_file(run.human)),
+        robot=None if run.is_human else solid_body(run.body),
+        profile=run.profile or (None if run.is_human else _profile(Path(run.body.source))),
+        joints=() if run.is_human else run.joint_names,
+        landmarks=() if run.is_human else run.landmark_names,
+        sensors=run.sensor_names,
         obstacles=() if scene is None else scene.obstacles,
-        servos_measure=bool(np.isfinite(run.tracks.get("temperature", np.nan)).any()),
+        servos_measure="temperature" in run and bool(np.isfinite(run.temperature).any()),
     )
-    tracks: dict[str, NDArray[Any]] = {"human": human.q[run.shown]}
-    tracks |= {} if run.sensors is None else {"sensors": run.sensors.position[run.shown]}
-    tracks |= {name: run.tracks[own] for name, own in OF_SERVOS.items() if own in run.tracks}
-    if robot is not None:
-        servos = np.full(robot.joints.shape, np.nan) if robot.servos is None else robot.servos
-        tracks |= {"goal": robot.q, "present": servos[:, [robot.joint_names.index(joint) for joint in cast.joints]]}
-        tracks |= {} if robot.asked is None else {"asked": robot.asked.position}
-        tracks |= {} if run.reached is None else {"reached": run.reached.position}
-    states = [WORDS[name] for name in motion.phase.tolist()]
-    if "state" in run.tracks:
-        states = [WORDS.get(state, word) for state, word in zip(run.tracks["state"].tolist(), states, strict=True)]
-    whys = np.where(np.array(states) == "following", "", run.reasons or "")
-    tracks |= {"state": np.array(states), "why": whys}
+    known = {name: values for name, values in run.known.items() if name in ("time", *SHOWN)}
+    kept = np.isfinite(run.human_q).all(axis=1)
+    last = np.maximum.accumulate(np.where(kept, np.arange(len(run)), np.argmax(kept)))
+    known |= {name: known[name][last] for name in ("human_q", "sensors") if name in known}
+    doing = [PHASE_WORDS[phase] for phase in run.phase.tolist()]
+    if "state" in run:
+        doing = [WORDS.get(state, words) for state, words in zip(run.state.tolist(), doing, strict=True)]
+    known["doing"] = np.array(doing, dtype=np.object_)
+    known["reason"] = np.where(known["doing"] == "following", "", run.reason if "reason" in run else "")
     notes = tuple(dict.fromkeys((*run.notes, *(() if scene is None else scene.notes))))
-    return ShownRun(cast, motion.time, tracks, scene, notes)
-
-
-def _solid(motion: Motion) -> SolidBody:
-    assert motion.compiled is not None, "a body that was read"
-    return solid_body(body_from_file(motion.compiled))
+    return ShownRun(cast, RunTable(**known), scene, notes)
 
 
 def _profile(body: Path) -> RobotBody | None:

@@ -13,8 +13,9 @@ from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses
 from retarget.run.run_result import in_truth
+from retarget.run.table import RunTable
 from retarget.schema.scene import FLOOR
-from retarget.types import FloatArray, IntArray, ModeArray, RunState
+from retarget.types import FloatArray, IntArray, RunState
 
 STATE_WORDS = {
     RunState.APPROACH: "approaching",
@@ -61,40 +62,19 @@ UNKNOWN = np.full(2, np.nan)
 """A point on the floor that is not known."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Row:
-    """What a run says of one tick. time: s of following (live: of the run). state: what the robot does, a word; why: of
-    a stop, or "".
-
-    goal (nq,): posture of the robot that was sent, empty for a human alone; human (nq,). present (n,): rad, of the
-    joints of the cast, NaN: not reported. asked, reached (k, 3) m: its landmarks, NaN: not asked. sensors (s, 3) m: of
-    the performer, NaN: not valid. obstacle_poses (o, 7): position, m, and quaternion. modes (o,) of the observers,
-    temperature (n,), degrees Celsius, and current (n,), A, of the servos. truth: the numbers of `truth_names` of a
-    simulated body. latency: s, from a live frame to goals, of late. None: not known.
-    """
-
-    time: float
-    human: FloatArray
-    state: str = ""
-    why: str = ""
-    goal: FloatArray = field(default_factory=lambda: np.zeros(0))
-    present: FloatArray = field(default_factory=lambda: np.zeros(0))
-    asked: FloatArray | None = None
-    reached: FloatArray | None = None
-    sensors: FloatArray | None = None
-    obstacle_poses: FloatArray | None = None
-    modes: ModeArray | None = None
-    temperature: FloatArray | None = None
-    current: FloatArray | None = None
-    truth: FloatArray | None = None
-    latency: float | None = None
+SHOWN = (
+    *("human_q", "sensors", "q", "present", "landmarks_asked", "landmarks_reached", "observer_modes", "temperature"),
+    *("current", "truth", "doing", "reason"),
+)
+"""The fields of a row that a page shows, besides its time, obstacles and latency."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Snapshot(Row):
-    """A row, and what is computed of it. robot (nq,): posture of the robot as its servos report it, or as its physics
-    has it. sent (n,): rad, as `present`. com (3,) m; zmp, pressure (2,) m: zero-moment point of the goals, and centre
-    of pressure of the soles of a simulated robot, NaN where not known.
+class Snapshot(RunTable):
+    """A single row, whose servos are the joints of the cast, and what is computed of it. robot (nq,): posture of the
+    robot as its servos report it, or as its physics has it. sent (n,): rad, as `present`. com (3,) m; zmp, pressure
+    (2,) m: zero-moment point of the goals, and centre of pressure of the soles of a simulated robot, NaN where not
+    known.
     """
 
     robot: FloatArray
@@ -140,7 +120,7 @@ class Rows(Protocol):
 
     def __len__(self) -> int: ...
 
-    def __getitem__(self, row: int, /) -> Row: ...
+    def __getitem__(self, row: int, /) -> RunTable: ...
 
 
 def snapshot_at(rows: Rows, cast: Cast, at: int, *, balanced_at: int | None = None) -> Snapshot:
@@ -148,16 +128,20 @@ def snapshot_at(rows: Rows, cast: Cast, at: int, *, balanced_at: int | None = No
     row, middle, body = rows[at], at if balanced_at is None else balanced_at, cast.robot or cast.human
     near = [rows[one] for one in range(max(middle - MOST_NEAR, 0), min(middle + MOST_NEAR + 1, len(rows)))]
     near = [one for one in near if abs(one.time - rows[middle].time) <= WINDOW_S]
-    com = body.com(np.array([one.human if cast.robot is None else one.goal for one in (*near, row)]))
+    com = body.com(np.array([one.human_q if cast.robot is None else one.q for one in (*near, row)]))
     zmp = zero_moment_point(np.array([one.time for one in near]) - rows[middle].time, com[:-1])
-    there, pressure, reached = row.goal.copy(), UNKNOWN, row.reached
-    there[cast.columns] = np.where(np.isfinite(row.present), row.present, there[cast.columns])
-    if cast.robot is not None and row.truth is not None and np.isfinite(row.truth[:-2]).all():
-        there, pressure = in_truth(cast.robot.body, row.goal, row.truth)
-    if reached is None and cast.profile is not None:
-        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(cast.landmarks))[0]
-    computed = {"robot": there, "sent": row.goal[cast.columns], "com": com[-1], "zmp": zmp, "pressure": pressure}
-    return Snapshot(**vars(row) | computed | {"reached": reached})
+    seen = row.known | {"com": com[-1], "zmp": zmp, "robot": UNKNOWN[:0], "sent": UNKNOWN[:0]}
+    if cast.robot is None:
+        return Snapshot(**seen | {"present": UNKNOWN[:0]})
+    there, sent = row.q.copy(), row.q[cast.columns]
+    present = row.present if "present" in row else np.full(len(sent), np.nan)
+    there[cast.columns] = np.where(np.isfinite(present), present, sent)
+    if "truth" in row and np.isfinite(row.truth[:-2]).all():
+        there, seen["pressure"] = in_truth(cast.robot.body, row.q, row.truth)
+    if "landmarks_reached" not in row and cast.profile is not None:
+        frames = cast.profile.landmark_frames(cast.landmarks)
+        seen["landmarks_reached"] = cast.profile.points(row.q[None], frames)[0]
+    return Snapshot(**seen | {"robot": there, "sent": sent, "present": present})
 
 
 # The obstacles of a scene: all but the floor, which the page has anyway.

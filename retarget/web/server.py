@@ -41,11 +41,12 @@ from hardware.errors import RetargetError
 from retarget.errors import ConfigError
 from retarget.live.address import EVERYWHERE, local_interfaces
 from retarget.model.meshes import SolidBody
+from retarget.run.table import RunTable
 from retarget.sources.stream_frame import MAX_DATAGRAM
 from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageSetup, unpacked
 from retarget.viewer.live_page import cast_of
 from retarget.viewer.server import HOSTS, AccessToken, Refused, only_value
-from retarget.viewer.snapshot import Cast, Row
+from retarget.viewer.snapshot import Cast
 from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, NOTE, PAUSE, RELEASE, Settings
 from retarget.web.runtime import runtime_folder
 
@@ -326,7 +327,7 @@ class PageServer:
                 return
             self._pass_on(unpacked(message))
 
-    def _pass_on(self, said: PageSetup | Row | Note | str) -> None:
+    def _pass_on(self, said: PageSetup | RunTable | Note | str) -> None:
         if isinstance(said, str):
             self._send_all("state", {"state": said})
         elif isinstance(said, Note):
@@ -349,27 +350,27 @@ class PageServer:
         )
         self.feed.send(READY)
 
-    def _state(self, row: Row) -> dict[str, Any]:
+    def _state(self, row: RunTable) -> dict[str, Any]:
         """What the page shows of a tick."""
         cast, setup = self._cast, self._setup
         assert cast is not None and setup is not None, "a run says first who is seen"
-        sensors = {} if row.sensors is None else dict(zip(setup.sensors, row.sensors, strict=True))
+        sensors = {} if "sensors" not in row else dict(zip(setup.sensors, row.sensors, strict=True))
         known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
-        state = {"time": round(row.time, 3), "state": row.state, "why": row.why, "sensors": known}
-        postures = {"human": row.human, "robot": row.goal}
+        state = {"time": round(float(row.time), 3), "state": row.doing, "why": row.reason, "sensors": known}
+        postures = {"human": row.human_q, "robot": row.q}
         for who, solid in self._solids.items():
             if solid is not None:
                 state[who] = [round(value, 4) for value in solid.poses(postures[who][None]).ravel().tolist()]
-        if row.latency is not None:
-            state["latency_ms"] = {"page to goal": round(0.5 * self._round_trip_ms + 1e3 * row.latency, 1)}
+        if "latency" in row:
+            state["latency_ms"] = {"page to goal": round(0.5 * self._round_trip_ms + 1e3 * float(row.latency), 1)}
         return state | {"clipped": [*self._clipped(cast, row)]}
 
-    def _clipped(self, cast: Cast, row: Row) -> Iterator[str]:
+    def _clipped(self, cast: Cast, row: RunTable) -> Iterator[str]:
         """Landmarks that the robot does not reach, in words."""
-        if row.asked is None or cast.profile is None:
+        if "landmarks_asked" not in row or cast.profile is None:
             return
-        reached = cast.profile.points(row.goal[None], cast.profile.landmark_frames(cast.landmarks))[0]
-        for name, off in zip(cast.landmarks, np.linalg.norm(reached - row.asked, axis=1), strict=True):
+        reached = cast.profile.points(row.q[None], cast.profile.landmark_frames(cast.landmarks))[0]
+        for name, off in zip(cast.landmarks, np.linalg.norm(reached - row.landmarks_asked, axis=1), strict=True):
             if off > OUT_OF_REACH_M:
                 side = {"l_": "left ", "r_": "right "}.get(name[:2], "")
                 yield f"{side}{name[2:] if side else name} {100 * off:.0f} cm out of reach"

@@ -42,7 +42,7 @@ def test_the_same_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], tmp
 def test_other_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def moved(recording: object) -> Played:
         found = plain.played()
-        found.cycles.goal[100:, 4] += 3
+        found.cycles.goal_ticks[100:, 4] += 3
         return found
 
     monkeypatch.setattr("retarget.recording.reading.played", moved)

@@ -14,7 +14,7 @@ from mcap_ros2.decoder import DecoderFactory
 from recordings import Recorded, decoded, record
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cdr import layout_from, layout_of, schema
-from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.cycles import Done
 from retarget.recording.topics import (
     EVENTS,
     FRAMES,
@@ -23,6 +23,7 @@ from retarget.recording.topics import (
     HUMAN_POSTURE,
     JOINTS,
     LANDMARKS,
+    RECORDED,
     SENSORS,
     STEP,
     TICK,
@@ -30,6 +31,7 @@ from retarget.recording.topics import (
     topics,
 )
 from retarget.run.options import RunOptions
+from retarget.run.table import RunTable, Widths
 
 KINDS = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d"}
 
@@ -193,27 +195,28 @@ def robot() -> RobotBody:
     return load_robot("op3")
 
 
-def shape(robot: RobotBody | None) -> Shape:
+def widths(robot: RobotBody | None) -> Widths:
     servos = 0 if robot is None else len(robot.joint_map)
     rest = 0 if robot is None else robot.body.nq - servos
-    return Shape(len(NAMES), servos, rest, 11, len(LIMBS), len(MARKS), 2, 0)
+    names = {"sensors": len(NAMES), "joints": len(LIMBS), "landmarks": len(MARKS)}
+    return names | {"servos": servos, "rest": rest, "human": 11, "observers": 2}
 
 
 def made(robot: RobotBody | None) -> dict[str, Topic]:
-    found = topics(shape(robot), sensors=NAMES, human_joints=LIMBS, landmarks=MARKS, dt=0.008, robot=robot)
+    found = topics(widths(robot), sensors=NAMES, human_joints=LIMBS, landmarks=MARKS, dt=0.008, robot=robot)
     return {topic.name: topic for topic in found}
 
 
-def cycles(robot: RobotBody | None, count: int = 40) -> Cycles:
-    rows = Cycles.empty(count, shape(robot))
+def cycles(robot: RobotBody | None, count: int = 40) -> RunTable:
+    rows = RunTable.empty(count, widths(robot), RECORDED)
     rows.index[:], rows.kept[:], rows.sampled[:], rows.read[:] = np.arange(count), True, Done.WELL, Done.WELL
     rows.sensor_orientation[:] = [0.8, 0.0, 0.6, 0.0]
     if robot is not None:
-        rows.rest[:, 3] = 1.0
+        rows.q_rest[:, 3] = 1.0
     return rows
 
 
-def kept(topic: Topic, rows: Cycles) -> list[int]:
+def kept(topic: Topic, rows: RunTable) -> list[int]:
     return [index for index, _, _ in topic.messages(rows, rows.index * 8_000_000)]
 
 
@@ -223,7 +226,7 @@ def test_a_human_alone_has_no_servos_and_every_posture() -> None:
     assert kept(found[HUMAN_POSTURE], cycles(None)) == list(range(40))
 
 
-def content(topic: Topic, rows: Cycles) -> np.ndarray:
+def content(topic: Topic, rows: RunTable) -> np.ndarray:
     data = b"".join(data for _, _, data in topic.messages(rows, rows.index * 8_000_000))
     return np.frombuffer(data, topic.layout.dtype)
 
@@ -239,8 +242,8 @@ def test_sensors_are_bit_by_bit_and_turned_as_ros_has_them(robot: RobotBody) -> 
 
 def test_frames_are_where_the_links_are(robot: RobotBody) -> None:
     rows = cycles(robot, 1)
-    rows.q[0] = 0.3
-    rows.rest[0, :3] = [0.1, 0.2, 0.4]
+    rows.q_servos[0] = 0.3
+    rows.q_rest[0, :3] = [0.1, 0.2, 0.4]
     frames = content(made(robot)[FRAMES], rows)
     q = np.zeros((1, robot.body.nq))
     q[0, 3], q[0, :3], q[:, robot.servo_columns] = 1.0, [0.1, 0.2, 0.4], 0.3

@@ -118,7 +118,7 @@ def test_who_has_no_goals_is_refused(tmp_path: Path, plain: Recorded) -> None:
     with refuses(InputError):
         send(alone)
     found = plain.played()
-    before = found.cycles.taken(np.arange(20))
+    before = found.cycles[np.arange(20)]
     with refuses(InputError):
         send(replace(found, cycles=before))
 
@@ -126,8 +126,8 @@ def test_who_has_no_goals_is_refused(tmp_path: Path, plain: Recorded) -> None:
 def test_the_gate_refuses_what_no_robot_can(plain: Recorded) -> None:
     """A recording that was tampered with: a goal that jumps is not sent."""
     found = plain.played()
-    cycles = found.cycles.taken(np.arange(len(found.cycles)))
-    cycles.q[200:, 3] += 1.0
+    cycles = found.cycles[np.arange(len(found.cycles))]
+    cycles.q_servos[200:, 3] += 1.0
     result = send(replace(found, cycles=cycles))
     assert result.record.robot is not None and result.record.robot.gated.any()
     assert result.reason is not None

@@ -111,11 +111,10 @@ def test_a_rate_that_is_no_whole_number_is_refused_with_the_next_step(tmp_path: 
 
 
 def test_a_servo_that_was_silent_is_named(motion: Motion, tmp_path: Path) -> None:
-    assert motion.servos is not None
-    servos = motion.servos.copy()
+    servos = motion.present.copy()
     servos[7, 1] = np.nan
     with refuses(InputError, "swing.pos", 8):
-        write_lerobot(replace(motion, servos=servos), tmp_path)
+        write_lerobot(replace(motion, present=servos), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -140,7 +139,7 @@ def test_a_csv_is_read_by_numpy_alone(motion: Motion) -> None:
     np.testing.assert_allclose(table["swing_rad"], motion.joints[:, 1], rtol=1e-9)
     np.testing.assert_allclose(table["root_qy"], motion.root_quaternion[:, 2], rtol=1e-9)
     assert np.isnan(table["asked_lost_x_m"][0]) and table["asked_lost_x_m"][1] == 1.0
-    assert (table["ticks_lift"] == motion.goal_ticks[:, 0]).all()  # type: ignore[index]
+    assert (table["ticks_lift"] == motion.goal_ticks[:, 0]).all()
 
 
 def test_names_with_commas_and_quotes_survive() -> None:
@@ -189,9 +188,8 @@ def test_at_shared_instants_nothing_changes() -> None:
         new = resampled(motion, fps)
         np.testing.assert_allclose(new.joints[ours], motion.joints[theirs], atol=1e-9)
         assert angle_between(new.root_quaternion[ours], motion.root_quaternion[theirs]).max() < 1e-6
-        assert new.servos is not None and motion.servos is not None
-        np.testing.assert_allclose(new.servos[ours], motion.servos[theirs], atol=1e-9)
-        assert new.goal_ticks is None
+        np.testing.assert_allclose(new.present[ours], motion.present[theirs], atol=1e-9)
+        assert "goal_ticks" not in new
 
 
 def test_between_two_rows_lies_the_middle_also_where_the_quaternion_changes_its_sign() -> None:

@@ -13,7 +13,7 @@ from messages import refuses
 from recordings import decoded, record
 from retarget.errors import UsageError
 from retarget.recording.cdr import layout_of
-from retarget.recording.cycles import Cycles, Done, Shape
+from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import (
     Event,
     Level,
@@ -87,30 +87,30 @@ def test_a_config_file_that_is_too_large_is_left_out(
         assert [one.data for one in make_reader(stream).iter_attachments()] == [b"1234567890"]
 
 
-SHAPE = Shape(sensors=2, servos=3, rest=7, human=5, joints=4, landmarks=2, observers=1, human_observers=0)
+WIDTHS = {"sensors": 2, "servos": 3, "rest": 7, "human": 5, "joints": 4, "landmarks": 2, "observers": 1}
 
 
 def fill(ring: Ring, count: int) -> None:
     for _ in range(count):
-        ring.rows.goal[ring.at] = ring.index
+        ring.rows.goal_ticks[ring.at] = ring.index
         ring.rows.written[ring.at] = Done.WELL
         ring.turn()
 
 
 def test_rows_come_out_in_order_and_once() -> None:
-    ring = Ring(SHAPE, rows=8)
+    ring = Ring(WIDTHS, rows=8)
     seen: list[int] = []
     for count in (3, 0, 5, 7, 1, 6):
         fill(ring, count)
         taken = ring.take()
         assert len(taken) == count
-        np.testing.assert_array_equal(taken.goal[:, 0], taken.index)
+        np.testing.assert_array_equal(taken.goal_ticks[:, 0], taken.index)
         seen += taken.index.tolist()
     assert seen == list(range(22)) and ring.lost == 0
 
 
 def test_what_there_is_no_room_for_is_counted_and_missing() -> None:
-    ring = Ring(SHAPE, rows=8)
+    ring = Ring(WIDTHS, rows=8)
     fill(ring, 20)
     assert ring.take().index.tolist() == list(range(7)) and ring.lost == 13
     fill(ring, 2)
@@ -118,7 +118,7 @@ def test_what_there_is_no_room_for_is_counted_and_missing() -> None:
 
 
 def test_a_new_row_is_as_if_nothing_had_happened() -> None:
-    ring = Ring(SHAPE, rows=4)
+    ring = Ring(WIDTHS, rows=4)
     for _ in range(9):
         ring.rows.kept[ring.at], ring.rows.read[ring.at] = True, Done.FAILED
         ring.rows.asked[ring.at] = 63
@@ -129,7 +129,7 @@ def test_a_new_row_is_as_if_nothing_had_happened() -> None:
 
 
 def test_who_may_wait_loses_nothing() -> None:
-    ring = Ring(SHAPE, patient=True, rows=8)
+    ring = Ring(WIDTHS, patient=True, rows=8)
     seen: list[int] = []
 
     def takes() -> None:
@@ -146,25 +146,25 @@ def test_who_may_wait_loses_nothing() -> None:
     assert seen == list(range(500)) and ring.lost == 0
 
 
-WRITING_SHAPE = Shape(sensors=1, servos=0, rest=0, human=3, joints=1, landmarks=0, observers=0, human_observers=0)
+FEW_WIDTHS = {"sensors": 1, "human": 3, "joints": 1}
 
 
 @pytest.fixture
 def made() -> list[Topic]:
-    return topics(WRITING_SHAPE, sensors=("head",), human_joints=("a",), landmarks=(), dt=0.01, robot=None)
+    return topics(FEW_WIDTHS, sensors=("head",), human_joints=("a",), landmarks=(), dt=0.01, robot=None)
 
 
 class Begun:
     """A ring, events and the thread that takes them; not started."""
 
     def __init__(self, path: Path, session: Session, made: list[Topic]) -> None:
-        self.ring, self.events = Ring(WRITING_SHAPE, rows=64), deque[Event]()
+        self.ring, self.events = Ring(FEW_WIDTHS, rows=64), deque[Event]()
         self.file = RecordingFile(path, session, [])
         self.file.announce(made)
         self.thread = WritingThread(self.file, self.ring, self.events, made, lambda time: round(time * 1e9))
 
     def fill(self, count: int) -> None:
-        rows: Cycles = self.ring.rows
+        rows = self.ring.rows
         for _ in range(count):
             rows.time[self.ring.at] = 0.01 * self.ring.index
             self.ring.turn()

@@ -12,6 +12,7 @@ from retarget.errors import UsageError
 from retarget.recording.npz import human_body_path, save_path, write_npz
 from retarget.run.loop import Operator, run_human
 from retarget.run.run_result import RunResult
+from retarget.run.table import STAGES
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
 CONTRACT = {
@@ -37,6 +38,7 @@ def test_a_run_of_a_robot(run: RunResult, tmp_path: Path) -> None:
     assert saved["root_position"].shape == (ticks, 3) and saved["root_quaternion"].shape == (ticks, 4)
     assert saved["landmarks_asked"].shape == saved["landmarks_reached"].shape == (ticks, 10, 3)
     assert saved["human_truth"].shape == saved["human_joint_positions"].shape
+    assert all(np.array_equal(saved[name], getattr(run.record, name), equal_nan=True) for name in STAGES)
     assert saved["gated"].dtype == np.bool_ and saved["goal_ticks"].dtype == np.int64
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]
     assert run.robot is not None and run.record.robot is not None

@@ -17,6 +17,7 @@ from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
 from retarget.run.options import RunOptions
+from retarget.run.record import Phase
 
 
 @pytest.fixture
@@ -36,10 +37,9 @@ def test_everything_comes_back(motion: Motion, body: Path, tmp_path: Path) -> No
     assert found.robot == "slider" and found.joint_names == motion.joint_names == ("lift", "swing", "roll")
     assert found.joint_units == ("m", "rad", "rad")
     np.testing.assert_allclose(found.q, motion.q, atol=1e-12)
-    for ours, theirs in ((found.servos, motion.servos), (found.goal_ticks, motion.goal_ticks)):
-        assert ours is not None and theirs is not None
+    for ours, theirs in ((found.present, motion.present), (found.goal_ticks, motion.goal_ticks)):
         np.testing.assert_array_equal(ours, theirs)
-    assert found.asked is not None and found.asked.names == ("hand", "lost")
+    assert found.landmark_names == ("hand", "lost") and "landmarks_asked" in found
 
 
 def test_a_body_that_moved_away(motion: Motion, body: Path, tmp_path: Path) -> None:
@@ -137,8 +137,7 @@ def test_rows_are_those_of_the_run_that_was_saved(run: Recorded, mcap_reader_mot
     np.testing.assert_allclose(mcap_reader_motion.time, then.time, atol=1e-12)
     np.testing.assert_array_equal(mcap_reader_motion.phase, then.phase)
     np.testing.assert_allclose(mcap_reader_motion.q, then.q, atol=SINGLE)
-    for ours, theirs in ((mcap_reader_motion.goal_ticks, then.goal_ticks), (mcap_reader_motion.servos, then.servos)):
-        assert ours is not None and theirs is not None
+    for ours, theirs in ((mcap_reader_motion.goal_ticks, then.goal_ticks), (mcap_reader_motion.present, then.present)):
         np.testing.assert_array_equal(ours, theirs)
 
 
@@ -146,11 +145,10 @@ def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(
     run: Recorded, mcap_reader_motion: Motion
 ) -> None:
     then = saved(run)
-    assert mcap_reader_motion.asked is not None and then.asked is not None
-    order = [mcap_reader_motion.asked.names.index(name) for name in then.asked.names]
-    assert sorted(mcap_reader_motion.asked.names) == sorted(then.asked.names)
-    followed = np.flatnonzero(mcap_reader_motion.phase == "follow")
-    ours, theirs = mcap_reader_motion.asked.position[followed][:, order], then.asked.position[followed]
+    order = [mcap_reader_motion.landmark_names.index(name) for name in then.landmark_names]
+    assert sorted(mcap_reader_motion.landmark_names) == sorted(then.landmark_names)
+    followed = np.flatnonzero(mcap_reader_motion.phase == Phase.FOLLOW)
+    ours, theirs = mcap_reader_motion.landmarks_asked[followed][:, order], then.landmarks_asked[followed]
     kept = (followed + 1) % 5 == 0  # of cycles, the first of which arms
     np.testing.assert_allclose(ours[kept], theirs[kept], atol=1e-5)
     between = slice(int(np.argmax(kept)), len(kept) - int(np.argmax(kept[::-1])))
@@ -160,19 +158,19 @@ def test_landmarks_are_those_that_were_kept_and_a_straight_line_between(
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_every_format_takes_it(form: str, mcap_reader_motion: Motion, tmp_path: Path) -> None:
-    followed = mcap_reader_motion.rows(mcap_reader_motion.phase == "follow")
+    followed = mcap_reader_motion[mcap_reader_motion.phase == Phase.FOLLOW]
     place = export_place(FORMATS[form], tmp_path / "run.mcap", None)
     export_motion(followed, FORMATS[form], place)
     assert place.exists()
 
 
 def test_the_human_is_as_often_as_it_was_kept(run: Recorded) -> None:
-    human, then = read_run(run.path, of_human=True), run.result.record.human
+    human, then = read_run(run.path, of_human=True), run.result.record
     assert human.robot == "human" and human.row == "posture that was kept" and human.rate_hz == 12.5
     shows(human.notes[0], "12.5")
     rows = np.searchsorted(run.result.record.time, human.time - 1e-9)
     np.testing.assert_allclose(run.result.record.time[rows], human.time, atol=1e-9)
-    np.testing.assert_allclose(human.q, then.q[rows], atol=3e-6)
+    np.testing.assert_allclose(human.q, then.human_q[rows], atol=3e-6)
 
 
 def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:
@@ -183,10 +181,9 @@ def test_a_human_alone_has_every_tick(tmp_path: Path) -> None:
         assert ours.robot == "human" and len(ours) == len(then) and ours.notes == ()
         np.testing.assert_allclose(ours.time, then.time, atol=1e-12)
         np.testing.assert_allclose(ours.q, then.q, atol=3e-6)
-    sensors = read_run(alone.path).asked
-    assert sensors is not None
+    sensors = read_run(alone.path).landmarks_asked
     asked = [alone.result.clip.sample(tick).position for tick in range(alone.result.clip.ticks)]
-    np.testing.assert_array_equal(sensors.position, asked)
+    np.testing.assert_array_equal(sensors, asked)
 
 
 def test_the_body_of_then_is_used_and_another_can_be_given(

@@ -12,6 +12,7 @@ import pytest
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
+from numpy.lib.recfunctions import drop_fields
 from numpy.typing import NDArray
 
 import retarget
@@ -25,6 +26,7 @@ from retarget.recording.reading import MAGIC, Recording, TopicRows, played, read
 from retarget.recording.session import FORMAT
 from retarget.recording.topics import HUMAN_POSTURE, SENSORS, SERVOS, TICK
 from retarget.run.options import RunOptions
+from retarget.run.table import STAGES
 from retarget.viewer.recorded import open_recorded
 
 OURS = str(FORMAT)
@@ -49,6 +51,23 @@ def test_all_of_it(run: Recorded) -> None:
     assert found.cycles.index.tolist() == list(range(len(found.cycles)))
 
 
+def test_times_of_stages_are_read_where_a_recording_has_them(run: Recorded) -> None:
+    whole = run.played()
+
+    def older(rows: TopicRows) -> TopicRows:
+        return TopicRows(rows.cycles, drop_fields(rows.rows, STAGES))
+
+    def stamped(rows: TopicRows) -> TopicRows:
+        other = rows.rows.copy()
+        other["time_gate"] = np.arange(len(other))
+        return TopicRows(rows.cycles, other)
+
+    then, now = (played(changed(whole.recording, TICK, change)).cycles for change in (older, stamped))
+    assert all(np.isnan(getattr(then, name)).all() for name in STAGES)
+    np.testing.assert_array_equal(now.time_gate, np.arange(len(now)))
+    np.testing.assert_array_equal(then.goal_ticks, whole.cycles.goal_ticks)
+
+
 @pytest.mark.long
 def test_cycles_that_were_lost_are_counted(run: Recorded) -> None:
     whole = run.played()
@@ -58,7 +77,7 @@ def test_cycles_that_were_lost_are_counted(run: Recorded) -> None:
 
     found = played(changed(whole.recording, TICK, without))
     assert found.missing == 3 and not found.whole and len(found.cycles) == len(whole.cycles) - 3
-    np.testing.assert_array_equal(found.cycles.goal[20:], whole.cycles.goal[23:])
+    np.testing.assert_array_equal(found.cycles.goal_ticks[20:], whole.cycles.goal_ticks[23:])
     np.testing.assert_array_equal(found.cycles.position[20:], whole.cycles.position[23:])
 
 
@@ -161,7 +180,7 @@ def test_cut_anywhere_all_whole_chunks_are_read(content: bytes, tmp_path: Path) 
         cycles = played(recording).cycles
         shows(recording.damage, varies=re.compile(r"(?<=early)[:,].*"))
         assert len(cycles) == max(count for end, count in ends if end <= cut), cut
-        np.testing.assert_array_equal(cycles.goal, whole.goal[: len(cycles)])
+        np.testing.assert_array_equal(cycles.goal_ticks, whole.goal_ticks[: len(cycles)])
 
 
 @pytest.mark.long
@@ -192,7 +211,7 @@ def test_a_flipped_bit_never_changes_what_is_read(content: bytes, tmp_path: Path
             continue
         noticed += bool(recording.damage)
         rows = np.searchsorted(whole.index, cycles.index)  # a bit of a chunk's opcode hides the whole chunk
-        for name in ("index", "goal", "sensor_position"):
+        for name in ("index", "goal_ticks", "sensor_position"):
             np.testing.assert_array_equal(getattr(cycles, name), getattr(whole, name)[rows], err_msg=name)
     assert noticed >= 10
 

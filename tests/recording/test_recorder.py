@@ -71,8 +71,8 @@ def test_every_tick_is_in_it(whole: Recorded) -> None:
     assert sent is not None and robot is not None
     kept = cycles.kept
     assert recording.damage == "" and cycles.index.tolist() == list(range(len(sent.q) + 2))
-    np.testing.assert_array_equal(cycles.goal[kept], sent.goal_ticks)
-    np.testing.assert_allclose(cycles.q[kept], sent.q[:, robot.servo_columns], atol=2e-7)
+    np.testing.assert_array_equal(cycles.goal_ticks[kept], sent.goal_ticks)
+    np.testing.assert_allclose(cycles.q_servos[kept], sent.q[:, robot.servo_columns], atol=2e-7)
     np.testing.assert_array_equal(cycles.phase[kept], result.record.phase)
     np.testing.assert_array_equal(robot.joint_map.to_radians(cycles.position[kept]), sent.present)
     np.testing.assert_array_equal(cycles.temperature[kept], sent.temperature)

@@ -49,7 +49,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 def sent(found: Played) -> list[tuple[int, TickArray]]:
     cycles = found.cycles
-    return [(int(row), cycles.goal[row].copy()) for row in np.flatnonzero(cycles.written != Done.NOT)]
+    return [(int(row), cycles.goal_ticks[row].copy()) for row in np.flatnonzero(cycles.written != Done.NOT)]
 
 
 def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Played | None = None) -> Difference:
@@ -90,7 +90,7 @@ def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded
 
 def test_postures_of_a_human(tmp_path: Path) -> None:
     alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
-    found, q = alone.played(), alone.result.record.human.q.copy()
+    found, q = alone.played(), alone.result.record.human_q.copy()
     assert posture_difference(found, q).none
     q[5, 9] += 0.01
     off = posture_difference(found, q[:-2])
@@ -110,7 +110,7 @@ def same(again: Replayed, result: RunResult) -> None:
     assert len(now) == len(then) and now.robot is not None and then.robot is not None
     np.testing.assert_array_equal(now.robot.goal_ticks, then.robot.goal_ticks)
     np.testing.assert_array_equal(now.robot.q, then.robot.q)
-    np.testing.assert_array_equal(now.human.q, then.human.q)
+    np.testing.assert_array_equal(now.human_q, then.human_q)
     np.testing.assert_array_equal(now.phase, then.phase)
     assert again.result.state == result.state
 
@@ -240,14 +240,14 @@ def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
     again = replay(run.played())
     assert again.difference.none and again.difference.compared == len(run.result.record)
     assert again.difference.lines() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
-    np.testing.assert_array_equal(again.result.record.human.q, run.result.record.human.q)
+    np.testing.assert_array_equal(again.result.record.human_q, run.result.record.human_q)
 
 
 @pytest.mark.long
 def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
     found = plain.played()
     where = int(np.flatnonzero(found.cycles.phase == 1)[10])
-    cycles = found.cycles.taken(np.arange(len(found.cycles)))
+    cycles = found.cycles[np.arange(len(found.cycles))]
     cycles.sensor_position[where:, 1] += [0.0, 0.0, 0.3]
     again = replay(replace(found, cycles=cycles))
     difference = again.difference
@@ -267,7 +267,7 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
         rows = np.delete(np.arange(len(cycles)), np.arange(follow - 20, follow))
     else:
         rows = np.insert(np.arange(len(cycles)), follow, [follow - 1] * 20)
-    cycles = cycles.taken(rows)
+    cycles = cycles[rows]
     cycles.index[:] = np.arange(len(cycles))
     cycles.clock[:] = np.maximum(np.arange(len(cycles)) * 0.008, 0.0)[:, None]
     again = replay(replace(found, cycles=cycles))
@@ -277,14 +277,14 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     assert (again.difference.extra, again.difference.absent) == ((20, 0) if then == "sooner" else (0, 20))
     last = again.result.record.robot
     assert last is not None
-    np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal[following[-1]])
+    np.testing.assert_array_equal(last.goal_ticks[again.result.record.following][-1], cycles.goal_ticks[following[-1]])
 
 
 def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> None:
     found = plain.played()
     inputs = RecordedInputs(found, RecordedSamples(found))
     inputs.read()
-    inputs.write(ServoGoals(found.cycles.goal[0] + 5))
+    inputs.write(ServoGoals(found.cycles.goal_ticks[0] + 5))
     servos = inputs.gather(TickState(), RunState.APPROACH, approached=False).servos
     assert servos is not None
     np.testing.assert_array_equal(servos.position, found.cycles.position[1] + 5)
@@ -292,7 +292,7 @@ def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> Non
 
 def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
     whole = plain.played()
-    cycles = whole.cycles.taken(np.delete(np.arange(len(whole.cycles)), [3, 4]))
+    cycles = whole.cycles[np.delete(np.arange(len(whole.cycles)), [3, 4])]
     cycles.asked[2] |= Asked.STOP
     found = replace(whole, cycles=cycles, missing=2)
     inputs = RecordedInputs(found, RecordedSamples(found))

@@ -54,7 +54,7 @@ def test_poses_show_the_moment_that_is_least_alike(run: RunResult) -> None:
     tick = run.record.following.start + run.ticks_followed // 3
     q = sent.q.copy()
     q[tick, robot.body.joint_qpos[robot.body.joint_index("l_el")]] += 1.5
-    figure = plot_poses(replace(run, record=replace(run.record, robot=replace(sent, q=q))))
+    figure = plot_poses(replace(run, record=replace(sent, q=q)))
     assert figure is not None
     labels = [text.get_text() for text in figure.axes[0].texts]
     assert [label for label in labels if "alike" in label] == [f"{run.record.time[tick]:.1f} s\nleast alike"]
@@ -64,15 +64,15 @@ def test_poses_show_every_part_of_a_motion_that_repeats_itself(run: RunResult) -
     """Eight waves, of which nine equal steps would show one phase."""
     record, following = run.record, run.record.following
     phase = 8.0 * (np.arange(len(record)) - following.start) / (run.ticks_followed - 1)
-    joints = record.human.joints.copy()
-    joints[:, record.human.joint_names.index("r_wrist"), 2] += 0.5 * np.sin(2.0 * np.pi * phase)
-    waves = replace(record, human=replace(record.human, joints=joints), time=1e3 * record.time)
+    joints = record.human_joints.copy()
+    joints[:, record.human_joint_names.index("r_wrist"), 2] += 0.5 * np.sin(2.0 * np.pi * phase)
+    waves = replace(record, human_joints=joints, time=1e3 * record.time)
     figure = plot_poses(replace(run, record=waves))
     assert figure is not None
     times = [float(text.get_text().split()[0]) for text in figure.axes[0].texts]
     shown = np.searchsorted(waves.time, np.array(times) - 1.0)
     assert len(shown) in (9, 10) and (np.diff(shown) > 0).all() and shown[0] == following.start
-    heights = joints[shown, record.human.joint_names.index("r_wrist"), 2]
+    heights = joints[shown, record.human_joint_names.index("r_wrist"), 2]
     assert np.ptp(heights) > 0.9
 
 
@@ -80,22 +80,22 @@ def test_a_performer_is_drawn_facing_as_the_robot_does(human_run: RunResult) -> 
     """Whatever the world axes: turned by 130 degrees, the same skeleton is drawn."""
     angle = np.deg2rad(130.0)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
-    human = human_run.record.human
-    q = human.q.copy()
+    record = human_run.record
+    q = record.human_q.copy()
     q[:, :3] = q[:, :3] @ turn.T
     q[:, 3:7] = multiply(np.array([np.cos(angle / 2.0), 0.0, 0.0, np.sin(angle / 2.0)]), q[:, 3:7])
-    other = replace(human_run.record, human=replace(human, q=q, joints=human.joints @ turn.T))
+    other = replace(record, human_q=q, human_joints=record.human_joints @ turn.T)
     away = replace(human_run, record=other)
     facing = performer_facing(away)
     np.testing.assert_allclose(facing, np.tile([np.cos(angle), np.sin(angle)], (len(facing), 1)), atol=1e-9)
     following = human_run.record.following
     np.testing.assert_allclose(
-        turned(other.human.joints[following], facing) @ turn.T, other.human.joints[following], atol=1e-9
+        turned(other.human_joints[following], facing) @ turn.T, other.human_joints[following], atol=1e-9
     )
 
 
 def test_a_run_of_one_tick_has_no_pictures(human_run: RunResult) -> None:
-    assert not figures_of(replace(human_run, record=human_run.record.rows(0, 1)))
+    assert not figures_of(replace(human_run, record=human_run.record[:1]))
 
 
 def test_tracking_shows_what_was_sent_and_where_the_servos_stood(run: RunResult) -> None:
@@ -112,12 +112,12 @@ def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunR
     assert len(worn) == 5
     figure = plot_tracking(human_run)
     assert figure is not None and len(figure.axes) == 4 * len(worn)
-    joints = human_run.record.human.joints.copy()
-    names = human_run.record.human.joint_names
+    joints = human_run.record.human_joints.copy()
+    names = human_run.record.human_joint_names
     joints[:, [names.index(human_run.setup.performer.sensors[sensor].joint) for sensor in worn]] = (
         human_run.sensors_asked
     )
-    exact = replace(human_run.record, human=replace(human_run.record.human, joints=joints))
+    exact = replace(human_run.record, human_joints=joints)
     figure = plot_tracking(replace(human_run, record=exact))
     assert figure is not None and len(figure.axes) == 3 * len(worn)
 

@@ -268,7 +268,7 @@ def test_a_human_alone(tmp_path: Path) -> None:
 
 def test_a_run_that_followed_nothing_has_a_page_without_motion(run: RunResult, report: Report) -> None:
     ticks = int(run.record.following.start)
-    early = replace(run, record=run.record.rows(0, ticks), reason="a servo is silent")
+    early = replace(run, record=run.record[:ticks], reason="a servo is silent")
     assert animation_of(early) is None
     page = Page(page_html(early, measure(early), figures={}))
     assert not page.scripts and "a servo is silent" in page.text

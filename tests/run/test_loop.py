@@ -32,13 +32,13 @@ from retarget.run.controllers import rest_joints
 from retarget.run.loop import Ending, RowObserver
 from retarget.run.options import PhysicsOptions, RunOptions, name_with_mass, priority_names
 from retarget.run.prepare import limbs_of, make_gate, prepare
-from retarget.run.record import HumanRecord, Phase, Record, RecordRows, TickRecorder, Timing
+from retarget.run.record import Phase, Record, RecordRows, TickRecorder
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import FORCED_STOP
 from retarget.safety.gate import Gate
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubFollower, play
+from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
 from sim.faults.sender import FakeSender
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
@@ -98,12 +98,12 @@ def test_every_tick_has_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     record, robot = ending.record, ending.record.robot
     assert robot is not None
     assert (ending.state, ending.reason) == (RunState.OFF, None)
-    assert len(record) == len(robot.q) == len(record.human.q)
+    assert len(record) == len(robot.q) == len(record.human_q)
     assert robot.goal_ticks.tolist() == goals[1:]
     phases = record.phase.tolist()
     assert phases == sorted(phases) and phases.count(Phase.FOLLOW) == TICKS
     assert phases.count(Phase.APPROACH) > 0 and phases.count(Phase.BRAKE) > 0
-    assert np.isfinite(robot.q).all() and np.isfinite(record.human.joints).all() and np.isfinite(robot.present).all()
+    assert np.isfinite(robot.q).all() and np.isfinite(record.human_joints).all() and np.isfinite(robot.present).all()
     assert record.time == pytest.approx((np.arange(len(record)) - phases.count(Phase.APPROACH)) / 125.0)
     assert not robot.gated.any()
     assert not rig.bus.torque_on
@@ -571,15 +571,32 @@ def test_a_slow_host_stops_real_servos_and_no_simulated_robot(bus: str, reason: 
 def filled(approach: int, follow: int, brake: int, *, close_at: int | None = None) -> Record:
     """The times of so many ticks of each phase, with room for 4, 3 and 2 of them."""
     rows = RecordRows(approach=4, follow=3, brake=2)
-    human = HumanRecord.empty(rows.room, nq=0, joint_names=())
-    phase = np.zeros(rows.room, dtype=np.int8)
-    record = Record(np.zeros(rows.room), phase, human, None, Timing.empty(rows.room))
+    record = Record.empty(rows.room, {}, ("time",), human_joint_names=())
     for tick in range(approach + follow + brake):
         if close_at == tick:
             rows.close()
         record.time[rows.row] = tick
         rows.filled(approaches=tick + 1 < approach)
     return rows.of(record)
+
+
+def test_a_stage_has_a_time_in_the_ticks_in_which_it_was_kept() -> None:
+    clip, stages = short_clip(), StubReconstructor(person())
+    first = clip.sample(0)
+    assert first is not None
+    seen: list[float] = []
+    recorder = TickRecorder(clip, stages.start(first), len(first.names))
+    for tick in range(5):
+        if tick == 3:
+            recorder.close()  # from now on all ticks fill one row
+        recorder.begin()
+        if tick % 2:
+            recorder.keep_time("time_human", 0.25 * tick)
+        recorder.keep(Phase.FOLLOW, lambda record, row: seen.append(float(record.time_human[row])))
+    record, _ = recorder.finish()
+    np.testing.assert_array_equal(seen, [np.nan, 0.25, np.nan, 0.75, np.nan])
+    np.testing.assert_array_equal(record.time_human, seen[:3])
+    assert np.isnan(record.time_gate).all()
 
 
 def test_what_comes_after_the_last_room_is_not_kept() -> None:

@@ -18,6 +18,8 @@ RECEIVER = {"retarget/live/receivers.py"}
 """What the simulated sender of the test stands for."""
 MOST_ATTRIBUTES = 15
 SMALL_CLASSES = ("retarget/run", "retarget/robot", "retarget/safety")
+DATA = {"RunTable"}
+"""Lists of fields, which are data: files and docs are made from them."""
 
 
 def test_a_tick_passes_few_modules(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +73,7 @@ def test_a_class_keeps_few_things(folder: str) -> None:
         f"{path.name}: {node.name}": len(attributes(node))
         for path in (ROOT / folder).rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef) and len(attributes(node)) > MOST_ATTRIBUTES
+        if isinstance(node, ast.ClassDef) and node.name not in DATA and len(attributes(node)) > MOST_ATTRIBUTES
     }
     assert not large
 

@@ -27,7 +27,7 @@ from retarget.human.samples import Samples
 from retarget.model.body import BodyModel, load_body, load_body_text
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cdr import schema
-from retarget.recording.motion import Motion, Tracks
+from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
 from retarget.recording.reading import Played, played, read_recording
 from retarget.recording.recorder import Recorder
@@ -35,6 +35,7 @@ from retarget.rotations import from_rotation_vector
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
+from retarget.run.record import PHASE_NAMES, Phase
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
@@ -204,7 +205,8 @@ def moved(body: BodyModel, *, rows: int = 40, seed: int = 7, robot: str = "slide
     q[:, address[single]] = 1.2 * np.sin(phase + np.outer(time, 6.3 * rate))
     q[:, :3] = np.cumsum(rng.normal(0.0, 0.01, (rows, 3)), axis=0) + np.array([0.1, 0.2, 0.4])
     q[:, 3:7] = from_rotation_vector(np.outer(np.linspace(0.0, 5.0, rows), [0.2, 0.4, 0.89]))
-    return Motion("test.npz", robot, body, time, np.full(rows, "follow"), q)
+    follow = np.full(rows, Phase.FOLLOW, dtype=np.int8)
+    return Motion(source="test.npz", robot=robot, body=body, time=time, phase=follow, q=q)
 
 
 def with_servos(motion: Motion) -> Motion:
@@ -217,7 +219,8 @@ def with_servos(motion: Motion) -> Motion:
     goals[:, -1] = -1
     asked = np.zeros((len(motion), 2, 3)) + np.arange(len(motion))[:, None, None]
     asked[0, 1] = np.nan
-    return replace(motion, servos=servos, goal_ticks=goals, asked=Tracks(("hand", "lost"), asked))
+    names = ("hand", "lost")
+    return replace(motion, present=servos, goal_ticks=goals, landmarks_asked=asked, landmark_names=names)
 
 
 def op3() -> BodyModel:
@@ -228,16 +231,16 @@ def saved(motion: Motion, path: Path, body: Path, **other: Any) -> Path:
     """A motion in the keys of `--save`; `other` replaces keys, None leaves one out."""
     arrays: dict[str, NDArray[Any] | None] = {
         "time": motion.time,
-        "phase": motion.phase,
+        "phase": np.array(PHASE_NAMES)[motion.phase],
         "joint_names": np.array(motion.joint_names),
         "joint_positions": motion.joints,
         "root_position": motion.root_position,
         "root_quaternion": motion.root_quaternion,
         "body": np.array(str(body)),
         "goal_ticks": motion.goal_ticks,
-        "servo_positions": motion.servos,
-        "landmark_names": None if motion.asked is None else np.array(motion.asked.names),
-        "landmarks_asked": None if motion.asked is None else motion.asked.position,
+        "servo_positions": motion.present,
+        "landmark_names": np.array(motion.landmark_names) if "landmarks_asked" in motion else None,
+        "landmarks_asked": motion.landmarks_asked,
     }
     np.savez(path, allow_pickle=False, **{key: value for key, value in (arrays | other).items() if value is not None})
     return path

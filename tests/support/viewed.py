@@ -48,14 +48,14 @@ def snapshot(**changed: object) -> Snapshot:
     q, points = op3().body.qpos0.copy(), np.full((1, 3), 0.1)
     fields: dict[str, object] = {
         "time": 0.0,
-        "state": "following",
+        "doing": "following",
         "robot": q,
-        "goal": q,
-        "human": person().body.qpos0,
+        "q": q,
+        "human_q": person().body.qpos0,
         "present": np.zeros(20),
         "sent": np.zeros(20),
-        "asked": points,
-        "reached": points,
+        "landmarks_asked": points,
+        "landmarks_reached": points,
         "com": np.array([0.0, 0.0, 0.2]),
     }
     return Snapshot(**fields | changed)  # type: ignore[arg-type]

@@ -39,12 +39,12 @@ def test_everything_has_a_box_and_a_meaning(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     assert {"robot", "goal", "performer", "asked", "balance", "obstacles"} <= set(drawing.parts)
     assert drawing.parts == tuple(part for part in (*LEGEND,) if part in drawing.parts)
-    drawing.show(snapshot(obstacle_poses=AWAY))
+    drawing.show(snapshot(obstacles=AWAY))
     for part in drawing.parts:
         drawing.see(part, visible=False)
     before = sent(server)
     q = op3().body.qpos0 + 0.1
-    drawing.show(snapshot(obstacle_poses=AWAY, robot=q, goal=q))
+    drawing.show(snapshot(obstacles=AWAY, robot=q, q=q))
     assert sent(server) - before < 20, "of what is hidden hardly anything is sent"
 
 
@@ -76,7 +76,7 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     drawing = Drawing(server, cast_of_op3())
     start = person().body.qpos0.copy()
     worn = np.array([start[:3] + 0.1, [np.nan] * 3])
-    drawing.show(snapshot(human=start, sensors=worn))
+    drawing.show(snapshot(human_q=start, sensors=worn))
     wrist, performer = node(server, "performer/sensors"), server.scene._handle_from_node_name["/performer"]
     scale = node(server, "performer/body").scale
     np.testing.assert_allclose(wrist.position, scale * worn[0], atol=1e-6)
@@ -84,7 +84,7 @@ def test_sensors_are_on_the_performer_and_can_be_hidden(server: Any) -> None:
     for visible in (False, True):
         drawing.see("sensors", visible=visible)
         assert server.scene._handle_from_node_name["/performer/sensors"].visible is visible
-    drawing.show(snapshot(human=start, sensors=worn + np.nan))
+    drawing.show(snapshot(human_q=start, sensors=worn + np.nan))
     assert not wrist.visible, "it is not valid"
 
 
@@ -95,7 +95,7 @@ def test_a_human_alone_stands_where_one_looks(server: Any) -> None:
     start[:2] = (3.0, -4.0)
     com, none = np.array([3.0, -4.0, 0.9]), np.zeros((0, 3))
     worn = np.array([[3.0, -4.0, 1.2], [np.nan] * 3])
-    drawing.show(snapshot(human=start, com=com, asked=none, reached=none, sensors=worn))
+    drawing.show(snapshot(human_q=start, com=com, landmarks_asked=none, landmarks_reached=none, sensors=worn))
     wrist, head = (node(server, "performer/sensors", at) for at in (0, 1))
     place = server.scene._handle_from_node_name["/performer"].position + wrist.position
     assert tuple(place) == pytest.approx((0.0, 0.0, 1.2), abs=1e-6)
@@ -128,7 +128,7 @@ def test_observers_are_seen_while_they_act(server: Any) -> None:
     modes[1], modes[2] = 1, 2
     q = op3().body.qpos0.copy()
     q[op3().servo_columns] = np.linspace(-0.3, 0.3, 20)
-    drawing.show(snapshot(goal=q, modes=modes))
+    drawing.show(snapshot(q=q, observer_modes=modes))
     shapes = [node(server, "observers", at) for at in range(len(modes))]
     assert [shape.visible for shape in shapes[:4]] == [False, True, True, False]
     assert [tuple(shape.color) for shape in shapes[1:3]] == [*MODES]
@@ -137,7 +137,7 @@ def test_observers_are_seen_while_they_act(server: Any) -> None:
     for at in (1, 2):
         np.testing.assert_allclose(shapes[at].position, expected[at], atol=1e-4)
     for other in (None, modes[:3], np.zeros_like(modes)):
-        drawing.show(snapshot(modes=other))
+        drawing.show(snapshot(observer_modes=other))
         assert not any(shape.visible for shape in shapes)
 
 

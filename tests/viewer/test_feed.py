@@ -18,24 +18,25 @@ from retarget.errors import ConfigError, InputError
 from retarget.model.human import build_human
 from retarget.report.outputs import Outputs
 from retarget.run.options import RunOptions
-from retarget.run.record import HumanRecord, Record, RobotRecord, Timing
+from retarget.run.record import KEPT, Record
 from retarget.run.run_result import Extras
+from retarget.run.table import RunTable
 from retarget.types import RunState
 from retarget.viewer.feed import LIVE_PAGE, READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
 from retarget.viewer.live_page import serve
-from retarget.viewer.snapshot import Row
 
 TICKS = 50
 
 
 def record() -> Record:
-    robot = RobotRecord.empty(TICKS, nq=27, start=np.zeros(20), landmark_names=("l_hand", "r_hand"), observers=21)
-    for array in (robot.q, robot.present, robot.temperature, robot.landmarks_asked):
+    widths = {"robot": 27, "servos": 20, "landmarks": 2, "observers": 21, "human": 60, "joints": 1, "sensors": 3}
+    names: dict[str, Any] = {"human_joint_names": ("head",), "landmark_names": ("l_hand", "r_hand")}
+    made = Record.empty(TICKS, widths, KEPT, start=np.zeros(20), **names)
+    for array in (made.q, made.present, made.temperature, made.landmarks_asked):
         array[:] = 0.25
-    robot.bus_time[:] = np.arange(TICKS) / 125.0
-    human = HumanRecord.empty(TICKS, nq=60, joint_names=("head",), sensors=3)
-    human.q[:], human.sensors[:] = 0.5, 0.75
-    return Record(np.zeros(TICKS), np.zeros(TICKS, dtype=np.int8), human, robot, Timing.empty(TICKS))
+    made.bus_time[:] = np.arange(TICKS) / 125.0
+    made.human_q[:], made.sensors[:] = 0.5, 0.75
+    return made
 
 
 def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:
@@ -48,9 +49,9 @@ def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:
     return run, theirs
 
 
-def received(page: socket.socket) -> Row:
+def received(page: socket.socket) -> RunTable:
     row = unpacked(page.recv(1 << 16))
-    assert isinstance(row, Row)
+    assert isinstance(row, RunTable)
     return row
 
 
@@ -64,8 +65,8 @@ class FakePage:
     def announce(self, state: str) -> None:
         self.states.append(state)
 
-    def show(self, row: Row, *, newest: bool) -> None:
-        self.rows.append((row.time, newest))
+    def show(self, row: RunTable, *, newest: bool) -> None:
+        self.rows.append((float(row.time), newest))
 
 
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
@@ -76,11 +77,11 @@ def test_some_rows_are_shown_with_what_the_robot_does() -> None:
         run.on_row(whole, row)
     rows = [received(page) for _ in range(10)]
     for shown in rows:
-        assert shown.asked is not None and np.isnan(shown.asked[0]).all() and (shown.asked[1:] == 0.25).all()
-        assert shown.modes is not None
-    assert all(row.state == "holding" and row.why == "the stream is silent" for row in rows)
-    assert all(row.current is not None and (row.current == 1.25).all() for row in rows)
-    assert all(row.sensors is not None and (row.sensors == np.full((3, 3), 0.75)).all() for row in rows)
+        assert np.isnan(shown.landmarks_asked[0]).all() and (shown.landmarks_asked[1:] == 0.25).all()
+        assert "observer_modes" in shown
+    assert all(row.doing == "holding" and row.reason == "the stream is silent" for row in rows)
+    assert all((row.current == 1.25).all() for row in rows)
+    assert all((row.sensors == np.full((3, 3), 0.75)).all() for row in rows)
     assert [row.time for row in rows] == [pytest.approx(i / 125.0) for i in range(4, TICKS, 5)]
     with pytest.raises(BlockingIOError):
         page.recv(1)
@@ -94,8 +95,8 @@ def test_what_is_not_in_the_record_is_shown_too() -> None:
     run.extras = Extras(obstacles=lambda: poses, truth=lambda: truth)
     run.on_row(record(), 0)
     row = received(page)
-    assert row.current is None, "it is not known"
-    np.testing.assert_array_equal(row.obstacle_poses, poses)
+    assert "current" not in row, "it is not known"
+    np.testing.assert_array_equal(row.obstacles, poses)
     np.testing.assert_array_equal(row.truth, truth)
 
 

@@ -8,28 +8,30 @@ import pytest
 
 from followers import op3
 from messages import shows
+from retarget.run.table import RunTable
 from retarget.viewer.joint_plot import curves
 from retarget.viewer.live_page import STOPPING_WORDS, LivePage
-from retarget.viewer.snapshot import Row, Snapshot, snapshot_at
+from retarget.viewer.snapshot import Snapshot, snapshot_at
 from viewed import cast_of_op3, person
 
 
-def row(tick: int, *, state: str = "following", truth: bool = False) -> Row:
+def row(tick: int, *, state: str = "following", truth: bool = False) -> RunTable:
     robot = op3()
     joints = int((robot.body.joint_type > 1).sum())
-    return Row(
-        time=0.04 * tick,
-        state=state,
-        why="",
-        goal=robot.body.qpos0 + 0.001 * tick,
-        human=person().body.qpos0,
+    known: dict[str, Any] = {"truth": np.arange(9.0 + joints)} if truth else {}
+    return RunTable(
+        time=np.array(0.04 * tick),
+        doing=np.array(state, dtype=np.object_),
+        reason=np.array("", dtype=np.object_),
+        q=robot.body.qpos0 + 0.001 * tick,
+        human_q=person().body.qpos0,
         present=np.where(np.arange(20) == 3, np.nan, 0.01 * tick),
         temperature=np.full(20, 25.0 + tick),
         current=np.full(20, 0.05 * tick),
-        asked=np.full((1, 3), 0.1 if tick % 2 else np.nan),
-        modes=np.full(len(robot.profile.observers), tick % 3, dtype=np.uint8),
-        obstacle_poses=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
-        truth=np.arange(9.0 + joints) if truth else None,
+        landmarks_asked=np.full((1, 3), 0.1 if tick % 2 else np.nan),
+        observer_modes=np.full(len(robot.profile.observers), tick % 3, dtype=np.uint8),
+        obstacles=np.array([[0.01 * tick, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]),
+        **known,
         sensors=np.array([[0.01 * tick, 0.0, 1.0], [np.nan] * 3]),
     )
 
@@ -42,7 +44,7 @@ class Watched:
         monkeypatch.setattr(server, "get_clients", lambda: {0: None} if self.looked else {})
         self.page = LivePage(server, lambda: self.stops.append(1))
 
-    def show(self, row: Row, *, newest: bool = True) -> None:
+    def show(self, row: RunTable, *, newest: bool = True) -> None:
         self.page.show(row, newest=newest)
 
     @property
@@ -93,7 +95,7 @@ def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched
     np.testing.assert_allclose(temperature[-2:], [624.0, 625.0])
 
 
-def shown(row: Row) -> Snapshot:
+def shown(row: RunTable) -> Snapshot:
     return snapshot_at([row], cast_of_op3(), 0)
 
 
@@ -101,7 +103,7 @@ def test_a_servo_that_reported_nothing_is_where_its_goal_is() -> None:
     snapshot = shown(row(7))
     there = snapshot.robot[op3().servo_columns]
     assert there[3] == snapshot.sent[3] and there[2] == 0.07
-    assert np.isnan(snapshot.pressure).all() and snapshot.reached is not None and snapshot.reached.shape == (1, 3)
+    assert np.isnan(snapshot.pressure).all() and snapshot.landmarks_reached.shape == (1, 3)
 
 
 def test_a_simulated_body_is_where_it_really_is() -> None:

@@ -14,10 +14,11 @@ from followers import op3
 from hardware.clock import VirtualClock
 from messages import shows
 from retarget.ik.gravity_torque import GRAVITY
+from retarget.run.table import RunTable
 from retarget.types import FloatArray
 from retarget.viewer.joint_plot import OF_ANGLES, QUANTITIES, JointPlot, curves
 from retarget.viewer.page import PLAY, RecordedPage, headline_of
-from retarget.viewer.snapshot import Row, zero_moment_point
+from retarget.viewer.snapshot import zero_moment_point
 from viewed import cast_of_op3, person, snapshot
 
 ROWS, DT = 100, 0.01
@@ -35,18 +36,18 @@ class Run:
     def __len__(self) -> int:
         return len(self.times)
 
-    def __getitem__(self, row: int) -> Row:
+    def __getitem__(self, row: int) -> RunTable:
         return rows_of(self.times[row : row + 1])[0]
 
 
-def rows_of(times: FloatArray, *, present: float = 0.1) -> list[Row]:
+def rows_of(times: FloatArray, *, present: float = 0.1) -> list[RunTable]:
     """Goals at 0.2 rad; servos at `present` rad, from the tenth row on."""
     human, servos = person().body.qpos0, np.ones(20)
     goal = op3().body.qpos0.copy()
     goal[op3().servo_columns] = 0.2
-    known: dict[str, Any] = {"human": human, "goal": goal, "temperature": 40.0 * servos, "current": 0.5 * servos}
+    known: dict[str, Any] = {"human_q": human, "q": goal, "temperature": 40.0 * servos, "current": 0.5 * servos}
     return [
-        Row(time=time, present=(present if row > 8 or len(times) > 50 else np.nan) * servos, **known)
+        RunTable(time=np.array(time), present=(present if row > 8 or len(times) > 50 else np.nan) * servos, **known)
         for row, time in enumerate(times.tolist())
     ]
 
@@ -121,7 +122,7 @@ def test_it_is_always_somewhere(moves: list[tuple[float, int, bool]]) -> None:
 
 
 def test_letters_say_what_it_does_and_why_and_hold_no_markup() -> None:
-    text = headline_of(snapshot(state="stopping", why="a <script>", present=np.full(20, 0.1)), "gone")
+    text = headline_of(snapshot(doing="stopping", reason="a <script>", present=np.full(20, 0.1)), "gone")
     shows(text, "STOPPING", "5.7")
     assert "degrees" not in headline_of(snapshot(present=np.full(20, np.nan)))
 

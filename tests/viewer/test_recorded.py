@@ -10,7 +10,9 @@ import pytest
 from messages import Facts, refuses, shows
 from recordings import recorded, saved_run
 from retarget.errors import InputError
-from retarget.recording.read_run import RecordedRun, read_recorded
+from retarget.recording.motion import Motion
+from retarget.recording.read_run import read_recorded
+from retarget.run.record import Phase
 from retarget.schema.catalogue import Kind, find
 from retarget.types import FloatArray
 from retarget.viewer.joint_plot import curves
@@ -29,24 +31,18 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def whole(place: Path) -> RecordedRun:
+def whole(place: Path) -> Motion:
     return read_recorded(place / "run.mcap")
 
 
-def scene_of(run: RecordedRun, **changed: Any) -> RecordedScene:
+def scene_of(run: Motion, **changed: Any) -> RecordedScene:
     """The scene of a run, whose recording, phase or no_command is another one."""
-    assert run.robot is not None and run.recording is not None
-    given: dict[str, Any] = {
-        "recording": run.recording,
-        "phase": run.robot.phase,
-        "no_command": run.tracks["no_command"],
-    }
+    given: dict[str, Any] = {"recording": run.recording, "phase": run.phase, "no_command": run.no_command}
     return RecordedScene(**given | changed)
 
 
-def first_followed(run: RecordedRun) -> int:
-    assert run.robot is not None
-    return int(np.flatnonzero(run.robot.phase == "follow")[0])
+def first_followed(run: Motion) -> int:
+    return int(np.flatnonzero(run.phase == Phase.FOLLOW)[0])
 
 
 def at(scene: RecordedScene, row: int) -> FloatArray:
@@ -56,7 +52,7 @@ def at(scene: RecordedScene, row: int) -> FloatArray:
 
 
 @pytest.mark.long
-def test_obstacles_move_from_the_first_tick_that_followed(whole: RecordedRun) -> None:
+def test_obstacles_move_from_the_first_tick_that_followed(whole: Motion) -> None:
     scene = scene_of(whole)
     assert len(scene.obstacles) == 1 and scene.notes == ()
     first = first_followed(whole)
@@ -68,7 +64,7 @@ def test_obstacles_move_from_the_first_tick_that_followed(whole: RecordedRun) ->
     assert at(scene, first + 50)[0, 1] == pytest.approx(0.6 - 0.3 * 50 * dt, abs=1e-9), "1.2 m in 4 s"
 
 
-def test_a_scene_that_changed_since_is_shown_as_it_was(whole: RecordedRun, place: Path) -> None:
+def test_a_scene_that_changed_since_is_shown_as_it_was(whole: Motion, place: Path) -> None:
     file = place / "scene.yaml"
     before = file.read_text()
     try:
@@ -84,7 +80,7 @@ def test_a_scene_that_changed_since_is_shown_as_it_was(whole: RecordedRun, place
         file.write_text(before)
 
 
-def test_why_it_is_not_shown(whole: RecordedRun, place: Path) -> None:
+def test_why_it_is_not_shown(whole: Motion, place: Path) -> None:
     """Not there any more, and not attached; the run is seen all the same."""
     recording = whole.recording
     assert recording is not None
@@ -110,16 +106,16 @@ def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
     robot = run.cast.robot
     assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
     assert not run.cast.servos_measure
-    states = {shown(run, row).state for row in range(len(run.times))}
+    states = {str(shown(run, row).doing) for row in range(len(run.times))}
     assert states == {"approaching", "following", "stopping"}
     for row in (0, len(run.times) // 2, len(run.times) - 1):
         snapshot = shown(run, row)
         assert snapshot.time == arrays["time"][row]
         np.testing.assert_array_equal(snapshot.sent, arrays["joint_positions"][row])
-        np.testing.assert_array_equal(snapshot.goal[:3], arrays["root_position"][row])
+        np.testing.assert_array_equal(snapshot.q[:3], arrays["root_position"][row])
         column = robot.body.joint_qpos[robot.body.joint_index("l_knee")]
         joint = run.cast.joints.index("l_knee")
-        assert snapshot.goal[column] == snapshot.sent[joint]
+        assert snapshot.q[column] == snapshot.sent[joint]
         assert snapshot.robot[column] == snapshot.present[joint]
         assert 0.0 < snapshot.off < 0.2
     time, sent, present = curves(run, run.cast, 3, "angle")
@@ -132,11 +128,11 @@ def test_sensors_are_shown_where_they_were_kept(path: Path, run: ShownRun, tmp_p
     with np.load(path) as saved:
         arrays = {key: saved[key] for key in saved}
     snapshot = shown(run, 40)
-    assert run.cast.sensors == tuple(arrays["sensor_names"]) and snapshot.sensors is not None
+    assert run.cast.sensors == tuple(arrays["sensor_names"])
     np.testing.assert_array_equal(snapshot.sensors, arrays["sensor_positions"][40])
     older = tmp_path / "older.npz"
     np.savez(older, **{key: value for key, value in arrays.items() if not key.startswith("sensor_")})
-    assert open_recorded(older).cast.sensors == () and shown(open_recorded(older), 40).sensors is None
+    assert open_recorded(older).cast.sensors == () and "sensors" not in shown(open_recorded(older), 40)
 
 
 def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:

@@ -21,8 +21,8 @@ from retarget.cli.web.control import HELD_S, PageControl, directions
 from retarget.errors import ConfigError
 from retarget.live.admission import Datagram
 from retarget.model.human import build_human
+from retarget.run.table import RunTable
 from retarget.viewer.feed import PageSetup, ViewFeed
-from retarget.viewer.snapshot import Row
 from retarget.web.link import PoseReceiver, Settings, open_web
 
 client = pytest.importorskip("websockets.sync.client", reason="the extra web is not installed")
@@ -357,14 +357,14 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         one.told("here")
         one.until(lambda: not [*one.control.poll(0.0)] and one.control.health)
         one.feed._send(
-            Row(
-                time=1.0,
-                latency=0.007,
-                human=build_human(dimensions(performer())).body.qpos0,
-                goal=goal,
-                state="holding",
-                why="l_wrist: lost",
-                asked=asked,
+            RunTable(
+                time=np.array(1.0),
+                latency=np.array(0.007),
+                human_q=build_human(dimensions(performer())).body.qpos0,
+                q=goal,
+                doing=np.array("holding", dtype=np.object_),
+                reason=np.array("l_wrist: lost", dtype=np.object_),
+                landmarks_asked=asked,
                 sensors=sensors,
             )
         )

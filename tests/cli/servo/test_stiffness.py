@@ -31,7 +31,7 @@ class Audit:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.made: list[CheckedGoal] = []
         self.written, self.armed, self.unchecked = 0, 0, 0
-        make, send, arm, write, torque = Gate._make, Guard._send, Guard.arm, PhysicsBus.write, PhysicsBus.torque
+        make, send, arm, write, torque = Gate._made, Guard._send, Guard.arm, PhysicsBus.write, PhysicsBus.torque
         self._now: CheckedGoal | None = None
         self._arming = False
 
@@ -65,7 +65,7 @@ class Audit:
             torque(bus, on)
 
         for owner, name, spy in (
-            (Gate, "_make", made),
+            (Gate, "_made", made),
             (Guard, "_send", sent),
             (Guard, "arm", arms),
             (PhysicsBus, "write", wrote),

@@ -1,0 +1,211 @@
+"""The run table: one row for each tick of a run. The list of its fields is data: the arrays in memory, the topics of a
+recording, the keys of `--save` and the reference in the docs are made from it.
+
+Positions are in the world (x forward, y left, z up), quaternions wxyz.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from retarget.types import BoolArray, FloatArray, IntArray, ModeArray
+
+ByteArray = NDArray[np.int8]
+BitArray = NDArray[np.uint32]
+TextArray = NDArray[np.object_]
+Widths = Mapping[str, int]
+"""The numbers that the words in the shapes of fields stand for in one run; 0 for a word that is missing."""
+READINGS = 8
+"""Readings of the clock that are kept of a cycle: it takes five at most."""
+EVERY_S = {"/landmarks": 0.04, "/truth": 0.04} | dict.fromkeys(
+    ("/human/joints", "/human/posture", "/joint_states", "/tf"), 0.08
+)
+"""Time, s, between two messages of a topic that is there to be looked at, and can be computed again from the rest."""
+
+
+@dataclass(frozen=True)
+class RunField:
+    """One field of a row. unit: "" where it has none. shape: of one row; a word is a width that the run decides.
+
+    topic, key: the topic of a recording and the field of its message; npz: the key of `--save`; column: the begin of
+    its columns in CSV and Parquet; "" where it is not there. fill: the value of a row that is not written yet.
+    """
+
+    name: str
+    dtype: np.dtype[Any]
+    unit: str
+    meaning: str
+    shape: tuple[int | str, ...]
+    topic: str
+    key: str
+    npz: str
+    column: str
+    fill: float
+
+    def sizes(self, widths: Widths) -> tuple[int, ...]:
+        """The shape of one row in a run of these widths."""
+        return tuple(one if isinstance(one, int) else widths.get(one, 0) for one in self.shape)
+
+    def room(self, rows: int, widths: Widths) -> NDArray[Any]:
+        """Make an array for so many rows. Zeros are not touched yet: a long run is not filled before its first tick."""
+        shape = (rows, *self.sizes(widths))
+        return np.full(shape, self.fill, self.dtype) if self.fill else np.zeros(shape, self.dtype)
+
+
+def _field(
+    unit: str, meaning: str, *shape: int | str, topic: str = "", npz: str = "", column: str = "", fill: float = 0.0
+) -> Any:
+    """A field, whose dtype is that of its annotation. topic: "/tick" where the message's field has the same name, else
+    "/tick.field"."""
+    place, _, key = topic.partition(".")
+    given = {"unit": unit, "meaning": meaning, "shape": shape, "topic": place, "key": key, "npz": npz}
+    return field(default=None, metadata=given | {"column": column, "fill": fill})
+
+
+def _stage(meaning: str) -> Any:
+    """The time of one stage of a tick, under its own name everywhere."""
+    return _field("s", f"{meaning}; on the run's clock, NaN: not known", topic="/tick", npz=".", fill=np.nan)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunTable:
+    """Rows of a run: a field that is known is an array with a row per tick, any other is None. In a single row of a
+    table, a field is what its array holds there."""
+
+    time: FloatArray = _field("s", "0 at the first tick of following, before it negative", npz="time")
+    index: IntArray = _field("", "number of the cycle, 0 is that of arming", topic="/tick.cycle")
+    tick: IntArray = _field("", "tick of the performance", topic="/tick")
+    phase: ByteArray = _field("", "`Phase`: 0 approach, 1 follow, 2 brake", topic="/tick", npz="phase")
+    state: ModeArray = _field("", "state of the run, counted in the order of `RunState`", topic="/tick")
+    kept: BoolArray = _field("", "the tick was completed; what follows from it is known only then", topic="/tick")
+    gated: BoolArray = _field("", "the gate sent something else than was asked", topic="/tick", npz="gated")
+    no_command: BoolArray = _field("", "there was no goal, and the gate braked by itself", topic="/tick")
+    cost: FloatArray = _field(
+        "s", "thread CPU of both stages, wall time of the tick; NaN: did not run", 3, topic="/tick", fill=np.nan
+    )
+    asked: BitArray = _field("", "`Asked` before the cycle, and answered with yes", topic="/tick")
+    clock: FloatArray = _field("s", "what the clock said", READINGS, topic="/tick")
+    readings: ModeArray = _field("", "number of readings of the clock", topic="/tick")
+
+    time_captured: FloatArray = _stage("when the performer's sensors measured the sample")
+    time_arrived: FloatArray = _stage("when the sample arrived")
+    time_used: FloatArray = _stage("when the sample was taken for this tick")
+    time_human: FloatArray = _stage("when the human was solved")
+    time_robot: FloatArray = _stage("when the robot was solved")
+    time_gate: FloatArray = _stage("when the gate had passed the goal")
+    time_written: FloatArray = _stage("when the goal was written to the bus")
+    time_read: FloatArray = _stage("when the servos were read")
+
+    sampled: ModeArray = _field("", "`Done`: what became of the sample", topic="/tick")
+    settled: FloatArray = _field("", "share of its speed that the robot may use, 0 to 1", topic="/tick")
+    sensor_position: FloatArray = _field("m", "sensors as they were followed", "sensors", 3, topic="/sensors.poses")
+    sensor_orientation: FloatArray = _field("", "their quaternions", "sensors", 4, topic="/sensors.poses")
+    sensor_valid: BoolArray = _field("", "which of them are valid", "sensors", topic="/tick")
+    sensor_weight: FloatArray = _field("", "their weights", "sensors", topic="/tick")
+    weighted: BoolArray = _field("", "the sample has weights", topic="/tick")
+    sensors: FloatArray = _field(
+        "m", "sensors of which the human was made; NaN: not valid", "sensors", 3, npz="sensor_positions"
+    )
+
+    human_q: FloatArray = _field("m, rad", "posture of the human", "human", topic="/human/posture.q", npz="human_q")
+    human_joints: FloatArray = _field(
+        "m", "centres of its joints", "joints", 3, topic="/human/joints.poses", npz="human_joint_positions"
+    )
+    human_truth: FloatArray = _field("m", "the same, as the file knows them", "joints", 3, npz="human_truth")
+    human_observer_modes: ModeArray = _field("", "modes of the human's observers", "human_observers", topic="/tick")
+    balance_error: FloatArray = _field("m", "of its centre of mass from the goal; NaN outside of following")
+
+    q: FloatArray = _field("m, rad", "posture sent to the robot, not rounded, with the root that is assumed", "robot")
+    q_servos: FloatArray = _field("rad", "its coordinates that servos move", "servos", topic="/goals.position")
+    q_rest: FloatArray = _field("m, rad", "its other coordinates", "rest", topic="/tick.root")
+    goals: FloatArray = _field("rad", "goals of the gate: the posture, or more where it compensates a load", "servos")
+    goal_ticks: IntArray = _field(
+        "ticks", "the same as they were written", "servos", topic="/tick.goal", npz="goal_ticks", column="ticks_"
+    )
+    landmarks_asked: FloatArray = _field(
+        "m",
+        "landmarks that were asked for",
+        "landmarks",
+        3,
+        topic="/landmarks.poses",
+        npz="landmarks_asked",
+        column="asked_",
+    )
+    landmarks_reached: FloatArray = _field(
+        "m", "landmarks in the posture sent", "landmarks", 3, npz="landmarks_reached"
+    )
+    observer_modes: ModeArray = _field("", "modes of the robot's observers", "observers", topic="/tick")
+
+    written: ModeArray = _field("", "`Done`: what became of the write", topic="/tick")
+    read: ModeArray = _field("", "`Done`: what became of the read at the start of the tick", topic="/servos.answer")
+    bus_time: FloatArray = _field("s", "when the servos were read, on the bus's clock", topic="/servos")
+    present: FloatArray = _field("rad", "where the servos were", "servos", npz="servo_positions", column="servo_")
+    faults: IntArray = _field("", "servos that did not answer or reported an alert")
+    position: IntArray = _field("ticks", "of each servo: where it was", "servos", topic="/servos")
+    velocity: FloatArray = _field("rad/s", "its velocity", "servos", topic="/servos")
+    current: FloatArray = _field("A", "its current", "servos", topic="/servos")
+    voltage: FloatArray = _field("V", "its voltage", "servos", topic="/servos")
+    temperature: FloatArray = _field("deg C", "its temperature", "servos", topic="/servos")
+    age: FloatArray = _field("s", "age of its answer", "servos", topic="/servos")
+    error: ModeArray = _field("", "its error bits", "servos", topic="/servos")
+    alert: ModeArray = _field("", "its alert bits", "servos", topic="/servos")
+    valid: BoolArray = _field("", "it answered", "servos", topic="/servos")
+    driven: BoolArray = _field("", "it has torque", "servos", topic="/servos")
+    retries: IntArray = _field("", "requests repeated since the bus was opened", topic="/servos")
+    error_rate: FloatArray = _field("", "share of requests that failed of late", topic="/servos")
+
+    truth: FloatArray = _field("m, rad", "state of a simulated body, see `truth_names`", "truth", topic="/truth.q")
+    obstacles: FloatArray = _field("m", "poses of the obstacles of the scene", "obstacles", 7)
+    latency: FloatArray = _field("s", "from a live frame to goals, of late")
+    doing: TextArray = _field("", "what the robot does, in words")
+    reason: TextArray = _field("", "why it stopped, in words")
+
+    @classmethod
+    def empty(cls, rows: int, widths: Widths, names: Iterable[str] = (), **given: Any) -> Self:
+        """Room for so many rows of some fields (none named: of all). given: what else the table is made of."""
+        return cls(**{name: FIELDS[name].room(rows, widths) for name in names or FIELDS}, **given)
+
+    @property
+    def known(self) -> dict[str, Any]:
+        """The arrays of the fields that are known."""
+        return {name: value for name, value in vars(self).items() if name in FIELDS and value is not None}
+
+    def __contains__(self, name: str) -> bool:
+        """Whether a field is known."""
+        return getattr(self, name) is not None
+
+    def __len__(self) -> int:
+        return len(next(iter(self.known.values())))
+
+    def each(self, change: Callable[[NDArray[Any]], Any]) -> Self:
+        """The table with every array changed."""
+        return replace(self, **{name: change(value) for name, value in self.known.items()})
+
+    def __getitem__(self, rows: Any) -> Self:
+        """The rows of these numbers, of a slice or of a mask; of one number a single row."""
+        return self.each(lambda array: array[rows])
+
+
+def _fields() -> dict[str, RunField]:
+    made = {}
+    for one in fields(RunTable):
+        given = dict(one.metadata)
+        given["key"] = given["key"] or one.name
+        given["npz"] = one.name if given["npz"] == "." else given["npz"]
+        dtype = np.dtype(one.type.__args__[1].__args__[0])  # type: ignore[union-attr]
+        made[one.name] = RunField(name=one.name, dtype=dtype, **given)
+    return made
+
+
+FIELDS = _fields()
+"""Every field by its name."""
+STAGES = tuple(name for name in FIELDS if name.startswith("time_"))
+"""The times of a tick's stages. Files from before there were any do not have them."""
+
+
+def message_fields(topic: str) -> dict[str, str]:
+    """The fields of a topic's messages: name in the message, and name in the table."""
+    return {one.key: name for name, one in FIELDS.items() if one.topic == topic}
