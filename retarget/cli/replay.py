@@ -15,8 +15,7 @@ from retarget.run.record import Phase
 if TYPE_CHECKING:
     from retarget.model.robot import RobotBody
     from retarget.recording.configs import Configs
-    from retarget.recording.cycles import now_of
-from retarget.recording.reading import Played
+    from retarget.recording.reading import Played
     from retarget.recording.replay import Replayed
     from retarget.report.outputs import Outputs
     from retarget.run.run_result import RunResult
@@ -72,6 +71,8 @@ def replay(
 
 def _note_damage(found: "Played") -> None:
     """Say which part of the recording there is, if it is not whole."""
+    from retarget.recording.cycles import now_of
+
     recording, cycles = found.recording, found.cycles
     if recording.damage:
         times = now_of(cycles)
