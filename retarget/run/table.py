@@ -59,7 +59,7 @@ def _field(
     unit: str, meaning: str, *shape: int | str, topic: str = "", npz: str = "", column: str = "", fill: float = 0.0
 ) -> Any:
     """A field, whose dtype is that of its annotation. topic: "/tick" where the message's field has the same name, else
-    "/tick.field"."""
+    "/tick.field". npz: "." for the same name."""
     place, _, key = topic.partition(".")
     given = {"unit": unit, "meaning": meaning, "shape": shape, "topic": place, "key": key, "npz": npz}
     return field(default=None, metadata=given | {"column": column, "fill": fill})
@@ -75,16 +75,16 @@ class RunTable:
     """Rows of a run: a field that is known is an array with a row per tick, any other is None. In a single row of a
     table, a field is what its array holds there."""
 
-    time: FloatArray = _field("s", "0 at the first tick of following, before it negative", npz="time")
+    time: FloatArray = _field("s", "0 at the first tick of following, before it negative", npz=".")
     index: IntArray = _field("", "number of the cycle, 0 is that of arming", topic="/tick.cycle")
     tick: IntArray = _field("", "tick of the performance", topic="/tick")
-    phase: ByteArray = _field("", "`Phase`: 0 approach, 1 follow, 2 brake", topic="/tick", npz="phase")
+    phase: ByteArray = _field("", "`Phase`: 0 approach, 1 follow, 2 brake", topic="/tick", npz=".")
     state: ModeArray = _field("", "state of the run, counted in the order of `RunState`", topic="/tick")
     kept: BoolArray = _field("", "the tick was completed; what follows from it is known only then", topic="/tick")
-    gated: BoolArray = _field("", "the gate sent something else than was asked", topic="/tick", npz="gated")
+    gated: BoolArray = _field("", "the gate sent something else than was asked", topic="/tick", npz=".")
     no_command: BoolArray = _field("", "there was no goal, and the gate braked by itself", topic="/tick")
     cost: FloatArray = _field(
-        "s", "thread CPU of both stages, wall time of the tick; NaN: did not run", 3, topic="/tick", fill=np.nan
+        "s", "thread CPU of both stages, NaN: did not run; wall time of the tick", 3, topic="/tick", fill=np.nan
     )
     asked: BitArray = _field("", "`Asked` before the cycle, and answered with yes", topic="/tick")
     clock: FloatArray = _field("s", "what the clock said", READINGS, topic="/tick")
@@ -110,11 +110,11 @@ class RunTable:
         "m", "sensors of which the human was made; NaN: not valid", "sensors", 3, npz="sensor_positions"
     )
 
-    human_q: FloatArray = _field("m, rad", "posture of the human", "human", topic="/human/posture.q", npz="human_q")
+    human_q: FloatArray = _field("m, rad", "posture of the human", "human", topic="/human/posture.q", npz=".")
     human_joints: FloatArray = _field(
         "m", "centres of its joints", "joints", 3, topic="/human/joints.poses", npz="human_joint_positions"
     )
-    human_truth: FloatArray = _field("m", "the same, as the file knows them", "joints", 3, npz="human_truth")
+    human_truth: FloatArray = _field("m", "the same, as the file knows them", "joints", 3, npz=".")
     human_observer_modes: ModeArray = _field("", "modes of the human's observers", "human_observers", topic="/tick")
     balance_error: FloatArray = _field("m", "of its centre of mass from the goal; NaN outside of following")
 
@@ -123,20 +123,12 @@ class RunTable:
     q_rest: FloatArray = _field("m, rad", "its other coordinates", "rest", topic="/tick.root")
     goals: FloatArray = _field("rad", "goals of the gate: the posture, or more where it compensates a load", "servos")
     goal_ticks: IntArray = _field(
-        "ticks", "the same as they were written", "servos", topic="/tick.goal", npz="goal_ticks", column="ticks_"
+        "ticks", "the same, as written", "servos", topic="/tick.goal", npz=".", column="ticks_"
     )
     landmarks_asked: FloatArray = _field(
-        "m",
-        "landmarks that were asked for",
-        "landmarks",
-        3,
-        topic="/landmarks.poses",
-        npz="landmarks_asked",
-        column="asked_",
+        "m", "landmarks asked for", "landmarks", 3, topic="/landmarks.poses", npz=".", column="asked_"
     )
-    landmarks_reached: FloatArray = _field(
-        "m", "landmarks in the posture sent", "landmarks", 3, npz="landmarks_reached"
-    )
+    landmarks_reached: FloatArray = _field("m", "landmarks in the posture sent", "landmarks", 3, npz=".")
     observer_modes: ModeArray = _field("", "modes of the robot's observers", "observers", topic="/tick")
 
     written: ModeArray = _field("", "`Done`: what became of the write", topic="/tick")

@@ -87,7 +87,7 @@ def test_a_config_file_that_is_too_large_is_left_out(
         assert [one.data for one in make_reader(stream).iter_attachments()] == [b"1234567890"]
 
 
-WIDTHS = {"sensors": 2, "servos": 3, "rest": 7, "human": 5, "joints": 4, "landmarks": 2, "observers": 1}
+WIDTHS = {"sensors": 2, "servos": 3, "rest": 7}
 
 
 def fill(ring: Ring, count: int) -> None:

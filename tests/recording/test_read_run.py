@@ -64,6 +64,7 @@ BAD: dict[str, tuple[np.ndarray[tuple[int, ...], np.dtype[Any]], Facts]] = {
     "time": (np.arange(39) / 50.0, "(39)"),
     "joint_positions": (np.full((40, 3), np.nan), ("joint_positions", "nan", 1)),
     "root_position": (np.full((40, 3), np.inf), "root_position"),
+    "landmarks_reached": (np.zeros((40, 1, 3)), "landmarks_reached"),
     "root_quaternion": (np.zeros((40, 4)), "[0. 0. 0. 0.]"),
     "joint_names": (np.arange(3), "joint_names"),
     "servo_positions": (np.zeros((40, 2)), "servo_positions"),

@@ -144,13 +144,9 @@ def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:
     [
         (lambda a: _without(a, "human_q"), "human_q"),
         (lambda a: a | {"human_q": a["human_q"][:-1]}, "human_q"),
-        (
-            lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]},
-            "sensor_positions",
-        ),
+        (lambda a: a | {"sensor_positions": a["sensor_positions"][:-1]}, "sensor_positions"),
         (lambda a: a | {"sensor_names": a["sensor_names"][1:]}, "sensor_positions"),
         (lambda a: a | {"joint_positions": a["joint_positions"][:, 1:]}, "joint_positions"),
-        (lambda a: a | {"landmarks_asked": a["landmarks_asked"][:, 1:]}, "landmarks_asked"),
         (lambda a: a | {"human_q": a["human_q"][:, 1:]}, ()),
         (lambda a: a | {"human_mjcf": np.array("<mujoco")}, ()),
     ],
