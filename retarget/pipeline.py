@@ -35,7 +35,7 @@ from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.rotations import IDENTITY
-from retarget.run.controllers import Pace, RobotMotion
+from retarget.run.controllers import Commanded, Pace, RobotMotion
 from retarget.run.options import RunOptions
 from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import robot_stage, scene_of, stage_priorities
@@ -191,7 +191,7 @@ class Pipeline:
     @property
     def stands(self) -> bool:
         """Whether the last goals were for one posture: no motion is left to brake."""
-        return self._machine is None or self._supervisor.over or self._motion.stands
+        return self._machine is None or self._supervisor.over or self._motion.stands(self._state.commanded)
 
     def start(
         self,
@@ -239,19 +239,20 @@ class Pipeline:
             scene = scene_of(self._robot, self._options)
             follower, gate = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
             motion = RobotMotion(self._robot, reconstructor, follower, gate, first=first, pace=Pace(self.dt, self.dt))
-            guard = self._armed(self._robot, motion, present)
+            guard, commanded = self._armed(self._robot, motion, present)
             machine = Machine(self._robot, follower, gate, guard, supervisor, VirtualClock(), self.dt)
+            self._state = TickState(commanded, sample=first)
             self._motion, self._human = motion, motion.follow.human
         else:
             self._human = reconstructor.start(first)
         self._reconstructor, self._samples, self._machine = reconstructor, performer, machine
         self._supervisor, self._now, self._operator = supervisor, 0.0, OperatorInput()
-        self._state = TickState(sample=first)
         for event in (Event.READY, Event.ARMED, *(() if machine else (Event.ARRIVED,))):
             supervisor.take(event, self._now)
 
-    def _armed(self, robot: RobotBody, motion: RobotMotion, present: FloatArray | None) -> Guard:
-        """A guard over servos that stand where the robot is, or was sent to last, and are always at their goals."""
+    def _armed(self, robot: RobotBody, motion: RobotMotion, present: FloatArray | None) -> tuple[Guard, Commanded]:
+        """A guard over servos that are where the robot is, or was sent to last, and always at their goals; and where
+        the robot is commanded to."""
         last = None if self._machine is None else self._machine.guard.goal
         begin = motion.approach.first.joint_positions if last is None else last.joints
         if present is not None:
@@ -260,8 +261,9 @@ class Pipeline:
         bus.open()
         guard = Guard(bus=bus, joint_map=robot.joint_map, limits=GuardLimits(max_pause=inf))
         guard.present()
-        guard.arm(motion.begin(begin))
-        return guard
+        commanded = motion.begin(begin)
+        guard.arm(commanded.goal)
+        return guard, commanded
 
     def step(self, sample: SensorSample | None, dt: float) -> Goal:
         """The goal of the next tick. sample: the newest; None, or one without valid base sensors: the robot brakes on
@@ -302,7 +304,6 @@ class Pipeline:
             output = step(machine, motion, self._state, given)
             if output.goal is not None:
                 guard.write(output.goal)
-                motion.sent(output.goal, output.target)
         except Exception as error:
             guard.latch(StopCause.FILTER, text_of(error))
             raise

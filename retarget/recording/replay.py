@@ -25,7 +25,7 @@ from retarget.run.loop import Observer
 from retarget.run.prepare import prepare_for
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import AT_RISK, OperatorInput
-from retarget.run.tick import Failure, TickInput, TickState
+from retarget.run.tick import Failure, TickInput
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, IntArray, Notify, RunState
 
@@ -125,7 +125,7 @@ class RecordedInputs:
     def restart(self) -> None:
         """Do nothing: the recording says when each tick was."""
 
-    def gather(self, state: TickState, run_state: RunState, *, approached: bool) -> TickInput:
+    def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
         """The input of the next cycle, see `Inputs.gather`."""
         moves = run_state in AT_RISK
         self._go_on(follows=moves and approached)
@@ -136,7 +136,7 @@ class RecordedInputs:
         return TickInput(
             self.clock.now(),
             servos=None if failed else self._servos(),
-            performer=self._performer(state.tick, approached=approached) if moves else PerformerInput(),
+            performer=self._performer(tick, approached=approached) if moves else PerformerInput(),
             operator=self._operator(),
             failures=tuple(failures),
         )

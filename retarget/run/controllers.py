@@ -470,10 +470,8 @@ def require_finite(posture: RobotPosture) -> RobotPosture:
 
 
 class RobotMotion:
-    """Moves one robot: the controller of each state, the gate, and where the robot was commanded to last.
-
-    In each tick: `target`, then `check`, and `sent` when the goal was sent.
-    """
+    """Moves one robot: the controller of each state, and the gate. In each tick: `target`, `check`, `next`. Where the
+    robot was commanded to last is handed in."""
 
     def __init__(
         self,
@@ -493,7 +491,6 @@ class RobotMotion:
         self._robot, self._follower, self._gate, self._dt = robot, follower, gate, pace.dt
         self.pace = pace
         human, dt = reconstructor.start(first), pace.dt
-        self.commanded: Commanded  # from `begin` on
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals[0])
         self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
         self._playback = None if goals is None else GoalPlayback(robot, goals, dt=dt)
@@ -516,76 +513,73 @@ class RobotMotion:
         """Whether the robot is on the straight part of its approach."""
         return self.approach.part is ApproachPart.STRAIGHT
 
-    @property
-    def refused(self) -> str:
+    def refused(self, commanded: Commanded) -> str:
         """What the gate refuses now, so that the robot holds; "" where it refuses nothing."""
-        if self.approach.is_refused(self.commanded):
+        if self.approach.is_refused(commanded):
             return "the approach"
-        if self._playback is not None and self.approach.arrived and self._playback.is_refused(self.commanded):
+        if self._playback is not None and self.approach.arrived and self._playback.is_refused(commanded):
             return "the recorded goals"
         return ""
 
-    def begin(self, present: FloatArray) -> CheckedGoal:
+    def begin(self, present: FloatArray) -> Commanded:
         """Begin at rest at the present joint positions, rad (n,). Raises HardwareError if not finite."""
         goal = self._gate.begin(present)
         if self._gate.clearance is not None:
             self._gate.clearance.begin(present)
-        self.commanded = first_commanded(self._robot, goal, self.approach.first.q)
-        return goal
+        return first_commanded(self._robot, goal, self.approach.first.q)
 
-    @property
-    def stands(self) -> bool:
+    def stands(self, commanded: Commanded) -> bool:
         """Whether nothing is left to brake: neither the posture nor the goals that hold it, which may still change
         where they make up for a load."""
-        return self.commanded.stands and self._gate.at_rest(self.commanded.goal)
+        return commanded.stands and self._gate.at_rest(commanded.goal)
 
-    def has_arrived(self, state: RunState) -> bool:
+    def has_arrived(self, state: RunState, commanded: Commanded) -> bool:
         """Whether the controller of a state has begun, and has nothing left to do."""
         controller = self._controllers.get(state)
-        return state is self._state and controller is not None and controller.has_arrived(self.commanded)
+        return state is self._state and controller is not None and controller.has_arrived(commanded)
 
-    def target(self, state: RunState, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(
+        self, state: RunState, commanded: Commanded, sample: SensorSample | None, *, speed_override: float
+    ) -> Target | None:
         """The target of the next tick, see `Controller.target`; None also in a state without a controller. The first
         target of a state begins it."""
         controller = self._controllers.get(state)
         if controller is None:
             return None
         if state is not self._state:
-            controller.begin(self.commanded)
+            controller.begin(commanded)
             self._state = state
-        return controller.target(self.commanded, sample, speed_override=speed_override)
+        return controller.target(commanded, sample, speed_override=speed_override)
 
-    def brake(self, state: RunState) -> Target | None:
+    def brake(self, state: RunState, commanded: Commanded) -> Target | None:
         """The target of the next tick of a robot that brakes in a state: on its line on the way to rest; else None, and
         it brakes as `check` says."""
-        return self._to_rest.brake(self.commanded) if state is RunState.GO_TO_REST else None
+        return self._to_rest.brake(commanded) if state is RunState.GO_TO_REST else None
 
-    def check(self, state: RunState, target: Target | None) -> tuple[CheckedGoal, Target | None]:
+    def check(self, state: RunState, commanded: Commanded, target: Target | None) -> tuple[CheckedGoal, Target | None]:
         """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot
         stops on its soles where the follower leads it, else the gate brakes."""
-        goal = self._passed(target)
+        goal = self._passed(commanded, target)
         if goal is None and self._is_led_on_soles(state):
-            self._follower.reseed(self.commanded.q, self.commanded.velocity)
+            self._follower.reseed(commanded.q, commanded.velocity)
             alternative = self._stop.halt()
-            goal, target = self._passed(alternative), alternative or target
-        return goal or self._gate.brake(self.commanded.goal), target
+            goal, target = self._passed(commanded, alternative), alternative or target
+        return goal or self._gate.brake(commanded.goal), target
 
-    def brake_at_once(self) -> CheckedGoal:
-        """The next goal of the gate's braking trajectory."""
-        return self._gate.brake(self.commanded.goal)
+    def next(self, commanded: Commanded, goal: CheckedGoal, target: Target | None) -> Commanded:
+        """Where the robot is commanded to by a goal for a target."""
+        on_soles = not self.on_approach
+        return next_commanded(self._robot, commanded, goal, target, dt=self._dt, on_soles=on_soles)
 
-    def sent(self, goal: CheckedGoal, target: Target | None) -> None:
-        """Take over where the robot was commanded to by a goal that was sent for a target."""
-        commanded = self.commanded = next_commanded(
-            self._robot, self.commanded, goal, target, dt=self._dt, on_soles=not self.on_approach
-        )
+    def lead_from(self, commanded: Commanded) -> None:
+        """Let the follower go on from where the robot is commanded to, if that is not what the follower asked for."""
         plays = self._playback is not None and self._state is RunState.FOLLOW
-        if not self.on_approach and (plays or not goal.passed):
+        if not self.on_approach and (plays or not commanded.goal.passed):
             self._follower.reseed(commanded.q, commanded.velocity)
 
-    def _passed(self, target: Target | None) -> CheckedGoal | None:
-        last, joints = self.commanded, None if target is None else target.joints
-        return self._gate.check(last.goal, joints, standing=last.standing)
+    def _passed(self, commanded: Commanded, target: Target | None) -> CheckedGoal | None:
+        joints = None if target is None else target.joints
+        return self._gate.check(commanded.goal, joints, standing=commanded.standing)
 
     def _is_led_on_soles(self, state: RunState) -> bool:
         """Whether the follower leads the robot in a state, on its soles."""

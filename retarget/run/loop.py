@@ -122,9 +122,9 @@ class Inputs(Protocol):
         """The ticks begin, one period from now."""
         ...
 
-    def gather(self, state: TickState, run_state: RunState, *, approached: bool) -> TickInput:
-        """Wait until the next tick is due, and gather its input. run_state: before it; approached: whether the robot is
-        where following begins. Raises nothing: what fails is in the input."""
+    def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
+        """Wait until the next tick is due, and gather its input. tick: of the performance; run_state: before it;
+        approached: whether the robot is where following begins. Raises nothing: what fails is in the input."""
         ...
 
 
@@ -139,7 +139,7 @@ class LiveInputs:
         """The ticks begin, one period from now."""
         self._due = self._machine.clock.now()
 
-    def gather(self, state: TickState, run_state: RunState, *, approached: bool) -> TickInput:
+    def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
         """Wait until the next tick is due, and gather its input, as `Inputs.gather` says."""
         self._wait()
         clock, samples, failures = self._machine.clock, self._samples, list[Failure]()
@@ -153,7 +153,7 @@ class LiveInputs:
         now, idle = clock.now(), clock.idle()
         if run_state in AT_RISK:
             with caught(failures, StopCause.SOURCE):
-                performer = self._look_at_performer(state.tick, approached=approached)
+                performer = self._look_at_performer(tick, approached=approached)
         return TickInput(now, idle, servos, performer, operator, tuple(failures))
 
     def _look_at_performer(self, tick: int, *, approached: bool) -> PerformerInput:
@@ -208,7 +208,8 @@ class Loop:
             posture=motion.approach.first,
             stopping=stopping,
         )
-        self._state, self._now = TickState(sample=first), machine.clock.now()
+        self._first, self._now = first, machine.clock.now()
+        self._state: TickState  # once it is armed
 
     def run(self) -> Ending:
         """Run from arming to torque off.
@@ -242,7 +243,7 @@ class Loop:
         machine, motion, failures = self._machine, self._motion, list[Failure]()
         with caught(failures, StopCause.SOURCE):
             self._recorder.begin()
-        given = self._inputs.gather(self._state, machine.supervisor.state, approached=motion.approach.arrived)
+        given = self._inputs.gather(self._state.tick, machine.supervisor.state, approached=motion.approach.arrived)
         given = replace(given, failures=(*failures, *given.failures))
         self._now, tried = given.now, None
         for attempt in (brake,) if given.failed else (step, brake):
@@ -263,15 +264,11 @@ class Loop:
         self._keep(given, output, tried)
 
     def _keep(self, given: TickInput, output: TickOutput, tried: CheckedGoal | None) -> None:
-        """Take over where the robot was commanded to, fill the row of this tick, and show it to who looks on. What
-        fails here stops the robot in the next tick."""
-        machine, motion, failures = self._machine, self._motion, list[Failure]()
+        """Fill the row of this tick, and show it to who looks on. What fails here stops the robot in the next tick."""
+        machine, failures = self._machine, list[Failure]()
         for text in output.news:
             with caught([], StopCause.SOURCE):  # a lost terminal must not keep the robot from a stop
                 machine.notify(text)
-        with caught(failures, StopCause.FILTER):
-            if output.goal is not None:
-                motion.sent(output.goal, output.target)
         with caught(failures, StopCause.SOURCE):
             if given.performer.tick == self._samples.kept:
                 self._recorder.close()
@@ -292,7 +289,7 @@ class Loop:
         recorder.keep_human(motion.follow.human, output.state.sample, error=output.followed is not None)
         recorder.keep_robot(
             self._machine.guard,
-            motion.commanded.q,
+            output.state.commanded.q,
             output.goal,
             asked=output.target is not None,
             gated=output.gated,
@@ -319,11 +316,12 @@ class Loop:
             raise GuardError("a run begins once", where="run", found=machine.supervisor.state.value)
         present = machine.guard.present()
         self._recorder.started(present)
-        goal = self._motion.begin(present)
-        machine.guard.arm(goal)
-        performer = PerformerInput(tick=0, sample=self._state.sample)
+        commanded = self._motion.begin(present)
+        machine.guard.arm(commanded.goal)
+        self._state = TickState(commanded, sample=self._first)
+        performer = PerformerInput(tick=0, sample=self._first)
         given = TickInput(now(), servos=machine.guard.states, performer=performer)
-        show(self._observers, lambda observer: observer.armed(given, goal))
+        show(self._observers, lambda observer: observer.armed(given, commanded.goal))
         machine.supervisor.take(Event.ARMED, now())
         self._inputs.restart()
 

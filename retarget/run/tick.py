@@ -21,7 +21,7 @@ from retarget.human.samples import PerformerInput, Performing
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
-from retarget.run.controllers import RobotMotion, Target, rest_joints
+from retarget.run.controllers import Commanded, RobotMotion, Target, rest_joints
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.supervisor import AT_RISK, BUS_SILENT, End, OperatorInput, Situation, Supervisor
 from retarget.safety.gate import Gate
@@ -80,10 +80,12 @@ class TickInput:
 
 @dataclass(frozen=True, eq=False)
 class TickState:
-    """What a tick hands to the next one. tick: of the performance, the next. sample: the last of the performer, or the
+    """What a tick hands to the next one. commanded: where the robot was commanded to. tick: of the performance, the
+    next. sample: the last of the performer, or the
     one that the robot approaches; None: it was not valid. refused: why goals on the way to rest were refused; standing:
     why the robot stands at the end."""
 
+    commanded: Commanded
     tick: int = 0
     sample: SensorSample | None = None
     refused: str = ""
@@ -168,22 +170,24 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     """The goal of a tick, and the state after it. Servos, gate, supervisor and controllers remember what they are
     given."""
     guard, supervisor = machine.guard, machine.supervisor
-    _look_at_servos(machine, motion, given)
+    _look_at_servos(machine, state, given)
     news = tuple(guard.health.warnings.take_news())
-    hold_reason, lost = _hold_reason(machine, motion, given)
+    hold_reason, lost = _hold_reason(machine, motion, state, given)
     state = _with_sample(state, given)
-    situation = _situation(machine, motion, hold_reason)
+    situation = _situation(machine, motion, state, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
     news += supervisor.take_news()
     state, standing = _standing(machine, state)
     if supervisor.over:
         return TickOutput(state, run_state, lost=lost, news=news + standing)
     wanted = _target(machine, motion, state, given)
-    goal, target = motion.check(run_state, wanted)
+    goal, target = motion.check(run_state, state.commanded, wanted)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
         refused = machine.refused or "the gate refuses the goal"
         news += () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
         state = replace(state, refused=refused)
+    state = replace(state, commanded=motion.next(state.commanded, goal, target))
+    motion.lead_from(state.commanded)
     return TickOutput(
         state,
         run_state,
@@ -206,14 +210,19 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
         before, may_brake = supervisor.state, failure.cause is not StopCause.BUS
         supervisor.fail(given.now, failure.reason, failure.cause, guard, may_brake=may_brake)
         if supervisor.state is before:  # a stop that goes on failing has its limits, too
-            situation = _situation(machine, motion, "")
+            situation = _situation(machine, motion, state, "")
             supervisor.step(given.now, OperatorInput(), PerformerInput(), situation, guard)
     state, news = _standing(machine, _with_sample(state, given))
-    goal = None if supervisor.over else motion.brake_at_once()
-    return TickOutput(state, supervisor.state, goal, news=supervisor.take_news() + news)
+    news = supervisor.take_news() + news
+    if supervisor.over:
+        return TickOutput(state, supervisor.state, news=news)
+    assert guard.goal is not None, "the robot is armed"
+    goal = machine.gate.brake(guard.goal)  # from what the servos have, whatever has failed
+    state = replace(state, commanded=motion.next(state.commanded, goal, None))
+    return TickOutput(state, supervisor.state, goal, news=news)
 
 
-def _look_at_servos(machine: Machine, motion: RobotMotion, given: TickInput) -> None:
+def _look_at_servos(machine: Machine, state: TickState, given: TickInput) -> None:
     """Latch what has failed, and what is wrong with the robot."""
     guard, clearance = machine.guard, machine.gate.clearance
     for failure in given.failures:
@@ -223,7 +232,7 @@ def _look_at_servos(machine: Machine, motion: RobotMotion, given: TickInput) -> 
     assert given.servos is not None, "servos that could not be read are a failure"
     guard.check(given.servos, given.now, given.idle)
     if clearance is not None:
-        clearance.measure(machine.robot.joint_map.to_radians(given.servos.position), motion.commanded.joints)
+        clearance.measure(machine.robot.joint_map.to_radians(given.servos.position), state.commanded.joints)
 
 
 def _with_sample(state: TickState, given: TickInput) -> TickState:
@@ -232,30 +241,30 @@ def _with_sample(state: TickState, given: TickInput) -> TickState:
     return state if tick is None else replace(state, sample=given.performer.sample, tick=tick + 1)
 
 
-def _hold_reason(machine: Machine, motion: RobotMotion, given: TickInput) -> tuple[str, bool]:
+def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> tuple[str, bool]:
     """Why the robot cannot go on in a state in which it moves with the performer, "" where it can; and whether that is
     because no posture was found."""
-    state, performer = machine.supervisor.state, given.performer
-    if state not in AT_RISK or performer.over:
+    run_state, performer = machine.supervisor.state, given.performer
+    if run_state not in AT_RISK or performer.over:
         return "", False
     if not performer.may_go_on:
         return NOT_FOLLOWABLE.format(performer.hold_reason), False
     if machine.guard.is_silent:
         return BUS_SILENT, False
-    if motion.refused:
-        return f"the gate refuses {motion.refused}", False
-    if state is RunState.FOLLOW and motion.follow.lost:
+    if refused := motion.refused(state.commanded):
+        return f"the gate refuses {refused}", False
+    if run_state is RunState.FOLLOW and motion.follow.lost:
         return "no posture found", True
     return "", False
 
 
-def _situation(machine: Machine, motion: RobotMotion, hold_reason: str) -> Situation:
+def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_reason: str) -> Situation:
     """What the robot has done so far."""
     return Situation(
         hold_reason=hold_reason,
         approached=motion.approach.arrived,
-        arrived=motion.has_arrived(machine.supervisor.state),
-        stands=motion.stands,
+        arrived=motion.has_arrived(machine.supervisor.state, state.commanded),
+        stands=motion.stands(state.commanded),
         straight=motion.on_approach,
         end=machine.end_plan.end,
     )
@@ -265,11 +274,12 @@ def _target(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
     """What the controller of the present state asks for; None: brake, or stand."""
     guard, run_state = machine.guard, machine.supervisor.state
     if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
-        return motion.brake(run_state)
+        return motion.brake(run_state, state.commanded)
     if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:
         machine.follower.set_contact_state(None if guard.states is None else guard.states.soles)
     motion.pace.settled = given.performer.settled
-    return motion.target(run_state, state.sample, speed_override=guard.health.warnings.speed_override)
+    override = guard.health.warnings.speed_override
+    return motion.target(run_state, state.commanded, state.sample, speed_override=override)
 
 
 def _standing(machine: Machine, state: TickState) -> tuple[TickState, tuple[str, ...]]:

@@ -27,7 +27,7 @@ from retarget.run.loop import Tick as RunTick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, performance_of, prepare_for
 from retarget.run.supervisor import OperatorInput
-from retarget.run.tick import Machine, TickInput, TickState
+from retarget.run.tick import Machine, TickInput
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, RunState
 from sim.buses import simulation_of
@@ -387,9 +387,9 @@ class DelayedInputs(LiveInputs):
         super().__init__(bench.machine, bench.samples, bench)
         self._bench = bench
 
-    def gather(self, state: TickState, run_state: RunState, *, approached: bool) -> TickInput:
+    def gather(self, tick: int, run_state: RunState, *, approached: bool) -> TickInput:
         """Gather the input of the next tick, and delay it where the robot moves on."""
-        given = super().gather(state, run_state, approached=approached)
+        given = super().gather(tick, run_state, approached=approached)
         for delay in self._bench.delays if run_state in MOVING and given.performer.may_go_on else ():
             delay()
         return given

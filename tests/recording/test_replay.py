@@ -37,7 +37,6 @@ from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import OperatorInput
-from retarget.run.tick import TickState
 from retarget.types import RunState
 from sim.faults.sender import FakeSender, silent
 
@@ -285,7 +284,7 @@ def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> Non
     inputs = RecordedInputs(found, RecordedSamples(found))
     inputs.read()
     inputs.write(ServoGoals(found.cycles.goal_ticks[0] + 5))
-    servos = inputs.gather(TickState(), RunState.APPROACH, approached=False).servos
+    servos = inputs.gather(0, RunState.APPROACH, approached=False).servos
     assert servos is not None
     np.testing.assert_array_equal(servos.position, found.cycles.position[1] + 5)
 
@@ -297,7 +296,7 @@ def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
     found = replace(whole, cycles=cycles, missing=2)
     inputs = RecordedInputs(found, RecordedSamples(found))
     inputs.read()
-    given = [inputs.gather(TickState(), RunState.APPROACH, approached=False) for _ in range(6)]
+    given = [inputs.gather(0, RunState.APPROACH, approached=False) for _ in range(6)]
     assert [one.operator.stop is not None for one in given] == [False, True, False, False, False, False]
     assert all(one.performer.may_go_on for one in given)
     np.testing.assert_allclose(np.diff([one.now for one in given]), whole.recording.session.dt, atol=1e-9)

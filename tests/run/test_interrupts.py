@@ -1,6 +1,7 @@
 """Interrupts, failures and stops of a run: no step is doubled, the soles stay planted, and no torque is left on."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from hardware.guard_state import StopCause
 from messages import refuses, shows
 from operators import ENOUGH, Asks
 from retarget.human.samples import Clip
-from retarget.run.controllers import RETRY_S, Target
+from retarget.run.controllers import RETRY_S
 from retarget.run.loop import STOOD_S, Loop, Observer, Progress, RowObserver
 from retarget.run.record import Phase
 from retarget.run.rest_trajectory import EndPlan
@@ -422,7 +423,7 @@ def test_an_observer_that_fails_is_dropped_and_the_robot_goes_on(kind: type[Obse
 def test_a_tick_that_fails_twice_after_its_goal_was_written_brakes_on() -> None:
     rig, broken = Rig(swing()), list[float]()
     loop, follow = rig.loop(), rig.follower.step
-    moved = loop._motion.sent
+    keep = loop._recorder.keep_human
 
     def fails(human: HumanPosture, dt: float) -> RobotPosture:
         if rig.follower.tick == 12:
@@ -430,13 +431,13 @@ def test_a_tick_that_fails_twice_after_its_goal_was_written_brakes_on() -> None:
             raise ArithmeticError("the stage broke")
         return follow(human, dt)
 
-    def torn(goal: CheckedGoal, asked: Target | None) -> None:
-        moved(goal, asked)
+    def torn(*given: Any, **named: Any) -> None:
+        keep(*given, **named)
         if broken == [rig.clock.now()]:
             raise IndexError("and what comes after it")
 
     rig.follower.step = fails  # type: ignore[method-assign]
-    loop._motion.sent = torn  # type: ignore[assignment,method-assign]
+    loop._recorder.keep_human = torn  # type: ignore[method-assign]
     ending = loop.run()
     assert broken and ending.state is RunState.OFF and not displacement(rig.guard).any() and not rig.bus.torque_on
 

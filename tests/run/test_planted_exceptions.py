@@ -142,7 +142,7 @@ STAGES = {
     "brake": Stage(lambda run: [controller(run), (run.rig.gate, "brake")], torque_off=True),
     "write, no bus": Stage(lambda run: [(run.rig.bus, "write")], BusError, torque_off=True),
     "write": Stage(lambda run: [(run.rig.guard, "write")]),
-    "sent": Stage(lambda run: [(RobotMotion, "sent")]),
+    "lead_from": Stage(lambda run: [(RobotMotion, "lead_from")]),
     "recorder": Stage(lambda run: [(TickRecorder, "keep_robot")]),
     "observer": Stage(lambda run: [(run.failing, "see")], stops=False),
     "notify": Stage(lambda run: [(run.screen, "show")], stops=False),
