@@ -23,7 +23,7 @@ from benchmarks.table import options_of, show_table, write_json
 from hardware.arrays import TickArray
 from hardware.clock import MonotonicClock, VirtualClock, thread_cpu
 from hardware.dynamixel.cyclic import STATUS_EVERY
-from sim.emulator.line import Timing
+from sim.emulator.line import LineTiming
 from sim.emulator.ports import EmulatedPort
 
 ROBOT, COUNT, BAUD = "op3", 20, 2_000_000
@@ -143,7 +143,7 @@ def expected_ms(count: int, baud: int, *, plain: bool) -> float:
 def virtual_ms(count: int, baud: int, *, plain: bool, cycles: int = 10 * STATUS_EVERY) -> float:
     """Median time of a cycle in ms on a virtual clock."""
     clock = VirtualClock()
-    port = EmulatedPort(make_line(count, baud, Timing(latency=ADAPTER, turnaround=TURNAROUND), 0.0), clock)
+    port = EmulatedPort(make_line(count, baud, LineTiming(latency=ADAPTER, turnaround=TURNAROUND), 0.0), clock)
     port.open(baud)
     side = OurPort(port, count, plain=plain)
     clock.advance(0.1)

@@ -13,12 +13,12 @@ from hardware.clock import MonotonicClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import find_table
-from hardware.dynamixel.cyclic import CyclicPort, Kind, Wired
+from hardware.dynamixel.cyclic import CyclicPort, ReadKind, Wired
 from hardware.dynamixel.readings import Readings
 from hardware.dynamixel.serial_port import BytePort, SerialPort
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, find_model
-from sim.emulator.line import Line, Timing
+from sim.emulator.line import Line, LineTiming
 from sim.emulator.robot_lines import robot_lines
 
 MODEL = "XM430-W350"
@@ -44,7 +44,7 @@ def bus_spec(count: int, baud: int, port: str = "") -> BusSpec:
     return BusSpec("bench", port, baud, 2, tuple(range(1, count + 1)))
 
 
-def make_line(count: int, baud: int, timing: Timing, now: float) -> Line:
+def make_line(count: int, baud: int, timing: LineTiming, now: float) -> Line:
     """Their line."""
     lines = robot_lines(
         servo_specs(count), [bus_spec(count, baud)], start=np.full(count, CENTRE), now=now, timing=timing, powered=True
@@ -97,7 +97,7 @@ class OurPort:
 def use_plain_reads(cyclic: CyclicPort) -> None:
     """Make the groups of a port ask by Sync Read."""
     for group in cyclic._groups:
-        object.__setattr__(group, "kind", Kind.SYNC)
+        object.__setattr__(group, "kind", ReadKind.SYNC)
 
 
 class OurBus:

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 from benchmarks.docs_tables import ROBOTS
 from benchmarks.table import ROOT
 from hardware.clock import VirtualClock
-from retarget.report.plots import Postures, performer_postures, robot_postures
+from retarget.report.plots import DrawnPostures, performer_postures, robot_postures
 from retarget.report.solid import lit
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
@@ -39,9 +39,9 @@ def followed(robot: str) -> RunResult:
         return prepared.run()
 
 
-def postures() -> dict[str, Postures]:
+def postures() -> dict[str, DrawnPostures]:
     """The performer and each robot, at FPS instants a second."""
-    shown: dict[str, Postures] = {}
+    shown: dict[str, DrawnPostures] = {}
     for name, title in ROBOTS.items():
         run = followed(name)
         following = run.record.following
@@ -54,7 +54,7 @@ def postures() -> dict[str, Postures]:
     return shown
 
 
-def pictures(shown: dict[str, Postures]) -> list[Image.Image]:
+def pictures(shown: dict[str, DrawnPostures]) -> list[Image.Image]:
     """One for each instant, with all bodies side by side on one floor."""
     count = min(len(body.corners) for body in shown.values())
     extents = np.array([[body.extent(pose) for pose in range(count)] for body in shown.values()])

@@ -17,11 +17,11 @@ both."""
 
 
 @dataclass(frozen=True)
-class Coupling:
+class ServoCoupling:
     """joint angles of `joints` = `matrix` @ shaft angles of the servos of `joints`, rad, both in this order.
 
     A shaft angle is `direction * (tick - zero_tick) * model.tick_rad`: at the zero ticks of both servos both joints are
-    at 0. Rows of the matrix are joints, columns servos. Both servos carry the same Coupling.
+    at 0. Rows of the matrix are joints, columns servos. Both servos carry the same coupling.
     """
 
     joints: tuple[str, str]
@@ -86,7 +86,7 @@ class ServoMode(StrEnum):
 
 
 @dataclass(frozen=True)
-class Stiffness:
+class ServoStiffness:
     """Torque per angle with which a shaft holds against being turned off its goal, N m/rad. nominal: what physics has
     and goals are planned for; lowest, highest: where the truth may be."""
 
@@ -94,9 +94,9 @@ class Stiffness:
     lowest: float
     highest: float
 
-    def scaled(self, factor: float) -> "Stiffness":
+    def scaled(self, factor: float) -> "ServoStiffness":
         """The stiffness with a P gain that is `factor` times as high."""
-        return Stiffness(factor * self.nominal, factor * self.lowest, factor * self.highest)
+        return ServoStiffness(factor * self.nominal, factor * self.lowest, factor * self.highest)
 
 
 class Layout(Enum):
@@ -128,12 +128,12 @@ FIRM = 21.1 / 18.9
 """Ratio of MuJoCo's public OP3 to the e-Manual's numbers of the same servo."""
 
 
-def estimated_stiffness(torque: float) -> Stiffness:
+def estimated_stiffness(torque: float) -> ServoStiffness:
     """Stiffness with the default P gain of a model that stalls at `torque`, N m, by the e-Manual: drive is gain x
     error, and full drive gives the stall torque. The truth is not known: public identifications differ by a factor of
     four, so the range spans them all. `retarget servo stiffness` measures it."""
     nominal = torque / full_drive_error(DEFAULT_P_GAIN)
-    return Stiffness(nominal, min(nominal, SOFT), max(FIRM * nominal, SOFT))
+    return ServoStiffness(nominal, min(nominal, SOFT), max(FIRM * nominal, SOFT))
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class ServoModel:
     stall_torque: float
     voltage: float
     current_unit: float | None
-    stiffness: Stiffness
+    stiffness: ServoStiffness
     protocols: tuple[int, ...] = (2,)
     layout: Layout = Layout.X
 
@@ -251,7 +251,7 @@ class ServoSpec:
 
     A joint angle q is held at shaft tick `zero_tick + direction * gear * q / model.tick_rad`; `gear` is shaft turns per
     joint turn. With a `coupling` the servo turns two joints together with another one: then `gear` is 1, and q in this
-    formula is the shaft angle of the Coupling. `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration`
+    formula is the shaft angle of the coupling. `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration`
     rad/s^2 are the joint's; `current_limit` in A, None: unlimited. `homing_offset`: what the servo's own register 20
     holds, in ticks; it is part of every tick here, as the servo adds it to all that it reports.
     """
@@ -271,7 +271,7 @@ class ServoSpec:
     current_limit: float | None = None
     mode: ServoMode = ServoMode.POSITION
     homing_offset: int = 0
-    coupling: Coupling | None = None
+    coupling: ServoCoupling | None = None
 
     @property
     def label(self) -> str:

@@ -61,7 +61,7 @@ class Watched:
 
 
 def watched(limits: GuardLimits) -> tuple[Watched, ...]:
-    """The watched quantities, in the order of `Row`."""
+    """The watched quantities, in the order of `WatchedRow`."""
     return (
         Watched(cause=StopCause.SERVO_ALERT, stop=(0, 0), text="reports"),
         Watched(
@@ -129,7 +129,7 @@ def _load(limits: GuardLimits) -> tuple[Watched, ...]:
     )
 
 
-class Row(IntEnum):
+class WatchedRow(IntEnum):
     """Rows of the array of watched values (rows, n)."""
 
     ALERT, AGE, LIMP, TEMPERATURE, VOLTAGE, CURRENT, FAR, STILL_FAR = range(8)
@@ -400,7 +400,7 @@ class ServoHealth:
         wrong = self._wrong(states.time)
         if not wrong.any():
             return silence
-        late = wrong[Row.AGE]
+        late = wrong[WatchedRow.AGE]
         if late.any() and not (late & ~self._limbs).any():
             return self._give_up(states)
         return next(self._faults(wrong), silence)
@@ -412,7 +412,7 @@ class ServoHealth:
             raise BusError("no servo answers", where="arming", then=CHECK_BUS)
         self._levels.forget()
         self._look(states, None)
-        names = name_servos(self._joint_map.servos, self._rows[Row.AGE], missing, states.age)
+        names = name_servos(self._joint_map.servos, self._rows[WatchedRow.AGE], missing, states.age)
         problems = [f"servo does not answer: {names}"] if missing.any() else []
         problems += [fault.reason for fault in self._faults(self._wrong(states.time) & states.valid)]
         if problems:
@@ -425,7 +425,7 @@ class ServoHealth:
         silent = self._limbs & ~self.lost & (states.age > 0.5 * self._max_age)
         self.lost = self.lost | ~self._joint_map.known_joints(~silent)
         self.buses.lost = self.lost
-        row = self._rows[Row.AGE]
+        row = self._rows[WatchedRow.AGE]
         names = name_servos(self._joint_map.servos, row, silent, states.age)
         reason = f"servo of a limb {row.text.format(*row.stop)} {names}"
         return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.LIMB_LOST, reason)
@@ -442,20 +442,20 @@ class ServoHealth:
     def _look(self, states: ServoStates, sent: TickArray | None) -> None:
         """Store the watched values."""
         seen = self._seen
-        seen[Row.ALERT], seen[Row.AGE] = states.alert, states.age
-        seen[Row.TEMPERATURE], seen[Row.VOLTAGE] = states.temperature, states.voltage
-        np.fmax(np.abs(states.current), self._zeros, out=seen[Row.CURRENT])  # 0 where it is not known
+        seen[WatchedRow.ALERT], seen[WatchedRow.AGE] = states.alert, states.age
+        seen[WatchedRow.TEMPERATURE], seen[WatchedRow.VOLTAGE] = states.temperature, states.voltage
+        np.fmax(np.abs(states.current), self._zeros, out=seen[WatchedRow.CURRENT])  # 0 where it is not known
         if sent is None:  # before goals are sent, torque may be off
-            seen[Row.LIMP] = seen[Row.FAR] = seen[Row.STILL_FAR] = 0.0
+            seen[WatchedRow.LIMP] = seen[WatchedRow.FAR] = seen[WatchedRow.STILL_FAR] = 0.0
             self._expected.forget()
             return
-        np.logical_not(states.driven, out=seen[Row.LIMP])
+        np.logical_not(states.driven, out=seen[WatchedRow.LIMP])
         far = np.abs(self._joint_map.turned(self._expected.error(states.time, sent, states.position)))
         if states.valid.all():
-            seen[Row.FAR] = seen[Row.STILL_FAR] = far
+            seen[WatchedRow.FAR] = seen[WatchedRow.STILL_FAR] = far
         else:  # the position of a silent servo is out of date: its last known error stays
             known = self._joint_map.known_joints(states.valid)
-            seen[Row.FAR] = seen[Row.STILL_FAR] = np.where(known, far, seen[Row.FAR])
+            seen[WatchedRow.FAR] = seen[WatchedRow.STILL_FAR] = np.where(known, far, seen[WatchedRow.FAR])
 
     def _wrong(self, now: float) -> BoolArray:
         """Which servos (rows, n) are beyond which bound, or no longer report what they did (NaN); none that is lost."""
@@ -478,7 +478,7 @@ class ServoHealth:
                 yield ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, row.cause, reason)
         if unread.any():
             servos: BoolArray = np.asarray(unread.any(axis=0))
-            names = name_servos(self._joint_map.servos, self._rows[Row.AGE], servos, self._zeros)
+            names = name_servos(self._joint_map.servos, self._rows[WatchedRow.AGE], servos, self._zeros)
             quantities = [row.quantity for row, which in zip(self._rows, unread, strict=True) if which.any()]
             have = "has" if len(quantities) == 1 else "have"
             why = "the bus is too slow, or too many answers come damaged or late"

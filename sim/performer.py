@@ -15,7 +15,7 @@ from retarget import rotations
 from retarget.arithmetic import norms
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
 from retarget.model.rest_skeleton import limb_turns
-from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
+from retarget.sources.skeletons import JointPoses, JointTree, forward_kinematics
 from retarget.types import FloatArray
 
 RATE_HZ = 120.0
@@ -162,7 +162,7 @@ def upper_body() -> JointTree:
     )
 
 
-def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> Pose:
+def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> JointPoses:
     """Forward kinematics of trunk and arms. Positive pitch bends forward (about y), positive twist turns left (z)."""
     frames = len(paths["height"])
     angle = {name: np.radians(path) for name, path in paths.items() if name not in ("height", "forward", "sway")}
@@ -186,7 +186,7 @@ def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> Pose:
     return forward_kinematics(tree, local, translation)
 
 
-def _upper_tracks(tree: JointTree, pose: Pose) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+def _upper_tracks(tree: JointTree, pose: JointPoses) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Joint positions (T, 3) and segment orientations (T, 4) by name."""
     positions = {name: pose.position[:, i] for i, name in enumerate(tree.names)}
     return positions, {name: pose.orientation[:, i] for i, name in enumerate(tree.names)}

@@ -13,7 +13,7 @@ from hardware.bus import BusSpec, ServoGoals, ServoStates
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.cyclic import BusLine, read_cycle
 from hardware.dynamixel.opening import Opening, examine
-from hardware.dynamixel.readings import Readings, Torque
+from hardware.dynamixel.readings import Readings, ReportedTorque
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.torque import Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
 from hardware.errors import BusError, HardwareError
@@ -217,7 +217,7 @@ class DynamixelBus:
             check_still(line, own)
         self._state = BusState.POWERED
         drives = switch_on(ready, goals)
-        self._readings.drive[:] = Torque.ON
+        self._readings.drive[:] = ReportedTorque.ON
         raise_drive(self.lines, drives, self._watch_rise)
 
     def _recount(self, ready: Sequence[Ready]) -> None:
@@ -253,7 +253,7 @@ class DynamixelBus:
     def _torque_off(self) -> None:
         """Switch torque off on all servos, also after a failure of one. Raises BusError."""
         unsure = off_everywhere({line: line.servos for line in self.lines})
-        self._readings.drive[:] = Torque.OFF
+        self._readings.drive[:] = ReportedTorque.OFF
         if unsure:
             raise BusError(
                 f"{', '.join(unsure)} did not confirm that torque is off", where="bus", then="Cut the power by hand"
@@ -287,7 +287,7 @@ TORQUE_AGE = 1.0
 """[s] After its last answer, the torque of a servo is no longer known."""
 
 
-class Watch:
+class BusWatch:
     """The servos of lines with open ports. losses (n,): cycles in which a servo did not answer."""
 
     def __init__(self, lines: Sequence[BusLine]) -> None:
@@ -303,10 +303,10 @@ class Watch:
                     self._readings.take_alert(line.index_of[device], image.value("hardware_error_status"))
 
     @property
-    def torque(self) -> list[Torque]:
+    def torque(self) -> list[ReportedTorque]:
         """Torque of every servo that has answered within TORQUE_AGE."""
         recent = self._readings.states(self._lines[0].port.now()).age < TORQUE_AGE
-        return [Torque(one) for one in np.where(recent, self._readings.drive, Torque.UNKNOWN).tolist()]
+        return [ReportedTorque(one) for one in np.where(recent, self._readings.drive, ReportedTorque.UNKNOWN).tolist()]
 
     @property
     def retries(self) -> int:

@@ -69,7 +69,7 @@ class Error1(IntFlag):
     INSTRUCTION = 0x40
 
 
-class Frame(NamedTuple):
+class WireFrame(NamedTuple):
     """One valid frame of a line, stuffing removed.
 
     code: the instruction; of a 2.0 status frame STATUS; of a 1.0 status frame its error byte, since a 1.0 frame does
@@ -111,7 +111,7 @@ class Codec(ABC):
         """The status frame of one device."""
 
     @abstractmethod
-    def status_of(self, received: Frame) -> Status | None:
+    def status_of(self, received: WireFrame) -> Status | None:
         """The status of one device in a frame; None where the frame shows that it holds none."""
 
     @abstractmethod
@@ -183,7 +183,7 @@ class Protocol1(Codec):
         """The status frame of one device."""
         return self.frame(device, error, data)
 
-    def status_of(self, received: Frame) -> Status | None:
+    def status_of(self, received: WireFrame) -> Status | None:
         """Read a frame as a status; a 1.0 frame does not show whether it is one."""
         return Status(received.id, received.code, received.params)
 
@@ -239,7 +239,7 @@ class Protocol2(Codec):
         """The status frame of one device."""
         return self.frame(device, STATUS, bytes((error,)) + data)
 
-    def status_of(self, received: Frame) -> Status | None:
+    def status_of(self, received: WireFrame) -> Status | None:
         """The status of one device in a frame; None for an instruction (of an adapter that echoes, say) and for the
         reply to a fast read, which holds several."""
         if received.code != STATUS or not received.params or received.id == BROADCAST:
@@ -264,20 +264,20 @@ CODECS: dict[int, Codec] = {1: protocol1, 2: protocol2}
 # Incremental parsers: bytes in, valid frames out; garbage is skipped and counted, memory is bounded.
 
 
-class Found(NamedTuple):
+class ScanResult(NamedTuple):
     """What a scan found.
 
     used: bytes of all `frames`. at: where bytes begin that may still become a frame (the end: nowhere). clear: bytes
     from there on in which no second header begins: they need no second look.
     """
 
-    frames: list[Frame]
+    frames: list[WireFrame]
     used: int
     at: int
     clear: int
 
 
-Scan = Callable[[bytes, int], Found]
+Scan = Callable[[bytes, int], ScanResult]
 """From bytes, the first so many of which hold no header but the one that they begin with."""
 
 
@@ -302,7 +302,7 @@ class Parser:
         self.skipped += len(self._pending)
         self._pending, self._clear = b"", 0
 
-    def feed(self, data: bytes | bytearray) -> list[Frame]:
+    def feed(self, data: bytes | bytearray) -> list[WireFrame]:
         """All frames that `data` completes, in order."""
         buffer = self._pending + data
         frames, used, at, self._clear = self._scan(buffer, self._clear)
@@ -310,10 +310,10 @@ class Parser:
         self._pending = buffer[at:]
         return frames
 
-    def flush(self) -> list[Frame]:
+    def flush(self) -> list[WireFrame]:
         """The line has fallen silent: no frame that has begun will be completed. Frames that lie inside one (its length
         was damaged, say); nothing is pending afterwards."""
-        frames: list[Frame] = []
+        frames: list[WireFrame] = []
         while self._pending:
             behind = self._pending[1:]
             self.skipped += 1
@@ -326,14 +326,14 @@ _ID_AND_LENGTH_2 = Struct("<BH").unpack_from
 _CRC = Struct("<H").unpack_from
 
 
-def _scan2(buffer: bytes, clear: int) -> Found:
+def _scan2(buffer: bytes, clear: int) -> ScanResult:
     """Frames of protocol 2.0.
 
     Stuffing keeps headers out of a body, so one inside ends a broken frame at once: a damaged length costs no more than
     its own frame. A fast status is not stuffed: only its length shows where it ends.
     """
     header, overhead = protocol2.HEADER, protocol2.OVERHEAD
-    frames: list[Frame] = []
+    frames: list[WireFrame] = []
     used, begin, size = 0, 0, len(buffer)
     at, stuffed = buffer.find(header), None
     while 0 <= at <= size - overhead:
@@ -348,24 +348,24 @@ def _scan2(buffer: bytes, clear: int) -> Found:
         if 0 <= behind <= close - len(header) and not fast:
             at = behind
         elif size < close + 2:
-            return Found(frames, used, at, (behind if behind >= 0 else size - len(header) + 1) - at)
+            return ScanResult(frames, used, at, (behind if behind >= 0 else size - len(header) + 1) - at)
         elif umts(buffer[at:close], 0) != _CRC(buffer, close)[0]:
             at = behind
         else:
             if stuffed is None:
                 stuffed = protocol2.STUFFED in buffer  # once, not for every frame: it seldom is
             content = protocol2.unstuff(buffer[body:close]) if stuffed and not fast else buffer[body:close]
-            frames.append(Frame(device, content[0], content[1:]))
+            frames.append(WireFrame(device, content[0], content[1:]))
             begin = close + 2
             used += begin - at
             at = behind if behind < 0 or behind >= begin else buffer.find(header, begin)
-    return Found(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
+    return ScanResult(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
 
 
-def _scan1(buffer: bytes, _clear: int) -> Found:
+def _scan1(buffer: bytes, _clear: int) -> ScanResult:
     """Frames of protocol 1.0. Any bytes may stand in a body, so only its length shows where a frame ends."""
     header, overhead = protocol1.HEADER, protocol1.OVERHEAD
-    frames: list[Frame] = []
+    frames: list[WireFrame] = []
     used, begin, size = 0, 0, len(buffer)
     at = buffer.find(header)
     while 0 <= at <= size - overhead:
@@ -379,11 +379,11 @@ def _scan1(buffer: bytes, _clear: int) -> Found:
         elif ~sum(buffer[at + 2 : close]) & 0xFF != buffer[close]:
             at = buffer.find(header, begin)
         else:
-            frames.append(Frame(device, buffer[at + 4], buffer[at + 5 : close]))
+            frames.append(WireFrame(device, buffer[at + 4], buffer[at + 5 : close]))
             begin = close + 1
             used += begin - at
             at = buffer.find(header, begin)
-    return Found(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
+    return ScanResult(frames, used, at if at >= 0 else _tail(buffer, begin, header), 0)
 
 
 def _tail(buffer: bytes, begin: int, header: bytes) -> int:

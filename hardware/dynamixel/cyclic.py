@@ -35,7 +35,7 @@ from hardware.dynamixel.codec import (
     whole_reply,
 )
 from hardware.dynamixel.control_table import ControlTable, Register, find_table, usual_table
-from hardware.dynamixel.readings import Names, Readings, Torque, names_of
+from hardware.dynamixel.readings import Names, Readings, ReportedTorque, names_of
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.settings import ServoImage
 from hardware.dynamixel.single_requests import NoAnswer, OneOff, ServoError
@@ -60,7 +60,7 @@ class Timeouts(NamedTuple):
     whole: float
 
 
-class Kind(Enum):
+class ReadKind(Enum):
     """How several servos are asked at once."""
 
     FAST = "fast sync read"
@@ -74,18 +74,18 @@ class Kind(Enum):
 class Ask:
     """A request for `size` bytes from `address` of each of the servos `ids`, in this order."""
 
-    kind: Kind
+    kind: ReadKind
     ids: tuple[int, ...]
     address: int
     size: int
 
     def request(self) -> bytes:
         """The bytes to send."""
-        if self.kind is Kind.SINGLE1:
+        if self.kind is ReadKind.SINGLE1:
             return protocol1.read(self.ids[0], self.address, self.size)
-        if self.kind is Kind.BULK1:
+        if self.kind is ReadKind.BULK1:
             return protocol1.bulk_read((device, self.address, self.size) for device in self.ids)
-        return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is Kind.FAST)
+        return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is ReadKind.FAST)
 
     @property
     def reply_bytes(self) -> int:
@@ -94,9 +94,9 @@ class Ask:
 
     def bytes_of(self, count: int) -> int:
         """Bytes of the first `count` answers."""
-        if self.kind is Kind.FAST:
+        if self.kind is ReadKind.FAST:
             return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
-        overhead = protocol2.STATUS_BYTES if self.kind is Kind.SYNC else protocol1.STATUS_BYTES
+        overhead = protocol2.STATUS_BYTES if self.kind is ReadKind.SYNC else protocol1.STATUS_BYTES
         return count * (overhead + self.size)
 
     def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
@@ -105,15 +105,15 @@ class Ask:
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
         idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
-        waits = 0 if self.kind is Kind.FAST else len(self.ids) - 1  # servos that wait for their return delay in turn
+        waits = 0 if self.kind is ReadKind.FAST else len(self.ids) - 1  # return delays of servos, one after the other
         return Timeouts(sending + idle, idle, sending + coming + waits * pause + idle)
 
     def answers(self, received: bytes) -> Answers:
         """The valid answers in the bytes received so far, each servo at most once."""
-        if self.kind is Kind.FAST:
+        if self.kind is ReadKind.FAST:
             return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
         found: dict[int, Status] = {}
-        codec = CODECS[2 if self.kind is Kind.SYNC else 1]
+        codec = CODECS[2 if self.kind is ReadKind.SYNC else 1]
         parser = codec.parser()
         # Frames inside one with a damaged length count as well.
         statuses = (codec.status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
@@ -124,7 +124,7 @@ class Ask:
 
     def _fits(self, status: Status) -> bool:
         """Whether it is an answer to this request: no refusal, no echo, no unknown id."""
-        refused = self.kind is Kind.SYNC and _refused(status)
+        refused = self.kind is ReadKind.SYNC and _refused(status)
         return len(status.data) == self.size and status.id in self.ids and not refused
 
     def _parts(self, received: bytes) -> list[Status]:
@@ -167,7 +167,7 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
         if data:
             received += data
             now = port.now()
-            if ask.kind is Kind.FAST and len(received) < enough:
+            if ask.kind is ReadKind.FAST and len(received) < enough:
                 # One frame has no pauses: waiting for each piece would wake this process once for each servo.
                 coming = 10 * (enough - len(received)) / port.baud
                 port.sleep_until(min(now + coming, now + timeouts.idle))
@@ -180,7 +180,7 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
             if len(answers) == len(ask.ids):
                 return Received(answers, False)
             # All bytes are there; damaged ones are not sent again. (Stuffing makes other answers longer.)
-            if ask.kind is Kind.FAST and len(_without_echo(received, ask)) >= enough:
+            if ask.kind is ReadKind.FAST and len(_without_echo(received, ask)) >= enough:
                 return Received(answers, True)
     answers = ask.answers(received)
     return Received(answers, len(_without_echo(received, ask)) > ask.bytes_of(len(answers)))
@@ -293,7 +293,7 @@ STATUS_EVERY = 4
 class Group:
     """Servos that can be asked in one request."""
 
-    kind: Kind
+    kind: ReadKind
     names: Names
     motion: Block
     wide: Block
@@ -475,13 +475,13 @@ class CyclicPort:
 
     def ask_status(self, devices: Iterable[int]) -> None:
         """Let further requests be for the torque, errors and watchdog of servos."""
-        groups: dict[tuple[Kind, object], list[int]] = {}
+        groups: dict[tuple[ReadKind, object], list[int]] = {}
         for device in devices:
             kind, block = self._status[device]
             groups.setdefault((kind, block.layout), []).append(device)
         for (kind, _), ids in groups.items():
             block = self._status[ids[0]][1]
-            alone = Kind.SYNC if kind is Kind.FAST else Kind.SINGLE1 if kind is Kind.BULK1 else kind
+            alone = ReadKind.SYNC if kind is ReadKind.FAST else ReadKind.SINGLE1 if kind is ReadKind.BULK1 else kind
             self._enqueue(kind if len(ids) > 1 else alone, tuple(ids), block, block, None)
 
     def end(self, readings: Readings) -> None:
@@ -491,7 +491,7 @@ class CyclicPort:
         valid = readings.valid
         back, restarted = self._missing.end({device for device, index in self._index_of.items() if valid[index]})
         for device in restarted:
-            readings.drive[self._index_of[device]] = Torque.UNKNOWN  # until its status is read: it may have restarted
+            readings.drive[self._index_of[device]] = ReportedTorque.UNKNOWN  # it may have restarted: status is read
         self.ask_status(back)
 
     def _places(self, ids: Sequence[int]) -> NDArray[np.int64]:
@@ -505,7 +505,8 @@ class CyclicPort:
             places = [(one, one.address - block.address) for one in parts]
             said = {one.name: one.decode(status.data[at : at + one.size]) for one, at in places}
             tripped = said.get("bus_watchdog", 0) == -1
-            readings.drive[index] = Torque.OFF if not said["torque_enable"] else Torque.HELD if tripped else Torque.ON
+            driven = ReportedTorque.HELD if tripped else ReportedTorque.ON
+            readings.drive[index] = driven if said["torque_enable"] else ReportedTorque.OFF
             readings.take_alert(index, said.get("hardware_error_status", 0))
 
     def _again(self, transaction: Transaction, answers: Answers, *, noise: bool) -> None:
@@ -528,8 +529,8 @@ class CyclicPort:
         if noise:
             self.wire.note_damage()
         kind = transaction.ask.kind
-        if kind is Kind.FAST and (answers or noise):
-            kind = Kind.SYNC  # damage in a fast reply spoils all that follows; in single answers only that answer
+        if kind is ReadKind.FAST and (answers or noise):
+            kind = ReadKind.SYNC  # damage in a fast reply spoils all that follows; in single answers only that answer
         late = [device for device in silent if device in self._missing]
         order = [device for device in silent if device not in late]
         order = (order[::-1] if nothing else order) + late
@@ -539,14 +540,14 @@ class CyclicPort:
         self._enqueue(kind, tuple(order), again, again, transaction.names, tries)
 
     def _enqueue(
-        self, kind: Kind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, tries: int = 0
+        self, kind: ReadKind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, tries: int = 0
     ) -> None:
-        most = 1 if kind is Kind.SINGLE1 else MAX_IDS
+        most = 1 if kind is ReadKind.SINGLE1 else MAX_IDS
         for at in range(0, len(ids), most):
             self._queue.append(self._transaction(kind, ids[at : at + most], block, again, names, tries))
 
     def _make_transaction(
-        self, kind: Kind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, tries: int
+        self, kind: ReadKind, ids: tuple[int, ...], block: Block, again: Block, names: Names | None, tries: int
     ) -> Transaction:
         ask = Ask(kind, ids, block.address, block.size)
         timeouts = ask.timeouts(self.wire.port, self._return_delay)
@@ -562,11 +563,11 @@ def status_block(table: ControlTable) -> Block:
     return block_of(table, STATUS[0], [name for name in STATUS if table.has(name)][-1])
 
 
-def kind_of(table: ControlTable) -> Kind:
+def kind_of(table: ControlTable) -> ReadKind:
     """How servos with this table are asked together."""
     if table.protocol == 2:
-        return Kind.FAST if table.fast_read else Kind.SYNC
-    return Kind.BULK1 if table.model.startswith("MX") else Kind.SINGLE1
+        return ReadKind.FAST if table.fast_read else ReadKind.SYNC
+    return ReadKind.BULK1 if table.model.startswith("MX") else ReadKind.SINGLE1
 
 
 def _groups(servos: Sequence[Wired]) -> list[Group]:
@@ -690,12 +691,12 @@ class BusLine:
         silent = list(ids)
         for _ in range(TRIES):
             if silent:
-                found |= self._ask(Ask(Kind.SYNC, tuple(silent), address, size))
+                found |= self._ask(Ask(ReadKind.SYNC, tuple(silent), address, size))
             silent = [device for device in silent if device not in found]
             # The first one silent may have silenced the rest: it is asked last.
             silent = [*silent[1:], *silent[:1]]
         for device in silent:  # one by one, a missing servo silences no other
-            found |= self._ask(Ask(Kind.SYNC, (device,), address, size))
+            found |= self._ask(Ask(ReadKind.SYNC, (device,), address, size))
         return found
 
     def _ask(self, ask: Ask) -> dict[int, bytes]:

@@ -11,7 +11,7 @@ from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.line_scan import Sighting, Speed, elsewhere_texts, speed_refused
 from hardware.dynamixel.serial_port import ECHOES, BytePort
 from hardware.dynamixel.settings import ANSWER_ALL, ServoImage, read_image, setup_command
-from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError, ping_time
+from hardware.dynamixel.single_requests import FoundServo, NoAnswer, OneOff, ServoError, ping_time
 from hardware.errors import BusError
 from hardware.servo import ServoSpec, find_model
 
@@ -68,7 +68,7 @@ class Look:
     notes: tuple[str, ...]
 
 
-def servos_on(line: BusLine) -> tuple[list[Found], list[str]]:
+def servos_on(line: BusLine) -> tuple[list[FoundServo], list[str]]:
     """Return the servos that answer on an open port, by id; and notes. Raises BusError when the port is gone.
 
     2.0: one broadcast ping, received to its end, so that no late answer disturbs the next request. 1.0 has none: each

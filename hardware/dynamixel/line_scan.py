@@ -11,7 +11,7 @@ from hardware.dynamixel.codec import CODECS
 from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_number
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.settings import Setting, setup_command
-from hardware.dynamixel.single_requests import Found, NoAnswer, OneOff, ServoError
+from hardware.dynamixel.single_requests import FoundServo, NoAnswer, OneOff, ServoError
 from hardware.errors import BusError
 
 PROTOCOLS = (2, 1)
@@ -39,7 +39,7 @@ class Speed(NamedTuple):
 class Sighting:
     """A servo that answered. alert: its errors in words, "" when it reports none."""
 
-    found: Found
+    found: FoundServo
     speed: Speed
     alert: str = ""
 
@@ -125,7 +125,7 @@ def scan_likely(
     have one of LIKELY_IDS (1.0). ids: others that are expected."""
     expected = frozenset(ids)
 
-    def likely(client: OneOff) -> Iterator[Found]:
+    def likely(client: OneOff) -> Iterator[FoundServo]:
         if client.protocol == 2:
             yield from client.scan(range(CODECS[2].MOST_MEMBERS + 1), alone=expected)
         else:
@@ -137,7 +137,7 @@ def scan_likely(
 def _scan(
     port: BytePort,
     speeds: Sequence[Speed],
-    look: Callable[[OneOff], Iterator[Found]],
+    look: Callable[[OneOff], Iterator[FoundServo]],
     progress: Callable[[int], object],
     on_found: Callable[[Sighting], object],
 ) -> LineScan:
@@ -162,7 +162,7 @@ def _scan(
     return LineScan(tuple(seen), tuple(tried), tuple(skipped), echoes)
 
 
-def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[Found]:
+def _found(client: OneOff, wanted: Sequence[int] | None) -> Iterator[FoundServo]:
     """The servos with these ids (None: all). Others that answer a broadcast are left out."""
     possible = range(CODECS[client.protocol].MOST_MEMBERS + 1)
     chosen = possible if wanted is None else [device for device in wanted if device in possible]
@@ -187,7 +187,7 @@ def speed_refused(port: BytePort, baud: int) -> str:
     return ""
 
 
-def _sighting(client: OneOff, found: Found, speed: Speed) -> Sighting:
+def _sighting(client: OneOff, found: FoundServo, speed: Speed) -> Sighting:
     bare = Sighting(found, speed)
     if not found.alert:
         return bare

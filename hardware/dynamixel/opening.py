@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from hardware.bus import RETURN_DELAY_STEP
 from hardware.dynamixel.checks import complaints, needed_ticks, notes
 from hardware.dynamixel.control_table import ControlTable, Register
-from hardware.dynamixel.cyclic import Ask, BusLine, Kind
+from hardware.dynamixel.cyclic import Ask, BusLine, ReadKind
 from hardware.dynamixel.found_servos import is_powered, look_at_bus
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.single_requests import NoAnswer, ServoError
@@ -44,7 +44,7 @@ def too_slow(port: BytePort, table: ControlTable, device: int, return_delay: flo
     return_delay: of that servo, s. Raises BusError when the port is gone.
     """
     position = table["present_position"]
-    kind = Kind.SINGLE1 if table.protocol == 1 else Kind.SYNC
+    kind = ReadKind.SINGLE1 if table.protocol == 1 else ReadKind.SYNC
     ask = Ask(kind, (device,), position.address, position.size)
     allowed = ask.timeouts(port, return_delay).first
     fastest = None

@@ -25,7 +25,7 @@ _ALERTS1 = (
 )
 
 
-class Torque(IntEnum):
+class ReportedTorque(IntEnum):
     """The torque that a servo reported last."""
 
     UNKNOWN = 0
@@ -35,7 +35,7 @@ class Torque(IntEnum):
     """On, and stopped by its watchdog: it follows no goal."""
 
 
-_ON = int(Torque.ON)
+_ON = int(ReportedTorque.ON)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class Readings:
     """The states of the servos whose tables are `tables` (n,), in servo order.
 
     turns (n,): ticks to add to reported positions, whole turns that a servo has forgotten. drive (n,): the torque that
-    each reported last, as `Torque` values. slow: voltages and temperatures.
+    each reported last, as `ReportedTorque` values. slow: voltages and temperatures.
     """
 
     def __init__(self, tables: Sequence[ControlTable]) -> None:
@@ -114,7 +114,7 @@ class Readings:
         self._velocity_unit = np.array([_scale(t, n.velocity) for t, n in zip(tables, names, strict=True)])
         self._current_unit = np.array([_scale(t, n.current) for t, n in zip(tables, names, strict=True)])
         self.turns: TickArray = np.zeros(count, dtype=np.int64)
-        self.drive = np.full(count, Torque.UNKNOWN, dtype=np.uint8)
+        self.drive = np.full(count, ReportedTorque.UNKNOWN, dtype=np.uint8)
         self._position = np.zeros(count, dtype=np.int64)
         self._velocity, self._current = np.zeros(count), np.full(count, np.nan)
         self.slow = SlowValues(tables)

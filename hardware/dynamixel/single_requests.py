@@ -43,7 +43,7 @@ MAX_RECEIVED = 65_536
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundServo:
     """A servo on the line. model, firmware: None where it did not report them.
 
     alert: it reports a hardware error. clash: two answers came, or none was whole: most likely two servos with this id.
@@ -89,10 +89,10 @@ def ping_time(port: BytePort, protocol: int, wait: float) -> float:
     return 10 * (len(CODECS[protocol].ping(0)) + 2 * answer) / port.baud + SPREAD + wait
 
 
-def found_by_ping(answer: Status, *, clash: bool = False) -> Found:
+def found_by_ping(answer: Status, *, clash: bool = False) -> FoundServo:
     """The servo behind a 2.0 answer to a ping; a refusal carries no model."""
     known = len(answer.data) == 3
-    return Found(
+    return FoundServo(
         id=answer.id,
         protocol=2,
         model=answer.data[0] | answer.data[1] << 8 if known else None,
@@ -272,7 +272,7 @@ class OneOff:
         self.alerted: set[int] = set()
         self.echoes = 0
 
-    def ping(self, device: int) -> Found | None:
+    def ping(self, device: int) -> FoundServo | None:
         """The servo with this id; None when no servo answers. If the last answer came damaged: found, with `clash`."""
         self._check_id(device)
         found = None
@@ -282,7 +282,7 @@ class OneOff:
                 break
         return found
 
-    def scan(self, ids: Iterable[int], *, alone: Iterable[int] | None = None) -> list[Found]:
+    def scan(self, ids: Iterable[int], *, alone: Iterable[int] | None = None) -> list[FoundServo]:
         """The servos with these ids, and others that answer a broadcast ping (2.0), by id.
 
         Ids that do not answer the broadcast are pinged alone (only those of `alone`, where it is given); all of them,
@@ -292,7 +292,7 @@ class OneOff:
         quiet = wanted if alone is None else sorted(set(alone))
         for device in wanted:
             self._check_id(device)
-        found: dict[int, Found] = {}
+        found: dict[int, FoundServo] = {}
         left = wanted
         if self.protocol == 2 and wanted:
             received = broadcast_ping(self.port, wanted[-1], SLACK)
@@ -397,7 +397,7 @@ class OneOff:
         garbled = number & Error1.CHECKSUM if self.protocol == 1 else number == Error2.CRC
         return not garbled and (bool(number) or size is None or len(answer.data) == size)
 
-    def probe(self, device: int, slack: float) -> Found | None:
+    def probe(self, device: int, slack: float) -> FoundServo | None:
         """Ping one id once, and wait for a second answer too; slack: s, see SLACK."""
         received = ping_alone(self.port, self.protocol, device, self._wait + slack)
         if received.damaged:
@@ -408,17 +408,17 @@ class OneOff:
         if self.protocol == 1 and (own or received.echoed):
             return self._found1(device, answered=bool(own), clash=len(own) > 1)
         if not own:
-            return Found(device, self.protocol, clash=True) if received.damaged else None
+            return FoundServo(device, self.protocol, clash=True) if received.damaged else None
         return found_by_ping(own[0], clash=len(own) > 1)
 
-    def _found1(self, device: int, *, answered: bool, clash: bool) -> Found | None:
+    def _found1(self, device: int, *, answered: bool, clash: bool) -> FoundServo | None:
         """A 1.0 servo: a ping returns no model, so it is read; a servo may be set to answer pings only."""
         try:
             data = self.read_block(device, 0, MODEL_BYTES)
         except (ServoError, NoAnswer):
-            return Found(device, 1, alert=device in self.alerted, clash=clash) if answered else None
+            return FoundServo(device, 1, alert=device in self.alerted, clash=clash) if answered else None
         model = data[0] | data[1] << 8
-        return Found(device, 1, model, data[2], device in self.alerted, clash)
+        return FoundServo(device, 1, model, data[2], device in self.alerted, clash)
 
     def _note(self, device: int, state: int) -> None:
         if state:

@@ -231,7 +231,7 @@ FIRST_DRIVE = 0.1
 """Share of the full drive with which torque comes on."""
 
 
-class Drive:
+class BusDrive:
     """The drive of all servos of a bus. Those in `limp` begin with FIRST_DRIVE; others never get less than they have,
     since they carry the robot."""
 
@@ -335,7 +335,7 @@ def prepare(lines: Sequence[BusLine], notify: Callable[[str], object], *, limp_o
     return found
 
 
-def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[Drive]:
+def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[BusDrive]:
     """Send the goals of each bus (by id, ticks), confirm them, and switch torque on with little drive.
 
     Call `check_still` on all buses before: from here on torque may be on (1.0 servos switch it on when they get
@@ -343,7 +343,7 @@ def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[D
     """
     drives = []
     for (line, limp), own in zip(ready, goals, strict=True):
-        drives.append(Drive(line, limp))
+        drives.append(BusDrive(line, limp))
         drives[-1].confirm(FIRST_DRIVE)
         if len(limp) < len(own):  # a servo that its watchdog has stopped takes no goal until that is cleared
             arm_watchdogs(line)
@@ -360,7 +360,7 @@ def switch_on(ready: Sequence[Ready], goals: Sequence[dict[int, int]]) -> list[D
     return drives
 
 
-def raise_drive(lines: Sequence[BusLine], drives: Sequence[Drive], watch: Callable[[], None]) -> None:
+def raise_drive(lines: Sequence[BusLine], drives: Sequence[BusDrive], watch: Callable[[], None]) -> None:
     """Raise the drive from the first share to the full one, within RAMP_TIME. watch: called at every step; what it
     raises ends the ramp.
 

@@ -14,6 +14,7 @@ from hardware.clock import Clock
 from hardware.guard_state import StopCause
 from retarget.cli.application import note
 from retarget.errors import UsageError
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import check_stand
 from retarget.model.body import JointType
 from retarget.model.robot import RobotBody, load_robot
@@ -138,7 +139,7 @@ class PhysicsBench:
         if self._bus is not None:
             from sim.physics.perturbation import Push
 
-            self._bus.witness.simulation.push(Push((0.0, 0.0, -9.81 * mass), 0.0, 1e6, frame))
+            self._bus.witness.simulation.push(Push((0.0, 0.0, -GRAVITY * mass), 0.0, 1e6, frame))
 
     def seen(self, run: RunResult) -> RunResult:
         """The run with the simulation's measurements added; call it when the bus is closed."""

@@ -15,7 +15,7 @@ from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.live.address import StreamAddress, is_address
 from retarget.schema.files import write_atomic
-from retarget.setup.doctor_machine import Finding, Level
+from retarget.setup.doctor_machine import DoctorFinding, FindingLevel
 
 LISTEN_S = 5.0
 """Usual time, s, to listen to a stream: over a hundred poses at the slowest rate that senders have."""
@@ -53,7 +53,7 @@ def doctor(
         found = _machine(MonotonicClock())
     for finding in found:
         echo(finding.render())
-    wrong = sum(finding.level is Level.FIX for finding in found)
+    wrong = sum(finding.level is FindingLevel.FIX for finding in found)
     echo("nothing is wrong" if not wrong else f"{wrong} to fix")
     if file is not None:
         _write(file, found)
@@ -77,7 +77,7 @@ def _check(target: str | None, *, performer: str | None, robot: str | None, seco
         raise UsageError("neither a stream nor a port", where=target[:200] or "an empty word", allowed=allowed)
 
 
-def _stream(text: str, name: str | None, seconds: float | None) -> list[Finding]:
+def _stream(text: str, name: str | None, seconds: float | None) -> list[DoctorFinding]:
     from retarget.live.address import parse_address
     from retarget.schema.performer import load_performer
     from retarget.setup.doctor_stream import stream_findings
@@ -94,7 +94,7 @@ def _stream(text: str, name: str | None, seconds: float | None) -> list[Finding]
     return stream_findings(address, performer, clock=clock, seconds=listen)
 
 
-def _page(address: StreamAddress, name: str, seconds: float) -> list[Finding]:
+def _page(address: StreamAddress, name: str, seconds: float) -> list[DoctorFinding]:
     from retarget.cli.web.control import PageControl, opened_web
     from retarget.schema.performer import load_performer
     from retarget.setup.doctor_stream import web_findings
@@ -110,7 +110,7 @@ def _page(address: StreamAddress, name: str, seconds: float) -> list[Finding]:
         return web_findings(address, performer, receiver, heard, clock=clock, seconds=seconds)
 
 
-def _ports(path: str | None, robot: str | None) -> list[Finding]:
+def _ports(path: str | None, robot: str | None) -> list[DoctorFinding]:
     from retarget.setup.doctor_machine import port_findings
 
     if robot is None:
@@ -121,7 +121,7 @@ def _ports(path: str | None, robot: str | None) -> list[Finding]:
     return [finding for bus in buses for finding in port_findings(bus.port, baud=bus.baud)]
 
 
-def _machine(clock: Clock) -> list[Finding]:
+def _machine(clock: Clock) -> list[DoctorFinding]:
     from retarget.setup.doctor_machine import (
         frame_findings,
         lateness_finding,
@@ -139,6 +139,6 @@ def _machine(clock: Clock) -> list[Finding]:
     ]
 
 
-def _write(file: Path, found: Sequence[Finding]) -> None:
+def _write(file: Path, found: Sequence[DoctorFinding]) -> None:
     text = json.dumps({"findings": [asdict(finding) for finding in found]}, indent=2, ensure_ascii=False)
     write_atomic(file, f"{text}\n".encode(), option="--json")

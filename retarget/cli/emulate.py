@@ -19,7 +19,7 @@ from retarget.model.robot import RobotBody, load_robot
 from sim.emulator.conversation import Conduct
 from sim.emulator.fault_state import Buses, FaultPlan, load_fault_plan, obey
 from sim.emulator.faults import random_faults
-from sim.emulator.line import REAL_TIME_GAP, Timing
+from sim.emulator.line import REAL_TIME_GAP, LineTiming
 from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.robot_lines import robot_lines
 
@@ -75,7 +75,7 @@ def emulate(
         now=clock.now(),
         plan=plan,
         seed=plan.seed,
-        timing=replace(Timing.none() if no_wire_delay else Timing(), gap=REAL_TIME_GAP),
+        timing=replace(LineTiming.none() if no_wire_delay else LineTiming(), gap=REAL_TIME_GAP),
         conduct=conduct,
         powered=not power_off,
     )

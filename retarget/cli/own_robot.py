@@ -13,7 +13,7 @@ from retarget.errors import RefusedError, UsageError
 from retarget.schema.files import check_place, refuse_existing, write_atomic
 from retarget.setup.fit_observers import Zones, fit
 from retarget.setup.import_robot import Imported, UnknownRobot, import_robot, read_robot
-from retarget.setup.links import PARTS, Links, completed, read_links
+from retarget.setup.links import PARTS, PartLinks, completed, read_links
 from retarget.setup.servo_guess import NO_TORQUE
 
 NO_ANSWER = "Give --yes to take what is proposed, or --links FILE.yaml"
@@ -45,7 +45,7 @@ def import_body(
         no_meshes (--no-meshes): Leave out meshes that cannot be read.
     """
     robot = read_robot(body, no_meshes=no_meshes)
-    given = Links() if links is None else read_links(links, robot.tree)
+    given = PartLinks() if links is None else read_links(links, robot.tree)
     if links is None and not yes and is_asked():
         given = _asked(robot)
     echo(_drafted(import_robot(robot, out, links=given, name=name, servo=servo)))
@@ -56,9 +56,9 @@ def is_asked() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def _asked(robot: UnknownRobot) -> Links:
+def _asked(robot: UnknownRobot) -> PartLinks:
     """Let the operator change the links of the parts until they are right."""
-    given = Links()
+    given = PartLinks()
     while True:
         links = completed(robot.proposed, given, robot.tree)
         rows = [(part, getattr(links, part)) for part in PARTS]

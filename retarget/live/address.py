@@ -156,7 +156,7 @@ LONGEST = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class StreamKind:
+class AddressKind:
     """What an address of one scheme may hold. port: the usual port, None where there is none. sender: the program that
     is to be configured."""
 
@@ -167,13 +167,13 @@ class StreamKind:
 
 
 KINDS = {
-    "vmc": StreamKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
-    "vrchat": StreamKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
-    "natnet": StreamKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "up", "bones"), "Motive"),
-    "mvn": StreamKind("mvn://:9763", 9_763, ("allow",), "MVN's network streamer"),
-    "json": StreamKind("json://:14150", None, ("allow",), "the sender"),
-    "web": StreamKind("web://", WEB_PORT, (), "the page"),
-    "replay": StreamKind("replay://walk.raw", None, ("speed", "kind", "up", "bones"), "the recording"),
+    "vmc": AddressKind("vmc://:39539", 39_539, ("allow",), "the sender's VMC output"),
+    "vrchat": AddressKind("vrchat://:9000", 9_000, ("allow",), "the sender's OSC trackers"),
+    "natnet": AddressKind("natnet://192.168.1.5", 1_511, ("multicast", "interface", "up", "bones"), "Motive"),
+    "mvn": AddressKind("mvn://:9763", 9_763, ("allow",), "MVN's network streamer"),
+    "json": AddressKind("json://:14150", None, ("allow",), "the sender"),
+    "web": AddressKind("web://", WEB_PORT, (), "the page"),
+    "replay": AddressKind("replay://walk.raw", None, ("speed", "kind", "up", "bones"), "the recording"),
 }
 """The schemes by name, with the usual ports of their senders (project facts on streams, sections 2 to 5)."""
 

@@ -65,7 +65,7 @@ AHEAD_S = 0.100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Played:
+class PlayoutSample:
     """k sensors at one time. position (k, 3) m, orientation (k, 4) wxyz: NaN where never sent. Not to be written to.
 
     valid (k): the sender has sent the sensor, and has not reported it lost since. age (k): s since the newest pose was
@@ -127,13 +127,13 @@ class Playout:
         if self._delay is not None and newest is not None and time > newest:
             self._delay.note(arrival, lateness=arrival - time, gap=time - newest)
 
-    def read(self, now: float) -> Played:
+    def read(self, now: float) -> PlayoutSample:
         """Every sensor at `now` less the delay. now: s, local; a time before the last read's counts as the last."""
         self._now = now = max(now, self._now)
         if self._delay is None:
-            return Played(*self._ring.latest(now))
+            return PlayoutSample(*self._ring.latest(now))
         self._at = max(self._at, now - self._delay.at(now))
-        return Played(*self._ring.read(self._at, now))
+        return PlayoutSample(*self._ring.read(self._at, now))
 
 
 # Smoothing: the One-Euro filter (Casiez, Roussel and Vogel, CHI 2012).

@@ -9,8 +9,7 @@ from retarget.errors import InputError, UsageError
 from retarget.live.address import RECORDED, StreamAddress, parse_address
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
 from retarget.live.datagram_kinds import recognise
-from retarget.sources import raw_record
-from retarget.sources.raw_record import RawReader, RawWriter
+from retarget.sources.raw_record import RawReader, RawWriter, RecordedDatagram
 from retarget.sources.stream_frame import Dropped
 from retarget.types import Notify
 
@@ -31,8 +30,8 @@ class ReplayReceiver:
         """`speed`: recorded seconds per second, above 0."""
         self.dropped = Dropped()
         self._reader, self._speed = reader, speed
-        self._rows: Iterator[raw_record.Datagram] = iter(reader)
-        self._next: raw_record.Datagram | None = None
+        self._rows: Iterator[RecordedDatagram] = iter(reader)
+        self._next: RecordedDatagram | None = None
         self._due: float | None = None
         """When `_next` arrives, s on the clock of `poll`; None before the first poll."""
         self.finished = False
@@ -58,7 +57,7 @@ class ReplayReceiver:
                 self._due += max(self._next.time_s - row.time_s, 0.0) / self._speed
         return found
 
-    def _following(self) -> raw_record.Datagram | None:
+    def _following(self) -> RecordedDatagram | None:
         """The next datagram; None at the end of the recording."""
         row = next(self._rows, None)
         if row is None:

@@ -34,7 +34,7 @@ Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PoseSource:
     """The poses of a sender of which a sensor's pose is made. position, orientation: the sender's names of poses, ""
     for none.
 
@@ -49,21 +49,21 @@ class Place:
     offset: Triple = _NOWHERE
     loose: bool = False
 
-    def reflected(self) -> "Place":
+    def reflected(self) -> "PoseSource":
         """The place of the other side's sensor, in poses that are reflected left to right."""
         w, x, y, z = self.standing
         ahead, left, up = self.offset
         return replace(self, standing=(w, -x, y, -z), offset=(ahead, -left, up))
 
 
-def _places(convention: str) -> dict[str, Place]:
+def _places(convention: str) -> dict[str, PoseSource]:
     """Canonical sensor -> its place, by `skeletons.yaml`."""
     sent = names_of_sides(TABLES["senders"][convention])
     both = {sensor: (names, names) if isinstance(names, str) else names for sensor, names in sent.items()}
-    return {sensor: Place(*both[sensor]) for sensor in SENSORS if sensor in both}
+    return {sensor: PoseSource(*both[sensor]) for sensor in SENSORS if sensor in both}
 
 
-def _slimevr() -> dict[str, Place]:
+def _slimevr() -> dict[str, PoseSource]:
     """The places of SlimeVR. Its hand is a point in front of the grip, beyond the wrist by a length that the stream
     does not hold: calibration begins with that of the default proportions."""
     places = _places("slimevr")
@@ -72,7 +72,7 @@ def _slimevr() -> dict[str, Place]:
     }
 
 
-def _from_t_pose(places: dict[str, Place]) -> dict[str, Place]:
+def _from_t_pose(places: dict[str, PoseSource]) -> dict[str, PoseSource]:
     """Places of a sender whose orientations are the identity in the T-pose: a hanging arm is turned by 90 degrees about
     forward, the left one to the right."""
     half = float(np.sqrt(0.5))
@@ -83,15 +83,15 @@ def _from_t_pose(places: dict[str, Place]) -> dict[str, Place]:
     }
 
 
-CONVENTIONS: dict[str, dict[str, Place]] = {
+CONVENTIONS: dict[str, dict[str, PoseSource]] = {
     "slimevr": _slimevr(),
     "slimevr_vrchat": _places("slimevr_vrchat"),
     "unity_bones": _from_t_pose(_places("unity_bones")),
     # The toe's segment bends at the ball of the foot; a toe sensor turns with the foot.
     "mvn": _from_t_pose(
-        {sensor: Place(MVN_JOINTS[sensor], MVN_JOINTS[sensor.replace("toe", "ankle")]) for sensor in SENSORS}
+        {sensor: PoseSource(MVN_JOINTS[sensor], MVN_JOINTS[sensor.replace("toe", "ankle")]) for sensor in SENSORS}
     ),
-    "json": {sensor: Place(sensor, sensor) for sensor in SENSORS},
+    "json": {sensor: PoseSource(sensor, sensor) for sensor in SENSORS},
     "natnet": {},
 }
 """Convention -> canonical sensor -> its place in the sender's poses. NatNet's names are the user's own: the performer's
@@ -104,7 +104,7 @@ _STEPS = {
     "natnet": "Motive's names are your own: --performer optitrack, or a copy of it with the names of your rigid bodies",
 }
 """The next step for sensors that a sender of a convention does not send."""
-NO_PLACE = Place("", "")
+NO_PLACE = PoseSource("", "")
 """The place of a sensor that a kind of sender does not have, and that is not waited for."""
 
 
@@ -125,7 +125,7 @@ class Roles:
     def __init__(
         self,
         sensors: Sequence[str],
-        places: Sequence[Place],
+        places: Sequence[PoseSource],
         *,
         convention: str = "",
         partial: bool = False,
@@ -201,12 +201,12 @@ def roles_of(performer: Performer, convention: str, *, where: str, mirrored: boo
             allowed=", ".join(CONVENTIONS),
             next_step=suggest(convention, CONVENTIONS),
         )
-    known, places, problems, missing = CONVENTIONS[convention], list[Place](), list[Problem](), list[str]()
+    known, places, problems, missing = CONVENTIONS[convention], list[PoseSource](), list[Problem](), list[str]()
     standing = {place.orientation: place.standing for place in known.values()}
     for name, sensor in performer.sensors.items():
         sent = mirrored_name(name) if mirrored else name
         role = performer.sensors.get(sent, sensor).role
-        place = known.get(sent) if role is None else Place(role, role, standing.get(role, _UPRIGHT))
+        place = known.get(sent) if role is None else PoseSource(role, role, standing.get(role, _UPRIGHT))
         place = place.reflected() if mirrored and place is not None else place
         if place is not None and (not sensor.beside or place.position == place.orientation):
             places.append(replace(place, loose=sensor.beside))

@@ -308,17 +308,17 @@ class Holds:
 
 
 @dataclass(frozen=True)
-class Spread:
+class TimePercentiles:
     """Median and 99th percentile of times, ms."""
 
     p50: float
     p99: float
 
 
-def spread_of(times: Sequence[float]) -> Spread:
+def spread_of(times: Sequence[float]) -> TimePercentiles:
     """The spread of times, s, of which there is at least one."""
     p50, p99 = np.percentile(np.asarray(times) * MS, (50.0, 99.0)).tolist()
-    return Spread(p50, p99)
+    return TimePercentiles(p50, p99)
 
 
 LATEST = 25
@@ -369,7 +369,7 @@ class LiveReport:
     holds: Holds
     playout_delay_ms: float
     smoothing: str
-    latency_ms: dict[str, Spread]
+    latency_ms: dict[str, TimePercentiles]
     person: str | None
 
 

@@ -100,7 +100,18 @@ def load_profile(path_or_name: str | Path) -> RobotProfile:
 
     Raises UsageError for an unknown name, ConfigError with all problems of the file.
     """
-    return read_profile(path_or_name, check=_check)
+    return _read_with_body(path_or_name)[0]
+
+
+def _read_with_body(path_or_name: str | Path) -> tuple[RobotProfile, BodyModel]:
+    """The profile, checked against its body, and that body."""
+    bodies: list[BodyModel] = []
+
+    def check(profile: RobotProfile, document: Document) -> list[Problem]:
+        return check_parts(profile, document) + _check_body(profile, document, bodies)
+
+    profile = read_profile(path_or_name, check=check)
+    return profile, bodies[0]
 
 
 def load_robot(name_or_path: str | Path, *, root: Root | None = None) -> RobotBody:
@@ -108,22 +119,31 @@ def load_robot(name_or_path: str | Path, *, root: Root | None = None) -> RobotBo
 
     Raises UsageError, ConfigError, InputError, HardwareError.
     """
-    profile = load_profile(name_or_path)
-    return robot_of(profile, read_calibration(profile), root=root)
+    profile, body = _read_with_body(name_or_path)
+    return robot_of(profile, read_calibration(profile), root=root, body=body)
 
 
 def load_uncalibrated(name_or_path: str | Path) -> RobotBody:
     """Load a robot as `load_robot` does, with the zero ticks of the profile instead of those of a calibration."""
-    return robot_of(load_profile(name_or_path), None)
+    profile, body = _read_with_body(name_or_path)
+    return robot_of(profile, None, body=body)
 
 
-def robot_of(profile: RobotProfile, calibration: ServoCalibration | None, *, root: Root | None = None) -> RobotBody:
-    """The robot of a profile that is read, with this calibration. root: instead of the profile's.
+def robot_of(
+    profile: RobotProfile,
+    calibration: ServoCalibration | None,
+    *,
+    root: Root | None = None,
+    body: BodyModel | None = None,
+) -> RobotBody:
+    """The robot of a profile that is read, with this calibration. root: instead of the profile's. body: of the profile,
+    where it is loaded already.
 
     Raises InputError, HardwareError.
     """
     profile = profile if root is None else profile.model_copy(update={"root": root})
-    body = load_body(profile.body_path, root=profile.root)
+    if body is None or body.root != profile.root:
+        body = load_body(profile.body_path, root=profile.root)
     specs = profile.servo_specs()
     joint_map = JointMap(specs if calibration is None else calibrated(specs, calibration))
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joint_map.joints]]
@@ -158,12 +178,8 @@ def leaves_folder(path: str) -> bool:
     return inside.is_absolute() or inside.parts[:1] == ("..",)
 
 
-def _check(profile: RobotProfile, document: Document) -> list[Problem]:
-    return check_parts(profile, document) + _check_body(profile, document)
-
-
-def _check_body(profile: RobotProfile, document: Document) -> list[Problem]:
-    """All problems of the profile with its body file."""
+def _check_body(profile: RobotProfile, document: Document, bodies: list[BodyModel]) -> list[Problem]:
+    """All problems of the profile with its body file. The body is added to `bodies`."""
     if not profile.body:  # not valid, and reported already
         return []
     if leaves_folder(profile.body):
@@ -183,6 +199,7 @@ def _check_body(profile: RobotProfile, document: Document) -> list[Problem]:
             )
         ]
     body = body_from_file(file)
+    bodies.append(body)
     links, joints = _links(profile, document, body.body_names[1:]), _joints(profile, document, body, file)
     return [*links, *joints, *_geoms(profile, document, body)]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from retarget.model.body_file import engine
 from retarget.rotations import Quat, Vector, arc, length, minus, plus, product
 from retarget.schema.scene import ObstacleShape, Pose, Scene, unit
-from retarget.schema.shapes import Line, SolidShape
+from retarget.schema.shapes import LineSegment, SolidShape
 from retarget.types import FloatArray
 
 UP: Vector = (0.0, 0.0, 1.0)
@@ -97,11 +97,11 @@ def canonical(shape: SolidShape) -> tuple[ShapeKind, Vector, Pose]:
     raise AssertionError("the reader lets no obstacle without a shape through")
 
 
-def _half(line: Line) -> float:
+def _half(line: LineSegment) -> float:
     return 0.5 * length(minus(line.end, line.start))
 
 
-def _along(line: Line) -> Pose:
+def _along(line: LineSegment) -> Pose:
     """Frame in the middle of a line, z from its start to its end."""
     x, y, z = plus(line.start, line.end)
     return Pose((0.5 * x, 0.5 * y, 0.5 * z), _turn_to(minus(line.end, line.start)))

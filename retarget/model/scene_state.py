@@ -20,7 +20,7 @@ from retarget.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ObstacleMotion:
     """Stretches of constant velocity. times (m): rising, s, at which they begin; pieces (m): the pose at that time, and
     how it moves from then on, the last one for ever. Before the first time it rests. loop: after the last time it
     begins anew."""
@@ -48,7 +48,7 @@ class Motion:
         return piece if _rests(piece) else _moved(piece, time - self.times[index])
 
 
-def motion_of(obstacle: Obstacle) -> Motion:
+def motion_of(obstacle: Obstacle) -> ObstacleMotion:
     """The motion that the file gives to an obstacle."""
     if obstacle.path is not None:
         poses = [Pose(point.pos, unit(point.quat)) for point in obstacle.path]
@@ -57,17 +57,17 @@ def motion_of(obstacle: Obstacle) -> Motion:
             _between(before, after, later - earlier)
             for (before, after), (earlier, later) in zip(pairwise(poses), pairwise(times), strict=True)
         ]
-        return Motion(times, (*pieces, MovingPose(poses[-1])), obstacle.loop)
+        return ObstacleMotion(times, (*pieces, MovingPose(poses[-1])), obstacle.loop)
     pose = Pose(obstacle.at.pos, unit(obstacle.at.quat))
     moving = MovingPose(pose, obstacle.velocity or STILL, obstacle.angular_velocity or STILL)
     return _until(moving, obstacle.start, inf if obstacle.until is None else obstacle.until)
 
 
-def _until(moving: MovingPose, start: float, end: float) -> Motion:
+def _until(moving: MovingPose, start: float, end: float) -> ObstacleMotion:
     """A motion from `start` to `end`, s; infinite: for ever."""
     if end == inf:
-        return Motion((start,), (moving,))
-    return Motion((start, end), (moving, MovingPose(_moved(moving, end - start).pose)))
+        return ObstacleMotion((start,), (moving,))
+    return ObstacleMotion((start, end), (moving, MovingPose(_moved(moving, end - start).pose)))
 
 
 def _rests(moving: MovingPose) -> bool:
@@ -120,7 +120,7 @@ class _Held:
 
     last: _Seen
     before: _Seen | None
-    motion: Motion
+    motion: ObstacleMotion
 
 
 class LivePose:
@@ -245,7 +245,7 @@ class _Track:
 
     frame: Pose
     shape: Pose
-    motion: Motion
+    motion: ObstacleMotion
     moves: bool
     live: LivePose
 

@@ -102,31 +102,31 @@ NOT_FOLLOWED = "not followed"
 
 
 @dataclass(frozen=True)
-class Seen:
+class DifferenceLimits:
     """From where on a person sees it that robot and performer differ, and from where on it is another motion."""
 
     difference: float
     lost: float = math.inf
 
 
-LIMB_DEG = Seen(20.0, LEG_AWAY_DEG)
+LIMB_DEG = DifferenceLimits(20.0, LEG_AWAY_DEG)
 """Degrees, on average. The hands of a clock are 30 apart from hour to hour, so 20 are seen at a glance; limbs that have
 nothing to do with each other are 90 apart, and 45 is half of that."""
-LEG_AWAY_S = Seen(0.3)
+LEG_AWAY_S = DifferenceLimits(0.3)
 """Longest time, s, that a thigh or shank is more than `LEG_AWAY_DEG` off: as for a hand. A robot that bears itself on
 both feet is not another motion because the performer lifts one."""
-LEAN_DEG = Seen(15.0, 45.0)
+LEAN_DEG = DifferenceLimits(15.0, 45.0)
 """Degrees, in all but a twentieth of the time. A trunk 15 off looks tired, one that is 45 off is folded over."""
-HAND_SHARE = Seen(0.2, 0.5)
+HAND_SHARE = DifferenceLimits(0.2, 0.5)
 """Of the length of the arm, on average, within reach: 0.2 is a hand's length, 0.5 is from the chin to the belt."""
-HAND_AWAY_S = Seen(0.3, 2.0)
+HAND_AWAY_S = DifferenceLimits(0.3, 2.0)
 """Longest time, s, that a hand is more than `AWAY_M` off, within reach: a gesture takes two seconds."""
-SQUAT_SHARE = Seen(0.15, 0.4)
+SQUAT_SHARE = DifferenceLimits(0.15, 0.4)
 """Of the length of the leg, in all but a twentieth of the time: a squat with level thighs goes down by a half. 0.15 off
 is seen beside the performer; with 0.4 off it is missed."""
-RATIO = Seen(0.3, 0.75)
+RATIO = DifferenceLimits(0.3, 0.75)
 """Of what was asked is missing, or of what was done too much: a third is seen, a quarter of a motion is another one."""
-TRAVEL_M, TURN_DEG = Seen(0.5), Seen(60.0)
+TRAVEL_M, TURN_DEG = DifferenceLimits(0.5), DifferenceLimits(60.0)
 """A performer's step, and more than a planted robot turns: by so much performers go away who seemed to be followed."""
 
 
@@ -152,13 +152,13 @@ def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
     yield Finding("following", verdict, allowed, kept)
 
 
-def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, Seen]]:
+def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, DifferenceLimits]]:
     """What may differ between robot and performer, in words; by how much; and what is seen of that."""
     assert run.robot is not None, "a robot follows"
     if report.fallen:
-        yield "it fell", math.inf, Seen(0.0, 0.0)
+        yield "it fell", math.inf, DifferenceLimits(0.0, 0.0)
     limbs, best = _judged(report)
-    arms = Seen(LIMB_DEG.difference) if _hands_come_first(run) else LIMB_DEG
+    arms = DifferenceLimits(LIMB_DEG.difference) if _hands_come_first(run) else LIMB_DEG
     for limb in (limb for limb in LIMBS if limb in limbs):
         at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
         words = f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off on average{at_best}"

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from retarget.live.playout import SMOOTHINGS
-from retarget.live.stream_report import Spread, spread_of
+from retarget.live.stream_report import TimePercentiles, spread_of
 from retarget.report import tracking
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
@@ -34,8 +34,8 @@ with its gate; bus: until the goal is written; servo: from there to the shafts."
 class Latency:
     """stages: ms, by name, those that are known. hand_to_shaft: ms, the whole way. Over ticks, or over windows."""
 
-    stages: dict[str, Spread]
-    hand_to_shaft: Spread
+    stages: dict[str, TimePercentiles]
+    hand_to_shaft: TimePercentiles
 
 
 def latency_of(run: RunResult) -> Latency | None:

@@ -11,7 +11,7 @@ from retarget.model.robot import RobotBody
 from retarget.report.clearance import compared_pairs, moving_geoms
 from retarget.report.tracking import (
     EVERY,
-    Performance,
+    ReferenceMotion,
     as_carried,
     asked_limbs,
     asked_torso,
@@ -37,7 +37,7 @@ TRUNK = ("l_hip", "r_hip", "neck")
 
 
 def limb_angles(
-    robot: RobotBody, q: FloatArray, asked: Performance, *, recorded: FloatArray | None = None
+    robot: RobotBody, q: FloatArray, asked: ReferenceMotion, *, recorded: FloatArray | None = None
 ) -> dict[str, FloatArray]:
     """Angles (T, s) rad, by the name of a limb and for each side, between a robot in postures (T, nq) and the performer
     in their heading; `LEAN` (T, 1): between the leans of their trunks, each from where it is upright.
@@ -55,7 +55,7 @@ def limb_angles(
     return found
 
 
-def _performer_lean(asked: Performance, joints: FloatArray) -> FloatArray:
+def _performer_lean(asked: ReferenceMotion, joints: FloatArray) -> FloatArray:
     """How far (T, 2) the performer's trunk leans forward and to the left from where they stand upright, rad."""
     at = {name: joints[:, asked.joint_names.index(name)] for name in TRUNK}
     rest = asked.standing
@@ -88,7 +88,7 @@ def _robot_limbs(robot: RobotBody, q: FloatArray) -> dict[str, FloatArray]:
     return lines
 
 
-def _human_limbs(asked: Performance, joints: FloatArray) -> dict[str, FloatArray]:
+def _human_limbs(asked: ReferenceMotion, joints: FloatArray) -> dict[str, FloatArray]:
     """Both lines (T, 2, 3) m of each limb of the performer, in their heading."""
     lines = {}
     for limb, parts in LIMBS.items():
@@ -140,7 +140,7 @@ BLOCK = 64
 """So many instants are searched together, which bounds the memory."""
 
 
-def best_angles(robot: RobotBody, asked: Performance, weights: Mapping[str, float]) -> dict[str, FloatArray]:
+def best_angles(robot: RobotBody, asked: ReferenceMotion, weights: Mapping[str, float]) -> dict[str, FloatArray]:
     """As `limb_angles` of the arms and the lean of the trunk, at one tick in `EVERY`, for the best posture of each arm.
 
     weights: of limbs by name, as in a priority file; 1 for others. Empty where the robot has no landmarks for hands.

@@ -32,7 +32,7 @@ from retarget.report.report import (
     StepsReport,
     StopReport,
 )
-from retarget.report.tracking import Performance, hands_from_shoulders, reachable_hands, top_level_error
+from retarget.report.tracking import ReferenceMotion, hands_from_shoulders, reachable_hands, top_level_error
 from retarget.report.unfollowed import unfollowed_of
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
@@ -174,7 +174,7 @@ class _Ways(TypedDict):
     turned_deg: BothMoved
 
 
-def _ways(run: RunResult, performance: Performance | None, moved: FloatArray) -> _Ways:
+def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray) -> _Ways:
     """How far robot and performer got. moved (T, k, 3) m: what was followed, as the body moved."""
     (names, asked, _), (travelled, turned) = run.followed, _travel(run)
     heights = _pelvis_heights(run, moved)
@@ -226,7 +226,7 @@ def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     return BothMoved(travelled, tracking.extent(place)), BothMoved(turned, float(np.degrees(turn)))
 
 
-def _foot_path_ratio(run: RunResult, performance: Performance | None) -> float | None:
+def _foot_path_ratio(run: RunResult, performance: ReferenceMotion | None) -> float | None:
     """Of the ticks that followed; None for a robot without feet that follow."""
     robot, q, rows = run.robot, run.moved_q, run.record.following
     if robot is None or performance is None or q is None or not run.ticks_followed:
@@ -249,7 +249,7 @@ class _Hands(TypedDict):
     hands_away_s: dict[str, float] | None
 
 
-def _hands(run: RunResult, asked: Performance | None, moved: FloatArray) -> _Hands:
+def _hands(run: RunResult, asked: ReferenceMotion | None, moved: FloatArray) -> _Hands:
     """How the hands followed, moved (T, k, 3) m, at the ticks at which they were asked within reach; nothing without a
     robot that has both."""
     robot, q = run.robot, run.moved_q
@@ -280,7 +280,7 @@ class _Likeness(TypedDict):
     legs_away_s: dict[str, float] | None
 
 
-def _likeness(run: RunResult, asked: Performance | None) -> _Likeness:
+def _likeness(run: RunResult, asked: ReferenceMotion | None) -> _Likeness:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
     robot, q = run.robot, run.moved_q
     if robot is None or q is None or asked is None:
@@ -301,7 +301,7 @@ def _likeness(run: RunResult, asked: Performance | None) -> _Likeness:
     }
 
 
-def _limb_angles(run: RunResult, q: FloatArray, asked: Performance, *, recorded: bool) -> dict[str, FloatArray]:
+def _limb_angles(run: RunResult, q: FloatArray, asked: ReferenceMotion, *, recorded: bool) -> dict[str, FloatArray]:
     """As `limb_angles`, at the ticks that followed. recorded: from the recorded body."""
     robot, following = run.robot, run.record.following
     assert robot is not None, "a robot follows"

@@ -99,7 +99,7 @@ _DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
 
 
 @dataclass(frozen=True, eq=False)
-class Sole:
+class SoleTrack:
     """One sole over time. position (T, 3) m, orientation (T, 4) wxyz of its frame, world; polygon (c, 2) m in it."""
 
     position: FloatArray
@@ -107,17 +107,18 @@ class Sole:
     polygon: FloatArray
 
 
-def soles_of(robot: RobotBody, q: FloatArray) -> list[Sole]:
+def soles_of(robot: RobotBody, q: FloatArray) -> list[SoleTrack]:
     """Place the soles of a robot in postures (T, nq), m, wxyz and rad."""
     feet = list(robot.profile.feet.values())
     frames = tuple(foot.frame for foot in feet)
     position, orientation = robot.points(q, frames), robot.orientations(q, frames)
     return [
-        Sole(position[:, column], orientation[:, column], np.array(foot.polygon)) for column, foot in enumerate(feet)
+        SoleTrack(position[:, column], orientation[:, column], np.array(foot.polygon))
+        for column, foot in enumerate(feet)
     ]
 
 
-def sole_corners(sole: Sole) -> FloatArray:
+def sole_corners(sole: SoleTrack) -> FloatArray:
     """Corners (T, c, 3) m of a sole, world."""
     local = np.column_stack([sole.polygon, np.zeros(len(sole.polygon))])
     return np.asarray(sole.position[:, None] + rotations.rotate(sole.orientation[:, None], local))
@@ -151,7 +152,7 @@ class Standing:
     """A robot over its soles in T postures: corners (T, c, 3) m of all of them; com (T, 3) m; margin (T,) m, see
     `support_margin`."""
 
-    soles: list[Sole]
+    soles: list[SoleTrack]
     corners: FloatArray
     com: FloatArray
     margin: FloatArray

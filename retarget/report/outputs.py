@@ -74,7 +74,7 @@ class Outputs:
             if path is not None:
                 refuse_existing(path, option=option or own)
 
-    def write(self, run: RunResult, report: Report) -> "Written":
+    def write(self, run: RunResult, report: Report) -> "WrittenFiles":
         """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
         if self.page is not None or self.plots is not None:
             from retarget.report.page import write_page
@@ -98,11 +98,11 @@ class Outputs:
                 problems.append(f"{what} not written: {error}")
             else:
                 lines += [f"{what}: {file}" for file in (made if isinstance(made, list) else [path])]
-        return Written(tuple(lines), tuple(problems))
+        return WrittenFiles(tuple(lines), tuple(problems))
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenFiles:
     """What became of the files of a run. lines: where each one is; problems: why others are not there."""
 
     lines: tuple[str, ...]

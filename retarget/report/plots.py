@@ -87,7 +87,7 @@ _BELOW, _SOLES, _BODY, _OVER = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Postures:
+class DrawnPostures:
     """A body in p postures that face x, with the feet at the origin, in heights of the body.
 
     corners (p, f, 3, 3), normal (p, f, 3), colour (f, 3): its facets. soles: outlines (p, c, 3) on the ground.
@@ -209,7 +209,7 @@ def _poses_title(run: RunResult) -> str:
     return f"A performer, reconstructed ({sides})" + ("" if run.human_truth is None else "; thin: as recorded")
 
 
-def performer_postures(run: RunResult, ticks: list[int]) -> Postures:
+def performer_postures(run: RunResult, ticks: list[int]) -> DrawnPostures:
     """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
     human, truth = run.record.human, run.human_truth
     facing = performer_facing(run)[np.array(ticks) - run.record.following.start]
@@ -222,10 +222,10 @@ def performer_postures(run: RunResult, ticks: list[int]) -> Postures:
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
         bones = tuple((human.joint_names.index(a), human.joint_names.index(b)) for a, b in HUMAN_BONES)
-    return Postures((corners - feet[:, None]) / size, normal, colour, recorded=recorded, bones=bones)
+    return DrawnPostures((corners - feet[:, None]) / size, normal, colour, recorded=recorded, bones=bones)
 
 
-def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
+def robot_postures(run: RunResult, ticks: list[int]) -> DrawnPostures:
     """The robot as it moved, with its soles: the simulated body, or what was sent where nothing has mass."""
     robot, moved = run.robot, run.moved_q
     assert robot is not None and moved is not None
@@ -235,7 +235,7 @@ def robot_postures(run: RunResult, ticks: list[int]) -> Postures:
     feet, size = _feet(points, names), _size(points, names)
     corners, normal, colour = facets_of(robot.solid, q)
     soles = tuple((sole_corners(sole) - feet) / size for sole in soles_of(robot, q))
-    return Postures((corners - feet[:, None]) / size, normal, colour, soles)
+    return DrawnPostures((corners - feet[:, None]) / size, normal, colour, soles)
 
 
 def _feet(points: FloatArray, names: tuple[str, ...]) -> FloatArray:

@@ -231,7 +231,7 @@ HANDS = ("l_hand", "r_hand")
 
 
 @dataclass(frozen=True, eq=False)
-class Performance:
+class ReferenceMotion:
     """What was asked, and of whom. joints (T, m, 3) m and pelvis (T, 4) wxyz: of the human, in the human's world.
 
     landmarks (T, k, 3) m: asked of the robot. dt: s between ticks, of the robot's clock.
@@ -250,7 +250,7 @@ class Performance:
         """Unit vectors (T, 2) on the ground where the performer faces."""
         return headings(self.pelvis, self.joint_names, self.joints, self.dt)
 
-    def of(self, rows: slice) -> "Performance":
+    def of(self, rows: slice) -> "ReferenceMotion":
         """Some of the ticks, with the headings that they have among all."""
         part = replace(self, joints=self.joints[rows], pelvis=self.pelvis[rows], landmarks=self.landmarks[rows])
         part.__dict__["heading"] = self.heading[rows]  # where `cached_property` keeps it: a heading follows all ticks
@@ -266,12 +266,12 @@ class Performance:
         return np.asarray(self.joints[:, [self.joint_names.index(name) for name in names]].mean(axis=1))
 
 
-def performance_of(run: RunResult) -> Performance | None:
+def performance_of(run: RunResult) -> ReferenceMotion | None:
     """What was asked of the robot of a run, and of whom; None where nothing was."""
     human, sent = run.record.human, run.record.robot
     if sent is None or not len(sent.q):
         return None
-    return Performance(
+    return ReferenceMotion(
         dimensions=run.human.dimensions,
         joint_names=human.joint_names,
         joints=human.joints,
@@ -282,7 +282,7 @@ def performance_of(run: RunResult) -> Performance | None:
     )
 
 
-def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str, FloatArray]:
+def asked_arms(robot: RobotBody, stance: Stance, asked: ReferenceMotion) -> dict[str, FloatArray]:
     """Hand -> place (T, 3) m where it is asked, as the torso carries it while the robot stands in its stance.
 
     Empty without landmarks for both hands.
@@ -294,7 +294,7 @@ def asked_arms(robot: RobotBody, stance: Stance, asked: Performance) -> dict[str
     return {name: _stood(robot, stance, name) + as_carried(turn, arm) for name, arm in arms.items()}
 
 
-def asked_torso(robot: RobotBody, stance: Stance, asked: Performance) -> FloatArray | None:
+def asked_torso(robot: RobotBody, stance: Stance, asked: ReferenceMotion) -> FloatArray | None:
     """How the torso that is asked is turned from that of the stance (T, 3, 3), in the performer's heading; None without
     landmarks for both hands."""
     if not set(HANDS) <= set(asked.landmark_names):
@@ -314,7 +314,7 @@ def as_carried(turn: FloatArray, lines: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("tji,t...j->t...i", turn, lines))
 
 
-def asked_limbs(entries: Mapping[str, Landmark], asked: Performance) -> dict[str, FloatArray]:
+def asked_limbs(entries: Mapping[str, Landmark], asked: ReferenceMotion) -> dict[str, FloatArray]:
     """From the anchor of each landmark to where it is asked (T, 3) m, in the performer's heading."""
     limbs, standing = {}, asked.standing
     for name, entry in entries.items():
@@ -328,7 +328,7 @@ def _stood(robot: RobotBody, stance: Stance, landmark: str) -> FloatArray:
     return np.asarray(np.mean([stance.points[frame] for frame in robot.profile.landmarks[landmark].anchor], axis=0))
 
 
-def hands_from_shoulders(robot: RobotBody, asked: Performance, q: FloatArray, reached: FloatArray) -> FloatArray:
+def hands_from_shoulders(robot: RobotBody, asked: ReferenceMotion, q: FloatArray, reached: FloatArray) -> FloatArray:
     """Landmarks reached (T, k, 3) m in postures (T, nq), with the hands where they would be if the robot's shoulders
     were where they are asked: what counts of a hand is how the arm holds it."""
     seen = reached.copy()
@@ -394,7 +394,7 @@ def turn_extent(heading: FloatArray) -> float:
     return extent(np.unwrap(np.arctan2(heading[:, 1], heading[:, 0])))
 
 
-def asked_feet(robot: RobotBody, asked: Performance) -> dict[str, FloatArray]:
+def asked_feet(robot: RobotBody, asked: ReferenceMotion) -> dict[str, FloatArray]:
     """Frame of each sole -> the ankle (T, 3) m that it follows, in the performer's world and the size of the robot: a
     planted robot is asked to stay where it is, its performer is not."""
     entries = {entry.frame: entry for entry in robot.profile.landmarks.values()}
@@ -443,7 +443,7 @@ class Reachable:
     away: float
 
 
-def reachable_hands(robot: RobotBody, asked: Performance, reached: FloatArray) -> dict[str, Reachable]:
+def reachable_hands(robot: RobotBody, asked: ReferenceMotion, reached: FloatArray) -> dict[str, Reachable]:
     """How each hand followed at the ticks at which it was asked within reach; reached (T, k, 3) m: as the landmarks.
 
     Within reach: from the torso that is asked, the arm gets there within the position limits of its joints, at any

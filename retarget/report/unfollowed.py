@@ -14,7 +14,7 @@ from retarget.human.posture_prior import LONGEST_FLIGHT_S
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.report.report import Unfollowed
-from retarget.report.tracking import Performance
+from retarget.report.tracking import ReferenceMotion
 from retarget.run.record import Phase, Record
 from retarget.run.run_result import RunResult
 from retarget.types import BoolArray, FloatArray, Notify
@@ -48,7 +48,7 @@ UPRIGHT = 0.5
 trunk is level, in a cartwheel it is upside down."""
 
 
-def unfollowed_of(run: RunResult, asked: Performance | None) -> tuple[Unfollowed, ...] | None:
+def unfollowed_of(run: RunResult, asked: ReferenceMotion | None) -> tuple[Unfollowed, ...] | None:
     """The postures of a run that its robot could not follow, in the order of their time; None for a robot without
     planted soles, or whose legs do not follow.
 

@@ -22,7 +22,7 @@ from math import sqrt
 import numpy as np
 
 from retarget import rotations
-from retarget._solver import Probe
+from retarget._solver import Probe, braking_displacement
 from retarget.arithmetic import dot, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY, GravityTorque
 from retarget.ik.hierarchy import Hierarchy
@@ -32,7 +32,6 @@ from retarget.ik.tasks import CARRIES
 from retarget.ik.whole_body_stop import BRAKING
 from retarget.model.body import Frame, JointType
 from retarget.model.robot import RobotBody
-from retarget.robot.reference_governor import braking_displacement
 from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTask
 from retarget.types import FloatArray
 

@@ -203,8 +203,8 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnSoles:
-    """What a robot that stands on its soles has besides; each part may be missing. stop: the whole-body stop on both
-    soles. to_stance: the return to stance."""
+    """What a robot that stands on its soles has besides; each part may be missing. stop: the whole-body stop of a robot
+    that does not step. to_stance: the return to stance."""
 
     balance: StandingBalance | None = None
     strength: StandingStrength | None = None
@@ -260,15 +260,17 @@ class Follower:
         self._soles, still = OnSoles(balance), frozenset(soles)
         if legs_move:
             stopping = partial(Stopping, robot.body, limits, servo_limits(robot), carrying=carrying)
+            stepping = None
+            if steps and envelope is not None:
+                highest = envelope.highest
+                stepping = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping, highest=highest)
             returns = "pelvis" in robot.profile.landmarks
             self._soles = OnSoles(
                 balance,
                 standing_strength(robot, priorities, stance),
                 FallbackHierarchy(build, priorities, self.hierarchy, soles=still, carrying=carrying),
-                stopping(stance),
-                Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping, highest=envelope.highest)
-                if steps and envelope is not None
-                else None,
+                stopping(stance) if stepping is None else None,
+                stepping,
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)

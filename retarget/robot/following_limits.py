@@ -21,17 +21,20 @@ from retarget.types import FloatArray
 # a joint so fast for so long would stop the robot.
 
 SHARE = 0.95
-"""Share of the sustained following error that a plan uses."""
+"""Share of the sustained following error that a plan uses where the profile gives no `planned_lag`."""
 
 
 def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: float) -> JointLimits:
-    """Limits (nv,) with speeds at which every servo stays within the `following_error_sustained` of its profile.
+    """Limits (nv,) with speeds at which every servo stays within the `planned_lag` of its profile.
 
-    tracking_delay: s that a servo is late beyond its own lag and the cycle of the bus. A profile without that key keeps
-    its limits.
+    tracking_delay: s that a servo is late beyond its own lag and the cycle of the bus. A profile with neither that key
+    nor `following_error_sustained` keeps its limits.
     """
     safety = robot.profile.safety
-    if safety.following_error_sustained is None:
+    lag = safety.planned_lag
+    if lag is None and safety.following_error_sustained is not None:
+        lag = SHARE * safety.following_error_sustained
+    if lag is None:
         return limits
     protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     speed = limits.max_velocity.copy()
@@ -40,7 +43,7 @@ def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: flo
             continue
         behind = loop_lag(servo, protocol=protocols[servo.bus]) + 1.0 / safety.rate_hz + tracking_delay
         dof = robot.body.dof_index(servo.joint)
-        speed[dof] = min(speed[dof], SHARE * safety.following_error_sustained / behind)
+        speed[dof] = min(speed[dof], lag / behind)
     return replace(limits, max_velocity=speed)
 
 

@@ -10,7 +10,7 @@ from math import copysign, sqrt
 
 import numpy as np
 
-from retarget._solver import braking_displacement as braking_displacement
+from retarget._solver import braking_displacement
 from retarget.arithmetic import exp
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.tasks import SlotKind

@@ -78,7 +78,7 @@ class StepInput:
 
 
 @dataclass(frozen=True)
-class Transition:
+class StepTransition:
     """A change of state, after its condition has held for more than `after` s. The condition looks at the input and at
     the support foot."""
 
@@ -104,16 +104,16 @@ def _weight_over_support_foot(now: StepInput, support: int | None) -> bool:
 
 
 TRANSITIONS = (
-    Transition(StepState.DOUBLE_SUPPORT, StepState.SHIFT_WEIGHT, _asked),
-    Transition(StepState.DOUBLE_SUPPORT, StepState.RETURN_WEIGHT, lambda now, _: now.outside),
-    Transition(StepState.SHIFT_WEIGHT, StepState.SHIFT_WEIGHT, _asked),
-    Transition(StepState.SHIFT_WEIGHT, StepState.RETURN_WEIGHT, _no_longer_asked),
-    Transition(StepState.SHIFT_WEIGHT, StepState.SWING, _weight_over_support_foot, after=HELD_S),
-    Transition(StepState.SWING, StepState.TOUCHDOWN, _no_longer_asked),
-    Transition(StepState.TOUCHDOWN, StepState.RETURN_WEIGHT, lambda now, _: now.down and all(now.contact)),
-    Transition(StepState.TOUCHDOWN, StepState.RETURN_WEIGHT, lambda now, _: now.down, after=CONTACT_WAIT_S),
-    Transition(StepState.RETURN_WEIGHT, StepState.SHIFT_WEIGHT, _asked),
-    Transition(StepState.RETURN_WEIGHT, StepState.DOUBLE_SUPPORT, lambda now, _: now.settled),
+    StepTransition(StepState.DOUBLE_SUPPORT, StepState.SHIFT_WEIGHT, _asked),
+    StepTransition(StepState.DOUBLE_SUPPORT, StepState.RETURN_WEIGHT, lambda now, _: now.outside),
+    StepTransition(StepState.SHIFT_WEIGHT, StepState.SHIFT_WEIGHT, _asked),
+    StepTransition(StepState.SHIFT_WEIGHT, StepState.RETURN_WEIGHT, _no_longer_asked),
+    StepTransition(StepState.SHIFT_WEIGHT, StepState.SWING, _weight_over_support_foot, after=HELD_S),
+    StepTransition(StepState.SWING, StepState.TOUCHDOWN, _no_longer_asked),
+    StepTransition(StepState.TOUCHDOWN, StepState.RETURN_WEIGHT, lambda now, _: now.down and all(now.contact)),
+    StepTransition(StepState.TOUCHDOWN, StepState.RETURN_WEIGHT, lambda now, _: now.down, after=CONTACT_WAIT_S),
+    StepTransition(StepState.RETURN_WEIGHT, StepState.SHIFT_WEIGHT, _asked),
+    StepTransition(StepState.RETURN_WEIGHT, StepState.DOUBLE_SUPPORT, lambda now, _: now.settled),
 )
 """A foot on its way down goes on to the floor, whatever is asked meanwhile. A step whose foot is down again before the
 weight has shifted is declined. Weight that a stop left outside the room of standing goes back as after a step."""

@@ -13,11 +13,11 @@ from retarget.schema.profile_parts import (
     Bus,
     Coupling,
     Foot,
-    Frame,
     IgnorePair,
     Landmark,
     Observer,
     Postures,
+    ProfileFrame,
     Safety,
     Servo,
     Stiffness,
@@ -39,7 +39,7 @@ class RobotProfile(Schema):
     """Body file, MJCF or URDF, relative to the profile's folder."""
     root: Literal["free", "fixed", "suspended"]
     """Whether the robot stands on its soles (free), is bolted down at its first link (fixed), or hangs (suspended)."""
-    frames: Annotated[dict[Name, Frame], Field(max_length=200)]
+    frames: Annotated[dict[Name, ProfileFrame], Field(max_length=200)]
     """Named points on links: hands, soles, head and whatever else landmarks and tasks are about."""
     servos: Annotated[dict[Name, Servo], Field(min_length=1, max_length=250)]
     """One per joint that moves, by the joint's name. The order is that of every array of the servo side."""

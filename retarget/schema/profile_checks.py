@@ -355,6 +355,7 @@ WITHIN = (
     ("temperature_warn_c", "temperature_c", "degrees Celsius"),
     ("following_error_sustained", "following_error", "rad"),
     ("following_error_warn", "following_error_sustained", "rad"),
+    ("planned_lag", "following_error_sustained", "rad"),
     ("following_error_warn", "following_error", "rad"),
     ("current_warn_a", "current_a", "A"),
 )
@@ -362,7 +363,7 @@ WITHIN = (
 
 
 def _safety(profile: RobotProfile, document: Document) -> Iterable[Problem]:
-    """Warnings that would come only after the stop."""
+    """Warnings that would come only after the stop, and planned motion that would cause one."""
     safety: Safety | None = profile.safety
     if safety is None:  # the section is not valid
         return

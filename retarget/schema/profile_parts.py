@@ -7,17 +7,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-import hardware.servo
 from hardware.bus import MAX_WATCHDOG, BusSpec, PowerSwitch
 from hardware.guard_state import GuardLimits
 from hardware.servo import (
     DEFAULT_P_GAIN,
     MULTI_TURN_REACH,
     Layout,
+    ServoCoupling,
     ServoGains,
     ServoMode,
     ServoModel,
     ServoSpec,
+    ServoStiffness,
     find_model,
     p_gain,
 )
@@ -57,7 +58,7 @@ Names = Annotated[tuple[Name, ...], BeforeValidator(one_or_more), Field(min_leng
 """One name, or several whose mean point is meant."""
 
 
-class Frame(Schema):
+class ProfileFrame(Schema):
     """A named point on a link. Sole frames have z up, x to the toes."""
 
     link: Name
@@ -199,7 +200,7 @@ class Bus(Schema):
         )
 
 
-class Shape(SolidShape):
+class ObserverShape(SolidShape):
     """Exactly one of the shapes; `geom` takes over the named geom of the body file."""
 
     geom: Name | None = None
@@ -211,7 +212,7 @@ class Observer(Schema):
 
     link: Name
     """Link that carries it."""
-    shape: Shape
+    shape: ObserverShape
     """In the frame of the link."""
     influence: Positive
     """[m] Distance at which it acts."""
@@ -325,6 +326,9 @@ class Safety(Schema):
     """[s] Time after which a sustained error stops or warns."""
     following_error_warn: Positive | None = None
     """[rad] One that gives a warning after following_error_s."""
+    planned_lag: Positive | None = None
+    """[rad] Greatest lag of a servo behind its goal in planned motion of a robot with mass; it caps joint speeds.
+    Absent: 0.95 of following_error_sustained, or no cap without that."""
     current_a: Positive | None = None
     """[A] Greatest current of a servo for current_s; beyond it: stop."""
     current_warn_a: Positive | None = None
@@ -365,9 +369,7 @@ class Safety(Schema):
 def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> tuple[ServoSpec, ...]:
     """The servos in the profile's order. Raises HardwareError for an unknown model."""
     coupled = {
-        joint: hardware.servo.Coupling(coupling.joints, coupling.matrix)
-        for coupling in couplings
-        for joint in coupling.joints
+        joint: ServoCoupling(coupling.joints, coupling.matrix) for coupling in couplings for joint in coupling.joints
     }
     return tuple(
         ServoSpec(
@@ -397,7 +399,7 @@ def with_stiffness(spec: ServoSpec, stiffness: Stiffness | None, *, protocol: in
     if stiffness is None:
         return spec
     of = spec if stiffness.p is None else replace(spec, gains=ServoGains(stiffness.p))
-    usual = hardware.servo.Stiffness(stiffness.nominal, *stiffness.range_).scaled(DEFAULT_P_GAIN / p_gain(of, protocol))
+    usual = ServoStiffness(stiffness.nominal, *stiffness.range_).scaled(DEFAULT_P_GAIN / p_gain(of, protocol))
     return replace(spec, model=replace(spec.model, stiffness=usual))
 
 

@@ -16,7 +16,7 @@ Distance = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MAX
 Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
-class Line(Schema):
+class LineSegment(Schema):
     """A line without thickness between two points."""
 
     start: Point = Field(alias="from")
@@ -25,7 +25,7 @@ class Line(Schema):
     """[m] The other."""
 
 
-class Rod(Line):
+class Rod(LineSegment):
     """A line with a radius: a capsule (round ends) or a cylinder (flat ends)."""
 
     radius: Size
@@ -55,7 +55,7 @@ class Box(Schema):
 class SolidShape(Schema):
     """Exactly one of the shapes."""
 
-    segment: Line | None = None
+    segment: LineSegment | None = None
     """A line without thickness."""
     capsule: Rod | None = None
     """A line with a radius and round ends."""

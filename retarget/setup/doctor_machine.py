@@ -29,7 +29,7 @@ from retarget.schema import strict_yaml
 # Findings: one thing that was checked, its level, and a line of text for it.
 
 
-class Level(StrEnum):
+class FindingLevel(StrEnum):
     """Level of a finding. Only FIX counts as wrong. NONE: there is nothing to report."""
 
     NONE = "none"
@@ -39,10 +39,10 @@ class Level(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class DoctorFinding:
     """subject: what was checked, a word or two. what: how it is. then: what to do, "" for nothing."""
 
-    level: Level
+    level: FindingLevel
     subject: str
     what: str
     then: str = ""
@@ -60,19 +60,19 @@ def checks() -> Mapping[str, Any]:
     return strict_yaml.load(Path(__file__).with_name("doctor.yaml")).data
 
 
-def finding(check: str, *, subject: str = "", **facts: Any) -> Finding:
+def finding(check: str, *, subject: str = "", **facts: Any) -> DoctorFinding:
     """The finding of a check with these facts, at the level and with the advice that `doctor.yaml` has for them."""
     entry: Mapping[str, Any] = checks()[check]
     row = next(row for row in entry.get("rows", ({},)) if _passes(row, facts))
     what, then = entry.get("what", "") + row.get("what", ""), row.get("then", entry.get("then", ""))
-    level = Level(row.get("level", entry.get("level")))
-    return Finding(level, subject or check.split("/")[0], what.format_map(facts), then.format_map(facts))
+    level = FindingLevel(row.get("level", entry.get("level")))
+    return DoctorFinding(level, subject or check.split("/")[0], what.format_map(facts), then.format_map(facts))
 
 
-def findings(*names: str, **facts: Any) -> list[Finding]:
+def findings(*names: str, **facts: Any) -> list[DoctorFinding]:
     """The findings of several checks with these facts, without those at the level NONE."""
     found = [finding(name, **facts) for name in names]
-    return [one for one in found if one.level is not Level.NONE]
+    return [one for one in found if one.level is not FindingLevel.NONE]
 
 
 def _passes(row: Mapping[str, Any], facts: Mapping[str, Any]) -> bool:
@@ -81,9 +81,9 @@ def _passes(row: Mapping[str, Any], facts: Mapping[str, Any]) -> bool:
     return below and all(facts[fact] > facts.get(limit, limit) for fact, limit in row.get("over", {}).items())
 
 
-def fix_all(subject: str, problems: Iterable[Problem]) -> list[Finding]:
+def fix_all(subject: str, problems: Iterable[Problem]) -> list[DoctorFinding]:
     """Each problem of a refusal as a finding that is wrong."""
-    return [Finding(Level.FIX, subject, problem.render()) for problem in problems]
+    return [DoctorFinding(FindingLevel.FIX, subject, problem.render()) for problem in problems]
 
 
 ROOT = Path("/")
@@ -92,13 +92,13 @@ TICKS, TICK_S = 100, 0.01
 """Ticks, and their period, s, of the test of the timer: a second of a loop at 100 Hz."""
 
 
-def machine_findings(*, root: Path = ROOT) -> list[Finding]:
+def machine_findings(*, root: Path = ROOT) -> list[DoctorFinding]:
     """Findings on the operating system. root: of the kernel's files."""
     facts = _core_facts(root) | _kernel_facts(root) | _realtime_facts()
     return findings("cores", "governor", "scheduler", "real time", "UDP buffer", **facts)
 
 
-def lateness_finding(clock: Clock) -> Finding:
+def lateness_finding(clock: Clock) -> DoctorFinding:
     """How late this process wakes up, in a second of idle ticks at 100 Hz."""
     start, late = clock.now(), []
     for tick in range(1, TICKS + 1):
@@ -153,7 +153,7 @@ GROUP = "dialout"
 """Group of serial ports, assumed where no port is plugged in."""
 
 
-def serial_findings(ports: Iterable[str] | None = None) -> list[Finding]:
+def serial_findings(ports: Iterable[str] | None = None) -> list[DoctorFinding]:
     """Whether this user may open serial ports. ports: paths; None: all of this machine."""
     paths = sorted(port.device for port in comports()) if ports is None else list(ports)
     if not paths:
@@ -175,7 +175,7 @@ def _group(path: str) -> str:
         return ""
 
 
-def _no_port() -> Finding:
+def _no_port() -> DoctorFinding:
     """Without a port to check: whether this user is in the group."""
     try:
         number = grp.getgrnam(GROUP).gr_gid
@@ -191,7 +191,7 @@ FRAMES = 100
 """Frames whose median cost is taken."""
 
 
-def python_findings() -> list[Finding]:
+def python_findings() -> list[DoctorFinding]:
     """Version of Python, and whether the compiled solver can be imported."""
     implementation, machine = platform.python_implementation(), platform.machine()
     python = finding("Python", version=platform.python_version(), implementation=implementation, machine=machine)
@@ -202,7 +202,7 @@ def python_findings() -> list[Finding]:
     return [python, finding("wheel", version=retarget.__version__)]
 
 
-def frame_findings() -> list[Finding]:
+def frame_findings() -> list[DoctorFinding]:
     """CPU time of both stages for a frame."""
     try:
         return [finding("solver", ms=1e3 * seconds_per_frame())]
@@ -237,7 +237,7 @@ UNKNOWN_HOLDER = "another process"
 
 def port_findings(
     path: str, *, baud: int | None = None, devices: Path = serial_port.DEVICES, processes: Path = PROCESSES
-) -> list[Finding]:
+) -> list[DoctorFinding]:
     """Findings on one servo port. baud: of the profile's bus, None: not known."""
     refusal = _open_refusal(path, baud or 57_600)
     if refusal is not None:
@@ -252,7 +252,7 @@ def port_findings(
     return found if baud is None else [*found, finding("servo port/baud", subject=path, baud=baud)]
 
 
-def _open_refusal(path: str, baud: int) -> Finding | None:
+def _open_refusal(path: str, baud: int) -> DoctorFinding | None:
     """Why opening the port would fail, in the same words; None: it would not."""
     try:
         there = Path(path).exists()
@@ -260,17 +260,17 @@ def _open_refusal(path: str, baud: int) -> Finding | None:
     except (OSError, ValueError):
         there = is_device = False
     if not there:
-        return Finding(Level.FIX, SUBJECT, str(serial_port.no_such_port(path)))
+        return DoctorFinding(FindingLevel.FIX, SUBJECT, str(serial_port.no_such_port(path)))
     if not is_device:
         cause = OSError(errno.ENOTTY, os.strerror(errno.ENOTTY))
     elif not os.access(path, os.R_OK | os.W_OK):
         cause = OSError(errno.EACCES, os.strerror(errno.EACCES))
     else:
         return None
-    return Finding(Level.FIX, SUBJECT, str(serial_port.why_not_open(path, baud, cause)))
+    return DoctorFinding(FindingLevel.FIX, SUBJECT, str(serial_port.why_not_open(path, baud, cause)))
 
 
-def _holders(path: str, processes: Path) -> list[Finding]:
+def _holders(path: str, processes: Path) -> list[DoctorFinding]:
     """Processes that have the port open; one at the other end of a pseudo-terminal is a note only."""
     holder, _, behind = serial_port.holders(path, processes).partition("; ")
     found = [finding("servo port/behind", subject=path, behind=behind)] if behind else []
@@ -291,7 +291,7 @@ _SIGNS = (
 """Paths that every user may read, what their content holds ("": that they exist is enough), and the check."""
 
 
-def firewall_findings(port: int, *, root: Path = ROOT) -> list[Finding]:
+def firewall_findings(port: int, *, root: Path = ROOT) -> list[DoctorFinding]:
     """Firewalls that files readable by every user show, and the command that opens the port."""
     shown = dict.fromkeys(
         check

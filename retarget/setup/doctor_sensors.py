@@ -14,12 +14,12 @@ from retarget.live.admission import Datagram, Source
 from retarget.live.clock_map import JumpKind, unit_of
 from retarget.live.datagram_kinds import Recognised, recognise
 from retarget.live.playout import DELAY_CAP_S
-from retarget.live.roles import CONVENTIONS, Place
+from retarget.live.roles import CONVENTIONS, PoseSource
 from retarget.live.stream import LiveStream
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.strict_models import listed
-from retarget.setup.doctor_machine import Finding, finding, findings
+from retarget.setup.doctor_machine import DoctorFinding, finding, findings
 from retarget.types import FloatArray, IntArray
 
 STEP_S = 0.01
@@ -173,11 +173,11 @@ _WRONG_SHARES = {
 """Share of the time from which on a state is reported."""
 
 
-def role_findings(performer: Performer, convention: str, capture: StreamCapture) -> list[Finding]:
+def role_findings(performer: Performer, convention: str, capture: StreamCapture) -> list[DoctorFinding]:
     """Findings on the performer's sensors. convention: by which they are named."""
     if not capture.frames:
         return []
-    sent, missing = dict[str, Place](), list[tuple[str, Place]]()
+    sent, missing = dict[str, PoseSource](), list[tuple[str, PoseSource]]()
     for sensor, place in zip(capture.stream.roles.sensors, capture.stream.roles.places, strict=True):
         if place.position in capture.last_poses:
             sent[sensor] = place
@@ -191,8 +191,8 @@ def role_findings(performer: Performer, convention: str, capture: StreamCapture)
 
 
 def _missing(
-    performer: Performer, convention: str, missing: list[tuple[str, Place]], capture: StreamCapture
-) -> Finding:
+    performer: Performer, convention: str, missing: list[tuple[str, PoseSource]], capture: StreamCapture
+) -> DoctorFinding:
     names = ", ".join(
         sensor if place.position in (UNNAMED, sensor, "") else f"{sensor} ({place.position})"
         for sensor, place in missing
@@ -222,13 +222,13 @@ def _fitting(capture: StreamCapture, convention: str) -> list[str]:
         except RefusedError:
             continue
         known = CONVENTIONS.get(performer.roles or convention, {})
-        needed = [sensor.role or known.get(name, Place("")).position for name, sensor in performer.sensors.items()]
+        needed = [sensor.role or known.get(name, PoseSource("")).position for name, sensor in performer.sensors.items()]
         if all(name in capture.last_poses for name in needed):
             found.append((len(needed), entry.name))
     return [name for _, name in sorted(found, reverse=True)[:3]]
 
 
-def _wrong_states(sent: dict[str, Place], capture: StreamCapture) -> list[Finding]:
+def _wrong_states(sent: dict[str, PoseSource], capture: StreamCapture) -> list[DoctorFinding]:
     """Sensors that are sent and not valid: one finding per state, for all sensors that are in it."""
     found = []
     for state, least in _WRONG_SHARES.items():
@@ -239,7 +239,7 @@ def _wrong_states(sent: dict[str, Place], capture: StreamCapture) -> list[Findin
     return found
 
 
-def _unusable(sent: dict[str, Place], capture: StreamCapture) -> list[Finding]:
+def _unusable(sent: dict[str, PoseSource], capture: StreamCapture) -> list[DoctorFinding]:
     """Sensors that are sent and cannot be used: a finding for each, or one for all."""
     unusable = {sensor: _unusable_share(sensor, place, capture) for sensor, place in sent.items()}
     reasons = ", ".join(reason for reason, _ in capture.stream.validity.refused.reasons.most_common(2))
@@ -255,7 +255,7 @@ def _unusable(sent: dict[str, Place], capture: StreamCapture) -> list[Finding]:
     return found
 
 
-def _unusable_share(sensor: str, place: Place, capture: StreamCapture) -> float:
+def _unusable_share(sensor: str, place: PoseSource, capture: StreamCapture) -> float:
     """Share of the time since the first pose of a sensor in which it had no valid pose, 0 to 1."""
     states = capture.states_of(sensor)[[place.position in poses for poses in capture.samples]]
     return float(np.isin(states, (ValidityState.STALE, ValidityState.NOT_IN_USE)).sum() / max(len(states), 1))
@@ -275,7 +275,7 @@ _JUMPS = {
 }
 
 
-def rate_findings(kind: str, capture: StreamCapture) -> list[Finding]:
+def rate_findings(kind: str, capture: StreamCapture) -> list[DoctorFinding]:
     """Findings on the frames that hold the performer's sensors; on all frames where none does."""
     frames = _of_one_sensor(capture)
     if len(frames) < FEW:
@@ -310,7 +310,7 @@ def _of_one_sensor(capture: StreamCapture) -> list[FrameNote]:
     return max(frames.values(), key=len) if frames else capture.frames
 
 
-def _loss(kind: str, frames: list[FrameNote]) -> list[Finding]:
+def _loss(kind: str, frames: list[FrameNote]) -> list[DoctorFinding]:
     """By the sender's frame numbers, of which MVN leaves some out on purpose."""
     numbers = np.array([frame.number for frame in frames if frame.number is not None], dtype=float)
     if len(numbers) < FEW:
@@ -324,7 +324,7 @@ def _loss(kind: str, frames: list[FrameNote]) -> list[Finding]:
     return findings("order", "order/still", "loss", back=np.sum(steps < 0), forward=len(forward), **facts)
 
 
-def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: float) -> list[Finding]:
+def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: float) -> list[DoctorFinding]:
     """The sender's clock: whether it stands still, runs at another speed, jumps, or has become coarse."""
     clock, jump = capture.stream.clock_map, capture.stream.clock_map.last_jump
     stamped = [(frame.stamp, frame.arrival) for frame in frames if frame.stamp is not None]
@@ -374,7 +374,7 @@ _CARRIERS = {"chest": ("wrist", "elbow"), "pelvis": ("ankle", "knee")}
 """Parts of the trunk and the limbs that hang from them."""
 
 
-def invented_findings(convention: str, capture: StreamCapture) -> list[Finding]:
+def invented_findings(convention: str, capture: StreamCapture) -> list[DoctorFinding]:
     """Sensors that the sender makes up; none where it sends no trunk. A note where no sensor moved."""
     known = CONVENTIONS.get(convention, {})
     if not capture.frames or len(capture.samples) < LEAST_SAMPLES:
@@ -404,7 +404,7 @@ def _turned(turns: FloatArray) -> float:
     return float(rotations.angle_between(turns, np.broadcast_to(turns[0], turns.shape)).max())
 
 
-def _moves_with(limb: Place, trunk: Place, capture: StreamCapture) -> bool:
+def _moves_with(limb: PoseSource, trunk: PoseSource, capture: StreamCapture) -> bool:
     """Whether a limb stays at one place of the trunk's frame while the trunk moves."""
     rows = [capture.track(trunk.position)[:, :3], capture.track(trunk.orientation)[:, 3:]]
     both = np.hstack([capture.track(limb.position)[:, :3], *rows])[capture.settled :]

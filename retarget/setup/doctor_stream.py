@@ -24,7 +24,7 @@ from retarget.live.receivers import NatnetReceiver, port_holder
 from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.schema.performer import Performer
-from retarget.setup.doctor_machine import Finding, finding, findings, firewall_findings, fix_all
+from retarget.setup.doctor_machine import DoctorFinding, finding, findings, firewall_findings, fix_all
 from retarget.setup.doctor_sensors import (
     UNNAMED,
     StreamCapture,
@@ -42,7 +42,7 @@ from retarget.web.runtime import runtime_folder
 # Silence: what the sender needs, and what may block it.
 
 
-def silence_findings(address: StreamAddress, *, seconds: float, answered: bool = False) -> list[Finding]:
+def silence_findings(address: StreamAddress, *, seconds: float, answered: bool = False) -> list[DoctorFinding]:
     """Find why nothing arrives at an address, the surest cause first. answered: other findings say it already."""
     found = []
     if not answered:
@@ -86,7 +86,7 @@ _HARMLESS = ("not used", "none of 1 to 8 and head", "type ", "late", "repeated")
 """Parts of the reasons for which datagrams of a healthy sender are dropped."""
 
 
-def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -> list[Finding]:
+def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -> list[DoctorFinding]:
     """Findings on who sends what. kind: of the stream; of a replay, what it holds."""
     found = _refused(address, capture) + _foreign(kind, capture, address)
     if capture.frames:
@@ -101,7 +101,7 @@ def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -
     return found + _lost(capture) + _states(capture)
 
 
-def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
+def _refused(address: StreamAddress, capture: StreamCapture) -> list[DoctorFinding]:
     """Senders that were refused."""
     found, admission = [], capture.stream.admission
     news = admission.news()
@@ -121,7 +121,7 @@ def _refused(address: StreamAddress, capture: StreamCapture) -> list[Finding]:
     return found + [finding("sender/refused", reason=why, count=n, address=address.text) for why, n in others]
 
 
-def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[Finding]:
+def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[DoctorFinding]:
     """Datagrams of another protocol, or of a part of the protocol that is not read."""
     found, looked, counts = [], capture.kinds.total(), Counter[str]()
     for got, count in capture.kinds.items():
@@ -141,7 +141,7 @@ def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[
     return found
 
 
-def _dropped(capture: StreamCapture) -> list[Finding]:
+def _dropped(capture: StreamCapture) -> list[DoctorFinding]:
     """What the decoder dropped of a stream that has frames."""
     found = []
     for reason, count in capture.stream.decoder.dropped.reasons.most_common(8):
@@ -151,7 +151,7 @@ def _dropped(capture: StreamCapture) -> list[Finding]:
     return found
 
 
-def _lost(capture: StreamCapture) -> list[Finding]:
+def _lost(capture: StreamCapture) -> list[DoctorFinding]:
     """Datagrams that the kernel dropped, and those of other machines that are longer than an Ethernet frame."""
     found = findings("buffer", count=getattr(capture.stream.receiver, "overflowed", 0))
     long = {host: size for host, size in capture.largest.items() if size > UNFRAGMENTED and not _is_here(host)}
@@ -165,7 +165,7 @@ def _is_here(host: str) -> bool:
         return False
 
 
-def _states(capture: StreamCapture) -> list[Finding]:
+def _states(capture: StreamCapture) -> list[DoctorFinding]:
     """The state that the sender reports: no avatar, bad tracking, bodies without names."""
     decoder = capture.stream.decoder
     if isinstance(decoder, VmcDecoder) and decoder.loaded is False:
@@ -180,7 +180,9 @@ def _states(capture: StreamCapture) -> list[Finding]:
 # A stream, judged as a whole.
 
 
-def stream_findings(address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float) -> list[Finding]:
+def stream_findings(
+    address: StreamAddress, performer: Performer, *, clock: Clock, seconds: float
+) -> list[DoctorFinding]:
     """Findings on a stream after listening for `seconds`. Raises InputError for a recording that cannot be read."""
     kind = recorded_kind(address) if address.kind == "replay" else address.kind
     convention = performer.roles or stream_kinds()[kind].roles
@@ -201,7 +203,7 @@ def stream_findings(address: StreamAddress, performer: Performer, *, clock: Cloc
 
 def judge(
     address: StreamAddress, performer: Performer, convention: str, capture: StreamCapture, *, kind: str
-) -> list[Finding]:
+) -> list[DoctorFinding]:
     """Findings on a capture; none where nothing arrived and Motive did not answer."""
     found = _motive(address, capture.stream, capture.ended)
     if capture.arrived:
@@ -227,14 +229,14 @@ def named_for(performer: Performer, convention: str) -> Performer:
     return performer.model_copy(update={"sensors": sensors})
 
 
-def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[Finding]:
+def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[DoctorFinding]:
     receiver = stream.receiver
     if not isinstance(receiver, NatnetReceiver):
         return []
     return fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
 
 
-def _holder(address: StreamAddress) -> list[Finding]:
+def _holder(address: StreamAddress) -> list[DoctorFinding]:
     """Another process that has the port, on another address of this machine. Call it before opening the port."""
     if address.kind == "replay" or not address.port:
         return []
@@ -258,7 +260,7 @@ def web_findings(
     *,
     clock: Clock,
     seconds: float,
-) -> list[Finding]:
+) -> list[DoctorFinding]:
     """Findings on the page, the browser and the poses, after a performer was there for `seconds`. heard: what browsers
     have said of themselves so far."""
     found = findings("page/runtime", installed=runtime_folder() is not None)
@@ -275,7 +277,7 @@ def web_findings(
     return found + page_findings(said) + judge(address, performer, convention, capture, kind="web")
 
 
-def page_findings(said: list[dict[str, Any]]) -> list[Finding]:
+def page_findings(said: list[dict[str, Any]]) -> list[DoctorFinding]:
     """Findings on what a performer's page said of itself, oldest first."""
     last = said[-1]
     facts = {key: _median(said, key) for key in ("fps", "infer_ms", "rtt_ms", "send_ms")}

@@ -14,11 +14,11 @@ import numpy as np
 from hardware.dynamixel.control_table import find_table
 from hardware.servo import SERVO_MODELS
 from retarget.schema.profile import DRAFT
-from retarget.schema.profile_parts import Foot, Frame, Landmark
+from retarget.schema.profile_parts import Foot, Landmark, ProfileFrame
 from retarget.schema.strict_models import Schema
 from retarget.setup.fit_observers import IgnoredLinks, Zones, comment, flow, fragment, wrapped
 from retarget.setup.frames import Angles, Posed
-from retarget.setup.links import Links
+from retarget.setup.links import PartLinks
 from retarget.setup.postures import leg_length
 from retarget.setup.servo_guess import LOW_VOLTAGE, ServoDraft
 from retarget.setup.shape_fit import LinkShape
@@ -98,14 +98,14 @@ class Draft:
     source: str
     body: str
     root: str
-    frames: dict[str, tuple[Frame, str]]
+    frames: dict[str, tuple[ProfileFrame, str]]
     servos: tuple[ServoDraft, ...]
     feet: dict[str, Foot]
     postures: dict[str, dict[str, float]]
     landmarks: dict[str, Landmark]
     shapes: tuple[LinkShape, ...] = ()
     ignored: tuple[IgnoredLinks, ...] = ()
-    links: Links = field(default_factory=Links)
+    links: PartLinks = field(default_factory=PartLinks)
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 

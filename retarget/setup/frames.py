@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from retarget.rotations import from_matrix
-from retarget.schema.profile_parts import Foot, Frame
-from retarget.setup.links import ACROSS, NORMALS, Links, pitch_joints
+from retarget.schema.profile_parts import Foot, ProfileFrame
+from retarget.setup.links import ACROSS, NORMALS, PartLinks, pitch_joints
 from retarget.setup.tree import BASE, UP, Tree, flat_underside, outline
 from retarget.types import FloatArray
 
@@ -18,7 +18,7 @@ SIDES = {"l": "left", "r": "right"}
 
 
 @dataclass(frozen=True)
-class Limb:
+class LimbNodes:
     """nodes: of its hinges, from the trunk outwards. parent: the node that it hangs on. ends: its last node and what
     hangs on that: the foot, or the hand with its fingers. bend: the node of its knee or elbow."""
 
@@ -35,8 +35,8 @@ class Anatomy:
 
     forward: FloatArray
     left: FloatArray
-    legs: dict[str, Limb]
-    arms: dict[str, Limb]
+    legs: dict[str, LimbNodes]
+    arms: dict[str, LimbNodes]
     pelvis: int
     chest: int
     head: int | None
@@ -47,10 +47,10 @@ class Anatomy:
         return np.stack([self.forward, self.left, UP], axis=1)
 
 
-def find_anatomy(tree: Tree, links: Links) -> Anatomy:
+def find_anatomy(tree: Tree, links: PartLinks) -> Anatomy:
     """Find the joints of each part of a robot. A limb begins where its way from the base leaves that of the others."""
     node = {part: tree.links[link] for part, link in links.model_dump().items() if link is not None}
-    limbs: dict[str, dict[str, Limb]] = {"sole": {}, "hand": {}}
+    limbs: dict[str, dict[str, LimbNodes]] = {"sole": {}, "hand": {}}
     trunk = {number for part in ("pelvis", "chest", "head") if part in node for number in tree.path(node[part])}
     for end, bend in (("sole", "knee"), ("hand", "elbow")):
         for side, other in ("lr", "rl"):
@@ -59,7 +59,7 @@ def find_anatomy(tree: Tree, links: Links) -> Anatomy:
                 path = tree.path(node[f"{side}_{end}"])
                 nodes = tuple(number for number in path if number not in shared) or path[-1:]
                 ends, middle = tuple(tree.below(nodes[-1])), node.get(f"{side}_{bend}")
-                limbs[end][side] = Limb(tuple(nodes), tree.nodes[nodes[0]].parent, ends, middle)
+                limbs[end][side] = LimbNodes(tuple(nodes), tree.nodes[nodes[0]].parent, ends, middle)
     left = np.array([0.0, 1.0, 0.0])
     pairs = [pair for pair in limbs.values() if len(pair) == 2]
     if pairs:
@@ -84,7 +84,7 @@ class FoundFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundFrames:
     """All frames by name, the soles by side, and what could not be found."""
 
     frames: dict[str, FoundFrame]
@@ -92,7 +92,7 @@ class Found:
     missing: tuple[str, ...]
 
 
-def find_frames(tree: Tree, anatomy: Anatomy) -> Found:
+def find_frames(tree: Tree, anatomy: Anatomy) -> FoundFrames:
     """Every frame that the body has a place for; both soles or none."""
     frames: list[FoundFrame] = []
     feet: dict[str, Foot] = {}
@@ -112,10 +112,10 @@ def find_frames(tree: Tree, anatomy: Anatomy) -> Found:
     if not anatomy.legs:
         missing.append("legs: none, so the root is fixed")
     missing += [f"{side}_hand: no such arm" for side in SIDES if side not in anatomy.arms]
-    return Found({frame.name: frame for frame in frames}, feet if len(feet) == 2 else {}, tuple(missing))
+    return FoundFrames({frame.name: frame for frame in frames}, feet if len(feet) == 2 else {}, tuple(missing))
 
 
-def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[FoundFrame], Foot | None]:
+def _leg(tree: Tree, anatomy: Anatomy, leg: LimbNodes, side: str) -> tuple[list[FoundFrame], Foot | None]:
     axes, foot = anatomy.axes, leg.nodes[-1]
     pitches = pitch_joints(tree, leg.nodes, anatomy.left)
     others = [node for node in leg.nodes if node not in pitches]
@@ -153,7 +153,7 @@ def _leg(tree: Tree, anatomy: Anatomy, leg: Limb, side: str) -> tuple[list[Found
     return frames, Foot.model_validate({"frame": f"{side}_sole", "polygon": polygon})
 
 
-def wrist_of(tree: Tree, arm: Limb) -> int | None:
+def wrist_of(tree: Tree, arm: LimbNodes) -> int | None:
     """The first joint behind the elbow that does not turn about the forearm; None without."""
     if arm.bend is None:
         return None
@@ -163,7 +163,7 @@ def wrist_of(tree: Tree, arm: Limb) -> int | None:
     return next((node for node in behind if abs(tree.nodes[node].axis @ forearm) < ACROSS), None)
 
 
-def _arm(tree: Tree, anatomy: Anatomy, arm: Limb, side: str) -> list[FoundFrame]:
+def _arm(tree: Tree, anatomy: Anatomy, arm: LimbNodes, side: str) -> list[FoundFrame]:
     wrist, axes = wrist_of(tree, arm), anatomy.axes
     first = arm.nodes[0]
     others = [node for node in arm.nodes[1:] if abs(tree.nodes[node].axis @ tree.nodes[first].axis) < 0.9]
@@ -201,7 +201,7 @@ def _trunk(tree: Tree, anatomy: Anatomy, limbs: list[FoundFrame]) -> list[FoundF
     return [*frames, neck, FoundFrame("head", chest, top, axes, "top of the trunk: there is no head")]
 
 
-def tip(tree: Tree, arm: Limb, start: FloatArray) -> FloatArray:
+def tip(tree: Tree, arm: LimbNodes, start: FloatArray) -> FloatArray:
     """Middle (3,) m of the far end of a hand, seen from `start`."""
     points = tree.points(arm.ends)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -244,7 +244,7 @@ class Posed:
     """Forward kinematics of one body, by joint names; the base stays where the file has it."""
 
     def __init__(
-        self, model: Any, tree: Tree, anatomy: Anatomy, found: Found, limits: Mapping[str, tuple[float, float]]
+        self, model: Any, tree: Tree, anatomy: Anatomy, found: FoundFrames, limits: Mapping[str, tuple[float, float]]
     ) -> None:
         """limits: of every joint, rad."""
         import mujoco
@@ -260,14 +260,14 @@ class Posed:
             turn = self._data.xmat[link].reshape(3, 3)
             self._local[name] = (link, turn.T @ (frame.position - self._data.xpos[link]), turn.T @ frame.axes)
 
-    def entries(self) -> dict[str, tuple[Frame, str]]:
+    def entries(self) -> dict[str, tuple[ProfileFrame, str]]:
         """The frames for a profile, each with what it is."""
         found = {}
         for name, (link, position, axes) in self._local.items():
             quat = from_matrix(axes).round(6) + 0.0  # no -0
             turn = {} if abs(quat[0]) == 1.0 else {"quat": quat.tolist()}
             place = {"link": self._model.body(link).name, "pos": (position.round(5) + 0.0).tolist()}
-            entry = Frame.model_validate(place | turn)
+            entry = ProfileFrame.model_validate(place | turn)
             found[name] = entry, self.found.frames[name].about
         return found
 

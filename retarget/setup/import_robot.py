@@ -21,8 +21,8 @@ from retarget.schema.profile import marked_lines
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.draft import Draft, find_landmarks, profile_text
 from retarget.setup.fit_observers import PlacedShapes, ignored_links
-from retarget.setup.frames import Found, Posed, find_anatomy, find_frames
-from retarget.setup.links import Links, completed, propose_links
+from retarget.setup.frames import FoundFrames, Posed, find_anatomy, find_frames
+from retarget.setup.links import PartLinks, completed, propose_links
 from retarget.setup.postures import find_postures
 from retarget.setup.robot_file import Source, listed, read_source
 from retarget.setup.servo_guess import guess_servos
@@ -38,7 +38,7 @@ class UnknownRobot:
     source: Source
     body: BodyDraft
     tree: Tree
-    proposed: Links
+    proposed: PartLinks
 
 
 def read_robot(path: Path, *, no_meshes: bool = False) -> UnknownRobot:
@@ -76,7 +76,7 @@ def import_robot(
     robot: Path | UnknownRobot,
     out: Path | None = None,
     *,
-    links: Links | None = None,
+    links: PartLinks | None = None,
     name: str | None = None,
     servo: str = "",
 ) -> Imported:
@@ -98,7 +98,7 @@ def import_robot(
         with TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:50]}.") as place:
             folder = Path(place) / "robot"
             folder.mkdir()
-            draft = _drafted(folder, known, robot, links or Links(), servo)
+            draft = _drafted(folder, known, robot, links or PartLinks(), servo)
             too_large = robot.body.too_large
             problems, margin, rest, wide = ((too_large,), None, "", ()) if too_large else _checked(folder)
             _check_out(out)
@@ -130,7 +130,7 @@ def _check_out(out: Path) -> None:
     check_folder(out, option=OPTION)
 
 
-def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: str) -> Draft:
+def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, servo: str) -> Draft:
     """Write body and profile into the folder."""
     body, tree = robot.body, robot.tree
     links = completed(robot.proposed, given, tree)
@@ -179,7 +179,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: Links, servo: 
     return draft
 
 
-def _root(body: Path, found: Found, *, has_legs: bool, notes: list[str]) -> Root:
+def _root(body: Path, found: FoundFrames, *, has_legs: bool, notes: list[str]) -> Root:
     """How it stands: free on two soles, if it can be set free; suspended on legs without soles, else fixed."""
     if found.feet:
         try:

@@ -14,7 +14,7 @@ from retarget.setup.tree import BASE, UP, Tree, flat_underside, words_of
 from retarget.types import FloatArray
 
 
-class Links(Schema):
+class PartLinks(Schema):
     """The links of a robot's parts, as of `--links`; `null`: it has no such part. Of a part that is given for the left
     alone the right one is its counterpart."""
 
@@ -42,27 +42,27 @@ class Links(Schema):
     """The same of the right leg."""
 
 
-PARTS = tuple(Links.model_fields)
+PARTS = tuple(PartLinks.model_fields)
 BENDS = {"elbow": "hand", "knee": "sole"}
 """What bends a limb, and its end."""
 
 
-def read_links(path: Path, tree: Tree) -> Links:
+def read_links(path: Path, tree: Tree) -> PartLinks:
     """The parts that a file names. Raises ConfigError: all of its problems, with lines."""
 
-    def check(links: Links, document: Document) -> list[Problem]:
+    def check(links: PartLinks, document: Document) -> list[Problem]:
         return [unknown_name(document, (part,), "link", link, tree.links) for part, link in _unknown(links, tree)]
 
-    return read_model(Links, path, check=check)[0]
+    return read_model(PartLinks, path, check=check)[0]
 
 
-def _unknown(given: Links, tree: Tree) -> list[tuple[str, str]]:
+def _unknown(given: PartLinks, tree: Tree) -> list[tuple[str, str]]:
     """The parts and links that the body does not have."""
     named = given.model_dump(include=given.model_fields_set)
     return [(part, link) for part, link in named.items() if link is not None and link not in tree.links]
 
 
-def completed(proposed: Links, given: Links, tree: Tree) -> Links:
+def completed(proposed: PartLinks, given: PartLinks, tree: Tree) -> PartLinks:
     """The proposal with what is given in its place. Raises ConfigError for links that cannot be those parts."""
     if unknown := _unknown(given, tree):
         known = listed(tree.links)
@@ -107,7 +107,7 @@ def completed(proposed: Links, given: Links, tree: Tree) -> Links:
                 problems.append(refused("the shin is not the foot", middle, end))
     if problems:
         raise ConfigError.from_problems(problems)
-    return Links.model_validate(parts)
+    return PartLinks.model_validate(parts)
 
 
 def _bend(tree: Tree, way: list[int], other: list[int], end: str) -> str | None:
@@ -120,7 +120,7 @@ def _bend(tree: Tree, way: list[int], other: list[int], end: str) -> str | None:
     return _leg(tree, nodes, side, max(NORMALS, key=lambda normal: abs(float(apart @ normal))))[f"{side}_knee"]
 
 
-def _counterpart(link: str | None, proposed: Links, part: str, tree: Tree) -> str | None:
+def _counterpart(link: str | None, proposed: PartLinks, part: str, tree: Tree) -> str | None:
     """The link on the right of one on the left: by its name, else by its place on the limb."""
     if link is None:
         return None
@@ -162,7 +162,7 @@ Pair = tuple[int, int]
 """First nodes of two limbs, the one farther along the normal first."""
 
 
-def propose_links(tree: Tree, *, welded: bool = False) -> Links:
+def propose_links(tree: Tree, *, welded: bool = False) -> PartLinks:
     """The links of a robot's parts, as far as its names and its tree show them. welded: True if its torso is fixed to
     the world, so that two limbs of which nothing else is known are arms."""
     normal, pairs = max(
@@ -172,8 +172,8 @@ def propose_links(tree: Tree, *, welded: bool = False) -> Links:
     if not pairs:
         arm = chain(tree, max(tree.children(BASE), key=lambda child: len(tree.below(child))))
         if len(arm) < LEAST_JOINTS:
-            return Links()
-        return Links.model_validate({"chest": _link(tree, BASE), **_arm(tree, arm, "r", normal)})
+            return PartLinks()
+        return PartLinks.model_validate({"chest": _link(tree, BASE), **_arm(tree, arm, "r", normal)})
     kinds = {pair: _kind(tree, pair) for pair in pairs}
     low = [pair for pair in pairs if kinds[pair] < 0 or (not kinds[pair] and not welded and _is_leg(tree, pair, pairs))]
     legs = min(low, key=lambda pair: tree.nodes[pair[0]].anchor[2], default=None)
@@ -188,7 +188,7 @@ def propose_links(tree: Tree, *, welded: bool = False) -> Links:
     pelvis = BASE if legs is None else tree.nodes[legs[0]].parent
     chest = BASE if arms is None else tree.nodes[arms[0]].parent
     parts |= {"pelvis": _link(tree, pelvis) if legs else None, "chest": _link(tree, chest)}
-    return Links.model_validate({**parts, "head": _head(tree, pairs, chest, pelvis, normal)})
+    return PartLinks.model_validate({**parts, "head": _head(tree, pairs, chest, pelvis, normal)})
 
 
 def _link(tree: Tree, node: int) -> str | None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from retarget.arithmetic import norm
 from retarget.ik.least_squares import least_squares
-from retarget.setup.frames import Angles, Limb, Posed, wrist_of
+from retarget.setup.frames import Angles, LimbNodes, Posed, wrist_of
 from retarget.setup.links import pitch_joints
 from retarget.setup.tree import UP
 from retarget.types import FloatArray
@@ -90,7 +90,7 @@ def find_posture(posed: Posed, *, spread: float, ahead: float, bend: float, shar
     return FoundPosture(_whole(posed, angles), stands)
 
 
-def _joints(posed: Posed, legs: Mapping[str, Limb]) -> tuple[dict[str, float], dict[str, float]]:
+def _joints(posed: Posed, legs: Mapping[str, LimbNodes]) -> tuple[dict[str, float], dict[str, float]]:
     """The weight with which each joint of arms and legs stays near 0, and rad from which the search starts: thigh
     ahead, shin back, foot flat."""
     tree, left = posed.tree, posed.anatomy.left
@@ -137,7 +137,7 @@ def _whole(posed: Posed, angles: Angles) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Postures:
+class FoundPostures:
     """angles: posture -> joint -> rad. stands: True if it stands in them as meant."""
 
     angles: dict[str, dict[str, float]]
@@ -148,10 +148,10 @@ Touching = Callable[[Angles, Angles], frozenset[frozenset[str]]]
 """The pairs of links that touch in a posture, seen from the neutral one, see `PlacedShapes.touching`."""
 
 
-def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> Postures:
+def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> FoundPostures:
     """The four postures of a drafted profile: arms as near to the trunk, and the crouch at rest as deep, as nothing
     touches. soles: True if it stands."""
-    best, least = Postures({}, stands=False), np.inf
+    best, least = FoundPostures({}, stands=False), np.inf
     for spread in SPREADS if posed.anatomy.arms else SPREADS[:1]:
         found = {
             name: find_posture(posed, spread=spread + more, ahead=ahead, bend=bend, share=LEGS[name] if soles else None)
@@ -161,7 +161,7 @@ def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> Postures:
         angles = {name: one.angles for name, one in found.items()}
         hits = len(frozenset().union(*(touching(one, angles["neutral"]) for one in angles.values())))
         if hits < least:
-            best, least, chosen = Postures(angles, all(one.stands for one in found.values())), hits, spread
+            best, least, chosen = FoundPostures(angles, all(one.stands for one in found.values())), hits, spread
         if not hits:
             break
     neutral, (more, ahead, bend) = best.angles["neutral"], ARMS["rest"]
@@ -170,4 +170,4 @@ def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> Postures:
         rest = find_posture(posed, spread=chosen + more, ahead=ahead, bend=bend, share=share)
         if rest.stands and touching(rest.angles, neutral) <= known:
             break
-    return Postures(best.angles | {"rest": rest.angles}, best.stands and rest.stands)
+    return FoundPostures(best.angles | {"rest": rest.angles}, best.stands and rest.stands)

@@ -17,11 +17,11 @@ import numpy as np
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, loop_stiffness
 from retarget.errors import UsageError, suggest
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.observers import contacts, robot_observers
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray, IntArray
 
-GRAVITY = 9.81  # [m/s^2]
 LEVELS = 7
 """Goals at which the joint is held, from either side: twice as many equations as a fit with three unknowns needs."""
 HOLD_S = 2.0

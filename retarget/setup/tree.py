@@ -26,7 +26,7 @@ def words_of(name: str) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
+class HingeNode:
     """A hinge and the links that it carries rigidly, or the base.
 
     joint: its name, empty for the base. names: of the links, the moved one first. parent: number of a node, -1 for the
@@ -67,7 +67,7 @@ class Node:
 class Tree:
     """Nodes, a parent before its children; the first is the base. size: diagonal (m) of the box around everything."""
 
-    nodes: tuple[Node, ...]
+    nodes: tuple[HingeNode, ...]
     size: float
 
     @property
@@ -146,7 +146,7 @@ def read_tree(model: Any, *, source: str = "") -> Tree:
         names = tuple(model.body(link).name for link in links)
         balls = np.concatenate([np.zeros((0, 3)), *centres])
         radii = np.concatenate([np.zeros(0), *(one.radii for one in shaped)])
-        found.append(Node(name, names, parent, axis, origin, *limits, balls, radii))
+        found.append(HingeNode(name, names, parent, axis, origin, *limits, balls, radii))
     around = np.concatenate([node.points for node in found])
     return Tree(tuple(found), float(np.linalg.norm(np.ptp(around, axis=0))))
 
@@ -166,7 +166,7 @@ MIN_AREA = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Sole:
+class FlatUnderside:
     """up (3,): the normal of the sole, into the foot. points (k, 3) m: that touch the ground, in the world of the zero
     pose."""
 
@@ -174,7 +174,7 @@ class Sole:
     points: FloatArray
 
 
-def flat_underside(tree: Tree, nodes: Sequence[int]) -> Sole | None:
+def flat_underside(tree: Tree, nodes: Sequence[int]) -> FlatUnderside | None:
     """The largest flat underside of these nodes together; None where they have no geometry that could stand."""
     centres = np.concatenate([tree.nodes[node].centres for node in nodes])
     radii = np.concatenate([tree.nodes[node].radii for node in nodes])
@@ -185,7 +185,7 @@ def flat_underside(tree: Tree, nodes: Sequence[int]) -> Sole | None:
     depth = lowest @ down
     touching = lowest[depth >= depth.max() - TOUCHING_M]
     sides = np.ptp(touching @ principal_axes(touching)[:2].T, axis=0)
-    return None if sides.prod() < MIN_AREA else Sole(-down, touching)
+    return None if sides.prod() < MIN_AREA else FlatUnderside(-down, touching)
 
 
 def outline(points: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import CMU_METRES, canonical_frames, named_unit
 from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
-from retarget.sources.skeletons import JointTree, Pose, posed
+from retarget.sources.skeletons import JointPoses, JointTree, posed
 from retarget.types import FloatArray
 
 # Acclaim skeleton files (.asf): bones with their lengths, directions, axes and degrees of freedom.
@@ -297,7 +297,7 @@ def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatAr
     return _frame_values(lines, start, asf, path), degrees
 
 
-def pose_of(asf: AsfSkeleton, values: FloatArray, *, degrees: bool) -> Pose:
+def pose_of(asf: AsfSkeleton, values: FloatArray, *, degrees: bool) -> JointPoses:
     """Forward kinematics of all frames (file axes and units): R = R_parent C Rz Ry Rx C^-1, C the axes of the bone."""
     channels = [[(name[0], "xyz".index(name[1])) for name in dof] for dof in asf.dof]
     return posed(asf.tree, channels, values, degrees=degrees, frames=asf.frames)

@@ -19,7 +19,7 @@ from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
 from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
 from retarget.sources.rest_skeleton import true_offsets
-from retarget.sources.skeletons import Channel, JointTree, Pose, posed
+from retarget.sources.skeletons import Channel, JointPoses, JointTree, posed
 from retarget.types import FloatArray
 
 # The HIERARCHY section of a BVH file: joints, offsets and channels.
@@ -269,7 +269,7 @@ def _of_root(motion: BvhMotion, root: str | None) -> BvhMotion:
     return BvhMotion(hierarchy, motion.values[:, columns], motion.rate_hz, motion.notes)
 
 
-def pose_of(motion: BvhMotion) -> Pose:
+def pose_of(motion: BvhMotion) -> JointPoses:
     """Forward kinematics of all frames (file axes and units)."""
     return posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
 

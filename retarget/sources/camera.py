@@ -28,7 +28,7 @@ from retarget import rotations
 from retarget._solver import PoseFilter
 from retarget.arithmetic import arctan2, dot, matmul, norm, norms
 from retarget.model.human_dimensions import FRACTIONS, proportional_dimensions
-from retarget.sources.json_pose import MAX_FRAME, MAX_TIME, NUMBER, JsonPoseDecoder, Refused, read_object
+from retarget.sources.json_pose import MAX_FRAME, MAX_TIME, NUMBER, JsonPoseDecoder, UnusableDatagram, read_object
 from retarget.sources.stream_frame import Dropped, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
@@ -66,24 +66,24 @@ class Landmarks:
 
 
 def _landmarks(message: Mapping[str, Any]) -> Landmarks:
-    """The landmarks of a message. Raises Refused."""
+    """The landmarks of a message. Raises UnusableDatagram."""
     if not message.keys() <= _KEYS:
-        raise Refused("a key other than axes, time, frame, size, landmarks")
+        raise UnusableDatagram("a key other than axes, time, frame, size, landmarks")
     time: Any = message.get("time")
     number, size = message.get("frame"), message.get("size")
     if type(time) not in (float, int) or not abs(time) <= MAX_TIME:
-        raise Refused('"time" is missing or no finite number of seconds')
+        raise UnusableDatagram('"time" is missing or no finite number of seconds')
     if number is not None and (type(number) is not int or not 0 <= number <= MAX_FRAME):
-        raise Refused('"frame" is no whole number from 0')
+        raise UnusableDatagram('"frame" is no whole number from 0')
     if type(size) is not list or len(size) != 2 or not all(type(n) is int and 0 < n <= MAX_PIXELS for n in size):
-        raise Refused(f'"size" is missing, or not two whole numbers of 1 to {MAX_PIXELS}')
+        raise UnusableDatagram(f'"size" is missing, or not two whole numbers of 1 to {MAX_PIXELS}')
     rows = message.get("landmarks")
     if type(rows) is not list or len(rows) not in (0, LANDMARKS):
-        raise Refused(f'"landmarks" is missing, or no list of {LANDMARKS} or of none')
+        raise UnusableDatagram(f'"landmarks" is missing, or no list of {LANDMARKS} or of none')
     if not all(type(row) is list and len(row) == 6 and NUMBER.issuperset(map(type, row)) for row in rows):
-        raise Refused("a landmark is not 6 numbers")
+        raise UnusableDatagram("a landmark is not 6 numbers")
     if not all(abs(number) <= FARTHEST_M for row in rows for number in row):
-        raise Refused("a landmark that is no part of a body")
+        raise UnusableDatagram("a landmark that is no part of a body")
     table = np.array(rows, float).reshape(-1, 6)
     inside = np.asarray((np.abs(table[:, :2] - 0.5) <= 0.5 + OUTSIDE).all(axis=1))
     picture, point = table[:, :2] * size, np.stack([-table[:, 4], table[:, 2], -table[:, 3]], axis=1)
@@ -139,7 +139,7 @@ class Sight:
         return counts
 
 
-class Level:
+class RunningMean:
     """A slow mean: of all values at first, and with a time constant (s) later."""
 
     def __init__(self, seconds: float) -> None:
@@ -211,7 +211,7 @@ def _smooth(share: float) -> float:
     return share * share * (3.0 - 2.0 * share)
 
 
-class Stance:
+class FootTracker:
     """Where the feet stand and how high the hips are, from frame to frame. The state is bounded."""
 
     def __init__(self) -> None:
@@ -223,9 +223,9 @@ class Stance:
         """Metres of the body per metre of the landmarks, by the legs."""
         self._seen_off = np.zeros(2)  # [m] what is shown of how the feet are seen apart but do not stand
         self._planted = np.ones(2)  # how much each foot stands, 0 to 1
-        self._level, self._leg = Level(FEET_S), Level(STANDING_S)
-        self._measures = [Level(STANDING_S) for _ in range(3)]  # [pixels] leg, trunk, shoulders while standing
-        self._distance = Level(DISTANCE_S)
+        self._level, self._leg = RunningMean(FEET_S), RunningMean(STANDING_S)
+        self._measures = [RunningMean(STANDING_S) for _ in range(3)]  # [pixels] leg, trunk, shoulders while standing
+        self._distance = RunningMean(DISTANCE_S)
         self._pixels = 1.0  # of a metre of the body
         self._share = 1.0  # of the height of the hips while standing
 
@@ -341,8 +341,8 @@ class Body:
     """Landmarks -> sensors of a body of usual size, from frame to frame. The state is bounded."""
 
     def __init__(self) -> None:
-        self._lean, self._nod = Level(SHEAR_S), Level(SHEAR_S)
-        self._stance = Stance()
+        self._lean, self._nod = RunningMean(SHEAR_S), RunningMean(SHEAR_S)
+        self._stance = FootTracker()
 
     def take(self, frame: Landmarks, counts: BoolArray, dt: float) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Positions (11, 3) m, orientations (11, 4) wxyz and which are tracked (11,) of SENSORS; NaN where not.
@@ -437,9 +437,9 @@ class CameraDecoder:
         try:
             message = read_object(datagram)
             if message.get("axes") != AXES:
-                raise Refused('"axes" is not "camera"')
+                raise UnusableDatagram('"axes" is not "camera"')
             frame = _landmarks(message)
-        except Refused as refused:
+        except UnusableDatagram as refused:
             self.dropped.note(str(refused))
             return []
         since = FIRST_S if self._time is None else frame.time - self._time

@@ -13,7 +13,7 @@ from retarget.frames import stature as stature_of
 from retarget.model.rest_skeleton import limb_turns
 from retarget.sources.files import frame_times
 from retarget.sources.rest_skeleton import find_rest_skeleton, segment_joint
-from retarget.sources.skeletons import JointTree, Pose
+from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
 
 # Length units of motion files, given by the user or guessed from the size of the body.
@@ -69,7 +69,7 @@ def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
 
 def canonical_frames(
     tree: JointTree,
-    pose: Pose,
+    pose: JointPoses,
     *,
     unit: float | None,
     rate: float,

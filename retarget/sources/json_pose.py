@@ -42,7 +42,7 @@ _LOW, _HIGH = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE), (1.0 + NORM_TOLER
 """Bounds of the squared norm of a quaternion that is accepted."""
 
 
-class Refused(ValueError):
+class UnusableDatagram(ValueError):
     """A datagram that is not used; its text is the reason."""
 
 
@@ -57,7 +57,7 @@ class JsonPoseDecoder:
         """The poses of one datagram. See `StreamDecoder`."""
         try:
             return [self._frame(read_object(datagram))]
-        except Refused as refused:
+        except UnusableDatagram as refused:
             self.dropped.note(str(refused))
             return []
 
@@ -87,35 +87,35 @@ class JsonPoseDecoder:
         """The names, which are checked when they change."""
         if names != self._names:
             if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
-                raise Refused(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
+                raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
             self._names = names
         return self._names
 
 
 def read_object(datagram: bytes) -> dict[str, Any]:
-    """The object of a datagram, or Refused."""
+    """The object of a datagram, or UnusableDatagram."""
     if len(datagram) > MAX_DATAGRAM:
-        raise Refused("datagram too long")
+        raise UnusableDatagram("datagram too long")
     try:
         message = _JSON.decode(datagram.decode("utf-8"))
-    except Refused:
+    except UnusableDatagram:
         raise
     except (ValueError, RecursionError):  # not UTF-8, not JSON, a number of thousands of digits, brackets without end
-        raise Refused("not JSON in UTF-8") from None
+        raise UnusableDatagram("not JSON in UTF-8") from None
     if type(message) is not dict:
-        raise Refused("not a JSON object")
+        raise UnusableDatagram("not a JSON object")
     return message
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise Refused("a key twice in an object")
+        raise UnusableDatagram("a key twice in an object")
     return found
 
 
 def _no_constant(_: str) -> NoReturn:
-    raise Refused("NaN or Infinity: leave the pose out, or say tracked: false")
+    raise UnusableDatagram("NaN or Infinity: leave the pose out, or say tracked: false")
 
 
 _JSON = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
@@ -141,21 +141,21 @@ _REQUIRED = {"axes", "poses"}
 
 
 def _check(message: dict[str, Any]) -> None:
-    """Raise Refused for a message with a key or a value that is not usable."""
+    """Raise UnusableDatagram for a message with a key or a value that is not usable."""
     if not message.keys() <= _KEYS:
-        raise Refused("a key other than axes, quaternion, time, frame, poses")
+        raise UnusableDatagram("a key other than axes, quaternion, time, frame, poses")
     for key, is_usable, reason in _CHECKS:
         if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
-            raise Refused(reason)
+            raise UnusableDatagram(reason)
 
 
 def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:
     """Position (3), quaternion (4) wxyz of norm 1, tracked. NaN for what is not sent, None for what is not usable."""
     if type(pose) is not dict or not pose.keys() <= _POSE_KEYS or not ("p" in pose or "q" in pose):
-        raise Refused('a pose is no object of "p", "q" or both, and "tracked"')
+        raise UnusableDatagram('a pose is no object of "p", "q" or both, and "tracked"')
     tracked = pose.get("tracked", True)
     if type(tracked) is not bool:
-        raise Refused('"tracked" is neither true nor false')
+        raise UnusableDatagram('"tracked" is neither true nor false')
     place: Any = _NOWHERE
     if "p" in pose:
         place = _numbers(pose["p"], 3)
@@ -166,7 +166,7 @@ def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, A
 
 def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float, float, float, float] | None:
     if order is None:
-        raise Refused('"quaternion" (wxyz or xyzw) is missing')
+        raise UnusableDatagram('"quaternion" (wxyz or xyzw) is missing')
     values = _numbers(sent, 4)
     w, x, y, z = (values[place] for place in order)
     if not max(abs(w), abs(x), abs(y), abs(z)) <= 2.0:  # before squares of large numbers
@@ -180,5 +180,5 @@ def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float,
 
 def _numbers(sent: object, count: int) -> list[Any]:
     if type(sent) is not list or len(sent) != count or not NUMBER.issuperset(map(type, sent)):
-        raise Refused('"p" is not 3 numbers or "q" not 4')
+        raise UnusableDatagram('"p" is not 3 numbers or "q" not 4')
     return sent

@@ -49,7 +49,7 @@ def is_recording(head: bytes) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Datagram:
+class RecordedDatagram:
     """One datagram. time_s: its arrival, local monotonic s (unix s in the old format). port, address: its source's
     (address "" in the old format)."""
 
@@ -143,7 +143,7 @@ class RawReader:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError("cannot read the recording", where=str(path), found=reason) from None
 
-    def __iter__(self) -> Iterator[Datagram]:
+    def __iter__(self) -> Iterator[RecordedDatagram]:
         self.damage, number, begin = "", 0, 0
         try:
             with self._open() as file:
@@ -182,7 +182,7 @@ def _header(file: BufferedReader, *, where: str) -> tuple[str, bool]:
     return _take(file, length).decode("utf-8", "replace"), False
 
 
-def _record(file: BufferedReader) -> Datagram:
+def _record(file: BufferedReader) -> RecordedDatagram:
     """The next record. Raises EOFError or ValueError for damage."""
     (crc,) = _CRC.unpack(_take(file, _CRC.size))
     head = _take(file, _RECORD.size)
@@ -191,12 +191,12 @@ def _record(file: BufferedReader) -> Datagram:
     if zlib.crc32(payload, zlib.crc32(head)) != crc:
         raise ValueError("its CRC is wrong")
     address = ipaddress.IPv6Address(source)
-    return Datagram(time_ns * 1e-9, port, payload, str(address.ipv4_mapped or address))
+    return RecordedDatagram(time_ns * 1e-9, port, payload, str(address.ipv4_mapped or address))
 
 
-def _old_record(file: BufferedReader) -> Datagram:
+def _old_record(file: BufferedReader) -> RecordedDatagram:
     time_ns, port, length = _OLD_RECORD.unpack(_take(file, _OLD_RECORD.size))
-    return Datagram(time_ns * 1e-9, port, _take(file, _checked(length)))
+    return RecordedDatagram(time_ns * 1e-9, port, _take(file, _checked(length)))
 
 
 def _checked(length: int) -> int:

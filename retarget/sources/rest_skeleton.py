@@ -27,8 +27,8 @@ from retarget.sources.axes import UP_AXES, axis_name, forward_sign, world_axes
 from retarget.sources.skeletons import (
     REQUIRED,
     Channel,
+    JointPoses,
     JointTree,
-    Pose,
     joints_by_name,
     joints_by_shape,
     named_in_part,
@@ -302,7 +302,7 @@ class RestSkeleton:
     """
 
     tree: JointTree
-    pose: Pose
+    pose: JointPoses
     joints: dict[str, CanonicalJoint]
     skeleton: Skeleton
     body: FloatArray
@@ -315,7 +315,9 @@ class RestSkeleton:
         return [name for name in toes if hanging_toe(self.skeleton, name[0]) is None]
 
 
-def find_rest_skeleton(tree: JointTree, pose: Pose, *, up: FloatArray | None, rate: float, where: str) -> RestSkeleton:
+def find_rest_skeleton(
+    tree: JointTree, pose: JointPoses, *, up: FloatArray | None, rate: float, where: str
+) -> RestSkeleton:
     """The rest skeleton of a tree in motion. up (3,): the world's up axis, if the user says it. rate: Hz, for notes.
 
     Raises InputError if the tree is no human, if it stands neither with all rotations zero nor in a frame, and if arms
@@ -437,7 +439,7 @@ def _unlike_frames(skeleton: Skeleton, tracks: Mapping[str, FloatArray]) -> tupl
 
 
 def _most_upright(
-    tracks: Mapping[str, FloatArray], pose: Pose, joints: Mapping[str, CanonicalJoint], world: FloatArray
+    tracks: Mapping[str, FloatArray], pose: JointPoses, joints: Mapping[str, CanonicalJoint], world: FloatArray
 ) -> int:
     """The frame in which a body stands most like a rest pose: upright, looking ahead, legs straight, arms straight and
     hanging or out to the sides.

@@ -144,7 +144,7 @@ class JointTree:
 
 
 @dataclass(frozen=True)
-class Pose:
+class JointPoses:
     """World position (T, n, 3) and orientation (T, n, 4) wxyz of every joint's frame."""
 
     position: FloatArray
@@ -157,7 +157,7 @@ class Pose:
         return np.asarray(self.position[:, joint] + rotations.rotate(self.orientation[:, joint], local))
 
 
-def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation: FloatArray) -> Pose:
+def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation: FloatArray) -> JointPoses:
     """World pose of every joint.
 
     local_rotation (T, n, 4): joint frame in the parent's frame. translation (T, n, 3) or (n, 3): joint centre in the
@@ -173,7 +173,7 @@ def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation:
             continue
         position[joint] = position[parent] + rotations.rotate(orientation[parent], translation[:, joint])
         orientation[joint] = rotations.multiply(orientation[parent], local_rotation[:, joint])
-    return Pose(position.swapaxes(0, 1), orientation.swapaxes(0, 1))
+    return JointPoses(position.swapaxes(0, 1), orientation.swapaxes(0, 1))
 
 
 Channel = tuple[str, int]
@@ -187,7 +187,7 @@ def posed(
     *,
     degrees: bool = True,
     frames: FloatArray | None = None,
-) -> Pose:
+) -> JointPoses:
     """Compute the forward kinematics of all frames of a motion file, in its axes and its length unit.
 
     channels (n): of each joint, in the order of values (T, d); each turn is about the axes already turned. With

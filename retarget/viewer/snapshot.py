@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.meshes import Mesh, SolidBody, shape_mesh
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes
@@ -111,7 +112,6 @@ class Snapshot(Row):
 
 # The zero-moment point of a motion that is looked at: where the floor would have to push.
 
-GRAVITY = 9.81  # [m/s^2]
 WINDOW_S = 0.05
 """The acceleration of the centre of mass is that of a parabola through what it did so long before and after, s: two
 rows of a page at 25 Hz."""

@@ -14,8 +14,8 @@ from hardware.dynamixel.codec import (
     BROADCAST,
     CODECS,
     STATUS,
-    Frame,
     Instruction,
+    WireFrame,
     fast_length,
     protocol2,
 )
@@ -153,7 +153,7 @@ class Conversation:
         self._noise = noise or random.Random(0)
 
     def answers(
-        self, frame: Frame, listeners: Sequence[Device], now: float, *, silent: Collection[int] = ()
+        self, frame: WireFrame, listeners: Sequence[Device], now: float, *, silent: Collection[int] = ()
     ) -> list[Reply]:
         """Return all replies to `frame`, in order. `listeners`: the devices that receive it, of one protocol.
 
@@ -177,7 +177,7 @@ class Conversation:
             return []
         return self._to_all(frame, listeners, now)
 
-    def _addressed(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Reply]:
+    def _addressed(self, frame: WireFrame, listeners: Sequence[Device], now: float) -> list[Reply]:
         """Carry out a frame for one id: its devices answer; those with this secondary id obey without an answer."""
         replies: list[tuple[Device, Answer]] = []
         for device in listeners:
@@ -189,7 +189,7 @@ class Conversation:
                 device.execute(frame.code, frame.params, now, broadcast=False, secondary=True)
         return self._together(frame.id, replies)
 
-    def _to_all(self, frame: Frame, listeners: Sequence[Device], now: float) -> list[Reply]:
+    def _to_all(self, frame: WireFrame, listeners: Sequence[Device], now: float) -> list[Reply]:
         """Carry out a broadcast frame; only a ping is answered, in order of ids."""
         replies: dict[int, list[tuple[Device, Answer]]] = {}
         for device in listeners:

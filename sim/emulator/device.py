@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hardware.dynamixel.codec import Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable, baud_of
-from sim.emulator.memory import Memory, Part
+from sim.emulator.memory import Memory, RegisterWrite
 
 _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
 _OBEYED = frozenset((Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION))  # through a secondary id
@@ -102,7 +102,7 @@ class Device:
         self.react({part.register.name for part in parts}, now)
         return 0
 
-    def accepts(self, address: int, data: bytes, *, ram_only: bool = False) -> list[Part] | int:
+    def accepts(self, address: int, data: bytes, *, ram_only: bool = False) -> list[RegisterWrite] | int:
         """Return what a write would set, or the error by which it is refused as a whole. Nothing changes."""
         if ram_only and address < self.table.eeprom_end:
             return self.error_of(Error2.ACCESS)
@@ -130,7 +130,7 @@ class Device:
         """Return an error of the memory as this device reports it."""
         return error
 
-    def refusal(self, part: Part) -> int:
+    def refusal(self, part: RegisterWrite) -> int:
         """Return the error by which a writable register refuses a value, 0 when it takes it."""
         return 0 if part.register.allows(part.value) else Error2.DATA_RANGE
 

@@ -13,7 +13,7 @@ from retarget.errors import ConfigError, Problem, UsageError, suggest
 from retarget.schema.strict_models import Integer, Schema, listed, read_model, unknown_name, validated
 from retarget.schema.strict_yaml import Document, KeyPath, Node, scan
 from sim.emulator.device import Device
-from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, Direction, Fault, FaultKind, Part, mangled
+from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, DelayedBytes, Direction, Fault, FaultKind, mangled
 
 MAX_FAULTS = 1000
 """Most faults that a line keeps; further ones are refused."""
@@ -113,11 +113,11 @@ class FaultState:
         """Return the bytes that the host receives from a dead line after a packet of its own."""
         return self._chance.randbytes(max(self._garbage))
 
-    def to_servos(self, packet: bytes) -> list[Part]:
+    def to_servos(self, packet: bytes) -> list[DelayedBytes]:
         """Return what the devices receive of bytes that the host sends."""
         return mangled(packet, self._on_way_in, self._chance)
 
-    def to_host(self, device: int, packet: bytes) -> list[Part]:
+    def to_host(self, device: int, packet: bytes) -> list[DelayedBytes]:
         """Return what the host receives of bytes that a device sends."""
         if device in self.clashing:
             packet = self._chance.randbytes(len(packet))

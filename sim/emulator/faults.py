@@ -156,28 +156,28 @@ def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault
 # Faults of single packets: bytes in, other bytes out, some of them later.
 
 
-class Part(NamedTuple):
+class DelayedBytes(NamedTuple):
     """Bytes of a packet that come `delay` s after what is in front of them."""
 
     delay: float
     data: bytes
 
 
-def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> list[Part]:
+def mangled(packet: bytes, faults: Sequence[Fault], chance: random.Random) -> list[DelayedBytes]:
     """What becomes of a packet by faults of BYTE_KINDS, in their order; nothing: it is lost."""
-    parts = [Part(0.0, packet)]
+    parts = [DelayedBytes(0.0, packet)]
     for fault in faults:
         parts = [new for part in parts for new in _hit(part, fault, chance, last=packet[-1])]
     return parts
 
 
-def _hit(part: Part, fault: Fault, chance: random.Random, *, last: int) -> list[Part]:
+def _hit(part: DelayedBytes, fault: Fault, chance: random.Random, *, last: int) -> list[DelayedBytes]:
     """Hit a packet, or each of its bytes for itself: it may be lost, changed, come twice, or keep what follows waiting.
 
     last: byte of the packet as it was sent; two storms leave it as wrong as one.
     """
     whole = fault.of is Unit.PACKETS
-    out: list[Part] = []
+    out: list[DelayedBytes] = []
     delay, done = part.delay, b""
     for unit in [part.data] if whole else [bytes((byte,)) for byte in part.data]:
         hit = unit
@@ -195,7 +195,7 @@ def _hit(part: Part, fault: Fault, chance: random.Random, *, last: int) -> list[
                 case FaultKind.CRC_STORM:
                     hit = unit[:-1] + bytes((last ^ 0xFF,))
                 case FaultKind.LATE:
-                    out += [Part(delay, done)] if done else []
+                    out += [DelayedBytes(delay, done)] if done else []
                     delay, done = fault.amount if done else delay + fault.amount, b""
         done += hit
-    return [one for one in (*out, Part(delay, done)) if one.data]
+    return [one for one in (*out, DelayedBytes(delay, done)) if one.data]

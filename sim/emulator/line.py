@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hardware.dynamixel.codec import BROADCAST, CODECS, Frame, Parser, protocol2
+from hardware.dynamixel.codec import BROADCAST, CODECS, Parser, WireFrame, protocol2
 from sim.emulator.conversation import GROUP_READS2, Conduct, Conversation, Reply
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultState
@@ -16,11 +16,11 @@ from sim.emulator.fault_state import FaultState
 BITS_PER_BYTE = 10.0
 """8N1: a start bit, eight bits, a stop bit."""
 REAL_TIME_GAP = 20e-3
-"""`Timing.gap` for clients in real time, s: a busy machine pauses a client for longer than any servo would wait."""
+"""`LineTiming.gap` for clients in real time, s: a busy machine pauses a client for longer than any servo would wait."""
 
 
 @dataclass(frozen=True, slots=True)
-class Timing:
+class LineTiming:
     """A line's times, in s.
 
     bits: per byte on the wire; 0: bytes take no time. return_delay: share of each servo's own Return Delay Time that
@@ -36,9 +36,9 @@ class Timing:
     gap: float = 1.5e-3
 
     @staticmethod
-    def none() -> "Timing":
+    def none() -> "LineTiming":
         """A line on which nothing takes time: for logic, and for what the host itself costs."""
-        return Timing(bits=0.0, return_delay=0.0, turnaround=0.0, latency=0.0)
+        return LineTiming(bits=0.0, return_delay=0.0, turnaround=0.0, latency=0.0)
 
     @property
     def instant(self) -> bool:
@@ -80,7 +80,7 @@ class Line:
         devices: Sequence[Device],
         *,
         baud: int = 57600,
-        timing: Timing | None = None,
+        timing: LineTiming | None = None,
         conduct: Conduct | None = None,
         faults: FaultState | None = None,
         seed: int = 0,
@@ -89,7 +89,7 @@ class Line:
         self.faults = faults or FaultState(devices, seed=seed)
         self.baud = baud
         """Of the host's adapter, bits/s: devices at another rate receive noise, and the host cannot decode theirs."""
-        self.timing = timing or Timing()
+        self.timing = timing or LineTiming()
         self.lost = 0
         """Bytes that were dropped because the host did not read."""
         self._noise = random.Random(seed)
@@ -170,7 +170,7 @@ class Line:
                     self._execute(protocol, frame, at)
         return at
 
-    def _execute(self, protocol: int, frame: Frame, end: float) -> None:
+    def _execute(self, protocol: int, frame: WireFrame, end: float) -> None:
         listeners = self._awake(protocol, end)
         if frame.code in GROUP_READS2 and frame.id == BROADCAST:
             self.faults.count_cycle()

@@ -6,7 +6,7 @@ from hardware.dynamixel.codec import Error2
 from hardware.dynamixel.control_table import ControlTable, Register
 
 
-class Part(NamedTuple):
+class RegisterWrite(NamedTuple):
     """One register that a write reaches whole, and the counts for it."""
 
     register: Register
@@ -82,14 +82,14 @@ class Memory:
             return address < last and end > first
         return any(first <= self.target(place) < last for place in range(address, end))
 
-    def parts(self, address: int, data: bytes) -> list[Part] | Error2:
+    def parts(self, address: int, data: bytes) -> list[RegisterWrite] | Error2:
         """Return the registers that a write covers, in order, or the error for it: DATA_LENGTH for a register
         that is not covered to its end, ACCESS for a hole, the table's end and what is read only. Nothing changes."""
         if not data:
             return Error2.DATA_LENGTH
         if address + len(data) > len(self.image):
             return Error2.ACCESS
-        found: list[Part] = []
+        found: list[RegisterWrite] = []
         done = 0
         while done < len(data):
             first = self.target(address + done)
@@ -100,6 +100,6 @@ class Memory:
             places = [self.target(address + done + index) for index in range(len(chunk))]
             if places != list(range(first, register.end)):
                 return Error2.DATA_LENGTH
-            found.append(Part(register, register.decode(chunk)))
+            found.append(RegisterWrite(register, register.decode(chunk)))
             done += register.size
         return found

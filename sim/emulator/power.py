@@ -33,7 +33,7 @@ class Supply:
         return SUPPLY_RESISTANCE * self.drawn
 
 
-class Electrics:
+class ServoElectrics:
     """Current (A), voltage (V) and temperature (degrees Celsius) of one servo of `nominal` V.
 
     `turn` rad per tick and `top` tick/s say what its speed means; `set_voltage` and `set_heat` override the model.

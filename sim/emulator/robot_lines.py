@@ -13,7 +13,7 @@ from sim.emulator.controller import EmulatedController
 from sim.emulator.conversation import Conduct
 from sim.emulator.device import Device
 from sim.emulator.fault_state import FaultPlan, FaultState
-from sim.emulator.line import Line, Timing
+from sim.emulator.line import Line, LineTiming
 from sim.emulator.power import Supply
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
@@ -76,7 +76,7 @@ def robot_lines(
     now: float,
     plan: FaultPlan | None = None,
     seed: int = 0,
-    timing: Timing | None = None,
+    timing: LineTiming | None = None,
     conduct: Conduct | None = None,
     powered: bool = False,
 ) -> dict[str, Line]:

@@ -19,7 +19,7 @@ from hardware.dynamixel.codec import ALERT, Error1, Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable
 from hardware.servo import DEFAULT_P_GAIN, ServoModel, lag_of_gain
 from sim.emulator.device import Answer
-from sim.emulator.memory import Memory, Part
+from sim.emulator.memory import Memory, RegisterWrite
 from sim.emulator.servo2_registers import RESETS, factory_reset
 from sim.emulator.servo_body import OVERLOAD, ServoBody, ServoBuild
 from sim.emulator.shaft import Law, Shaft, path_by_velocity
@@ -205,7 +205,7 @@ class EmulatedServo1(ServoBody):
         self.reboot(now)
         return answer
 
-    def refusal(self, part: Part) -> int:
+    def refusal(self, part: RegisterWrite) -> int:
         """Return the error by which a register refuses a value."""
         register, value = part
         locked = self.shaft.torque if self.protocol == 2 else self.memory.value("lock") != 0

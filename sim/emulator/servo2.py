@@ -10,7 +10,7 @@ from hardware.dynamixel.codec import ALERT, Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable
 from hardware.servo import FULL_PWM, ServoModel
 from sim.emulator.device import Answer
-from sim.emulator.memory import Part
+from sim.emulator.memory import RegisterWrite
 from sim.emulator.servo2_registers import (
     ALL,
     GOALS,
@@ -169,7 +169,7 @@ class EmulatedServo(ServoBody):
         """Return an answer with the alert bit as it stands."""
         return Answer(error | self._alert, data)
 
-    def refusal(self, part: Part) -> int:
+    def refusal(self, part: RegisterWrite) -> int:
         """Return the error by which a register refuses a value."""
         condition = Condition(torque=self.shaft.torque, barred=self.barred, tripped=self.tripped)
         return refusal(self.memory, part, condition)
@@ -279,7 +279,7 @@ class EmulatedServo(ServoBody):
             self._latch(wrong)
 
     def overload(self, now: float) -> None:
-        """Latch an overload, as at the end of what `Electrics` counts."""
+        """Latch an overload, as at the end of what `ServoElectrics` counts."""
         self.catch_up(now)
         if self._awake_at < inf and not self._starting:
             self._latch(OVERLOAD)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from hardware.dynamixel.codec import Error2
 from hardware.dynamixel.control_table import Register
 from hardware.servo import FULL_PWM, GAIN_UNIT, HOMING_REACH, ServoModel, lag_of_gain
-from sim.emulator.memory import Memory, Part
+from sim.emulator.memory import Memory, RegisterWrite
 from sim.emulator.shaft import Law, ProfilePath, Shaft, path_by_time, path_by_velocity
 
 # What a servo of protocol 2.0 refuses to write, register by register (facts of the e-Manual's control tables).
@@ -39,7 +39,7 @@ class Condition(NamedTuple):
     tripped: bool
 
 
-def refusal(memory: Memory, part: Part, condition: Condition) -> Error2:
+def refusal(memory: Memory, part: RegisterWrite, condition: Condition) -> Error2:
     """Return why `part` cannot be written now, Error2.NONE when it can."""
     register, value = part
     name = register.name

@@ -7,7 +7,7 @@ from math import inf
 from hardware.dynamixel.control_table import ControlTable
 from hardware.servo import ServoModel
 from sim.emulator.device import Device
-from sim.emulator.power import BROWN_OUT, WINDOW, Electrics, Supply
+from sim.emulator.power import BROWN_OUT, WINDOW, ServoElectrics, Supply
 from sim.emulator.shaft import Shaft
 from sim.servo_model import AMBIENT
 
@@ -48,7 +48,7 @@ class ServoBody(Device):
         self.shaft = Shaft(build.position, top)
         self.shaft.time = build.now
         supply = build.supply or Supply()
-        self.electrics = Electrics(supply, model.voltage, turn=model.tick_rad, top=top, warmth=build.warmth)
+        self.electrics = ServoElectrics(supply, model.voltage, turn=model.tick_rad, top=top, warmth=build.warmth)
         self.electrics.time = build.now
         self.started = build.now
         """When it last woke, s: its realtime tick counts from there."""

@@ -23,7 +23,7 @@ NO_PROFILE, RECTANGLE, TRIANGLE, TRAPEZOID = range(4)
 """Kinds of profile, as Moving Status (123) shows them in bits 4 and 5."""
 
 
-class Phase(NamedTuple):
+class PathSegment(NamedTuple):
     """A stretch of constant acceleration: duration s, and what holds at its start, tick, tick/s, tick/s^2."""
 
     duration: float
@@ -43,7 +43,7 @@ class Point(NamedTuple):
 class ProfilePath:
     """Phases that begin at time `start` s and end at rest at `goal` (tick). `kind`: what Moving Status calls it."""
 
-    def __init__(self, goal: float, start: float, phases: tuple[Phase, ...], kind: int) -> None:
+    def __init__(self, goal: float, start: float, phases: tuple[PathSegment, ...], kind: int) -> None:
         self.goal = goal
         self.kind = kind
         self._start = start
@@ -73,7 +73,7 @@ def path_by_velocity(
     way = goal - position
     if acceleration <= 0.0:
         speed = math.copysign(top, way)
-        return ProfilePath(goal, now, (Phase(abs(way) / top, position, speed, 0.0),), RECTANGLE)
+        return ProfilePath(goal, now, (PathSegment(abs(way) / top, position, speed, 0.0),), RECTANGLE)
     # Where it would stop if it braked at once decides the direction of travel.
     beyond = way - 0.5 * velocity * abs(velocity) / acceleration
     side = math.copysign(1.0, beyond)
@@ -112,15 +112,15 @@ def _three(
     """Ramp from `at` (tick, tick/s) to the velocity `peak`, cruise, brake to rest."""
     position, velocity = at
     ramp, cruise, brake = durations
-    phases: list[Phase] = []
+    phases: list[PathSegment] = []
     if ramp > 0.0:
-        phases.append(Phase(ramp, position, velocity, (peak - velocity) / ramp))
+        phases.append(PathSegment(ramp, position, velocity, (peak - velocity) / ramp))
         position += 0.5 * (velocity + peak) * ramp
     if cruise > 0.0:
-        phases.append(Phase(cruise, position, peak, 0.0))
+        phases.append(PathSegment(cruise, position, peak, 0.0))
         position += peak * cruise
     if brake > 0.0:
-        phases.append(Phase(brake, position, peak, -peak / brake))
+        phases.append(PathSegment(brake, position, peak, -peak / brake))
     return ProfilePath(goal, now, tuple(phases), kind)
 
 

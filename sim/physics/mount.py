@@ -9,6 +9,7 @@ import numpy as np
 
 from hardware.errors import counted
 from retarget.errors import ConfigError
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import plant
 from retarget.model.body import Frame
 from retarget.model.body_file import body_spec, engine
@@ -144,7 +145,6 @@ SWING_DAMPING = 0.5
 """Damping of the straps, N s/m per kg of robot."""
 TURN_DAMPING = 0.01
 """The same for turns, N m s/rad per kg."""
-GRAVITY = 9.81  # [m/s^2]
 
 
 def add_rope(spec: Any, link: str, frame: Frame, *, at: FloatArray, length: float) -> None:

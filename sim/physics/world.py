@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hardware.servo import loop_stiffness
 from retarget.errors import ConfigError
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance, plant
 from retarget.model.body import Frame
 from retarget.model.body_file import body_spec, engine
@@ -180,7 +181,7 @@ def _set_options(spec: Any) -> None:
     # With an elliptic cone, the ratio of the impedances of friction and normal force (MuJoCo, "Solver parameters").
     option.impratio = IMPEDANCE_RATIO
     option.iterations, option.ls_iterations = ITERATIONS, LINE_ITERATIONS
-    option.gravity = [0.0, 0.0, -9.81]
+    option.gravity = [0.0, 0.0, -GRAVITY]
     # One robot is one island. `Simulation` raises when it diverges, so no reset.
     for flag in ("mjDSBL_ISLAND", "mjDSBL_MIDPHASE", "mjDSBL_AUTORESET"):
         option.disableflags |= int(getattr(mujoco.mjtDisableBit, flag, 0))  # younger engines have more of them

@@ -12,7 +12,7 @@ from hardware.errors import BusError
 from hardware.servo import ServoMode, ServoSpec
 from messages import refuses
 from sim.emulator.faults import Fault, FaultKind
-from sim.emulator.line import Timing
+from sim.emulator.line import LineTiming
 
 
 @pytest.mark.parametrize(("watchdog", "value"), [(0.0, 0), (0.02, 1), (0.2, 10), (2.54, 127)])
@@ -47,7 +47,7 @@ def test_a_closed_bus_does_nothing(action: str) -> None:
 
 def test_ports_cost_the_slowest_and_not_the_sum() -> None:
     servos = [moved(spec(number), LINES[number % 3]) for number in range(1, 16)]
-    wires = {name: Timing(latency=latency) for name, latency in zip(LINES, (0.0005, 0.001, 0.003), strict=True)}
+    wires = {name: LineTiming(latency=latency) for name, latency in zip(LINES, (0.0005, 0.001, 0.003), strict=True)}
 
     def cost(names: tuple[str, ...]) -> float:
         some = [servo for servo in servos if servo.bus in names]

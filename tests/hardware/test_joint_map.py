@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bus_rig import four_servos, waist_servos
 from hardware.errors import HardwareError
 from hardware.joint_map import NO_SERVO, SLACK, CoupledPair, JointMap, coupling_problems, resolve_turns
-from hardware.servo import Coupling, ServoMode, ServoSpec, find_model
+from hardware.servo import ServoCoupling, ServoMode, ServoSpec, find_model
 from messages import refuses, shows
 
 MAP = JointMap(four_servos())
@@ -85,7 +85,7 @@ def pairs(draw: st.DrawFn) -> tuple[ServoSpec, ...]:
     angle = draw(st.floats(0.0, 6.28))
     angles = (angle, angle + draw(st.floats(0.4, 2.7)))  # of the rows: never nearly parallel
     rows = [(size * math.cos(at), size * math.sin(at)) for at in angles for size in [draw(st.floats(0.2, 2.0))]]
-    coupling = Coupling(("p", "q"), (rows[0], rows[1]))
+    coupling = ServoCoupling(("p", "q"), (rows[0], rows[1]))
     small = find_model("XC330-T288")
     servos = []
     for index, joint in enumerate(("p", "q")):

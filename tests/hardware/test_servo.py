@@ -15,8 +15,8 @@ from hardware.errors import HardwareError
 from hardware.servo import (
     DEFAULT_P_GAIN,
     MAX_CONDITION,
-    Coupling,
     ExpectedRange,
+    ServoCoupling,
     ServoGains,
     ServoMode,
     find_model,
@@ -32,7 +32,7 @@ matrices = st.tuples(st.tuples(numbers, numbers), st.tuples(numbers, numbers))
 
 @given(matrices)
 def test_condition_is_the_ratio_of_the_singular_values(matrix: Matrix) -> None:
-    coupling = Coupling(("a", "b"), matrix)
+    coupling = ServoCoupling(("a", "b"), matrix)
     largest, smallest = np.linalg.svd(np.array(matrix), compute_uv=False)
     if largest > 1e-3 and smallest > 1e-4 * largest:
         assert coupling.condition == pytest.approx(largest / smallest, rel=1e-6)
@@ -42,7 +42,7 @@ def test_condition_is_the_ratio_of_the_singular_values(matrix: Matrix) -> None:
 
 @given(matrices)
 def test_the_inverse_of_a_sound_coupling_undoes_it(matrix: Matrix) -> None:
-    coupling = Coupling(("a", "b"), matrix)
+    coupling = ServoCoupling(("a", "b"), matrix)
     if not coupling.problems():
         np.testing.assert_allclose(np.array(coupling.inverse) @ np.array(matrix), np.eye(2), atol=1e-9 * MAX_CONDITION)
 
@@ -59,7 +59,7 @@ def test_the_inverse_of_a_sound_coupling_undoes_it(matrix: Matrix) -> None:
     ],
 )
 def test_each_problem_is_found(joints: tuple[str, str], matrix: Matrix, text: str) -> None:
-    (problem,) = Coupling(joints, matrix).problems()
+    (problem,) = ServoCoupling(joints, matrix).problems()
     assert text in problem
 
 

@@ -24,10 +24,10 @@ from hardware.servo_health import (
     MOST_NEWS,
     RAMP_S,
     BusHealth,
-    Row,
     ServoHealth,
     ServoLevels,
     ServoWarnings,
+    WatchedRow,
     name_servos,
     watched,
 )
@@ -388,7 +388,7 @@ SERVO_WARNINGS_LIMITS = GuardLimits(
 def warnings() -> tuple[ServoWarnings, np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
     rows = watched(SERVO_WARNINGS_LIMITS)
     seen = np.zeros((len(rows), len(MAP)))
-    seen[Row.TEMPERATURE], seen[Row.VOLTAGE] = 40.0, 12.0
+    seen[WatchedRow.TEMPERATURE], seen[WatchedRow.VOLTAGE] = 40.0, 12.0
     return ServoWarnings(MAP.servos, rows, SERVO_WARNINGS_LIMITS.slow_share), seen
 
 
@@ -417,13 +417,17 @@ def test_a_warm_servo_slows_the_robot_to_half_within_the_limit_and_is_reported_o
 def test_a_temperature_at_its_level_does_not_begin_and_end_all_the_time() -> None:
     warned, seen = warnings()
     for tick in range(2000):
-        seen[Row.TEMPERATURE, 0] = 61.0 if tick // 50 % 2 else 59.0
+        seen[WatchedRow.TEMPERATURE, 0] = 61.0 if tick // 50 % 2 else 59.0
         warned.look(seen, tick * DT)
     assert len(warned.take_news()) == 1 and warned.speed_override == 0.5
 
 
 def test_only_what_heat_is_about_slows() -> None:
-    for row, value, slows in ((Row.VOLTAGE, 10.5, False), (Row.AGE, 0.05, False), (Row.CURRENT, 1.6, True)):
+    for row, value, slows in (
+        (WatchedRow.VOLTAGE, 10.5, False),
+        (WatchedRow.AGE, 0.05, False),
+        (WatchedRow.CURRENT, 1.6, True),
+    ):
         warned, seen = warnings()
         seen[row, 2] = value
         for tick in range(150):
@@ -436,7 +440,7 @@ def test_only_what_heat_is_about_slows() -> None:
 def test_news_that_are_not_taken_are_bounded() -> None:
     warned, seen = warnings()
     for tick in range(3 * MOST_NEWS):
-        seen[Row.VOLTAGE] = 12.0 if tick % 2 else 10.5
+        seen[WatchedRow.VOLTAGE] = 12.0 if tick % 2 else 10.5
         warned.look(seen, 2.0 * tick)
     assert len(warned.take_news()) == MOST_NEWS
 
@@ -448,7 +452,7 @@ def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
     now, before = 0.0, 1.0
     for temperature, elapsed in readings:
         now += elapsed
-        seen[Row.TEMPERATURE, 3] = temperature
+        seen[WatchedRow.TEMPERATURE, 3] = temperature
         warned.look(seen, now)
         assert 0.5 <= warned.speed_override <= 1.0
         assert abs(warned.speed_override - before) <= 0.5 * elapsed / RAMP_S + 1e-12
@@ -457,12 +461,12 @@ def test_the_speed_never_jumps(readings: list[tuple[float, float]]) -> None:
 
 def test_all_servos_are_named_as_such() -> None:
     rows, every = watched(GuardLimits()), np.ones(4, dtype=bool)
-    volts, degrees = rows[Row.VOLTAGE], rows[Row.TEMPERATURE]
+    volts, degrees = rows[WatchedRow.VOLTAGE], rows[WatchedRow.TEMPERATURE]
     assert name_servos(four_servos(), volts, every, np.full(4, 10.2)) == "all 4 servos 10.2 V"
     assert (
         name_servos(four_servos(), volts, every, np.array([10.2, 10.1, 10.2, 10.1])) == "all 4 servos 10.1 V and 10.2 V"
     )
     assert name_servos(four_servos(), degrees, every, np.array([63.0, 60.0, 61.0, 62.0])) == "all 4 servos 60 to 63"
-    assert name_servos(four_servos(), rows[Row.AGE], every, np.ones(4)) == "all 4 servos"
+    assert name_servos(four_servos(), rows[WatchedRow.AGE], every, np.ones(4)) == "all 4 servos"
     few = four_servos()[:3]
     assert name_servos(few, volts, np.ones(3, dtype=bool), np.full(3, 10.2)).count("(id") == 3

@@ -17,9 +17,9 @@ from retarget.live.playout import (
     DELAY_CAP_S,
     EXTRAPOLATION_S,
     Cutoffs,
-    Played,
     Playout,
     PlayoutDelay,
+    PlayoutSample,
     pose_filter,
 )
 from retarget.rotations import IDENTITY
@@ -56,7 +56,7 @@ def push(playout: Playout, time: float, *, late: float = 0.001, rows: FloatArray
     playout.push(chosen, time, position[chosen], orientation[chosen], ALL[chosen], arrival=time + late)
 
 
-def worst(played: Played) -> float:
+def worst(played: PlayoutSample) -> float:
     """Largest error against the motion at the time of the played pose, m or rad."""
     errors = [0.0]
     for row in np.nonzero(played.how != How.NONE)[0]:
@@ -310,7 +310,7 @@ def test_it_is_a_sorted_list_of_the_newest(pushes: list[tuple[set[int], int, flo
         for row in rows:
             if time not in lists[row]:
                 lists[row] = sorted([*lists[row], time])[-RING_DEPTH:]
-        played = Played(*ring.read(at, at + 1.0))
+        played = PlayoutSample(*ring.read(at, at + 1.0))
         for row in range(RING):
             how, shown, where = expected(row, lists[row], at)
             assert played.how[row] == how and played.valid[row] == bool(lists[row])

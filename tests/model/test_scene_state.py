@@ -18,7 +18,7 @@ from retarget.model.scene_state import (
     LIVE_TURN,
     VELOCITY_HOLDS,
     LivePose,
-    Motion,
+    ObstacleMotion,
     ObstaclePoses,
     SceneState,
     motion_of,
@@ -252,12 +252,12 @@ COORDINATES = st.tuples(*[st.floats(-2, 2)] * 3)
 TURNS = st.tuples(*[st.floats(-1.5, 1.5)] * 3).map(lambda turn: tuple(rotations.from_rotation_vector(turn).tolist()))
 
 
-def motion(**keys: Any) -> Motion:
+def motion(**keys: Any) -> ObstacleMotion:
     return motion_of(Obstacle.model_validate({"shape": {"sphere": {"radius": 0.1}}} | keys))
 
 
 @st.composite
-def paths(draw: st.DrawFn, *, loop: bool = False) -> Motion:
+def paths(draw: st.DrawFn, *, loop: bool = False) -> ObstacleMotion:
     count = draw(st.integers(2, 6))
     times = np.cumsum(draw(st.lists(st.floats(0.1, 2), min_size=count, max_size=count)))
     points = [{"time": float(time), "pos": draw(COORDINATES), "quat": draw(TURNS)} for time in times]
@@ -272,7 +272,7 @@ def apart(a: MovingPose, b: MovingPose) -> float:
     return max(way, float(rotations.angle_between(a.pose.quat, b.pose.quat)))
 
 
-def check_derivative(path: Motion, time: float) -> None:
+def check_derivative(path: ObstacleMotion, time: float) -> None:
     before, now, after = path.at(time - STEP), path.at(time), path.at(time + STEP)
     rate = np.subtract(after.pose.position, before.pose.position) / (2 * STEP)
     assert_allclose(rate, now.linear, atol=1e-6)
@@ -281,20 +281,20 @@ def check_derivative(path: Motion, time: float) -> None:
 
 
 @given(paths())
-def test_a_path_is_continuous_and_goes_through_its_points(path: Motion) -> None:
+def test_a_path_is_continuous_and_goes_through_its_points(path: ObstacleMotion) -> None:
     for time, piece in zip(path.times, path.pieces, strict=True):
         assert apart(path.at(time), MovingPose(piece.pose)) < 1e-9
         assert apart(path.at(time - 1e-9), path.at(time)) < 1e-6
 
 
 @given(paths(), st.floats(0.01, 0.99))
-def test_velocity_is_the_derivative(path: Motion, share: float) -> None:
+def test_velocity_is_the_derivative(path: ObstacleMotion, share: float) -> None:
     for index in range(len(path.times) - 1):
         check_derivative(path, path.times[index] + share * (path.times[index + 1] - path.times[index]))
 
 
 @given(paths(), st.floats(0.001, 100))
-def test_before_and_after_a_path_it_rests(path: Motion, time: float) -> None:
+def test_before_and_after_a_path_it_rests(path: ObstacleMotion, time: float) -> None:
     early, late = path.at(path.times[0] - time), path.at(path.times[-1] + time)
     assert (early.linear, early.angular, late.linear, late.angular) == (STILL,) * 4
     assert apart(early, MovingPose(path.pieces[0].pose)) < 1e-12
@@ -302,7 +302,7 @@ def test_before_and_after_a_path_it_rests(path: Motion, time: float) -> None:
 
 
 @given(paths(loop=True), st.floats(0, 1, exclude_max=True), st.integers(1, 1000))
-def test_a_loop_begins_anew(path: Motion, share: float, rounds: int) -> None:
+def test_a_loop_begins_anew(path: ObstacleMotion, share: float, rounds: int) -> None:
     period = path.times[-1] - path.times[0]
     time = path.times[0] + share * period
     assert apart(path.at(time), path.at(time + rounds * period)) < 1e-6
@@ -310,7 +310,7 @@ def test_a_loop_begins_anew(path: Motion, share: float, rounds: int) -> None:
 
 
 @given(paths(loop=True), st.floats(0, 500))
-def test_a_loop_never_rests_at_its_seam(path: Motion, time: float) -> None:
+def test_a_loop_never_rests_at_its_seam(path: ObstacleMotion, time: float) -> None:
     assert path.at(path.times[-1] + time).linear in [piece.linear for piece in path.pieces[:-1]]
 
 

@@ -6,12 +6,12 @@ import pytest
 from followers import DT, follower, op3, performance, performer, postures
 from retarget.ik.support_polygon import plant
 from retarget.report.likeness import LEAN, LIMBS, arm_clearance, best_angles, best_postures, legs_away, limb_angles
-from retarget.report.tracking import EVERY, Performance, hands_from_shoulders
+from retarget.report.tracking import EVERY, ReferenceMotion, hands_from_shoulders
 from retarget.robot.arm_branches import arm_postures
 from retarget.types import FloatArray
 
 
-def followed(priorities: str) -> tuple[Performance, FloatArray, FloatArray]:
+def followed(priorities: str) -> tuple[ReferenceMotion, FloatArray, FloatArray]:
     """What was asked, the postures (T, nq) and the landmarks reached (T, k, 3) m of OP3."""
     human, robot = postures(performer())[:250], follower(priorities=priorities)
     robot.start(human[0])

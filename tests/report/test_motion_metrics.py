@@ -134,10 +134,10 @@ def test_a_motion_that_is_cut_has_not_kept_its_limits() -> None:
     assert limit_violations(standing_outside, loose, DT, to_rest=True).position == 1
 
 
-def square(at: tuple[float, float, float] = (0.0, 0.0, 0.0), ticks: int = 3) -> motion_metrics.Sole:
+def square(at: tuple[float, float, float] = (0.0, 0.0, 0.0), ticks: int = 3) -> motion_metrics.SoleTrack:
     """A sole of 20 cm by 10 cm."""
     outline = np.array([[0.1, 0.05], [-0.1, 0.05], [-0.1, -0.05], [0.1, -0.05]])
-    return motion_metrics.Sole(np.tile(np.array(at), (ticks, 1)), np.tile(IDENTITY, (ticks, 1)), outline)
+    return motion_metrics.SoleTrack(np.tile(np.array(at), (ticks, 1)), np.tile(IDENTITY, (ticks, 1)), outline)
 
 
 def test_the_margin_of_the_centre_of_mass() -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from followers import DT, follower, op3, performer, postures
 from hardware.joint_map import JointMap
 from hardware.servo import loop_lag
+from retarget._solver import braking_displacement
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import plant
 from retarget.ik.tasks import SlotKind
@@ -17,7 +18,6 @@ from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.following_limits import (
     BENT,
-    SHARE,
     SLOWEST,
     followed_speed,
     following_limits,
@@ -32,7 +32,6 @@ from retarget.robot.reference_governor import (
     Glide,
     OnlineTrajectory,
     ReferenceGovernor,
-    braking_displacement,
 )
 from retarget.rotations import Vector
 from retarget.types import FloatArray
@@ -231,7 +230,7 @@ def limits(robot: RobotBody | None = None) -> JointLimits:
 def test_a_servo_at_this_speed_stays_within_the_sustained_error(tracking_delay: float) -> None:
     robot, dt = op3(), 1e-4
     safety = robot.profile.safety
-    assert safety.following_error_sustained is not None
+    assert safety.planned_lag is not None
     speeds = followed_speed(robot, limits(robot), tracking_delay=tracking_delay).max_velocity
     for servo in robot.joint_map.servos:
         speed = float(speeds[robot.body.dof_index(servo.joint)])
@@ -240,7 +239,36 @@ def test_a_servo_at_this_speed_stays_within_the_sustained_error(tracking_delay: 
         for tick in range(round(0.8 / dt)):
             shaft += share * (speed * max(tick - delay, 0) * dt - shaft)
             worst = max(worst, speed * tick * dt - shaft)
-        assert worst == pytest.approx(SHARE * safety.following_error_sustained, rel=0.02)
+        assert worst == pytest.approx(safety.planned_lag, rel=0.02)
+
+
+def with_safety(robot: RobotBody, **keys: float | None) -> RobotBody:
+    """The robot with other bounds in `safety`."""
+    profile = robot.profile
+    safety = profile.safety.model_copy(update=keys)
+    return replace(robot, profile=profile.model_copy(update={"safety": safety}))
+
+
+def speeds(robot: RobotBody) -> FloatArray:
+    return followed_speed(robot, limits(robot), tracking_delay=0.03).max_velocity
+
+
+@pytest.mark.parametrize("name", ["op3", "wolfgang", "toddlerbot", "poppy"])
+def test_the_threshold_of_the_fault_changes_no_planned_speed(name: str) -> None:
+    robot = load_robot(name)
+    for threshold in (None, 0.21, 0.34):
+        np.testing.assert_array_equal(speeds(with_safety(robot, following_error_sustained=threshold)), speeds(robot))
+    slower = with_safety(robot, planned_lag=0.1)
+    assert (speeds(slower) <= speeds(robot)).all() and (speeds(slower) < speeds(robot)).any()
+
+
+@pytest.mark.parametrize("name", ["op3", "wolfgang", "toddlerbot", "poppy"])
+def test_a_profile_without_planned_lag_keeps_the_speeds_that_it_had(name: str) -> None:
+    robot = load_robot(name)
+    older = with_safety(robot, planned_lag=None)
+    np.testing.assert_array_equal(speeds(older), speeds(robot))
+    neither = with_safety(older, following_error_sustained=None)
+    np.testing.assert_array_equal(speeds(neither), limits(robot).max_velocity)
 
 
 def test_no_joint_gets_faster_and_nothing_else_changes() -> None:

@@ -8,7 +8,7 @@ from model_tables import keys_of_model, models_below, section
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import PositionTask, Priorities
 from retarget.schema.profile import RobotProfile
-from retarget.schema.profile_parts import Bus, Frame, Servo
+from retarget.schema.profile_parts import Bus, ProfileFrame, Servo
 from retarget.schema.scene import Obstacle, PathPoint, Scene
 
 ROOTS: tuple[type[BaseModel], ...] = (RobotProfile, Priorities, Performer, Scene)
@@ -30,7 +30,7 @@ def test_a_key_is_listed_as_it_is_read() -> None:
     assert (limits.type, limits.unit, limits.default) == ("[lower, upper]", "rad", "**required**")
     assert (gear.type, gear.unit, gear.default) == ("number above 0", "", "`1`")
     assert mode.default == "`position`" and "or `current_based_position`" in mode.type
-    assert {key.name: key.default for key in keys_of_model(Frame)}["quat"] == "`[1, 0, 0, 0]`"
+    assert {key.name: key.default for key in keys_of_model(ProfileFrame)}["quat"] == "`[1, 0, 0, 0]`"
     assert {key.name: key.default for key in keys_of_model(Bus)}["watchdog_s"] == "absent"
     assert {key.name: key.default for key in keys_of_model(PathPoint)}["time"] == "**required**"
     assert "from" in {key.name for key in keys_of_model(Obstacle)}

@@ -344,6 +344,7 @@ def test_everything_is_said_in_words() -> None:
         "freshness_warn: 0.1",
         "following_error_sustained: 0.4",
         "following_error_warn: 0.25",
+        "planned_lag: 0.25",
         "current_a: 1.0",
         "voltage_warn: [9.0, 14.0]",
         "voltage_warn: [14.0, 11.0]",

@@ -16,7 +16,7 @@ from retarget.model.robot import load_robot
 from retarget.schema.catalogue import shipped_folder
 from retarget.schema.profile_checks import is_convex
 from retarget.setup.frames import Anatomy, find_anatomy, find_frames, wrist_of
-from retarget.setup.links import Links, completed, pitch_joints, propose_links, read_links
+from retarget.setup.links import PartLinks, completed, pitch_joints, propose_links, read_links
 from retarget.setup.tree import Tree, flat_underside, read_tree
 from unknown_robots import (
     HUMANOID,
@@ -187,7 +187,9 @@ def test_a_link_on_the_left_gives_its_counterpart_on_the_right(part: str, place:
         nodes = limb["l"].nodes[1:]
         link = tree.nodes[nodes[min(place, len(nodes) - 1)]].names[0]
         end = {"hand": "elbow", "sole": "knee"}.get(part)
-        given_links = Links.model_validate({f"l_{part}": link, **({f"{s}_{end}": None for s in "lr"} if end else {})})
+        given_links = PartLinks.model_validate(
+            {f"l_{part}": link, **({f"{s}_{end}": None for s in "lr"} if end else {})}
+        )
         links = completed(proposed, given_links, tree)
         assert getattr(links, f"r_{part}") == link.replace(left, right, 1), (robot, link)
 
@@ -197,10 +199,10 @@ def test_what_is_derived_from_a_limb_is_derived_again_where_its_end_is_given() -
     tree = shipped_tree("op3")
     proposed = propose_links(tree)
     assert proposed.l_elbow is not None and proposed.l_knee is not None
-    links = completed(proposed, Links(l_hand="l_sho_roll_link", l_sole="l_hip_pitch_link"), tree)
+    links = completed(proposed, PartLinks(l_hand="l_sho_roll_link", l_sole="l_hip_pitch_link"), tree)
     assert (links.r_hand, links.r_sole) == ("r_sho_roll_link", "r_hip_pitch_link")
     assert links.l_elbow == "l_sho_roll_link" and links.r_knee is None
-    ankle = completed(proposed, Links(l_sole="l_ank_pitch_link"), tree)
+    ankle = completed(proposed, PartLinks(l_sole="l_ank_pitch_link"), tree)
     assert (ankle.l_knee, ankle.r_knee) == (proposed.l_knee, proposed.r_knee)
 
 
@@ -214,7 +216,7 @@ def test_links_are_read_strictly(tmp_path: Path) -> None:
     links = completed(propose_links(tree), read_links(path, tree), tree)
     assert links.head is None and links.l_hand is not None
     with refuses(ConfigError, "l_elbow"):
-        completed(propose_links(tree), Links(l_elbow=links.l_sole), tree)
+        completed(propose_links(tree), PartLinks(l_elbow=links.l_sole), tree)
 
 
 WRONG = {
@@ -231,12 +233,12 @@ def test_links_that_cannot_be_those_parts_are_refused(case: str) -> None:
     parts, facts = WRONG[case]
     tree = shipped_tree("op3")
     with refuses(ConfigError, facts):
-        completed(propose_links(tree), Links(**parts), tree)
+        completed(propose_links(tree), PartLinks(**parts), tree)
 
 
 def test_without_a_hand_there_is_no_elbow() -> None:
     tree = shipped_tree("op3")
-    links = completed(propose_links(tree), Links(l_hand=None), tree)
+    links = completed(propose_links(tree), PartLinks(l_hand=None), tree)
     assert links.l_elbow is links.r_elbow is None and links.l_knee is not None
 
 

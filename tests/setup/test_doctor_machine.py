@@ -11,8 +11,8 @@ from hardware.clock import VirtualClock
 from messages import shows
 from retarget.errors import Problem
 from retarget.setup.doctor_machine import (
-    Finding,
-    Level,
+    DoctorFinding,
+    FindingLevel,
     checks,
     firewall_findings,
     fix_all,
@@ -26,10 +26,10 @@ from retarget.setup.doctor_machine import (
 
 
 def test_a_line_for_each() -> None:
-    assert Finding(Level.OK, "rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
-    assert Finding(Level.NOTE, "clock", "coarse").render() == "note clock: coarse"
-    assert Finding(Level.FIX, "port", "taken", "Stop it").render() == "fix  port: taken. Stop it."
-    assert Finding(Level.FIX, "port", "taken", "Who?").render().endswith("Who?")
+    assert DoctorFinding(FindingLevel.OK, "rate", "100 frames/s").render() == "ok   rate: 100 frames/s"
+    assert DoctorFinding(FindingLevel.NOTE, "clock", "coarse").render() == "note clock: coarse"
+    assert DoctorFinding(FindingLevel.FIX, "port", "taken", "Stop it").render() == "fix  port: taken. Stop it."
+    assert DoctorFinding(FindingLevel.FIX, "port", "taken", "Who?").render().endswith("Who?")
 
 
 @pytest.mark.parametrize("name", checks())
@@ -38,13 +38,15 @@ def test_each_check_has_a_level_whatever_its_facts(name: str) -> None:
     *limited, last = entry.get("rows", [entry])
     assert all(row.keys() & {"under", "over"} for row in limited) and not last.keys() & {"under", "over"}
     for row in (*limited, last):
-        level = Level(row.get("level", entry.get("level")))
-        assert level is not Level.FIX or row.get("then", entry.get("then")), "it is wrong, and nothing is to be done"
+        level = FindingLevel(row.get("level", entry.get("level")))
+        assert level is not FindingLevel.FIX or row.get("then", entry.get("then")), (
+            "it is wrong, and nothing is to be done"
+        )
 
 
 def test_problems_of_a_refusal() -> None:
     found = fix_all("port", [Problem("taken", next_step="Stop it"), Problem("also")])
-    assert [one.level for one in found] == [Level.FIX, Level.FIX]
+    assert [one.level for one in found] == [FindingLevel.FIX, FindingLevel.FIX]
     assert found[0].what == "taken. Stop it."
 
 

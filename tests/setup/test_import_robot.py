@@ -24,7 +24,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import try_robot
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
-from retarget.schema.profile_parts import Foot, Frame, Gains, Landmark, Servo
+from retarget.schema.profile_parts import Foot, Gains, Landmark, ProfileFrame, Servo
 from retarget.setup.body_draft import BodyDraft
 from retarget.setup.draft import Draft, profile_text
 from retarget.setup.import_robot import Imported, import_robot
@@ -286,7 +286,7 @@ def test_what_is_not_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 # A drafted profile as YAML, and servos guessed from what a body file says of torque and speed.
 
-FRAME = Frame(link="Yes", pos=(0.1, -0.0, 1e-7))
+FRAME = ProfileFrame(link="Yes", pos=(0.1, -0.0, 1e-7))
 SERVO = Servo(
     id=1,
     model="MX-28",

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 
 from messages import refuses, shows
 from retarget.errors import InputError, UsageError
-from retarget.sources.raw_record import MAX_UNWRITTEN, Datagram, RawReader, RawWriter
+from retarget.sources.raw_record import MAX_UNWRITTEN, RawReader, RawWriter, RecordedDatagram
 from retarget.sources.stream_frame import MAX_DATAGRAM
 
 URL = "vmc://127.0.0.1:39539"
 SENT = [
-    Datagram(1.5, 39539, b"first", "127.0.0.1"),
-    Datagram(1.5, 0, b"", "::1"),
-    Datagram(3e5, 65535, bytes(range(256)) * 10, "192.168.1.20"),
+    RecordedDatagram(1.5, 39539, b"first", "127.0.0.1"),
+    RecordedDatagram(1.5, 0, b"", "::1"),
+    RecordedDatagram(3e5, 65535, bytes(range(256)) * 10, "192.168.1.20"),
 ]
 
 
-def write(path: Path, datagrams: list[Datagram]) -> None:
+def write(path: Path, datagrams: list[RecordedDatagram]) -> None:
     writer = RawWriter(path, url=URL)
     for sent in datagrams:
         writer.append(sent.payload, time_ns=round(sent.time_s * 1e9), address=sent.address, port=sent.port)
@@ -45,7 +45,7 @@ def test_what_was_written_is_read(recording: Path) -> None:
 
 
 def test_the_bytes_of_the_format(tmp_path: Path) -> None:
-    write(tmp_path / "a", [Datagram(0.000000258, 513, b"\x07", "1.2.3.4")])
+    write(tmp_path / "a", [RecordedDatagram(0.000000258, 513, b"\x07", "1.2.3.4")])
     wanted = b"RAWDGM01" + b"\x15\0" + URL.encode()
     record = bytes.fromhex("0201000000000000 0102 00000000000000000000ffff01020304 01000000 07")
     content = (tmp_path / "a").read_bytes()
@@ -57,7 +57,7 @@ def test_the_old_format_cut_short(tmp_path: Path) -> None:
     record = struct.pack("<QHI", 2_000_000_000, 9000, 3) + b"abc"
     path.write_bytes(b"UDPREC01" + record + record[:-1])
     reader = RawReader(path)
-    assert list(reader) == [Datagram(2.0, 9000, b"abc")]
+    assert list(reader) == [RecordedDatagram(2.0, 9000, b"abc")]
     shows(reader.damage, 2, 25)
     path.write_bytes(b"UDPREC01" + record + struct.pack("<QHI", 0, 0, MAX_DATAGRAM + 1))
     assert len(list(reader)) == 1

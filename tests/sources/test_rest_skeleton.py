@@ -14,11 +14,11 @@ from retarget.model.human import build_human
 from retarget.sources.axes import UP_AXES
 from retarget.sources.canonical import canonical_frames
 from retarget.sources.rest_skeleton import canonical_joints, true_offsets
-from retarget.sources.skeletons import Channel, JointTree, Pose, joints_by_shape, posed
+from retarget.sources.skeletons import Channel, JointPoses, JointTree, joints_by_shape, posed
 from rigs import along, body, carried, differences, in_axes, moved, rest_turned
 
 
-def read(tree: JointTree, pose: Pose, *, unit: float | None = None) -> SensorFrames:
+def read(tree: JointTree, pose: JointPoses, *, unit: float | None = None) -> SensorFrames:
     return canonical_frames(tree, pose, unit=unit, rate=30.0, source="here")
 
 
@@ -75,7 +75,7 @@ def test_a_tree_that_stands_in_no_frame_is_refused() -> None:
     tree, pose = along(body(), moved(body()), UP_AXES["x"], 1e-5)
     lying = rotations.from_axis_angle([1.0, 0.0, 0.0], np.pi / 2)
     position = rotations.rotate(lying, pose.position) + np.array([0.0, 0.1, 0.0])
-    fallen = Pose(position, rotations.multiply(lying, pose.orientation))
+    fallen = JointPoses(position, rotations.multiply(lying, pose.orientation))
     with refuses(InputError, where="here", next_step="T-pose"):
         canonical_frames(tree, fallen, unit=1.0, rate=30.0, source="here", up=UP_AXES["y"])
     swapped = tuple(

@@ -13,12 +13,12 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
 from hardware.guard import Guard, Torque
 from hardware.joint_map import JointMap
-from hardware.servo import Coupling, ServoMode, ServoSpec, find_model
+from hardware.servo import ServoCoupling, ServoMode, ServoSpec, find_model
 from retarget.safety.gate import Gate
 from sim.emulator.conversation import Conduct, Gaps
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault
-from sim.emulator.line import Line, Timing
+from sim.emulator.line import Line, LineTiming
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import devices_of
 from sim.emulator.servo2 import EmulatedServo
@@ -82,7 +82,7 @@ class BusRig:
         servos: Sequence[ServoSpec] | None = None,
         *,
         buses: Sequence[BusSpec] = (),
-        timing: Timing | dict[str, Timing] | None = None,
+        timing: LineTiming | dict[str, LineTiming] | None = None,
         gaps: Gaps = Gaps.SILENCE,
         start: Sequence[int] | None = None,
         unknown_ids: Sequence[ServoSpec] = (),
@@ -233,7 +233,7 @@ def four_servos() -> tuple[ServoSpec, ...]:
 def waist_servos() -> tuple[ServoSpec, ...]:
     """A differential waist of many turns between a plain servo and a geared one of many turns."""
     x_series, small = find_model("XM430-W350"), find_model("XC330-T288")
-    waist = Coupling(("roll", "yaw"), ((-0.29166667, 0.29166667), (0.20833333, 0.20833333)))
+    waist = ServoCoupling(("roll", "yaw"), ((-0.29166667, 0.29166667), (0.20833333, 0.20833333)))
     many = ServoMode.EXTENDED_POSITION
     return (
         ServoSpec("knee", 7, x_series, "main", -1, 2048, -1.0, 1.0, 4.0, 40.0),

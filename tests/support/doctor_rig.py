@@ -14,7 +14,7 @@ from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
-from retarget.setup.doctor_machine import Finding, Level
+from retarget.setup.doctor_machine import DoctorFinding, FindingLevel
 from retarget.setup.doctor_sensors import StreamCapture, capture_stream
 from retarget.setup.doctor_stream import judge, named_for
 from retarget.sources.stream_frame import Dropped
@@ -87,15 +87,17 @@ def steady(payload: bytes, *, rate: float = 100.0, seconds: float = 2.0, source:
     return [Datagram(k / rate, source, payload) for k in range(round(rate * seconds))]
 
 
-def judged(capture: StreamCapture, *, text: str = "json://:14150", performer: Performer | None = None) -> list[Finding]:
+def judged(
+    capture: StreamCapture, *, text: str = "json://:14150", performer: Performer | None = None
+) -> list[DoctorFinding]:
     address = parse_address(text)
     roles = stream_kinds()[address.kind].roles
     return judge(address, performer or five(), roles, capture, kind=address.kind)
 
 
-def fixes(found: Sequence[Finding]) -> list[str]:
-    return [finding.render() for finding in found if finding.level is Level.FIX]
+def fixes(found: Sequence[DoctorFinding]) -> list[str]:
+    return [finding.render() for finding in found if finding.level is FindingLevel.FIX]
 
 
-def text_of(found: Sequence[Finding]) -> str:
+def text_of(found: Sequence[DoctorFinding]) -> str:
     return "\n".join(finding.render() for finding in found)

@@ -15,7 +15,7 @@ from hardware.servo import find_model
 from retarget import cli
 from sim.emulator.device import Answer, Device
 from sim.emulator.fault_state import FaultState
-from sim.emulator.line import REAL_TIME_GAP, Line, Timing
+from sim.emulator.line import REAL_TIME_GAP, Line, LineTiming
 from sim.emulator.ports import Link, PseudoTerminal, serve
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
@@ -69,7 +69,7 @@ def answered(servo: Servo, instruction: int, params: bytes = b"", now: float = 0
 
 # Devices served on a pseudo-terminal by a thread, for clients of their own.
 
-NO_DELAY = replace(Timing.none(), gap=REAL_TIME_GAP)
+NO_DELAY = replace(LineTiming.none(), gap=REAL_TIME_GAP)
 
 
 @contextmanager
@@ -97,7 +97,7 @@ def serving(terminal: PseudoTerminal) -> Iterator[None]:
 
 
 @contextmanager
-def served(devices: Sequence[Device], path: Path, timing: Timing = NO_DELAY) -> Iterator[Line]:
+def served(devices: Sequence[Device], path: Path, timing: LineTiming = NO_DELAY) -> Iterator[Line]:
     """Serve devices on `path` while the context lasts."""
     line = Line(devices, timing=timing, faults=FaultState(devices, origin=MonotonicClock().now()))
     with serving(PseudoTerminal(line, Link(path))):

@@ -11,7 +11,7 @@ from retarget.human.calibration import dimensions_from_skeleton
 from retarget.ik.support_polygon import support_distance
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
-from retarget.report.tracking import Performance
+from retarget.report.tracking import ReferenceMotion
 from retarget.robot.follower import Follower
 from retarget.schema.priorities import load_priorities
 from retarget.types import ORIENTED, FloatArray, HumanPosture, RobotPosture
@@ -56,9 +56,9 @@ def postures(frames: SensorFrames, *, speed: float = 1.0) -> list[HumanPosture]:
     ]
 
 
-def performance(human: Sequence[HumanPosture], names: tuple[str, ...], asked: FloatArray) -> Performance:
+def performance(human: Sequence[HumanPosture], names: tuple[str, ...], asked: FloatArray) -> ReferenceMotion:
     """What was asked (T, k, 3) m when `performer` did this."""
-    return Performance(
+    return ReferenceMotion(
         dimensions=dimensions(performer()),
         joint_names=human[0].joint_names,
         joints=np.array([posture.joints for posture in human]),

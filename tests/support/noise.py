@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import more_frames
-from hardware.dynamixel.codec import BROADCAST, STATUS, Frame, Parser, Status, protocol1, protocol2
+from hardware.dynamixel.codec import BROADCAST, STATUS, Parser, Status, WireFrame, protocol1, protocol2
 
 HOT = (0xFF, 0xFF, 0xFF, 0xFD, 0xFD, 0x00, 0x00, 0x55, 0xFE, 0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x83)
 
@@ -17,12 +17,12 @@ class Line(NamedTuple):
     parser: Callable[[], Parser]
     frame: Callable[[int, int, bytes], bytes]
     longest: int
-    stands_at: Callable[[bytes, int, Frame], int]
+    stands_at: Callable[[bytes, int, WireFrame], int]
     """End of the frame if its bytes stand in the stream at this place; otherwise -1."""
     header: bytes
 
 
-def stands_at_2(stream: bytes, at: int, frame: Frame) -> int:
+def stands_at_2(stream: bytes, at: int, frame: WireFrame) -> int:
     """By the e-Manual: header, id, length, CRC over all, then unstuffed."""
     end = at + 7 + int.from_bytes(stream[at + 5 : at + 7], "little")
     if len(stream) < end or stream[at + 4] != frame.id:
@@ -35,7 +35,7 @@ def stands_at_2(stream: bytes, at: int, frame: Frame) -> int:
     return end if body == bytes((frame.code,)) + frame.params else -1
 
 
-def stands_at_1(stream: bytes, at: int, frame: Frame) -> int:
+def stands_at_1(stream: bytes, at: int, frame: WireFrame) -> int:
     """Our own bytes of the frame, found again: they are unique."""
     raw = protocol1.frame(*frame)
     return at + len(raw) if stream.startswith(raw, at) else -1
@@ -47,7 +47,7 @@ LINES = {
 }
 
 
-def bytes_of(line: Line, stream: bytes, frames: list[Frame]) -> int:
+def bytes_of(line: Line, stream: bytes, frames: list[WireFrame]) -> int:
     """How many bytes of `stream` the frames are, in order and apart. Raises AssertionError for a false one."""
     at = used = 0
     for frame in frames:

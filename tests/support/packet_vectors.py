@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import more_frames as more
 from hardware.clock import VirtualClock
-from hardware.dynamixel.codec import BROADCAST, Frame, Status
+from hardware.dynamixel.codec import BROADCAST, Status, WireFrame
 from hardware.dynamixel.codec import protocol1 as p1
 from hardware.dynamixel.codec import protocol2 as p2
 from hardware.errors import BusError
@@ -16,20 +16,20 @@ class Vector(NamedTuple):
 
     printed: bytes
     built: bytes
-    frame: Frame
+    frame: WireFrame
 
 
 def two(printed: str, built: bytes | None = None) -> Vector:
     """Of protocol 2.0, in hexadecimal: header (4), id, length (2), instruction, parameters, CRC (2); unstuffed."""
     raw = bytes.fromhex(printed)
-    frame = Frame(raw[4], raw[7], raw[8:-2])
+    frame = WireFrame(raw[4], raw[7], raw[8:-2])
     return Vector(raw, p2.frame(*frame) if built is None else built, frame)
 
 
 def one(printed: str, built: bytes | None = None) -> Vector:
     """Of protocol 1.0: header (2), id, length, instruction, parameters, checksum."""
     raw = bytes.fromhex(printed)
-    frame = Frame(raw[2], raw[4], raw[5:-1])
+    frame = WireFrame(raw[2], raw[4], raw[5:-1])
     return Vector(raw, p1.frame(*frame) if built is None else built, frame)
 
 

@@ -123,7 +123,7 @@ def messages(path: Path, topic: str) -> list[bytes]:
 
 
 class How(IntEnum):
-    """The values of `Played.how`."""
+    """The values of `PlayoutSample.how`."""
 
     NONE = 0
     """No pose was ever sent: NaN."""

@@ -9,7 +9,7 @@ import numpy as np
 from retarget import rotations
 from retarget.frames import SensorFrames
 from retarget.sources.axes import axes_with_up
-from retarget.sources.skeletons import JointTree, Pose, forward_kinematics
+from retarget.sources.skeletons import JointPoses, JointTree, forward_kinematics
 from retarget.types import FloatArray
 
 FRAMES = 12
@@ -47,7 +47,7 @@ def body(*, arms: Sequence[str] = ("Left", "Right"), toe: Sequence[float] = (0.0
     return tree_of(rows, ends)
 
 
-def moved(tree: JointTree) -> Pose:
+def moved(tree: JointTree) -> JointPoses:
     """The person stands with hanging arms, raises the left arm to the front, bends the right elbow and squats."""
     local = np.broadcast_to(rotations.IDENTITY, (FRAMES, len(tree.names), 4)).copy()
     share = np.clip(np.linspace(-0.2, 1.0, FRAMES), 0.0, 1.0)
@@ -74,7 +74,7 @@ def moved(tree: JointTree) -> Pose:
     return forward_kinematics(tree, local, translation)
 
 
-def along(tree: JointTree, pose: Pose, axis: FloatArray, noise: float) -> tuple[JointTree, Pose]:
+def along(tree: JointTree, pose: JointPoses, axis: FloatArray, noise: float) -> tuple[JointTree, JointPoses]:
     """The same motion of a rig in which every bone to a first child lies along a local axis (3,): its zero pose is a
     stick. noise: m, of the offsets."""
     frames = np.tile(rotations.IDENTITY, (len(tree.names), 1))
@@ -91,10 +91,12 @@ def along(tree: JointTree, pose: Pose, axis: FloatArray, noise: float) -> tuple[
         tuple(rotations.rotate(rotations.conjugate(q), end) for end in ends)
         for q, ends in zip(frames, tree.ends, strict=True)
     )
-    return replace(tree, offsets=offsets, ends=ends), Pose(pose.position, rotations.multiply(pose.orientation, frames))
+    return replace(tree, offsets=offsets, ends=ends), JointPoses(
+        pose.position, rotations.multiply(pose.orientation, frames)
+    )
 
 
-def carried(tree: JointTree, pose: Pose, prefix: str, carriers: int) -> tuple[JointTree, Pose]:
+def carried(tree: JointTree, pose: JointPoses, prefix: str, carriers: int) -> tuple[JointTree, JointPoses]:
     """The same motion with so many joints on the floor above the hips, and a prefix on every name."""
     names = (*(f"{prefix}Root{i}" for i in range(carriers)), *(prefix + name for name in tree.names))
     offsets = np.concatenate((np.zeros((carriers, 3)), tree.offsets))
@@ -107,23 +109,25 @@ def carried(tree: JointTree, pose: Pose, prefix: str, carriers: int) -> tuple[Jo
             offsets=offsets,
             ends=((),) * carriers + tree.ends,
         ),
-        Pose(
+        JointPoses(
             np.concatenate((np.zeros((*shape, 3)), pose.position), axis=1),
             np.concatenate((np.broadcast_to(rotations.IDENTITY, (*shape, 4)), pose.orientation), axis=1),
         ),
     )
 
 
-def rest_turned(tree: JointTree, pose: Pose, turn: FloatArray) -> tuple[JointTree, Pose]:
+def rest_turned(tree: JointTree, pose: JointPoses, turn: FloatArray) -> tuple[JointTree, JointPoses]:
     """The same motion of a rig whose zero pose is turned as a whole, by a quaternion (4,)."""
     ends = tuple(tuple(rotations.rotate(turn, end) for end in ends) for ends in tree.ends)
     orientation = rotations.multiply(pose.orientation, rotations.conjugate(turn))
-    return replace(tree, offsets=rotations.rotate(turn, tree.offsets), ends=ends), Pose(pose.position, orientation)
+    return replace(tree, offsets=rotations.rotate(turn, tree.offsets), ends=ends), JointPoses(
+        pose.position, orientation
+    )
 
 
 def in_axes(
-    tree: JointTree, pose: Pose, up: FloatArray, *, mirrored: bool, heading: float, unit: float
-) -> tuple[JointTree, Pose]:
+    tree: JointTree, pose: JointPoses, up: FloatArray, *, mirrored: bool, heading: float, unit: float
+) -> tuple[JointTree, JointPoses]:
     """The same motion in a file with another up axis (3,), heading (rad), handedness and length unit (m)."""
     to_world, to_file = axes_with_up(np.array([0.0, 1.0, 0.0])), axes_with_up(up).T
     about = rotations.to_matrix(rotations.from_axis_angle([0.0, 0.0, 1.0], heading))
@@ -136,7 +140,7 @@ def in_axes(
     ends = tuple(tuple(rest @ flip @ end / unit for end in ends) for ends in tree.ends)
     return (
         replace(tree, offsets=tree.offsets @ (rest @ flip).T / unit, ends=ends),
-        Pose(pose.position @ (rotations.to_matrix(turn) @ flip).T / unit, orientation),
+        JointPoses(pose.position @ (rotations.to_matrix(turn) @ flip).T / unit, orientation),
     )
 
 

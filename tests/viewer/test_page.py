@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from followers import op3
 from hardware.clock import VirtualClock
 from messages import shows
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.types import FloatArray
 from retarget.viewer.joint_plot import OF_ANGLES, QUANTITIES, JointPlot, curves
 from retarget.viewer.page import PLAY, RecordedPage, headline_of
-from retarget.viewer.snapshot import GRAVITY, Row, zero_moment_point
+from retarget.viewer.snapshot import Row, zero_moment_point
 from viewed import cast_of_op3, person, snapshot
 
 ROWS, DT = 100, 0.01

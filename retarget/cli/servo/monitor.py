@@ -10,9 +10,9 @@ from rich.text import Text
 
 from hardware.bus import ServoStates
 from hardware.clock import MonotonicClock
-from hardware.dynamixel.bus import Watch
+from hardware.dynamixel.bus import BusWatch
 from hardware.dynamixel.checks import alert_text
-from hardware.dynamixel.readings import Torque
+from hardware.dynamixel.readings import ReportedTorque
 from hardware.servo import ServoSpec
 from retarget.cli.application import console
 from retarget.cli.exit import echo, stop_on_signals
@@ -23,7 +23,12 @@ FIRST = 5
 """Cycles before one table is printed."""
 DRAWN = 5.0
 """[Hz] Tables on a terminal."""
-TORQUE = {Torque.UNKNOWN: "?", Torque.OFF: "off", Torque.ON: "on", Torque.HELD: "on, stopped by its watchdog"}
+TORQUE = {
+    ReportedTorque.UNKNOWN: "?",
+    ReportedTorque.OFF: "off",
+    ReportedTorque.ON: "on",
+    ReportedTorque.HELD: "on, stopped by its watchdog",
+}
 
 
 def monitor(
@@ -50,7 +55,7 @@ def monitor(
         lines = [one.line for one in look_at(places, only, ids=wanted) if one.line.servos]
         placed = {line.index_of[device]: servo for line in lines for device, servo in line.servos.items()}
         servos = [placed[index] for index in sorted(placed)]
-        watch, clock = Watch(lines), lines[0].port
+        watch, clock = BusWatch(lines), lines[0].port
         if once:
             for _ in range(FIRST):
                 states = watch.read()
@@ -69,7 +74,7 @@ def monitor(
                 clock.sleep_until(due)
 
 
-def shown(servos: list[ServoSpec], states: ServoStates, watch: Watch, rate: float) -> Group:
+def shown(servos: list[ServoSpec], states: ServoStates, watch: BusWatch, rate: float) -> Group:
     """Make the table of all servos, and a line about the cycles."""
     table = Table(box=None, pad_edge=False)
     # On a narrow terminal numbers give way: names that are cut look alike, and so do "on" and "off".

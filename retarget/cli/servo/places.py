@@ -68,7 +68,7 @@ class Only:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class ServoPort:
     """A port, and its bus and servos in the profile, with their places in the robot's order.
 
     Without a robot there is neither.
@@ -84,7 +84,7 @@ class Place:
         return self.port.name if self.spec is None else f"bus {self.spec.name} ({self.port.name})"
 
 
-def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = None) -> list[Place]:
+def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = None) -> list[ServoPort]:
     """Ports, none of them open. clock: None: real, and virtual for an emulator. bus: only this one of the robot.
 
     Raises UsageError where no port is named, and for a port that none of the robot's several buses has.
@@ -99,7 +99,7 @@ def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = N
     if robot is None and not emulated:
         if port is None:
             raise UsageError("no port is named", where="servo", allowed="--port PATH, --bus emulator, or --robot NAME")
-        return [Place(SerialPort(port, clock))]
+        return [ServoPort(SerialPort(port, clock))]
     body = load_uncalibrated(robot or EMULATED_ROBOT)
     lines = emulated_lines(body, clock, faults) if emulated else {}
     buses = [one for one in body.profile.bus_specs() if bus in (None, one.name)]
@@ -111,7 +111,7 @@ def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = N
         if emulated:
             found = EmulatedPort(lines[one.name], clock, name=f"emulated {one.port}")
         servos = [(index, servo) for index, servo in enumerate(body.joint_map.servos) if servo.bus == one.name]
-        places.append(Place(found) if robot is None else Place(found, one, tuple(servos)))
+        places.append(ServoPort(found) if robot is None else ServoPort(found, one, tuple(servos)))
     return places
 
 
@@ -131,7 +131,7 @@ def _at_port(buses: Sequence[BusSpec], port: str) -> list[BusSpec]:
 
 
 @contextmanager
-def opened(places: Sequence[Place]) -> Iterator[None]:
+def opened(places: Sequence[ServoPort]) -> Iterator[None]:
     """All ports open, each at its bus's speed; closed afterwards, whatever happens. Raises BusError."""
     try:
         for place in places:
@@ -142,7 +142,7 @@ def opened(places: Sequence[Place]) -> Iterator[None]:
             place.port.close()
 
 
-def chosen_speeds(place: Place, only: Only) -> list[Speed]:
+def chosen_speeds(place: ServoPort, only: Only) -> list[Speed]:
     """Choose the speeds, baud, at which servos are looked for: all, that of the bus first, narrowed by the options.
     Raises UsageError."""
     protocol, baud = only.protocol, only.baud
@@ -173,16 +173,16 @@ def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[s
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class ServoTarget:
     """One servo. device: its present id; servo, needed: its entry in the profile and its ticks, None without."""
 
-    place: Place
+    place: ServoPort
     device: int
     servo: ServoSpec | None = None
     needed: Span | None = None
 
 
-def find_target(where: Where, joint: str | None, device: int | None = None) -> Target:
+def find_target(where: Where, joint: str | None, device: int | None = None) -> ServoTarget:
     """The servo that is meant; its port is not open. device: its present id, None: that of the profile.
 
     Raises UsageError where that names none, or several.
@@ -193,7 +193,7 @@ def find_target(where: Where, joint: str | None, device: int | None = None) -> T
             raise UsageError("a joint of which robot", where="--joint", found=joint, allowed="--robot NAME beside it")
         if device is None:
             raise UsageError("which servo", where="servo setup", allowed="--id N, or --robot NAME --joint NAME")
-        return Target(find_places(where)[0], device)
+        return ServoTarget(find_places(where)[0], device)
     body = load_uncalibrated(robot)
     servo = _servo(body, where.port, joint, device)
     places = find_places(where, bus=None if servo is None else servo.bus)
@@ -202,9 +202,9 @@ def find_target(where: Where, joint: str | None, device: int | None = None) -> T
         raise UsageError("which bus", where="--robot", found=names, allowed="--joint NAME, or --port PATH of one")
     if servo is None:
         assert device is not None
-        return Target(places[0], device)
+        return ServoTarget(places[0], device)
     needed = needed_ticks(_calibrated(robot, body).joint_map)[servo.joint]
-    return Target(places[0], servo.id if device is None else device, servo, needed)
+    return ServoTarget(places[0], servo.id if device is None else device, servo, needed)
 
 
 def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | None) -> ServoSpec | None:
@@ -245,7 +245,7 @@ def _calibrated(robot: str, body: RobotBody) -> RobotBody:
 
 
 def look_at(
-    places: Sequence[Place], only: Only, *, ids: Sequence[int] | None = None, unknown_too: bool = False
+    places: Sequence[ServoPort], only: Only, *, ids: Sequence[int] | None = None, unknown_too: bool = False
 ) -> list[Look]:
     """A look at each port. only, ids (None: all, or those of the profile): narrow the search.
 
@@ -308,7 +308,7 @@ def ids_of(text: str, *, option: str = "--ids", highest: int = MAX_ID + 1) -> li
 
 
 def search(
-    place: Place,
+    place: ServoPort,
     speeds: Sequence[Speed],
     ids: Sequence[int] | None,
     on_found: Callable[[Sighting], object] = lambda seen: None,
@@ -318,7 +318,7 @@ def search(
         return scan_line(place.port, speeds, ids=ids, progress=progress, on_found=on_found)
 
 
-def quick_search(place: Place, speeds: Sequence[Speed], on_found: Callable[[Sighting], object]) -> LineScan:
+def quick_search(place: ServoPort, speeds: Sequence[Speed], on_found: Callable[[Sighting], object]) -> LineScan:
     """Look for the servos of the place and others where servos usually are, with a progress bar. See `scan_likely`."""
     expected = () if place.spec is None else place.spec.ids
     with progress_bar(f"looking on {place.where}", len(speeds)) as progress:

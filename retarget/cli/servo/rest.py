@@ -9,7 +9,7 @@ from hardware.dynamixel.line_scan import Speed
 from hardware.dynamixel.torque import not_limp, off_everywhere
 from hardware.errors import BusError, TorqueError
 from retarget.cli.exit import echo, stop_on_signals
-from retarget.cli.servo.places import Only, Place, Where, agreed, chosen_speeds, find_places, look_at, names, opened
+from retarget.cli.servo.places import Only, ServoPort, Where, agreed, chosen_speeds, find_places, look_at, names, opened
 
 UNCONFIRMED = (
     "Torque off was sent to all servos, and no servo has confirmed it: run it again, or cut the power by hand."
@@ -66,7 +66,7 @@ def rest(where: Where, only: Only, yes: bool = False, dry_run: bool = False) -> 
     echo(f"torque is off on all {count} servos")
 
 
-def _broadcast(places: Sequence[Place], speeds: Sequence[Sequence[Speed]]) -> None:
+def _broadcast(places: Sequence[ServoPort], speeds: Sequence[Sequence[Speed]]) -> None:
     """Send torque off by broadcast on all ports, also after one fails; each is left at its first speed."""
     with stop_on_signals():
         for place, own in zip(places, speeds, strict=True):
@@ -76,7 +76,7 @@ def _broadcast(places: Sequence[Place], speeds: Sequence[Sequence[Speed]]) -> No
     echo("torque off was sent to all servos; now each is looked for and read back")
 
 
-def _tables(place: Place) -> list[ControlTable]:
+def _tables(place: ServoPort) -> list[ControlTable]:
     """Tables of the servos that the profile has there."""
     return [find_table(one.model.name, place.spec.protocol) for _, one in place.servos] if place.spec else []
 

@@ -11,7 +11,7 @@ from hardware.errors import BusError
 from retarget.cli.exit import echo
 from retarget.cli.servo.places import (
     Only,
-    Place,
+    ServoPort,
     Where,
     chosen_speeds,
     find_places,
@@ -49,7 +49,7 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
         for place, some in zip(places, speeds, strict=True):
             echo(f"would ping {whose} on {place.where} at {_speeds_text(some)}; nothing is written")
         return
-    rows = Rows()
+    rows = SightingTable()
     scans: list[LineScan] = []
     with opened(places):
         for place, some in zip(places, speeds, strict=True):
@@ -70,16 +70,16 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
         echo(f"note: looked at the usual speeds; {LOOK_EVERYWHERE}", err=True)
 
 
-class Rows:
+class SightingTable:
     """Lines of a table that are printed as soon as they are known, in a pipe too."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._place: Place | None = None
+        self._place: ServoPort | None = None
         # The progress bar on stderr redirects what is printed: right for a terminal, wrong for a pipe.
         self._out = None if sys.stdout.isatty() else sys.stdout
 
-    def add(self, place: Place, sighting: Sighting) -> None:
+    def add(self, place: ServoPort, sighting: Sighting) -> None:
         """Print one servo, after a heading where its port is a new one."""
         if place is not self._place:
             echo(f"{place.where}:", file=self._out)
@@ -98,7 +98,7 @@ def _row(protocol: str, baud: str, device: str, model: str, firmware: str, remar
     return f"{protocol:8}  {baud:>7}  {device:>3}  {model:13}  {firmware:>8}  {remarks}".rstrip()
 
 
-def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None:
+def _conclude(place: ServoPort, one: LineScan, wanted: Sequence[int] | None) -> None:
     """Print notes, skipped speeds and missing servos of a port."""
     if one.echoes:
         echo(f"note: {place.where}: {ECHOES}", err=True)
@@ -109,7 +109,7 @@ def _conclude(place: Place, one: LineScan, wanted: Sequence[int] | None) -> None
         echo(f"missing on {place.where}: {', '.join(missing)}")
 
 
-def known_as(place: Place, sighting: Sighting) -> str:
+def known_as(place: ServoPort, sighting: Sighting) -> str:
     """A servo's joint in the profile, and where it differs from the profile; "" without a profile."""
     spec, found = place.spec, sighting.found
     if spec is None:
@@ -125,7 +125,7 @@ def known_as(place: Place, sighting: Sighting) -> str:
     return ": ".join((servo.joint, ", ".join(wrong))) if wrong else servo.joint
 
 
-def _missing(place: Place, one: LineScan, wanted: Sequence[int] | None) -> list[str]:
+def _missing(place: ServoPort, one: LineScan, wanted: Sequence[int] | None) -> list[str]:
     """Devices of the profile that were looked for and did not answer."""
     if place.spec is None:
         return []

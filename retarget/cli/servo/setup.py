@@ -25,8 +25,8 @@ from hardware.errors import BusError, HardwareError
 from retarget.cli.exit import echo, stop_on_signals
 from retarget.cli.servo.places import (
     Only,
-    Place,
-    Target,
+    ServoPort,
+    ServoTarget,
     Where,
     agreed,
     check_speed,
@@ -85,7 +85,7 @@ def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
 # The values that a servo is to hold: the options first, then its profile.
 
 
-def wanted_of(target: Target, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
+def wanted_of(target: ServoTarget, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
     """The options, completed by the profile.
 
     Status Return Level is left out where it is in RAM: a servo with status return off was set before, and every run
@@ -173,7 +173,7 @@ def setup(
             _write(place, seen, due)
 
 
-def _check(target: Target, asked: Asked, protocol: int | None) -> None:
+def _check(target: ServoTarget, asked: Asked, protocol: int | None) -> None:
     """Raise UsageError for what is impossible, before a port is opened."""
     servo, spec = target.servo, target.place.spec
     if servo is None:
@@ -199,7 +199,7 @@ def _preview(image: ServoImage, due: list[Setting]) -> None:
         echo(f"  {name}: {image.value(name)} -> {one.value}" + (f" ({meaning})" if meaning else ""))
 
 
-def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
+def _make_responsive(target: ServoTarget, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
     """The servo, answering all instructions. One that answers pings only is set to, if an option or the profile says
     so.
 
@@ -226,7 +226,7 @@ def _make_responsive(target: Target, asked: Asked, seen: Sighting, *, yes: bool,
     return _find(place, device, seen.speed.protocol)
 
 
-def _find(place: Place, device: int, protocol: int | None) -> Sighting:
+def _find(place: ServoPort, device: int, protocol: int | None) -> Sighting:
     """The only servo with this id, at any speed. Raises BusError."""
     scan = search(place, chosen_speeds(place, Only(protocol=protocol)), [device])
     seen = [one for one in scan.sightings if one.found.id == device]
@@ -237,7 +237,7 @@ def _find(place: Place, device: int, protocol: int | None) -> Sighting:
     return seen[0]
 
 
-def _refuse_taken(place: Place, seen: Sighting, new_id: int, baud: int) -> None:
+def _refuse_taken(place: ServoPort, seen: Sighting, new_id: int, baud: int) -> None:
     """Raise BusError where another servo has the id, at the present or the new speed."""
     try:
         for rate in (seen.speed.baud, baud):
@@ -252,7 +252,7 @@ def _refuse_taken(place: Place, seen: Sighting, new_id: int, baud: int) -> None:
         place.port.set_baud(seen.speed.baud)
 
 
-def _write(place: Place, seen: Sighting, due: list[Setting]) -> None:
+def _write(place: ServoPort, seen: Sighting, due: list[Setting]) -> None:
     """Write all settings, each completely; print what was written if it ends early."""
     assert seen.table is not None
     device, speed = seen.found.id, Speed(*seen.speed)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import more_frames
-from hardware.dynamixel.codec import ALERT, BROADCAST, Frame, Status, protocol1, protocol2, valid_parts, whole_reply
+from hardware.dynamixel.codec import ALERT, BROADCAST, Status, WireFrame, protocol1, protocol2, valid_parts, whole_reply
 from messages import refuses
 from noise import LINES, bytes_of, noise, pieces, stretch
 from packet_vectors import ONE, TWO, SdkPort, Vector
@@ -40,13 +40,13 @@ def test_frames_depend_on_the_bytes_not_on_the_pieces(protocol: int, seed: int, 
 def test_any_frame_round_trips(protocol: int, device: int, code: int, params: bytes) -> None:
     line = LINES[protocol]
     parser = line.parser()
-    assert parser.feed(line.frame(device, code, params)) == [Frame(device, code, params)]
+    assert parser.feed(line.frame(device, code, params)) == [WireFrame(device, code, params)]
 
 
 @given(st.lists(st.builds(Status, st.integers(0, 252), st.integers(0, 255), st.binary(max_size=12)), min_size=1))
 def test_a_fast_status_is_taken_as_it_is(answers: list[Status]) -> None:
     reply = more_frames.fast_status(answers)
-    assert protocol2.parser().feed(reply) == [Frame(0xFE, 0x55, reply[8:-2])]
+    assert protocol2.parser().feed(reply) == [WireFrame(0xFE, 0x55, reply[8:-2])]
 
 
 @both
@@ -60,12 +60,12 @@ def test_a_valid_frame_behind_garbage_is_found(protocol: int, seed: int) -> None
     frames = parser.feed(garbage + frame)
     frames += parser.flush()
     assert parser.pending == b""
-    if Frame(1, 0x55, b"\x00\x2a\xff\xff\x17") not in frames:
+    if WireFrame(1, 0x55, b"\x00\x2a\xff\xff\x17") not in frames:
         begun = [at for at in range(len(garbage)) if garbage.startswith(line.header[:2], at)]
         assert any(line.stands_at(garbage + frame, at, received) > len(garbage) for at in begun for received in frames)
 
 
-STATUSES = [Frame(device, 0x55, bytes((0, device, 0xFF, 0xFF, 0xFD, 0xFD, 0, 5))) for device in range(1, 8)]
+STATUSES = [WireFrame(device, 0x55, bytes((0, device, 0xFF, 0xFF, 0xFD, 0xFD, 0, 5))) for device in range(1, 8)]
 
 
 def test_every_damaged_byte_costs_one_frame() -> None:
@@ -88,7 +88,7 @@ def test_what_a_damaged_length_claims_in_the_first_protocol_comes_back_after_sil
     parser = protocol1.parser()
     assert parser.feed(bytes(damaged) + good + good) == []
     assert len(parser.pending) == len(damaged) + 2 * len(good)
-    assert parser.flush() == [Frame(2, 0, b"\x03\x04")] * 2
+    assert parser.flush() == [WireFrame(2, 0, b"\x03\x04")] * 2
     assert (parser.pending, parser.skipped) == (b"", len(damaged))
 
 
@@ -190,7 +190,7 @@ def test_a_frame_that_cannot_be_is_passed_over_at_once(beginning: str) -> None:
     parser = protocol2.parser()
     assert parser.feed(sealed) == []
     assert len(parser.pending) < protocol2.OVERHEAD
-    assert parser.feed(PING) == [Frame(1, 1, b"")]
+    assert parser.feed(PING) == [WireFrame(1, 1, b"")]
     assert parser.skipped == len(sealed)
 
 
@@ -198,16 +198,16 @@ def test_a_frame_without_stuffing_is_taken_when_no_header_is_inside() -> None:
     """dynamixel-sdk sends such frames; header, length and CRC are valid, so the frame counts."""
     raw = protocol2.HEADER + bytes.fromhex("01 0900 03 7400 FFFFFDFF")
     sealed = raw + more_frames.crc(raw).to_bytes(2, "little")
-    assert protocol2.parser().feed(sealed) == [Frame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
+    assert protocol2.parser().feed(sealed) == [WireFrame(1, 3, b"\x74\0\xff\xff\xfd\xff")]
 
 
-def sealed_by(tail: bytes, crc: bytes) -> tuple[Frame, bytes]:
+def sealed_by(tail: bytes, crc: bytes) -> tuple[WireFrame, bytes]:
     """A frame whose parameters end in `tail` and whose CRC is `crc`: one of 65536 values of two bytes does it."""
     for value in range(65536):
         params = value.to_bytes(2, "little") + tail
         raw = protocol2.frame(1, 3, params)
         if raw.endswith(tail + crc):
-            return Frame(1, 3, params), raw
+            return WireFrame(1, 3, params), raw
     raise AssertionError
 
 
@@ -223,9 +223,13 @@ def sealed_by(tail: bytes, crc: bytes) -> tuple[Frame, bytes]:
 def test_last_parameters_and_crc_that_look_like_a_header(tail: bytes, crc: bytes, behind: bytes) -> None:
     frame, raw = sealed_by(tail, crc)
     stream = raw + behind + raw + PING
-    assert protocol2.parser().feed(stream) == [frame, frame, Frame(1, 1, b"")]
+    assert protocol2.parser().feed(stream) == [frame, frame, WireFrame(1, 1, b"")]
     single = protocol2.parser()
-    assert [received for byte in stream for received in single.feed(bytes((byte,)))] == [frame, frame, Frame(1, 1, b"")]
+    assert [received for byte in stream for received in single.feed(bytes((byte,)))] == [
+        frame,
+        frame,
+        WireFrame(1, 1, b""),
+    ]
     assert single.skipped == len(behind)
 
 

@@ -11,7 +11,7 @@ from bus_rig import CYCLE, BusRig, Tapped, bus_of, spec, specs
 from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoAlert, ServoStates
 from hardware.dynamixel import single_requests
-from hardware.dynamixel.bus import TORQUE_AGE, Watch
+from hardware.dynamixel.bus import TORQUE_AGE, BusWatch
 from hardware.dynamixel.codec import Instruction, Status, protocol1, protocol2, side_by_side
 from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.cyclic import (
@@ -21,14 +21,14 @@ from hardware.dynamixel.cyclic import (
     WINDOW_S,
     Ask,
     ErrorRate,
-    Kind,
+    ReadKind,
     Wired,
     collect,
     goal_packets,
     kind_of,
 )
 from hardware.dynamixel.cyclic import RETRIES as ERROR_RATE_RETRIES
-from hardware.dynamixel.readings import Torque
+from hardware.dynamixel.readings import ReportedTorque
 from packet_vectors import ScriptedPort
 from sim.emulator.conversation import Gaps
 from sim.emulator.fault_state import FaultState
@@ -89,7 +89,7 @@ def test_protocol_1_is_read_in_bulk_or_one_by_one() -> None:
     servos = [spec(1, "MX-28"), spec(2, "MX-64"), spec(3, "AX-12A"), spec(4, "AX-12A")]
     rig = BusRig(servos, buses=[bus_of(servos, protocol=1, baud=1_000_000)]).ready(torque=True)
     tables = [one.table for one in rig.devices]
-    assert [kind_of(table) for table in tables] == [Kind.BULK1, Kind.BULK1, Kind.SINGLE1, Kind.SINGLE1]
+    assert [kind_of(table) for table in tables] == [ReadKind.BULK1, ReadKind.BULK1, ReadKind.SINGLE1, ReadKind.SINGLE1]
     goals = np.array([2100, 2000, 530, 500])
     for _ in range(40):
         rig.port.sent.clear()
@@ -418,7 +418,7 @@ def pieces(reply: bytes, *, begun: float, size: int = SIZE + 4) -> list[tuple[fl
 
 def received(wire: Wire) -> tuple[int, float]:
     """How many answers, and when it was known that there are no more, s."""
-    ask = Ask(Kind.FAST, IDS, 126, SIZE)
+    ask = Ask(ReadKind.FAST, IDS, 126, SIZE)
     found = collect(wire, ask, 0.0, ask.timeouts(wire, 0.0))  # type: ignore[arg-type]
     return len(found.answers), wire.time
 
@@ -433,7 +433,7 @@ def test_a_whole_reply_wakes_twice_and_is_there_with_its_last_byte() -> None:
 def test_silence_is_counted_from_the_last_byte_and_not_from_the_read(count: int) -> None:
     end = 8 + (SIZE + 4) * count
     wire = Wire(pieces(REPLY[:end], begun=1e-3))
-    idle = Ask(Kind.FAST, IDS, 126, SIZE).timeouts(wire, 0.0).idle  # type: ignore[arg-type]
+    idle = Ask(ReadKind.FAST, IDS, 126, SIZE).timeouts(wire, 0.0).idle  # type: ignore[arg-type]
     answers, known = received(wire)
     assert answers == count
     assert known <= 1e-3 + BYTE * end + idle + 1e-9
@@ -472,29 +472,29 @@ def test_a_cycle_of_twenty_servos_waits_a_few_times(monkeypatch: pytest.MonkeyPa
 def test_an_answer_to_the_same_request_in_another_order_is_taken() -> None:
     """A request is repeated in another order; the answer to the first one may still come."""
     parts = [Status(device, 0, bytes((device, 0, 0, 0))) for device in (1, 2, 3)]
-    found = Ask(Kind.FAST, (3, 2, 1), 132, 4).answers(more_frames.fast_status(parts))
+    found = Ask(ReadKind.FAST, (3, 2, 1), 132, 4).answers(more_frames.fast_status(parts))
     assert found == side_by_side(parts)
-    assert not Ask(Kind.FAST, (3, 2, 4), 132, 4).answers(more_frames.fast_status(parts[:2])).ids
+    assert not Ask(ReadKind.FAST, (3, 2, 4), 132, 4).answers(more_frames.fast_status(parts[:2])).ids
 
 
 # Watching servos that another process drives: their torque is shown as they report it.
 
 
-def watched() -> tuple[BusRig, Watch]:
+def watched() -> tuple[BusRig, BusWatch]:
     rig = BusRig(specs(3)).ready(torque=True)
-    return rig, Watch(rig.bus.lines)
+    return rig, BusWatch(rig.bus.lines)
 
 
 def test_torque_is_what_the_servos_say() -> None:
     rig, watch = watched()
-    assert watch.torque == [Torque.UNKNOWN] * 3
+    assert watch.torque == [ReportedTorque.UNKNOWN] * 3
     watch.read()
-    assert watch.torque == [Torque.ON] * 3
+    assert watch.torque == [ReportedTorque.ON] * 3
     rig.device(2).memory.put("torque_enable", 0)
     rig.clock.advance(0.25)
     watch.read()
-    assert watch.torque[0] is Torque.HELD  # no instruction for longer than the watchdog's time
-    assert watch.torque[1] is Torque.OFF
+    assert watch.torque[0] is ReportedTorque.HELD  # no instruction for longer than the watchdog's time
+    assert watch.torque[1] is ReportedTorque.OFF
 
 
 def test_torque_of_a_silent_servo_is_not_known() -> None:
@@ -504,7 +504,7 @@ def test_torque_of_a_silent_servo_is_not_known() -> None:
     for _ in range(round(1.5 * TORQUE_AGE / 0.05)):
         watch.read()
         rig.clock.advance(0.05)
-    assert watch.torque == [Torque.ON, Torque.UNKNOWN, Torque.ON]
+    assert watch.torque == [ReportedTorque.ON, ReportedTorque.UNKNOWN, ReportedTorque.ON]
     assert watch.losses[1] > 10 and np.count_nonzero(watch.losses) == 1
 
 

@@ -8,7 +8,7 @@ import pytest
 from bus_rig import CYCLE, BusRig, bus_of, spec, specs
 from emulated import answered, read_register, servo1, write_register, wrote
 from hardware.bus import BusSpec, ServoAlert
-from hardware.dynamixel.bus import Watch
+from hardware.dynamixel.bus import BusWatch
 from hardware.dynamixel.codec import ALERT, Error2, Instruction
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.found_servos import as_bus, look, look_at_bus
@@ -115,7 +115,7 @@ def test_without_a_profile_servos_of_both_layouts_are_found_watched_and_let_go(o
     for one in rig.devices:
         write_register(one, "torque_enable", 1)
     line = _line(rig)
-    states = Watch([line]).read()
+    states = BusWatch([line]).read()
     assert states.valid.all() and list(states.position) == [300, 500, 600, 700]
     assert not_limp(line, [1, 2, 3, 4]) == [1, 2, 3, 4]
     assert off_everywhere({line: [1, 2, 3, 4]}) == [] == not_limp(line, [1, 2, 3, 4])

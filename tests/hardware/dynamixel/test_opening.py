@@ -10,7 +10,7 @@ from hardware.bus import BusSpec
 from hardware.dynamixel.checks import needed_ticks
 from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.control_table import code_of, find_table
-from hardware.dynamixel.cyclic import Ask, Kind
+from hardware.dynamixel.cyclic import Ask, ReadKind
 from hardware.dynamixel.found_servos import servos_on
 from hardware.dynamixel.opening import LOOKS, too_slow
 from hardware.errors import BusError
@@ -19,13 +19,13 @@ from hardware.servo import ServoMode
 from messages import refuses, shows
 from packet_vectors import ScriptedPort
 from sim.emulator.faults import Fault, FaultKind
-from sim.emulator.line import Timing
+from sim.emulator.line import LineTiming
 
 
 def _said(protocol: int, turnaround: float, *faults: Fault) -> tuple[str, BusRig]:
     servos = specs(2, "MX-28")
     buses = [bus_of(servos, protocol=protocol, baud=1_000_000)]
-    rig = BusRig(servos, buses=buses, timing=Timing(turnaround=turnaround))
+    rig = BusRig(servos, buses=buses, timing=LineTiming(turnaround=turnaround))
     rig.port.open(1_000_000)
     for fault in faults:
         rig.fault(fault)
@@ -60,7 +60,7 @@ def test_an_answer_in_pieces_is_no_quick_one(late: float) -> None:
 
     port = ScriptedPort(in_pieces, baud=57_600)
     problem = too_slow(port, table, 1, 0.0)
-    allowed = Ask(Kind.SYNC, (1,), 132, 4).timeouts(port, 0.0).first
+    allowed = Ask(ReadKind.SYNC, (1,), 132, 4).timeouts(port, 0.0).first
     assert bool(problem) == (late > allowed)
 
 
@@ -171,7 +171,7 @@ def test_each_problem_is_named_with_its_fix(case: str) -> None:
 
 
 def test_a_slow_adapter_is_named_with_the_command() -> None:
-    rig = BusRig(specs(2), timing=Timing(latency=0.016))
+    rig = BusRig(specs(2), timing=LineTiming(latency=0.016))
     said = refusal(rig)
     shows(said, 16, 1, "latency_timer")
 
@@ -257,7 +257,7 @@ def test_all_are_found_and_nothing_comes_afterwards(protocol: int, model: str) -
 
 def test_a_search_that_would_take_too_long_is_noted() -> None:
     servos = specs(2, "AX-12A")
-    slow = Timing(latency=0.016)
+    slow = LineTiming(latency=0.016)
     buses = [bus_of(servos, protocol=1, baud=1_000_000)]
     rig = BusRig(servos, buses=buses, timing=slow, unknown_ids=[spec(9, "AX-12A")])
     rig.port.open(1_000_000)

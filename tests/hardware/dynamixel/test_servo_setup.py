@@ -9,7 +9,7 @@ from rich.console import Console
 from bus_rig import bus_of, spec
 from hardware.bus import ServoStates
 from hardware.clock import VirtualClock
-from hardware.dynamixel.bus import Watch
+from hardware.dynamixel.bus import BusWatch
 from hardware.dynamixel.checks import complaints, needed_ticks
 from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.line_scan import write_setting
@@ -221,15 +221,15 @@ def test_bad_rate_and_dry_run(lab: ServoLab) -> None:
 
 
 def test_ctrl_c_ends_the_live_table(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
-    read, cycles = Watch.read, []
+    read, cycles = BusWatch.read, []
 
-    def interrupted(watch: Watch) -> ServoStates:
+    def interrupted(watch: BusWatch) -> ServoStates:
         cycles.append(1)
         if len(cycles) == 20:
             signal.raise_signal(signal.SIGINT)
         return read(watch)
 
-    monkeypatch.setattr(Watch, "read", interrupted)
+    monkeypatch.setattr(BusWatch, "read", interrupted)
     monkeypatch.setattr("retarget.cli.servo.monitor.MonotonicClock", VirtualClock)
     monkeypatch.setattr("retarget.cli.servo.monitor.console", functools.partial(Console, force_terminal=True))
     code, out, err = lab.run("monitor", "--robot", "op3", "--port", "emulator")

@@ -9,7 +9,7 @@ from hardware.dynamixel import single_requests
 from hardware.dynamixel.codec import ALERT, BROADCAST, Error1, Error2, protocol1, protocol2
 from hardware.dynamixel.control_table import Register, find_table
 from hardware.dynamixel.single_requests import (
-    Found,
+    FoundServo,
     NoAnswer,
     OneOff,
     ServoError,
@@ -181,12 +181,12 @@ def test_whatever_the_line_says_nothing_else_is_raised(protocol: int, said: list
 
 
 def test_ping() -> None:
-    assert OneOff(ScriptedPort(always(protocol2.status(1, ALERT, b"\x06\x04\x26"))), 2).ping(1) == Found(
+    assert OneOff(ScriptedPort(always(protocol2.status(1, ALERT, b"\x06\x04\x26"))), 2).ping(1) == FoundServo(
         1, 2, 1030, 38, alert=True
     )
     assert OneOff(ScriptedPort(always()), 2).ping(1) is None
-    assert OneOff(ScriptedPort(always(protocol2.status(1, Error2.RESULT_FAIL))), 2).ping(1) == Found(1, 2)
-    assert OneOff(ScriptedPort(always(b"\xff" * 14)), 2).ping(1) == Found(1, 2, clash=True)
+    assert OneOff(ScriptedPort(always(protocol2.status(1, Error2.RESULT_FAIL))), 2).ping(1) == FoundServo(1, 2)
+    assert OneOff(ScriptedPort(always(b"\xff" * 14)), 2).ping(1) == FoundServo(1, 2, clash=True)
 
 
 def _echoing(request: bytes) -> Replies:
@@ -205,8 +205,8 @@ def test_an_answer_that_looks_like_an_echo() -> None:
     model = protocol1.status(1, Error1.INPUT_VOLTAGE, b"\x1d\x00\x24")
     port = ScriptedPort(lambda request: [(0.0005, model if request[4] == 2 else request)])
     servo = OneOff(port, 1)
-    assert servo.ping(1) == Found(1, 1, 29, 36, alert=True)
-    assert servo.scan([1]) == [Found(1, 1, 29, 36, alert=True)]
+    assert servo.ping(1) == FoundServo(1, 1, 29, 36, alert=True)
+    assert servo.scan([1]) == [FoundServo(1, 1, 29, 36, alert=True)]
 
 
 def test_scan_finds_a_clash() -> None:
@@ -226,7 +226,7 @@ def test_scan_finds_a_clash_of_whole_answers() -> None:
         frame = protocol1.status(2)
         return [(0.0005, frame), (0.0008, frame)] if request[2] == 2 and request[4] == 1 else []
 
-    assert OneOff(ScriptedPort(answer), 1).scan([1, 2]) == [Found(2, 1, clash=True)]
+    assert OneOff(ScriptedPort(answer), 1).scan([1, 2]) == [FoundServo(2, 1, clash=True)]
 
 
 READ = more_frames.read(1, 132, 4)

@@ -12,12 +12,12 @@ from hardware.dynamixel import torque
 from hardware.dynamixel.codec import Instruction
 from hardware.dynamixel.control_table import tables
 from hardware.dynamixel.cyclic import BusLine
-from hardware.dynamixel.torque import PATIENCE, Drive, restart
+from hardware.dynamixel.torque import PATIENCE, BusDrive, restart
 from hardware.errors import BusError
 from hardware.servo import Layout, ServoGains, ServoMode, ServoSpec
 from messages import refuses, shows
 from sim.emulator.faults import Direction, Fault, FaultKind
-from sim.emulator.line import Timing
+from sim.emulator.line import LineTiming
 
 
 def test_who_carries_the_robot_never_gets_less() -> None:
@@ -28,7 +28,7 @@ def test_who_carries_the_robot_never_gets_less() -> None:
     assert rig.shown("goal_pwm") == [885, 885]
     rig.device(2).memory.put("goal_pwm", 300)
     line.images[2] = type(line.images[2])(line.images[2].table, bytes(rig.device(2).memory.image))
-    drive = Drive(line, limp=())
+    drive = BusDrive(line, limp=())
     drive.confirm(0.1)
     assert rig.shown("goal_pwm") == [885, 300]
     assert drive.limited
@@ -40,7 +40,7 @@ def test_a_late_answer_to_another_question_confirms_no_goal(
     late: float, lasts: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     servos = [replace(one, lower=-0.5, upper=0.5) for one in specs(2)]
-    rig = BusRig(servos, timing=Timing())
+    rig = BusRig(servos, timing=LineTiming())
     for one in rig.devices:
         one.memory.put("min_position_limit", 1500)
         one.memory.put("max_position_limit", 2600)

@@ -12,7 +12,7 @@ from messages import shows
 from retarget.errors import ConfigError
 from sim.emulator import fault_state
 from sim.emulator.fault_state import FaultPlan, FaultState, load_fault_plan, obey
-from sim.emulator.faults import Direction, Fault, FaultKind, Part, Unit, mangled, random_faults
+from sim.emulator.faults import DelayedBytes, Direction, Fault, FaultKind, Unit, mangled, random_faults
 
 PACKET = bytes(range(40))
 PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")
@@ -48,7 +48,7 @@ def test_faults_of_packets() -> None:
     assert mangled(PACKET, [Fault(FaultKind.DROP)], random.Random(1)) == []
     assert _bits(_all(Fault(FaultKind.FLIP)), PACKET) == 1
     assert _all(Fault(FaultKind.DUPLICATE)) == PACKET + PACKET
-    assert mangled(PACKET, [Fault(FaultKind.LATE, value=0.5)], random.Random(1)) == [Part(0.5, PACKET)]
+    assert mangled(PACKET, [Fault(FaultKind.LATE, value=0.5)], random.Random(1)) == [DelayedBytes(0.5, PACKET)]
     noisy = _all(Fault(FaultKind.NOISE, value=6.0))
     assert noisy.endswith(PACKET) and 1 <= len(noisy) - len(PACKET) <= 6
     storm = Fault(FaultKind.CRC_STORM)
@@ -56,7 +56,7 @@ def test_faults_of_packets() -> None:
         (spoilt,) = mangled(PACKET, storms, random.Random(0))
         assert spoilt.data == PACKET[:-1] + bytes((PACKET[-1] ^ 0xFF,))
     several = [Fault(FaultKind.LATE, value=0.5), Fault(FaultKind.DUPLICATE), Fault(FaultKind.LATE, value=0.25)]
-    assert mangled(b"ab", several, random.Random(1)) == [Part(0.75, b"abab")]
+    assert mangled(b"ab", several, random.Random(1)) == [DelayedBytes(0.75, b"abab")]
 
 
 def test_faults_of_bytes() -> None:
@@ -64,7 +64,7 @@ def test_faults_of_bytes() -> None:
     assert _bits(_all(Fault(FaultKind.FLIP, of=Unit.BYTES)), PACKET) == len(PACKET)
     assert _all(Fault(FaultKind.DUPLICATE, of=Unit.BYTES)) == bytes(byte for byte in PACKET for _ in range(2))
     late = mangled(PACKET[:3], [Fault(FaultKind.LATE, of=Unit.BYTES, value=0.5)], random.Random(1))
-    assert late == [Part(0.5, PACKET[:1]), Part(0.5, PACKET[1:2]), Part(0.5, PACKET[2:3])]
+    assert late == [DelayedBytes(0.5, PACKET[:1]), DelayedBytes(0.5, PACKET[1:2]), DelayedBytes(0.5, PACKET[2:3])]
     assert len(_all(Fault(FaultKind.NOISE, of=Unit.BYTES))) > len(PACKET)
     some = Fault(FaultKind.FLIP, rate=0.3, of=Unit.BYTES)
     assert _all(some, seed=5) == _all(some, seed=5) != _all(some, seed=6)

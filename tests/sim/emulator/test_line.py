@@ -32,16 +32,16 @@ from sim.emulator.conversation import (
 )
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
-from sim.emulator.line import Line, Timing
+from sim.emulator.line import Line, LineTiming
 from sim.emulator.ports import EmulatedPort
 
 FOREVER = 1e9
 PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")
 
 
-def _line(*devices: StubDevice, timing: Timing | None = None, faults: tuple[Fault, ...] = ()) -> Line:
+def _line(*devices: StubDevice, timing: LineTiming | None = None, faults: tuple[Fault, ...] = ()) -> Line:
     state = FaultState(devices, faults=faults)
-    return Line(devices, timing=timing or Timing.none(), faults=state)
+    return Line(devices, timing=timing or LineTiming.none(), faults=state)
 
 
 def _ask(line: Line, data: bytes, now: float = 0.0) -> bytes:
@@ -54,7 +54,7 @@ def test_a_frame_in_pieces_is_received_behind_garbage_and_dropped_after_a_pause(
     for byte in b"\xff\xff\xfd\x00\x01" + PING:
         line.receive(bytes((byte,)), 0.0)
     assert line.take(0.0) == STATUS
-    line = _line(StubDevice(), timing=Timing())
+    line = _line(StubDevice(), timing=LineTiming())
     line.receive(PING[:5], 0.0)
     assert _ask(line, PING[5:], 0.0014) == STATUS
     line.receive(PING[:5], 1.0)
@@ -75,7 +75,7 @@ def test_only_devices_at_about_the_hosts_rate_that_have_started_receive_it() -> 
 
 def test_sending_into_an_answer_spoils_both() -> None:
     device = StubDevice()
-    line = _line(device, timing=Timing())
+    line = _line(device, timing=LineTiming())
     line.receive(PING, 0.0)
     heard = _ask(line, PING, 10 * 10 / 57600 + 0.0005)
     assert len(device.done) == 1
@@ -93,7 +93,7 @@ def test_a_host_that_never_reads_costs_no_memory() -> None:
 @settings(max_examples=100)
 @given(st.lists(st.binary(max_size=40), max_size=6))
 def test_noise_harms_no_device_and_the_next_frame_is_received(noise: list[bytes]) -> None:
-    line = _line(StubDevice(id=1, store=bytearray(70000)), StubDevice(id=1, protocol=1), timing=Timing())
+    line = _line(StubDevice(id=1, store=bytearray(70000)), StubDevice(id=1, protocol=1), timing=LineTiming())
     for index, data in enumerate(noise):
         line.receive(data, float(index))
     line.take(FOREVER)
@@ -118,7 +118,7 @@ def test_a_dead_line_an_echo_and_a_lost_adapter() -> None:
 
 
 def test_what_comes_together_ends_at_its_last_byte() -> None:
-    line = _line(*(StubDevice(id=index) for index in (1, 2, 3)), timing=Timing())
+    line = _line(*(StubDevice(id=index) for index in (1, 2, 3)), timing=LineTiming())
     assert line.last_due_within(1.0) is None
     line.receive(protocol2.sync_read(0, 1, [1, 2, 3]), 0.0)
     first = line.next_due
@@ -129,7 +129,7 @@ def test_what_comes_together_ends_at_its_last_byte() -> None:
 
 
 BAUDS = (1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
-USUAL, WIRE_ONLY = Timing(), Timing(turnaround=0.0, latency=0.0)
+USUAL, WIRE_ONLY = LineTiming(), LineTiming(turnaround=0.0, latency=0.0)
 
 
 @pytest.mark.parametrize(
@@ -148,13 +148,13 @@ USUAL, WIRE_ONLY = Timing(), Timing(turnaround=0.0, latency=0.0)
         (WIRE_ONLY, 20, 10, False, 0.0, (5.68, 2.84, 1.89, 1.42, 1.26)),
         (WIRE_ONLY, 20, 10, True, 0.0, (4.36, 2.18, 1.45, 1.09, 0.97)),
         (WIRE_ONLY, 30, 10, True, 0.0, (6.36, 3.18, 2.12, 1.59, 1.41)),
-        (Timing(latency=16e-3), 20, 10, False, 0.0, (22.1, 19.2, 18.3, 17.8, 17.7)),
-        (Timing.none(), 20, 10, False, 500e-6, (0.0,)),
-        (replace(Timing.none(), return_delay=0.5), 1, 10, False, 500e-6, (0.25,)),
+        (LineTiming(latency=16e-3), 20, 10, False, 0.0, (22.1, 19.2, 18.3, 17.8, 17.7)),
+        (LineTiming.none(), 20, 10, False, 500e-6, (0.0,)),
+        (replace(LineTiming.none(), return_delay=0.5), 1, 10, False, 500e-6, (0.25,)),
     ],
 )
 def test_cycle_times_are_those_of_the_table(
-    timing: Timing, count: int, length: int, fast: bool, return_delay: float, each_ms: tuple[float, ...]
+    timing: LineTiming, count: int, length: int, fast: bool, return_delay: float, each_ms: tuple[float, ...]
 ) -> None:
     """At each of BAUDS: a sync write of 4 bytes, then a plain or fast sync read of `length` bytes, first byte out to
     last byte in."""

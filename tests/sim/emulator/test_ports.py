@@ -21,7 +21,7 @@ from messages import refuses
 from retarget.errors import UsageError
 from sim.emulator.fault_state import FaultState
 from sim.emulator.faults import Fault, FaultKind
-from sim.emulator.line import Line, Timing
+from sim.emulator.line import Line, LineTiming
 from sim.emulator.ports import EmulatedPort, Link, PseudoTerminal, serve
 
 
@@ -77,7 +77,7 @@ STATUS = protocol2.status(1, 0, b"\x06\x04\x26")
 BAUD = 1_000_000
 
 
-def _port(clock: VirtualClock, timing: Timing | None = None, baud: int = BAUD) -> EmulatedPort:
+def _port(clock: VirtualClock, timing: LineTiming | None = None, baud: int = BAUD) -> EmulatedPort:
     port = EmulatedPort(Line([StubDevice(baud=BAUD)], timing=timing), clock)
     port.open(baud)
     return port
@@ -129,14 +129,14 @@ def _terminal(
     path: Path,
     *,
     baud: int = BAUD,
-    timing: Timing | None = None,
+    timing: LineTiming | None = None,
     faults: tuple[Fault, ...] = (),
     origin: float = 0.0,
 ) -> PseudoTerminal:
     """Three devices behind a link that is not made yet. timing: None: nothing takes time."""
     devices = [StubDevice(id=index, baud=baud) for index in (1, 2, 3)]
     state = FaultState(devices, faults=faults, origin=origin)
-    return PseudoTerminal(Line(devices, timing=timing or Timing.none(), faults=state), Link(path))
+    return PseudoTerminal(Line(devices, timing=timing or LineTiming.none(), faults=state), Link(path))
 
 
 @contextmanager
@@ -180,7 +180,7 @@ def test_a_client_may_come_again_even_after_it_locked_the_port(tmp_path: Path) -
 def _asked_twice(folder: Path, *, late: float, answered: float = 0.01) -> tuple[bytes, float]:
     """What a client gets that asks twice in 5 ms, of an emulator that is `late` s late and sends at `answered`, s; and
     by how much the emulator says that it was too late."""
-    terminal, held = _terminal(folder / "servos", timing=Timing()), array.array("i", [0])
+    terminal, held = _terminal(folder / "servos", timing=LineTiming()), array.array("i", [0])
     with _opened(terminal, timeout=0.05) as client:
         client.write(2 * PING)
         while held[0] < 2 * len(PING):
@@ -202,7 +202,7 @@ def test_a_client_that_does_not_wait_collides_but_a_late_emulator_damages_no_ans
 
 def test_a_machine_that_is_too_slow_is_named_and_seldom(tmp_path: Path) -> None:
     clock, turns, said = VirtualClock(0.0), iter(range(4)), list[str]()
-    terminal = _terminal(tmp_path / "servos", timing=Timing())
+    terminal = _terminal(tmp_path / "servos", timing=LineTiming())
     terminal.open()
     terminal.line.baud = BAUD
 

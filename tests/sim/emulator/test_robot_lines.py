@@ -15,7 +15,7 @@ from messages import refuses
 from retarget.cli.buses import posture_ticks
 from retarget.model.robot import load_robot
 from sim.emulator.conversation import Conduct
-from sim.emulator.line import Line, Timing
+from sim.emulator.line import Line, LineTiming
 from sim.emulator.robot_lines import devices_of, robot_lines
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
@@ -29,7 +29,7 @@ def _line(conduct: Conduct | None) -> Line:
     servos = four_servos()[:3]
     bus = BusSpec("main", "port", 1_000_000, 2, ids=(1, 2, 3))
     start = np.array([servo.zero_tick for servo in servos])
-    lines = robot_lines(servos, (bus,), start=start, now=0.0, timing=Timing.none(), conduct=conduct)
+    lines = robot_lines(servos, (bus,), start=start, now=0.0, timing=LineTiming.none(), conduct=conduct)
     return lines["main"]
 
 
@@ -62,7 +62,9 @@ def test_what_feeds_the_bus_watchdog(fed_by: FedBy, packet: bytes, feeds: bool) 
 def test_the_servos_of_a_robot_stand_and_answer_once_its_switch_is_on(powered: bool) -> None:
     robot = load_robot("op3")
     servos, start = robot.joint_map.servos, posture_ticks(robot)
-    lines = robot_lines(servos, robot.profile.bus_specs(), start=start, now=5.0, timing=Timing.none(), powered=powered)
+    lines = robot_lines(
+        servos, robot.profile.bus_specs(), start=start, now=5.0, timing=LineTiming.none(), powered=powered
+    )
     (line,) = lines.values()
     assert list(lines) == ["main"] and [device.id for device in line.devices] == [*(one.id for one in servos), 200]
     if not powered:

@@ -11,7 +11,7 @@ from emulated import answered, read_register, servo1, servo2, shown, write_regis
 from hardware.dynamixel.codec import Error2, Instruction
 from hardware.dynamixel.control_table import Register, find_table
 from hardware.servo import find_model
-from sim.emulator.memory import Memory, Part
+from sim.emulator.memory import Memory, RegisterWrite
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import RESTORE, STORE, EmulatedServo
 from sim.emulator.servo2_registers import (
@@ -236,7 +236,7 @@ _conditions = st.builds(Condition, st.booleans(), st.booleans(), st.booleans())
 def test_torque_locks_the_eeprom_and_conditions_only_ever_refuse_more(
     register: Register, condition: Condition, share: float
 ) -> None:
-    part = Part(register, register.narrowest + round(share * (register.widest - register.narrowest)))
+    part = RegisterWrite(register, register.narrowest + round(share * (register.widest - register.narrowest)))
     got = refusal(memory(), part, condition)
     assert (got is Error2.ACCESS) == (condition.torque and register.address < TABLE.eeprom_end)
     assert got is not Error2.NONE or register.allows(part.value)
@@ -276,7 +276,7 @@ def test_what_is_refused(
     registers: dict[str, int], condition: Condition, name: str, answers: dict[int, Error2]
 ) -> None:
     one = memory(**registers)
-    assert {value: refusal(one, Part(TABLE[name], value), condition) for value in answers} == answers
+    assert {value: refusal(one, RegisterWrite(TABLE[name], value), condition) for value in answers} == answers
 
 
 def tuned(supplied: float = 1.0, **values: int) -> Shaft:

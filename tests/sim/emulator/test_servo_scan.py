@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import pytest
 
 from hardware.dynamixel.codec import Instruction
-from hardware.dynamixel.single_requests import Found, OneOff
+from hardware.dynamixel.single_requests import FoundServo, OneOff
 from messages import shows
 from servo_lab import ServoLab
 from sim.emulator.faults import Fault, FaultKind
@@ -93,7 +93,7 @@ def test_ctrl_c_leaves_what_was_found(lab: ServoLab, monkeypatch: pytest.MonkeyP
     lab.before = {(5, "baud_rate"): 1}
     scan, speeds = OneOff.scan, []
 
-    def interrupted(client: OneOff, ids: Iterable[int], *, alone: Iterable[int]) -> list[Found]:
+    def interrupted(client: OneOff, ids: Iterable[int], *, alone: Iterable[int]) -> list[FoundServo]:
         speeds.append(client.port.baud)
         if len(speeds) == 3:
             raise KeyboardInterrupt

@@ -13,7 +13,7 @@ from hardware.clock import VirtualClock
 from hardware.dynamixel.codec import Error2, Instruction
 from hardware.servo import ServoSpec, find_model
 from sim.emulator.controller import ID, NUMBER, EmulatedController
-from sim.emulator.power import Electrics, Supply
+from sim.emulator.power import ServoElectrics, Supply
 from sim.emulator.robot_lines import devices_of
 from sim.emulator.shaft import (
     ProfilePath,
@@ -163,8 +163,8 @@ def test_by_time(position: float, goal: float, velocity: float, total: float, sh
 # Supply, current and heat of emulated servos.
 
 
-def electrics(supply: Supply | None = None) -> Electrics:
-    return Electrics(supply or Supply(), 12.0, turn=0.0015, top=3000.0)
+def electrics(supply: Supply | None = None) -> ServoElectrics:
+    return ServoElectrics(supply or Supply(), 12.0, turn=0.0015, top=3000.0)
 
 
 def test_servos_share_a_supply() -> None:
