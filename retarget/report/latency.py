@@ -6,7 +6,7 @@ hand's speed before and after a stage is highest, in windows of 2 s in which the
 one before it ends, so their sum is the whole way, which is measured by itself, from the sensor to the shaft.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -75,30 +75,53 @@ class _Window:
 
 def _windows(run: RunResult) -> Iterator[_Window]:
     """The windows in which a hand moves and its lags are known."""
-    robot, dt, following = run.robot, run.clip.dt, run.record.following
-    present = run.present_q(following)
+    names = run.record.human_joint_names
+    rows = run.record[run.record.following]
+    sensors = {name: rows.sensors[:, column] for column, name in enumerate(run.sensors)}
+    for sensor, sent, shaft in _hands(run):
+        if sensor in sensors:
+            tracks = sensors[sensor], rows.human_joints[:, names.index(sensor)], sent, shaft
+            for first, *speeds in _moving([_speed(track, run.clip.dt) for track in tracks], run.clip.dt):
+                pairs = *pairwise((first, *speeds)), (first, speeds[-1])
+                lags = [tracking.lag(_track(a), _track(b), run.clip.dt) for a, b in pairs]
+                known = [lag for lag in lags if lag is not None]
+                if len(known) == len(lags):
+                    human, robot, servo, whole = known
+                    yield _Window({"human": human, "robot": robot, "servo": servo}, whole, _filter(run, first))
+
+
+def lags(run: RunResult, tracks: Mapping[str, FloatArray]) -> list[float]:
+    """By how much, s, the shafts trail tracks (T, 3) m of wrists, by the name of their sensor, given at the ticks that
+    followed; of each window in which a hand moves."""
+    found = []
+    for sensor, _, shaft in _hands(run):
+        for first, last in _moving([_speed(track, run.clip.dt) for track in (tracks[sensor], shaft)], run.clip.dt):
+            lag = tracking.lag(_track(first), _track(last), run.clip.dt)
+            found += [] if lag is None else [lag]
+    return found
+
+
+def _hands(run: RunResult) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Each hand of the robot at the ticks that followed: its sensor, its places (T, 3) m as they were sent, and by the
+    servos' present positions."""
+    robot, rows = run.robot, run.record.following
+    present = run.present_q(rows)
     if robot is None or present is None:
         return
-    rows, ticks = run.record[following], round(WINDOW_S / dt)
+    sent = np.ascontiguousarray(run.record.q[rows])
     for sensor, landmark in SIDES:
-        if sensor not in run.sensors or landmark not in robot.profile.landmarks:
-            continue
-        frame = robot.landmark_frames((landmark,))
-        tracks = (
-            rows.sensors[:, run.sensors.index(sensor)],
-            rows.human_joints[:, run.record.human_joint_names.index(sensor)],
-            robot.points(np.ascontiguousarray(rows.q), frame)[:, 0],
-            robot.points(present, frame)[:, 0],
-        )
-        speeds = [_speed(track, dt) for track in tracks]
-        for first in range(0, len(rows) - ticks + 1, ticks // 2):
-            window = [speed[first : first + ticks] for speed in speeds]
-            if not np.isfinite(window).all() or window[0].mean() < MOVES_M_S:
-                continue
-            lags = [tracking.lag(_track(a), _track(b), dt) for a, b in (*pairwise(window), (window[0], window[-1]))]
-            known = [lag for lag in lags if lag is not None]
-            if len(known) == len(lags):
-                yield _Window(dict(zip(("human", "robot", "servo"), known, strict=False)), known[-1], _filter(run, window[0]))
+        if landmark in robot.profile.landmarks:
+            frame = robot.landmark_frames((landmark,))
+            yield sensor, robot.points(sent, frame)[:, 0], robot.points(present, frame)[:, 0]
+
+
+def _moving(speeds: Sequence[FloatArray], dt: float) -> Iterator[list[FloatArray]]:
+    """Windows of speeds (T,) m/s, half a window apart, in which the first one shows a hand that moves."""
+    ticks = round(WINDOW_S / dt)
+    for first in range(0, len(speeds[0]) - ticks + 1, ticks // 2):
+        window = [speed[first : first + ticks] for speed in speeds]
+        if np.isfinite(window).all() and window[0].mean() >= MOVES_M_S:
+            yield window
 
 
 def _speed(track: FloatArray, dt: float) -> FloatArray:
