@@ -135,10 +135,24 @@ class Skeleton:
 
 
 @dataclass(frozen=True)
+class SampleTimes:
+    """Times of a live sample, s, on the run's clock; NaN: not known. captured, arrived: of the newest frame that had
+    arrived; shown: when the poses that the sample shows were captured, which the playout delay puts before that."""
+
+    captured: float = np.nan
+    arrived: float = np.nan
+    shown: float = np.nan
+
+
+NO_TIMES = SampleTimes()
+"""Of a sample that is not live."""
+
+
+@dataclass(frozen=True)
 class SensorSample:
     """The sensors at one instant: names (k), position (k, 3), orientation (k, 4) wxyz, valid (k); NaN where invalid.
 
-    weight (k,): how far a lost sensor has come back, 0 to 1; None: all have.
+    weight (k,): how far a lost sensor has come back, 0 to 1; None: all have. times: of a live one.
     """
 
     names: tuple[str, ...]
@@ -146,6 +160,7 @@ class SensorSample:
     orientation: FloatArray
     valid: BoolArray
     weight: FloatArray | None = None
+    times: SampleTimes = NO_TIMES
 
     @classmethod
     def of(

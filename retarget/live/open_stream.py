@@ -101,7 +101,7 @@ def open_stream(
         performer, performer.roles or how.roles, where=f"performer {performer.name}", mirrored=mirrored_camera
     )
     count = len(roles.sensors)
-    smooth = pose_filter(smoothing, count)
+    pose_filter(smoothing, count)  # an unknown name is refused before a port is opened
     if receiver is None:  # when all else was found right
         assert address is not None, "an address, or a receiver"
         receiver = open_receiver(
@@ -115,7 +115,7 @@ def open_stream(
         clock_map=how.clock(),
         validity=SensorValidity(roles.sensors),
         playout=Playout(count, delay=None if latest else PlayoutDelay()),
-        smooth=smooth,
+        smoothing=smoothing,
         tap=tap,
     )
 

@@ -97,7 +97,7 @@ def live_sample(
         position, orientation = position[order] * REFLECT_POSITION, orientation[order] * REFLECT_QUATERNION
         valid = valid[order]
         weight = None if weight is None else weight[order]
-    return SensorSample(names, position, orientation, valid, weight)
+    return SensorSample(names, position, orientation, valid, weight, reading.times)
 
 
 # Hold reasons in a few words; also the reason of a stop where a hold is too long.

@@ -5,6 +5,7 @@ Limits and states are those of `retarget.human.pose_validation`, which looks at 
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -230,7 +231,7 @@ def _blend(held: SensorSample, sample: SensorSample, share: float) -> SensorSamp
     turned = _turned(held, sample)
     if turned.any():
         orientation[turned] = rotations.slerp(held.orientation[turned], sample.orientation[turned], share)
-    return SensorSample(sample.names, position, orientation, sample.valid, sample.weight)
+    return replace(sample, position=position, orientation=orientation)
 
 
 # The weight of each sensor: it fades when the sensor becomes invalid, and comes back by a reacquisition blend.

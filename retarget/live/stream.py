@@ -4,11 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from retarget._solver import PoseFilter, PoseParts
+from retarget._solver import PoseParts
+from retarget.frames import NO_TIMES, SampleTimes
 from retarget.human.pose_validation import LIMITS, StateArray, ValidityState
 from retarget.live.admission import MOST_PER_POLL, TOO_MANY, Admission, Datagram, Receiver
 from retarget.live.clock_map import ClockMap
-from retarget.live.playout import Playout
+from retarget.live.playout import OFF, Playout, pose_filter
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
 from retarget.live.sensor_validity import CAMERA_LIMITS, SensorValidity
@@ -26,6 +27,7 @@ class StreamReading:
     position: FloatArray
     orientation: FloatArray
     states: StateArray
+    times: SampleTimes = NO_TIMES
     fresh: BoolArray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -57,8 +59,8 @@ class LiveStream:
     """One sender, from its datagrams to the sensors of `roles`. Memory is bounded; no data from outside raise.
 
     frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived that has a
-    time. tap:
-    records the admitted datagrams, None: they are not recorded. smooth: not used on what a camera's decoder smooths.
+    time; captured: s, when the newest was captured. tap: records the admitted datagrams, None: they are not recorded.
+    smoothing: see `SMOOTHINGS`. Raises UsageError for an unknown one.
     """
 
     def __init__(
@@ -71,19 +73,25 @@ class LiveStream:
         clock_map: ClockMap,
         validity: SensorValidity,
         playout: Playout,
-        smooth: PoseFilter | None = None,
+        smoothing: str = OFF,
         tap: RawTap | None = None,
     ) -> None:
         self.receiver, self.decoder, self.roles = receiver, decoder, roles
         self.admission, self.clock_map, self.validity, self.playout = admission, clock_map, validity, playout
         self.frames = self.arrived = 0
-        self.last = -np.inf
+        self.last = self.captured = -np.inf
         self.names: dict[str, None] = {}
         """The sender's names of the poses that it has sent; bounded."""
         self.undecoded = b""
         """The last datagram that held no poses."""
-        self.tap, self._smooth, self._camera = tap, smooth, False
+        self.tap, self._camera = tap, False
+        self._smoothing, self._smooth = smoothing, pose_filter(smoothing, len(roles.sensors))
         self._parts = PoseParts(len(roles.sensors))
+
+    @property
+    def smoothing(self) -> str:
+        """The name of the smoothing that is used: none on what a camera's decoder smooths."""
+        return OFF if self._camera else self._smoothing
 
     def has_sent(self, sensor: str) -> bool:
         """Whether the sender has sent a sensor so far, valid or not."""
@@ -129,7 +137,7 @@ class LiveStream:
             time = self.clock_map.map(datagram.arrival, frame.stamp, frame.number)
             poses = None if time is None else self.roles.take(frame)
             if time is not None:
-                self.last = datagram.arrival
+                self.last, self.captured = datagram.arrival, max(self.captured, time)
             if time is not None and poses is not None:
                 self._keep(poses, time, datagram.arrival)
         return frames
@@ -137,12 +145,13 @@ class LiveStream:
     def read(self, now: float) -> StreamReading:
         """Every sensor at `now`, s."""
         played, states = self.playout.read(now), self.validity.judge(now)
+        times = SampleTimes(self.captured, self.last, float(np.fmax.reduce(played.time)))
         if self._smooth is None or self._camera:
-            return StreamReading(played.position, played.orientation, states)
+            return StreamReading(played.position, played.orientation, states, times)
         if np.count_nonzero(states) and (gone := _GONE[states]).any():  # a reappearance elsewhere is no motion
             self._smooth.reset(gone)
         position, orientation = self._smooth.step(played.time, played.position, played.orientation)
-        return StreamReading(position, orientation, states)
+        return StreamReading(position, orientation, states, times)
 
     def _keep(self, poses: SensorPoses, time: float, arrival: float) -> None:
         rows, position, orientation = poses.rows, poses.position, poses.orientation

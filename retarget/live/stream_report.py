@@ -354,10 +354,10 @@ class LiveReport:
 
     frames, datagrams: of the sender from the beginning on, calibration included. dropped: what was not used, by reason:
     datagrams, frames out of time, and invalid poses. refused: senders that were ignored. lost_s: how long each sensor
-    was invalid while the robot followed or held, for sensors that ever were. playout_delay_ms: at the end. latency_ms:
-    by stage: "goal" from the arrival of a frame to the first goals on the bus after it; of `web://` also "page" from
-    the capture of a picture to its sending, and "network" half of there and back. person: the name under which the
-    performer's size is kept, null without one.
+    was invalid while the robot followed or held, for sensors that ever were. playout_delay_ms: at the end. smoothing:
+    of the sensors, see `SMOOTHINGS`. latency_ms: by stage: "goal" from the arrival of a frame to the first goals on the
+    bus after it; of `web://` also "page" from the capture of a picture to its sending, and "network" half of there and
+    back. person: the name under which the performer's size is kept, null without one.
     """
 
     address: str
@@ -368,6 +368,7 @@ class LiveReport:
     lost_s: dict[str, float]
     holds: Holds
     playout_delay_ms: float
+    smoothing: str
     latency_ms: dict[str, TimePercentiles]
     person: str | None
 
@@ -414,6 +415,7 @@ def live_report(
         lost_s=tally.lost_s,
         holds=tally.holds,
         playout_delay_ms=MS * stream.playout.delay,
+        smoothing=stream.smoothing,
         latency_ms={stage: spread_of(taken) for stage, taken in times.items() if taken},
         person=person,
     )

@@ -171,6 +171,21 @@ class LiveInputs:
         clock.sleep_until(self._due)
 
 
+def _times_of(given: TickInput, costs: tuple[float, float] | None) -> dict[str, float]:
+    """Times of the stages of a tick up to the robot's posture. A stage takes its thread CPU: so they are known where time
+    is virtual, too. costs: of both stages, s, where they ran."""
+    sample, times = given.performer.sample, {"time_used": given.now}
+    if given.servos is not None:
+        times["time_read"] = given.servos.time
+    if sample is not None:
+        at = sample.times
+        times |= {"time_captured": at.captured, "time_arrived": at.arrived, "time_shown": at.shown}
+    if costs is not None:
+        times["time_human"] = given.now + costs[0]
+        times["time_robot"] = times["time_human"] + costs[1]
+    return times
+
+
 class Loop:
     """One run of one robot; call `run` once. `tick` gathers the input of a tick, calls `step`, writes and keeps."""
 
@@ -245,15 +260,17 @@ class Loop:
             self._recorder.begin()
         given = self._inputs.gather(self._state.tick, machine.supervisor.state, approached=motion.approach.arrived)
         given = replace(given, failures=(*failures, *given.failures))
-        self._now, tried = given.now, None
+        self._now, tried, times = given.now, None, dict[str, float]()
         for attempt in (brake,) if given.failed else (step, brake):
             failures, output = list[Failure](), TickOutput(self._state, machine.supervisor.state)
+            begun = thread_cpu()
             with caught(failures, StopCause.FILTER):
                 output = attempt(machine, motion, self._state, given)
             if output.goal is not None:
-                tried = output.goal
+                tried, times["time_gate"] = output.goal, given.now + thread_cpu() - begun
                 with caught(failures, StopCause.BUS):
                     machine.guard.write(output.goal)
+                times["time_written"] = max(machine.clock.now(), times["time_gate"])
             if not failures:
                 break
             given = replace(given, failures=(*given.failures, *failures))
@@ -261,9 +278,9 @@ class Loop:
             cannot, output = failures[0], replace(output, goal=None)
             machine.supervisor.fail(given.now, cannot.reason, cannot.cause, machine.guard, may_brake=False)
         self._state = output.state
-        self._keep(given, output, tried)
+        self._keep(given, output, tried, times)
 
-    def _keep(self, given: TickInput, output: TickOutput, tried: CheckedGoal | None) -> None:
+    def _keep(self, given: TickInput, output: TickOutput, tried: CheckedGoal | None, times: dict[str, float]) -> None:
         """Fill the row of this tick, and show it to who looks on. What fails here stops the robot in the next tick."""
         machine, failures = self._machine, list[Failure]()
         for text in output.news:
@@ -276,6 +293,7 @@ class Loop:
                 seen = Tick(self._recorder.record, None, given, output, tried)
                 show(self._observers, lambda observer: observer.see(seen))
             else:
+                self._recorder.keep_times(times)
                 self._keep_row(given, output, tried)
         if output.lost:
             with caught(failures, StopCause.SOURCE):
@@ -295,6 +313,7 @@ class Loop:
             gated=output.gated,
             followed=output.followed,
         )
+        recorder.keep_times(_times_of(given, motion.follow.costs if output.followed is not None else None))
         if output.followed is not None:
             recorder.keep_costs(*motion.follow.costs)
         approaches = state in AT_RISK and not motion.approach.arrived

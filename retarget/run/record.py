@@ -1,6 +1,6 @@
 """The record of a run, one row per tick: arrays made before the first tick and filled in place."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
@@ -183,9 +183,10 @@ class TickRecorder:
             for times in self._stages.values():
                 times[self._rows.row] = np.nan
 
-    def keep_time(self, stage: str, time: float) -> None:
-        """Keep when a stage of this tick was done, s on the run's clock. stage: one of STAGES."""
-        self._stages[stage][self._rows.row] = time
+    def keep_times(self, times: Mapping[str, float]) -> None:
+        """Keep when stages of this tick were done, s on the run's clock, by names of STAGES."""
+        for stage, time in times.items():
+            self._stages[stage][self._rows.row] = time
 
     def keep_human(self, human: HumanPosture, sample: SensorSample | None, *, error: bool) -> None:
         """The human of this tick, and the sample; error: whether the balance error is one of following."""

@@ -90,8 +90,9 @@ class RunTable:
     clock: FloatArray = _field("s", "what the clock said", READINGS, topic="/tick")
     readings: ModeArray = _field("", "number of readings of the clock", topic="/tick")
 
-    time_captured: FloatArray = _stage("when the performer's sensors measured the sample")
-    time_arrived: FloatArray = _stage("when the sample arrived")
+    time_captured: FloatArray = _stage("when the newest frame of a stream was captured")
+    time_arrived: FloatArray = _stage("when that frame arrived")
+    time_shown: FloatArray = _stage("when the poses of the sample were captured, a playout delay before that")
     time_used: FloatArray = _stage("when the sample was taken for this tick")
     time_human: FloatArray = _stage("when the human was solved")
     time_robot: FloatArray = _stage("when the robot was solved")

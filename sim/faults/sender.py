@@ -47,7 +47,7 @@ class FakeSender:
 
     def __post_init__(self) -> None:
         self._chance = np.random.default_rng(self.seed)
-        self._track = self.frames.resample(np.arange(0.0, self.frames.duration_s, 1.0 / self.rate_hz)).position
+        self.track = self.frames.resample(np.arange(0.0, self.frames.duration_s, 1.0 / self.rate_hz)).position
         self._sent = 0
         self._begun: float | None = None
         self._polled = 0.0
@@ -93,9 +93,9 @@ class FakeSender:
 
     def poses(self, time: float) -> Poses | None:
         """What is sent at a time, s of the sender, with its faults; None: nothing is."""
-        row = min(max(round((time - STILL_S) * self.rate_hz), 0), len(self._track) - 1)
-        noise = self._chance.normal(0.0, NOISE_M, self._track[row].shape)
-        poses: Poses | None = dict(zip(self.frames.names, self._track[row] + noise, strict=True))
+        row = min(max(round((time - STILL_S) * self.rate_hz), 0), len(self.track) - 1)
+        noise = self._chance.normal(0.0, NOISE_M, self.track[row].shape)
+        poses: Poses | None = dict(zip(self.frames.names, self.track[row] + noise, strict=True))
         for fault in self.faults:
             poses = None if poses is None else fault(time, poses)
         return poses

@@ -65,7 +65,9 @@ def test_a_run_reports_on_its_stream() -> None:
 
 def test_the_summary_has_a_line_of_it() -> None:
     assert stream_line(None) == ""
-    good = LiveReport("vmc://:1", 300, 310, {}, (), {}, Holds(0, 0.0), 35.4, {"goal": TimePercentiles(4.0, 9.4)}, None)
+    good = LiveReport(
+        "vmc://:1", 300, 310, {}, (), {}, Holds(0, 0.0), 35.4, "off", {"goal": TimePercentiles(4.0, 9.4)}, None
+    )
     assert stream_line(good) == "300 frames in 310 datagrams, played 35 ms late; from run to goals 4 ms (p99 9)"
     bad = replace(
         good, dropped={"late": 3}, refused=("10.0.0.2: a second source",), lost_s={"head": 1.0}, holds=Holds(2, 3.0)

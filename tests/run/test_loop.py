@@ -591,7 +591,7 @@ def test_a_stage_has_a_time_in_the_ticks_in_which_it_was_kept() -> None:
             recorder.close()  # from now on all ticks fill one row
         recorder.begin()
         if tick % 2:
-            recorder.keep_time("time_human", 0.25 * tick)
+            recorder.keep_times({"time_human": 0.25 * tick})
         recorder.keep(Phase.FOLLOW, lambda record, row: seen.append(float(record.time_human[row])))
     record, _ = recorder.finish()
     np.testing.assert_array_equal(seen, [np.nan, 0.25, np.nan, 0.75, np.nan])

@@ -62,9 +62,9 @@ class NoisySender(FakeSender):
         return found
 
     def _moving(self, time: float, poses: Poses) -> Poses:
-        row = progress(time) * (len(self._track) - 1)
-        low = min(int(row), len(self._track) - 2)
-        at: FloatArray = self._track[low] + (row - low) * (self._track[low + 1] - self._track[low])
+        row = progress(time) * (len(self.track) - 1)
+        low = min(int(row), len(self.track) - 2)
+        at: FloatArray = self.track[low] + (row - low) * (self.track[low + 1] - self.track[low])
         sway = SWAY_M * np.sin(2.0 * np.pi * time / np.array([3.0, 4.0, 5.0]))
         return dict(zip(self.frames.names, at + sway, strict=True))
 

@@ -1,0 +1,147 @@
+"""Latency by stage: how long a motion of the performer's hand takes to the shafts of the robot, and where.
+
+Two things delay it. A tick takes time: its stages are stamped (fields `time_...` of a row). And what the sensors'
+smoothing, the limits of a body and a servo hold back of a motion is a lag, taken where the cross-correlation of the
+hand's speed before and after a stage is highest, in windows of 2 s in which the hand moves. Each stage begins where the
+one before it ends, so their sum is the whole way, which is measured by itself, from the sensor to the shaft.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from retarget.live.playout import SMOOTHINGS
+from retarget.live.stream_report import TimePercentiles, spread_of
+from retarget.report import tracking
+from retarget.run.run_result import RunResult
+from retarget.types import FloatArray
+
+WINDOW_S, MOVES_M_S = 2.0, 0.1
+"""Length of a window, s, and mean speed of a hand in it, m/s, from which on it moves: slower, noise decides the lag."""
+SMOOTHED_S = 0.04
+"""Time, s, over which speeds are averaged: a tick of an encoder is 0.05 m/s at the end of an arm."""
+SIDES = (("l_wrist", "l_hand"), ("r_wrist", "r_hand"))
+"""Sensor and human joint, and landmark of the robot, of each hand."""
+STAGES = ("capture", "arrival", "playout", "filter", "human", "robot", "bus", "servo")
+"""In the order of a motion. capture: to the arrival of a frame; arrival: to the tick that uses it; playout: by how much
+the poses that are shown are older; filter: group delay of the smoothing; human, robot: each with its limits, the robot
+with its gate; bus: until the goal is written; servo: from there to the shafts."""
+
+
+@dataclass(frozen=True)
+class Latency:
+    """stages: ms, by name, those that are known. hand_to_shaft: ms, the whole way. Over ticks, or over windows."""
+
+    stages: dict[str, TimePercentiles]
+    hand_to_shaft: TimePercentiles
+
+
+def latency_of(run: RunResult) -> Latency | None:
+    """The latency of a run; None without a robot whose servos answer, and where no hand has moved for long enough."""
+    record, following = run.record, run.record.following
+    known = record.robot is not None and run.setup.has_bus and following.stop > following.start
+    windows = [*_windows(run)] if known else []
+    if not windows:
+        return None
+    rows = record[following]
+    ends = (rows.time_captured, rows.time_arrived, rows.time_used, rows.time_human, rows.time_gate, rows.time_written)
+    captured, arrived, used, human, gate, written = ends
+    ticks = {"capture": arrived - captured, "arrival": used - arrived, "playout": captured - rows.time_shown}
+    ticks |= {"human": human - used, "robot": gate - human, "bus": written - gate}
+    medians = {stage: float(np.nanmedian(times)) for stage, times in ticks.items() if np.isfinite(times).any()}
+    waits = sum(medians.get(stage, 0.0) for stage in ("capture", "arrival", "playout"))
+    # A lag between what is sent and the shafts begins with the tick in which it is sent.
+    sent = sum(medians.get(stage, 0.0) for stage in ("human", "robot", "bus"))
+    stages = {stage: times[np.isfinite(times)] for stage, times in ticks.items() if stage in medians}
+    for stage in ("human", "robot"):
+        stages[stage] = medians.get(stage, 0.0) + np.array([window.lags[stage] for window in windows])
+    stages["servo"] = np.array([window.lags["servo"] for window in windows]) - sent
+    if medians.keys() & {"playout"}:
+        stages["filter"] = np.array([window.filter for window in windows])
+    whole = [waits + window.filter + window.whole for window in windows]
+    return Latency({stage: spread_of(stages[stage].tolist()) for stage in STAGES if stage in stages}, spread_of(whole))
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Times, s. lags: of stages; whole: from the sensor to the shaft; filter: group delay of the smoothing."""
+
+    lags: dict[str, float]
+    whole: float
+    filter: float
+
+
+def _windows(run: RunResult) -> Iterator[_Window]:
+    """The windows in which a hand moves and its lags are known."""
+    names = run.record.human_joint_names
+    rows = run.record[run.record.following]
+    sensors = {name: rows.sensors[:, column] for column, name in enumerate(run.sensors)}
+    for sensor, sent, shaft in _hands(run):
+        if sensor in sensors:
+            tracks = sensors[sensor], rows.human_joints[:, names.index(sensor)], sent, shaft
+            for first, *speeds in _moving([_speed(track, run.clip.dt) for track in tracks], run.clip.dt):
+                pairs = *pairwise((first, *speeds)), (first, speeds[-1])
+                lags = [tracking.lag(_track(a), _track(b), run.clip.dt) for a, b in pairs]
+                known = [lag for lag in lags if lag is not None]
+                if len(known) == len(lags):
+                    human, robot, servo, whole = known
+                    yield _Window({"human": human, "robot": robot, "servo": servo}, whole, _filter(run, first))
+
+
+def lags(run: RunResult, tracks: Mapping[str, FloatArray]) -> list[float]:
+    """By how much, s, the shafts trail tracks (T, 3) m of wrists, by the name of their sensor, given at the ticks that
+    followed; of each window in which a hand moves."""
+    found = []
+    for sensor, _, shaft in _hands(run):
+        for first, last in _moving([_speed(track, run.clip.dt) for track in (tracks[sensor], shaft)], run.clip.dt):
+            lag = tracking.lag(_track(first), _track(last), run.clip.dt)
+            found += [] if lag is None else [lag]
+    return found
+
+
+def _hands(run: RunResult) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Each hand of the robot at the ticks that followed: its sensor, its places (T, 3) m as they were sent, and by the
+    servos' present positions."""
+    robot, rows = run.robot, run.record.following
+    present = run.present_q(rows)
+    if robot is None or present is None:
+        return
+    sent = np.ascontiguousarray(run.record.q[rows])
+    for sensor, landmark in SIDES:
+        if landmark in robot.profile.landmarks:
+            frame = robot.landmark_frames((landmark,))
+            yield sensor, robot.points(sent, frame)[:, 0], robot.points(present, frame)[:, 0]
+
+
+def _moving(speeds: Sequence[FloatArray], dt: float) -> Iterator[list[FloatArray]]:
+    """Windows of speeds (T,) m/s, half a window apart, in which the first one shows a hand that moves."""
+    ticks = round(WINDOW_S / dt)
+    for first in range(0, len(speeds[0]) - ticks + 1, ticks // 2):
+        window = [speed[first : first + ticks] for speed in speeds]
+        if np.isfinite(window).all() and window[0].mean() >= MOVES_M_S:
+            yield window
+
+
+def _speed(track: FloatArray, dt: float) -> FloatArray:
+    """Speed (T,) m/s along a track (T, 3) m, averaged over SMOOTHED_S without a delay."""
+    size = max(round(SMOOTHED_S / dt), 1)
+    speed = np.linalg.norm(np.gradient(track, dt, axis=0), axis=1)
+    return np.convolve(speed, np.full(size | 1, 1.0 / (size | 1)), mode="same")
+
+
+def _track(values: FloatArray) -> FloatArray:
+    """Numbers (T,) as a track (T, 1, 3), whose other coordinates stand still."""
+    return np.stack([values, np.zeros_like(values), np.zeros_like(values)], axis=1)[:, None]
+
+
+def _filter(run: RunResult, speed: FloatArray) -> float:
+    """Group delay, s, of the sensors' smoothing: 1 / (2 pi cutoff), of a low-pass filter of first order, whose cutoff
+    the One-Euro filter raises with the speed. The speed is the mean over the way of the hand, because it is the fast
+    parts of a motion that show a lag."""
+    cutoffs = None if run.live is None else SMOOTHINGS[run.live.smoothing]
+    if cutoffs is None:
+        return 0.0
+    least, rises, _ = cutoffs[0]
+    return float(1.0 / (2.0 * np.pi * (least + rises * (speed**2).mean() / speed.mean())))
