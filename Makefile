@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
+.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
@@ -35,6 +35,7 @@ help:
 	@echo 'make bench-bus  a cycle of the bus beside dynamixel-sdk'
 	@echo 'make bench-tick  what a live tick computes, datagram in to goal bytes out'
 	@echo 'make bench-lateness  how late ticks of the live loop wake up, beside an empty loop'
+	@echo 'make bench-latency  how long a motion of a hand takes to the shafts, by stage'
 	@echo 'make bench-viewer  what a page of a run costs its ticks'
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
@@ -107,6 +108,9 @@ bench-bus: $(VENV)/.with-test
 
 bench-tick: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.tick_cost $(BENCH)
+
+bench-latency: $(VENV)/.with-test
+	$(BIN)/python -m benchmarks.latency $(BENCH)
 
 bench-lateness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.lateness $(BENCH)

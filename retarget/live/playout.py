@@ -3,7 +3,7 @@ smoothing, a One-Euro filter chosen by name.
 """
 
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf, isfinite, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,6 +154,16 @@ SMOOTHINGS: dict[str, tuple[Cutoffs, Cutoffs] | None] = {
 }
 """Cutoffs by name, of positions and of orientations. light: a hand at rest trembles half as much, and one that moves at
 1 m/s lags by 10 ms."""
+
+
+def smoothing_delay(name: str, speed: float) -> float:
+    """The group delay, s, of the smoothing of this name on a position that moves at a speed, m/s: 1 / (2 pi cutoff), of
+    a low-pass filter of first order."""
+    settings = SMOOTHINGS[name]
+    if settings is None:
+        return 0.0
+    least, rises, _ = settings[0]
+    return 1.0 / (2.0 * pi * (least + rises * speed))
 
 
 def pose_filter(name: str, count: int) -> PoseFilter | None:

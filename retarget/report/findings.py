@@ -253,6 +253,7 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
         yield Finding("hands within reach", "; ".join(within))
     if run.robot is not None:
         yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
+        yield Finding("latency", latency_line(report))
     yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
     height = report.pelvis_height_mm
     if height is not None:
@@ -362,6 +363,16 @@ was not followed, the first ones."""
 
 STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
 """Words for the stages of `LiveReport.latency_ms`."""
+
+
+def latency_line(report: Report) -> str:
+    """The way from the performer's hand to the robot's shafts, with the stages that take a millisecond; "" where it is
+    not known."""
+    whole, stages = report.hand_to_shaft_ms, report.latency_ms
+    if whole is None or stages is None:
+        return ""
+    taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
+    return f"{whole.p50:.0f} ms from hand to shaft (p99 {whole.p99:.0f}): {taken}"
 
 
 def stream_line(live: LiveReport | None) -> str:

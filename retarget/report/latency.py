@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from retarget.live.playout import SMOOTHINGS
+from retarget.live.playout import smoothing_delay
 from retarget.live.stream_report import TimePercentiles, spread_of
 from retarget.report import tracking
 from retarget.run.run_result import RunResult
@@ -20,6 +20,8 @@ from retarget.types import FloatArray
 
 WINDOW_S, MOVES_M_S = 2.0, 0.1
 """Length of a window, s, and mean speed of a hand in it, m/s, from which on it moves: slower, noise decides the lag."""
+ALIKE = 0.9
+"""Least correlation of speeds whose lag is taken: a hand that is out of reach does not follow, and has none."""
 SMOOTHED_S = 0.04
 """Time, s, over which speeds are averaged: a tick of an encoder is 0.05 m/s at the end of an arm."""
 SIDES = (("l_wrist", "l_hand"), ("r_wrist", "r_hand"))
@@ -83,7 +85,7 @@ def _windows(run: RunResult) -> Iterator[_Window]:
             tracks = sensors[sensor], rows.human_joints[:, names.index(sensor)], sent, shaft
             for first, *speeds in _moving([_speed(track, run.clip.dt) for track in tracks], run.clip.dt):
                 pairs = *pairwise((first, *speeds)), (first, speeds[-1])
-                lags = [tracking.lag(_track(a), _track(b), run.clip.dt) for a, b in pairs]
+                lags = [_lag(a, b, run.clip.dt) for a, b in pairs]
                 known = [lag for lag in lags if lag is not None]
                 if len(known) == len(lags):
                     human, robot, servo, whole = known
@@ -96,7 +98,7 @@ def lags(run: RunResult, tracks: Mapping[str, FloatArray]) -> list[float]:
     found = []
     for sensor, _, shaft in _hands(run):
         for first, last in _moving([_speed(track, run.clip.dt) for track in (tracks[sensor], shaft)], run.clip.dt):
-            lag = tracking.lag(_track(first), _track(last), run.clip.dt)
+            lag = _lag(first, last, run.clip.dt)
             found += [] if lag is None else [lag]
     return found
 
@@ -131,17 +133,20 @@ def _speed(track: FloatArray, dt: float) -> FloatArray:
     return np.convolve(speed, np.full(size | 1, 1.0 / (size | 1)), mode="same")
 
 
-def _track(values: FloatArray) -> FloatArray:
-    """Numbers (T,) as a track (T, 1, 3), whose other coordinates stand still."""
-    return np.stack([values, np.zeros_like(values), np.zeros_like(values)], axis=1)[:, None]
+def _lag(before: FloatArray, after: FloatArray, dt: float) -> float | None:
+    """By how much, s, speeds (T,) trail others; None where they are not ALIKE at that, or it is not known."""
+    tracks = (
+        np.stack([speed, np.zeros_like(speed), np.zeros_like(speed)], axis=1)[:, None] for speed in (before, after)
+    )
+    lag = tracking.lag(*tracks, dt)
+    if lag is None:
+        return None
+    ticks = round(lag / dt)
+    alike = np.corrcoef(before[: len(before) - ticks], after[ticks:])[0, 1]
+    return lag if alike >= ALIKE else None
 
 
 def _filter(run: RunResult, speed: FloatArray) -> float:
-    """Group delay, s, of the sensors' smoothing: 1 / (2 pi cutoff), of a low-pass filter of first order, whose cutoff
-    the One-Euro filter raises with the speed. The speed is the mean over the way of the hand, because it is the fast
+    """Group delay, s, of the sensors' smoothing. The speed is the mean over the way of the hand, because it is the fast
     parts of a motion that show a lag."""
-    cutoffs = None if run.live is None else SMOOTHINGS[run.live.smoothing]
-    if cutoffs is None:
-        return 0.0
-    least, rises, _ = cutoffs[0]
-    return float(1.0 / (2.0 * np.pi * (least + rises * (speed**2).mean() / speed.mean())))
+    return 0.0 if run.live is None else smoothing_delay(run.live.smoothing, float((speed**2).mean() / speed.mean()))

@@ -10,6 +10,7 @@ from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
 from retarget.report.blocks import in_blocks, in_named_blocks
 from retarget.report.clearance import RunClearances, clearances, in_mm
+from retarget.report.latency import latency_of
 from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
@@ -118,7 +119,7 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 def measure(run: RunResult) -> Report:
     """The report of a run."""
     (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
-    performance, moved = tracking.performance_of(run), _moved(run, reached)
+    performance, moved, latency = tracking.performance_of(run), _moved(run, reached), latency_of(run)
     reconstruct, retarget, _ = run.record.cost.T
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
@@ -159,6 +160,8 @@ def measure(run: RunResult) -> Report:
         steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
+        latency_ms=None if latency is None else latency.stages,
+        hand_to_shaft_ms=None if latency is None else latency.hand_to_shaft,
         source=run.live.address if run.live else run.clip.frames.source,
         performer=run.setup.performer.name,
         priorities=tuple(priorities.name for priorities in run.setup.priorities),

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from retarget.errors import UsageError
-from retarget.live.stream_report import LiveReport
+from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
 from retarget.schema.files import check_folder, check_path, check_place, make_folder, write_atomic
 
@@ -169,7 +169,8 @@ class Report:
     unfollowed: postures of the performer that the robot cannot take, with their times, from the recorded body where it
     is known; null of a robot that does not stand on planted soles, or whose legs do not follow.
     fallen, physics: as the simulation saw it; null without.
-    steps: null of a robot that makes none. live: of the stream, null of a file.
+    steps: null of a robot that makes none. live: of the stream, null of a file. latency_ms: by stage, and
+    hand_to_shaft_ms: of the whole way, see `retarget.report.latency`; null where no hand has moved for long enough.
     """
 
     frames: int
@@ -222,6 +223,8 @@ class Report:
     physics: PhysicsReport | None
     steps: StepsReport | None
     live: LiveReport | None
+    latency_ms: dict[str, TimePercentiles] | None
+    hand_to_shaft_ms: TimePercentiles | None
     robot: str
     source: str
     performer: str

@@ -172,8 +172,8 @@ class LiveInputs:
 
 
 def _times_of(given: TickInput, costs: tuple[float, float] | None) -> dict[str, float]:
-    """Times of the stages of a tick up to the robot's posture. A stage takes its thread CPU: so they are known where time
-    is virtual, too. costs: of both stages, s, where they ran."""
+    """Times of the stages of a tick up to the robot's posture. A stage takes its thread CPU, so that they
+    are known where time is virtual, too. costs: of both stages, s, where they ran."""
     sample, times = given.performer.sample, {"time_used": given.now}
     if given.servos is not None:
         times["time_read"] = given.servos.time

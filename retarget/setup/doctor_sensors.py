@@ -13,7 +13,7 @@ from retarget.human.rest_pose import REQUIRED
 from retarget.live.admission import Datagram, Source
 from retarget.live.clock_map import JumpKind, unit_of
 from retarget.live.datagram_kinds import Recognised, recognise
-from retarget.live.playout import DELAY_CAP_S
+from retarget.live.playout import DELAY_CAP_S, smoothing_delay
 from retarget.live.roles import CONVENTIONS, PoseSource
 from retarget.live.stream import LiveStream
 from retarget.schema.catalogue import Kind, entries
@@ -58,7 +58,8 @@ class StreamCapture:
     stream: with the counts that it keeps itself. began, ended: s of its clock. arrived: datagrams. sources: datagrams
     by sender. largest: bytes of the longest datagram of each address. kinds: what the datagrams that were recognised
     look like. samples: poses (7,) every SAMPLE_S, by the sender's names, position [m] and quaternion wxyz. states:
-    a ValidityState per sensor at each sample. last_poses: the last pose (7,) of each name.
+    a ValidityState per sensor at each sample. ages: how old, s, the poses are that a robot would follow, at samples
+    with any. last_poses: the last pose (7,) of each name.
     """
 
     stream: LiveStream
@@ -71,6 +72,7 @@ class StreamCapture:
     frames: list[FrameNote] = field(default_factory=list)
     samples: list[dict[str, FloatArray]] = field(default_factory=list)
     states: list[list[int]] = field(default_factory=list)
+    ages: list[float] = field(default_factory=list)
     last_poses: dict[str, FloatArray] = field(default_factory=dict)
 
     @property
@@ -151,14 +153,17 @@ def _completed(pose: FloatArray, before: FloatArray | None) -> FloatArray:
 
 
 def _sample(capture: StreamCapture, now: float) -> None:
-    states = capture.stream.validity.judge(now)
+    states, shown = capture.stream.validity.judge(now), np.fmax.reduce(capture.stream.playout.read(now).time)
     if len(capture.states) < MOST_SAMPLES:
+        capture.ages += [now - float(shown)] if np.isfinite(shown) else []
         capture.states.append(states.tolist())
         capture.samples.append(dict(capture.last_poses))
 
 
 # The performer's sensors: those that are sent, missing, or in a wrong state.
 
+OLD_MS = 60.0
+"""Age of poses, ms, from which on a person sees that the robot is behind: half of what its servos take."""
 UNNAMED = "?"
 """Role of a sensor that neither the performer's file nor the sender's kind names."""
 RECENT = 200
@@ -300,6 +305,9 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[DoctorFinding]:
         quiet=0.0 if capture.stream.receiver.finished else capture.ended - capture.frames[-1].arrival,
         usual=max(LIMITS.silent_after, 3.0 * float(np.median(gaps))),
     )
+    if capture.ages:
+        smoothed = smoothing_delay(capture.stream.smoothing, 1.0)
+        found += findings("latency", old=1e3 * np.median(capture.ages), smoothed=1e3 * smoothed, most=OLD_MS)
     return found + _loss(kind, frames) + _clock(kind, frames, capture, seconds)
 
 

@@ -1,0 +1,55 @@
+"""Latency by stage: the lag of shafts that is known, and stages that sum up to a way that was measured apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.latency import measure
+from hardware.clock import VirtualClock
+from retarget.human.samples import Playback
+from retarget.live.playout import LIGHT, OFF, smoothing_delay
+from retarget.report.latency import latency_of
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.run_result import RunResult
+from sim.mock_bus import mock_bus
+from sim.performer import synthetic_performer
+
+DT = 0.008
+
+
+@pytest.fixture(scope="module")
+def run() -> RunResult:
+    options = RunOptions(robot="op3", playback=Playback(end=5.0))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        return prepared.run()
+
+
+@pytest.mark.parametrize("ticks", [2, 10])
+def test_shafts_that_are_so_many_ticks_late_are_found_to_be(run: RunResult, ticks: int) -> None:
+    assert run.robot is not None
+    late = run.record.q[:, run.robot.servo_columns].copy()
+    late[ticks:] = late[:-ticks]
+    found = latency_of(replace(run, record=replace(run.record, present=late)))
+    assert found is not None and list(found.stages) == ["human", "robot", "bus", "servo"]
+    sent = sum(found.stages[stage].p50 for stage in ("human", "robot", "bus"))
+    assert found.stages["servo"].p50 == pytest.approx(1e3 * ticks * DT, abs=2.0)
+    assert found.hand_to_shaft.p50 == pytest.approx(sent + 1e3 * ticks * DT, abs=1e3 * DT)
+
+
+def test_a_hand_that_stands_still_shows_none(run: RunResult) -> None:
+    still = replace(run.record, sensors=np.zeros_like(run.record.sensors))
+    assert latency_of(replace(run, record=still)) is None
+
+
+def test_smoothing_delays_a_slow_motion_more() -> None:
+    assert smoothing_delay(OFF, 1.0) == 0.0 < smoothing_delay(LIGHT, 2.0) < smoothing_delay(LIGHT, 0.5)
+
+
+def test_the_stages_of_a_live_run_sum_up_to_the_way_that_is_measured_apart() -> None:
+    found = measure("emulator", 20.0)
+    assert list(found.report.stages) == ["capture", "arrival", "playout", "filter", "human", "robot", "bus", "servo"]
+    apart = 1e3 * float(np.median(found.apart))
+    assert found.sum_ms == pytest.approx(apart, rel=0.05, abs=1e3 * DT)
+    assert found.report.hand_to_shaft.p50 == pytest.approx(apart, rel=0.05, abs=1e3 * DT)
