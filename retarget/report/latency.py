@@ -135,10 +135,8 @@ def _speed(track: FloatArray, dt: float) -> FloatArray:
 
 def _lag(before: FloatArray, after: FloatArray, dt: float) -> float | None:
     """By how much, s, speeds (T,) trail others; None where they are not ALIKE at that, or it is not known."""
-    tracks = (
-        np.stack([speed, np.zeros_like(speed), np.zeros_like(speed)], axis=1)[:, None] for speed in (before, after)
-    )
-    lag = tracking.lag(*tracks, dt)
+    first, last = (np.pad(speed[:, None, None], ((0, 0), (0, 0), (0, 2))) for speed in (before, after))
+    lag = tracking.lag(first, last, dt)
     if lag is None:
         return None
     ticks = round(lag / dt)

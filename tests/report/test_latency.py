@@ -47,6 +47,7 @@ def test_smoothing_delays_a_slow_motion_more() -> None:
     assert smoothing_delay(OFF, 1.0) == 0.0 < smoothing_delay(LIGHT, 2.0) < smoothing_delay(LIGHT, 0.5)
 
 
+@pytest.mark.long
 def test_the_stages_of_a_live_run_sum_up_to_the_way_that_is_measured_apart() -> None:
     found = measure("emulator", 20.0)
     assert list(found.report.stages) == ["capture", "arrival", "playout", "filter", "human", "robot", "bus", "servo"]
