@@ -35,7 +35,7 @@ from retarget.model.human import build_human
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.robot import RobotBody, load_robot
 from retarget.rotations import IDENTITY
-from retarget.run.controllers import Commanded, Pace, RobotMotion
+from retarget.run.controllers import Commanded, RobotMotion
 from retarget.run.options import RunOptions
 from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import robot_stage, scene_of, stage_priorities
@@ -238,7 +238,8 @@ class Pipeline:
         if self._robot is not None and for_robot is not None:
             scene = scene_of(self._robot, self._options)
             follower, gate = robot_stage(self._robot, for_robot, human, self._options, scene, dt=self.dt)
-            motion = RobotMotion(self._robot, reconstructor, follower, gate, first=first, pace=Pace(self.dt, self.dt))
+            dt = self.dt
+            motion = RobotMotion(self._robot, reconstructor, follower, gate, first=first, dt=dt, motion_dt=dt)
             guard, commanded = self._armed(self._robot, motion, present)
             machine = Machine(self._robot, follower, gate, guard, supervisor, VirtualClock(), self.dt)
             self._state = TickState(commanded, sample=first)

@@ -16,6 +16,7 @@ from hardware.guard import CheckedGoal
 from retarget._solver import TrajectoryGenerator
 from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
+from retarget.human.samples import PerformerInput
 from retarget.ik.base_pose import plant_root
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
@@ -43,8 +44,8 @@ class Controller(ABC):
         """Begin the state, from where the robot was commanded last."""
 
     @abstractmethod
-    def target(self, commanded: "Commanded", sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """The target of the next tick; None: brake, or stand. sample: of the performer, in a state that follows one.
+    def target(self, commanded: "Commanded", performer: PerformerInput, *, speed_override: float) -> Target | None:
+        """The target of the next tick; None: brake, or stand. performer: in this tick.
         speed_override: (0, 1], of a robot whose servos are warm."""
 
 
@@ -219,7 +220,7 @@ class Approach(Controller):
         """Return whether following can begin."""
         return self.arrived
 
-    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """The target of the next tick."""
         if self.part is ApproachPart.STRAIGHT and self._move.is_at(self._goal, commanded):
             self.part = ApproachPart.SETTLING
@@ -240,16 +241,6 @@ class Approach(Controller):
         return self._move.brake(commanded)
 
 
-@dataclass(slots=True)
-class Pace:
-    """How fast a performer is followed. dt: s between ticks; motion_dt: s of the performer's time between them.
-    settled: how much of its speed the robot may use beyond that of its slow approach, 0 to 1."""
-
-    dt: float
-    motion_dt: float
-    settled: float = 1.0
-
-
 class Follow(Controller):
     """Takes a sample to the human, and the human to the robot.
 
@@ -262,12 +253,15 @@ class Follow(Controller):
         reconstructor: Reconstructor,
         follower: Follower,
         human: HumanPosture,
-        pace: Pace,
         *,
+        dt: float,
+        motion_dt: float,
         slow: float,
     ) -> None:
-        """human: of the first sample. slow: share of its speed at which the robot returns to the performer."""
-        self._reconstructor, self._follower, self._pace, self._slow = reconstructor, follower, pace, slow
+        """human: of the first sample. motion_dt: s of the performer's time between ticks. slow: share of its speed at
+        which the robot returns to the performer."""
+        self._reconstructor, self._follower, self._slow = reconstructor, follower, slow
+        self._dt, self._motion_dt = dt, motion_dt
         self.human = human
         self.posture: RobotPosture | None = None
         self.costs = (np.nan, np.nan)
@@ -282,17 +276,18 @@ class Follow(Controller):
         """Follow from where the robot is."""
         self.posture = None
 
-    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
-        """Return the target for a sample; None: no posture was found."""
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
+        """Return the target for the sample of a performer; None: no posture was found."""
+        sample = performer.sample
         assert sample is not None, "the supervisor holds the robot without a sample"
         begun = thread_cpu()
         if self._ticks > 0:  # the human was started with the first sample
-            self.human = self._reconstructor.step(sample, self._pace.motion_dt)
+            self.human = self._reconstructor.step(sample, self._motion_dt)
         self._ticks += 1
         reconstructed = thread_cpu()
-        settled = self._slow + (1.0 - self._slow) * self._pace.settled
+        settled = self._slow + (1.0 - self._slow) * performer.settled
         self._follower.set_speed_override(min(speed_override, settled))
-        self.posture = posture = self._follower.step(self.human, self._pace.dt)
+        self.posture = posture = self._follower.step(self.human, self._dt)
         self.costs = (reconstructed - begun, thread_cpu() - reconstructed)
         return None if self.lost else Target(posture.joint_positions, posture.q)
 
@@ -327,7 +322,7 @@ class GoalPlayback(Controller):
         ever."""
         return self._lost > MOST_REFUSED or (not self._is_sent(commanded) and self._move.is_refused(commanded))
 
-    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """Return the next recorded goal, or one on the way back to it; None: the robot has to stand first."""
         row, share = int(self._gone), self._gone % 1.0
         goal = self._goals[row]
@@ -356,7 +351,7 @@ class WholeBodyStop(Controller):
         self._follower, self._approach, self._dt = follower, approach, dt
         self._columns = robot.servo_columns
 
-    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """Return the next target of the stop trajectory, which of a robot that stands is the one to which it was
         commanded; None: there is none, and the gate brakes."""
         if commanded.stands:
@@ -390,7 +385,7 @@ class ReturnToStance(Controller):
         self._next = commanded.q
         self._follower.begin_return_to_stance(self._next, self._dt)
 
-    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: the return is over."""
         self._follower.set_speed_override(speed_override)
         self._next = q = self._follower.return_to_stance(self._dt)
@@ -438,7 +433,7 @@ class GoToRest(Controller):
         self._move = SlowMove(self._robot, share=min(max(caps.approach, needed), 1.0), dt=self._dt)
         self._move.begin(commanded)
 
-    def target(self, commanded: Commanded, sample: SensorSample | None, *, speed_override: float) -> Target | None:
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """The target of the next tick; None: the robot has to stand first."""
         assert self._move is not None, "the state has begun"
         self._pass_time(self._dt)
@@ -481,18 +476,18 @@ class RobotMotion:
         gate: Gate,
         *,
         first: SensorSample,
-        pace: Pace,
+        dt: float,
+        motion_dt: float,
         goals: FloatArray | None = None,
         keyframes: Sequence[str] | None = None,
     ) -> None:
-        """first: the sample that the robot approaches. goals (T, n): rad, recorded ones that it sends, a row a tick,
-        instead of following. keyframes: of its way to rest; None: those of the profile. Raises RetargetError where the
-        posture to approach is not known."""
-        self._robot, self._follower, self._gate, self._dt = robot, follower, gate, pace.dt
-        self.pace = pace
-        human, dt = reconstructor.start(first), pace.dt
+        """first: the sample that the robot approaches. dt: s between ticks; motion_dt: s of the performer's time. goals
+        (T, n): rad, recorded ones that it sends, a row a tick, instead of following. keyframes: of its way to rest;
+        None: those of the profile. Raises RetargetError where the posture to approach is not known."""
+        self._robot, self._follower, self._gate, self._dt = robot, follower, gate, dt
+        human, slow = reconstructor.start(first), robot.profile.safety.speed_caps.approach
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals[0])
-        self.follow = Follow(reconstructor, follower, human, pace, slow=robot.profile.safety.speed_caps.approach)
+        self.follow = Follow(reconstructor, follower, human, dt=dt, motion_dt=motion_dt, slow=slow)
         self._playback = None if goals is None else GoalPlayback(robot, goals, dt=dt)
         self._stop = WholeBodyStop(robot, follower, self.approach, dt=dt)
         keyframes = robot.profile.postures.to_rest if keyframes is None else keyframes
@@ -539,7 +534,7 @@ class RobotMotion:
         return state is self._state and controller is not None and controller.has_arrived(commanded)
 
     def target(
-        self, state: RunState, commanded: Commanded, sample: SensorSample | None, *, speed_override: float
+        self, state: RunState, commanded: Commanded, performer: PerformerInput, *, speed_override: float
     ) -> Target | None:
         """The target of the next tick, see `Controller.target`; None also in a state without a controller. The first
         target of a state begins it."""
@@ -549,7 +544,7 @@ class RobotMotion:
         if state is not self._state:
             controller.begin(commanded)
             self._state = state
-        return controller.target(commanded, sample, speed_override=speed_override)
+        return controller.target(commanded, performer, speed_override=speed_override)
 
     def brake(self, state: RunState, commanded: Commanded) -> Target | None:
         """The target of the next tick of a robot that brakes in a state: on its line on the way to rest; else None, and

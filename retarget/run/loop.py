@@ -14,7 +14,7 @@ from hardware.guard import CheckedGoal, Torque, text_of
 from hardware.guard_state import StopCause
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import PerformerInput, Samples
-from retarget.run.controllers import Pace, RobotMotion
+from retarget.run.controllers import RobotMotion
 from retarget.run.record import Phase, Record, TickRecorder
 from retarget.run.supervisor import AT_RISK, LONGEST_BRAKE_S, LONGEST_STOP_S, End, Event, OperatorInput
 from retarget.run.tick import Failure, Machine, TickInput, TickOutput, TickState, brake, caught, look_at, step
@@ -210,7 +210,8 @@ class Loop:
             machine.follower,
             machine.gate,
             first=first,
-            pace=Pace(samples.dt, samples.motion_dt),
+            dt=samples.dt,
+            motion_dt=samples.motion_dt,
             goals=machine.goals,
             keyframes=machine.end_plan.keyframes,
         )

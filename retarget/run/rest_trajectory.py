@@ -10,6 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from retarget.errors import UsageError
+from retarget.human.samples import PerformerInput
 from retarget.ik.base_pose import plant_root
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.ik.support_polygon import Stance, plant, support_distance
@@ -129,7 +130,7 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
     moves.begin(commanded)
     postures = [commanded.q]
     for _ in range(round(LONGEST_S / dt)):
-        target = moves.target(commanded, None, speed_override=1.0)
+        target = moves.target(commanded, PerformerInput(), speed_override=1.0)
         goal = None if target is None else gate.check(commanded.goal, target.joints, standing=commanded.standing)
         if goal is None:
             break

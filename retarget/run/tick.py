@@ -277,9 +277,8 @@ def _target(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
         return motion.brake(run_state, state.commanded)
     if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:
         machine.follower.set_contact_state(None if guard.states is None else guard.states.soles)
-    motion.pace.settled = given.performer.settled
     override = guard.health.warnings.speed_override
-    return motion.target(run_state, state.commanded, state.sample, speed_override=override)
+    return motion.target(run_state, state.commanded, given.performer, speed_override=override)
 
 
 def _standing(machine: Machine, state: TickState) -> tuple[TickState, tuple[str, ...]]:

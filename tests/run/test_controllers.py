@@ -9,6 +9,7 @@ import pytest
 from followers import DT, follower, op3, performer, postures
 from hardware.errors import RetargetError
 from messages import refuses
+from retarget.human.samples import PerformerInput
 from retarget.ik.support_polygon import plant
 from retarget.report.motion_metrics import limit_violations
 from retarget.run.controllers import (
@@ -18,7 +19,6 @@ from retarget.run.controllers import (
     ApproachPart,
     Follow,
     GoToRest,
-    Pace,
     ReturnToStance,
     SlowMove,
     Target,
@@ -187,7 +187,7 @@ def test_the_approach_goes_straight_to_the_first_posture_then_settles_on_its_sol
     approach, parts = approaching(driven), []
     assert not driven.follower.overrides and approach.first.joint_positions.tolist() == stand().tolist()
     while not approach.arrived:
-        target = approach.target(driven.commanded, None, speed_override=0.5)
+        target = approach.target(driven.commanded, PerformerInput(), speed_override=0.5)
         if target is not None:
             driven.take(target)
             parts.append((approach.part, target.q is not None))
@@ -213,17 +213,17 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     approach = approaching(driven)
     stop = WholeBodyStop(op3(), driven.follower, approach, dt=DT)
     for _ in range(60):
-        driven.take(approach.target(driven.commanded, None, speed_override=1.0))
+        driven.take(approach.target(driven.commanded, PerformerInput(), speed_override=1.0))
     while not driven.commanded.stands:
-        target = stop.target(driven.commanded, None, speed_override=1.0)
+        target = stop.target(driven.commanded, PerformerInput(), speed_override=1.0)
         assert target is not None and target.q is None and driven.take(target)
-    stays = stop.target(driven.commanded, None, speed_override=1.0)
+    stays = stop.target(driven.commanded, PerformerInput(), speed_override=1.0)
     assert stays is driven.commanded.target and np.array_equal(stays.joints, driven.commanded.joints)
     driven.assert_straight()
     approach.part, halted = ApproachPart.SETTLING, standing() + 0.0
     driven.follower.halt = lambda dt: halted  # type: ignore[method-assign]
     driven.commanded = replace(driven.commanded, stood_s=0.0, waited_s=0.0)
-    target = stop.target(driven.commanded, None, speed_override=1.0)
+    target = stop.target(driven.commanded, PerformerInput(), speed_override=1.0)
     assert target is not None and target.q is halted
 
 
@@ -235,9 +235,10 @@ def test_following_begins_slowly(settled: float, warm: float, override: float) -
     driven, reconstructor, sample = Driven(), StubReconstructor(person()), short_clip().sample(0)
     assert sample is not None
     human = reconstructor.start(sample)
-    follow = Follow(reconstructor, driven.follower, human, Pace(DT, DT, settled), slow=0.2)
+    follow = Follow(reconstructor, driven.follower, human, dt=DT, motion_dt=DT, slow=0.2)
     follow.begin(driven.commanded)
-    assert follow.target(driven.commanded, sample, speed_override=warm) is not None
+    performer = PerformerInput(sample=sample, settled=settled)
+    assert follow.target(driven.commanded, performer, speed_override=warm) is not None
     assert driven.follower.overrides == [pytest.approx(override)]
 
 
@@ -262,7 +263,7 @@ def test_it_returns_to_stance_from_where_it_stands(warm: float) -> None:
     to_stance = ReturnToStance(op3(), robot, dt=DT)
     to_stance.begin(driven.commanded)
     targets = []
-    while (target := to_stance.target(driven.commanded, None, speed_override=warm)) is not None:
+    while (target := to_stance.target(driven.commanded, PerformerInput(), speed_override=warm)) is not None:
         assert not to_stance.has_arrived(driven.commanded)
         targets.append(target)
     assert (
@@ -288,7 +289,7 @@ def arrive(driven: Driven, rest: GoToRest) -> int:
     """Ticks until the robot is at rest."""
     ticks = 0
     while not rest.has_arrived(driven.commanded):
-        driven.take(rest.target(driven.commanded, None, speed_override=1.0))
+        driven.take(rest.target(driven.commanded, PerformerInput(), speed_override=1.0))
         ticks += 1
         assert ticks < 10**4
     return ticks
@@ -324,7 +325,7 @@ def test_where_the_gate_refuses_the_way_it_holds_and_goes_on_when_it_is_clear() 
     rest = going(driven)
     for tick in range(400):
         driven.refuses = tick >= 60
-        driven.take(rest.target(driven.commanded, None, speed_override=1.0))
+        driven.take(rest.target(driven.commanded, PerformerInput(), speed_override=1.0))
     assert driven.commanded.stood_s > 1.0 and not rest.has_arrived(driven.commanded)
     driven.refuses = False
     arrive(driven, rest)
