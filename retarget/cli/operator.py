@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from math import inf
 
 from hardware.guard import Torque
@@ -67,7 +68,11 @@ class RunOperator(Operator):
             self.stop.ask(f"paused by the operator for {LONGEST_S:g} s")
         if self._bench is not None and self._machine is not None:
             fault = self._bench.look(self._machine, self._samples)
-        return OperatorInput(self.stop.why or None, self.stop.torque_off, fault)
+        return replace(self.asked(), fault=fault)
+
+    def asked(self) -> OperatorInput:
+        """What was asked for so far, by signals too."""
+        return OperatorInput(self.stop.why or None, self.stop.torque_off)
 
     @property
     def engaged(self) -> bool:

@@ -32,6 +32,10 @@ class Operator:
     def ask(self, state: RunState | None) -> OperatorInput:
         """What is asked for at the beginning of a tick. state: before it; None: of a human alone, which is over when it
         stops. Never waits."""
+        return self.asked()
+
+    def asked(self) -> OperatorInput:
+        """What was asked for so far; counts where `ask` fails, so that a broken control does not hide the others."""
         return OperatorInput()
 
 
@@ -145,6 +149,7 @@ class LiveInputs:
         clock, samples, failures = self._machine.clock, self._samples, list[Failure]()
         operator, servos, performer = OperatorInput(), None, PerformerInput()
         with caught(failures, StopCause.SOURCE):
+            operator = self._operator.asked()
             operator = self._operator.ask(run_state)
         with caught(failures, StopCause.SOURCE):
             samples.poll()

@@ -17,10 +17,10 @@ from messages import refuses, shows
 from operators import ENOUGH, Asks
 from retarget.human.samples import Clip
 from retarget.run.controllers import RETRY_S
-from retarget.run.loop import STOOD_S, Loop, Observer, Progress, RowObserver
+from retarget.run.loop import STOOD_S, Loop, Observer, Operator, Progress, RowObserver
 from retarget.run.record import Phase
 from retarget.run.rest_trajectory import EndPlan
-from retarget.run.supervisor import LONGEST_TO_REST_S, End
+from retarget.run.supervisor import FORCED_STOP, LONGEST_TO_REST_S, End, OperatorInput
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 from rig import Rig, play, short_clip
 
@@ -404,6 +404,23 @@ def test_a_look_that_fails_again_and_again_leads_to_rest_all_the_same(what: str)
     expected = ENOUGH if what == "torque_off" else "no such drive"
     assert (ending.state, ending.reason) == (RunState.OFF, expected) and not rig.bus.torque_on
     np.testing.assert_allclose(sent(rig.guard), rest_of(rig), atol=1e-9)
+
+
+class BrokenControl(Operator):
+    """Fails whenever it polls; Ctrl-C was pressed twice all the same."""
+
+    def ask(self, state: RunState | None) -> OperatorInput:
+        raise OSError("no such pedal")
+
+    def asked(self) -> OperatorInput:
+        return OperatorInput(torque_off=True)
+
+
+def test_a_control_that_fails_for_ever_does_not_hide_that_torque_is_to_go_off() -> None:
+    rig = Rig(swing(), goes_to_rest=True)
+    ending = play(rig, BrokenControl())
+    assert ending.state is RunState.FAULT and not rig.bus.torque_on and ending.reason is not None
+    assert ending.reason.startswith("no such pedal") and FORCED_STOP in ending.reason
 
 
 @pytest.mark.parametrize("kind", [Progress, RowObserver])
