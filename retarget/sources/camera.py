@@ -206,11 +206,6 @@ def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
     return np.array([[b * z - c * y, a, x], [c * x - a * z, b, y], [a * y - b * x, c, z]])
 
 
-def _smooth(share: float) -> float:
-    share = min(max(share, 0.0), 1.0)
-    return share * share * (3.0 - 2.0 * share)
-
-
 class FootTracker:
     """Where the feet stand and how high the hips are, from frame to frame. The state is bounded."""
 
@@ -268,7 +263,8 @@ class FootTracker:
         level = self._level.value if math.isfinite(self._level.value) else 0.0
         off = higher - level
         low, high = LIFT_M
-        lifted = _smooth((abs(off) - low) / (high - low))
+        share = min(max((abs(off) - low) / (high - low), 0.0), 1.0)
+        lifted = share * share * (3.0 - 2.0 * share)
         self._level.take(higher, dt, slower=1.0 if abs(off) < low else 20.0)
         foot = 0 if off > 0.0 else 1
         self.lift, self._planted = np.zeros(2), np.ones(2)
@@ -497,8 +493,6 @@ _LEGS = frozenset({"l_knee", "r_knee", "l_ankle", "r_ankle"})
 
 
 def _without_legs(frame: StreamFrame) -> StreamFrame:
-    if _LEGS.isdisjoint(frame.names):
-        return frame
     kept = [row for row, name in enumerate(frame.names) if name not in _LEGS]
     names = tuple(frame.names[row] for row in kept)
     parts = frame.position[kept], frame.orientation[kept], frame.tracked[kept]
