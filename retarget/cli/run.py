@@ -227,20 +227,16 @@ def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> i
     """Write the files of a run, show its summary without the notes that were said, return the exit code. A run that was
     asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon. So does
     one that finds too little memory for it."""
+    soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     try:
-        return _finished(run, outputs, said=said)
+        report = measure_latest(run) if soon else measure(run)
+        if outputs.best_likeness:
+            report = replace(report, best_likeness_deg=best_likeness(run))
+        written = outputs.write(run, report)
+        show_summary(run, replace(report, notes=tuple(note for note in report.notes if note not in said)), console())
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
         return STOPPED
-
-
-def _finished(run: RunResult, outputs: Outputs, *, said: Sequence[str]) -> int:
-    soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
-    report = measure_latest(run) if soon else measure(run)
-    if outputs.best_likeness:
-        report = replace(report, best_likeness_deg=best_likeness(run))
-    written = outputs.write(run, report)
-    show_summary(run, replace(report, notes=tuple(note for note in report.notes if note not in said)), console())
     # Last of all, because a terminal may be gone or full.
     for line in written.lines:
         echo(line)

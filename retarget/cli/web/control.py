@@ -75,9 +75,6 @@ class PageControl:
         if self._feed.stop_asked():
             raise KeyboardInterrupt
 
-    def close(self) -> None:
-        """Do nothing: the page closes with its run."""
-
 
 @dataclass(frozen=True)
 class WebInput:
