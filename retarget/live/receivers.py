@@ -28,25 +28,18 @@ MOST_SOCKETS = 100_000
 
 def port_holder(port: int) -> str:
     """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
-    wanted = {f"socket:[{inode}]" for inode in _inodes(port)}
-    found: list[str] = []
+    wanted, found = set[str](), list[str]()
+    for table in ("udp", "udp6"):
+        with suppress(OSError), (PROCESSES / "net" / table).open(encoding="ascii", errors="replace") as lines:
+            for line in itertools.islice(lines, 1, MOST_SOCKETS):
+                words = line.split()  # the columns `local_address` and `inode`
+                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
+                    wanted.add(f"socket:[{words[9]}]")
     for process in itertools.islice(PROCESSES.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
         with suppress(OSError):
             if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
                 found.append(named_process(process.name))
     return ", ".join(sorted(found)) or "another process"
-
-
-def _inodes(port: int) -> set[str]:
-    """Inode numbers of the sockets bound to a port: columns `local_address` and `inode` of /proc/net/udp."""
-    inodes = set()
-    for table in ("udp", "udp6"):
-        with suppress(OSError), (PROCESSES / "net" / table).open(encoding="ascii", errors="replace") as lines:
-            for line in itertools.islice(lines, 1, MOST_SOCKETS):
-                words = line.split()
-                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
-                    inodes.add(words[9])
-    return inodes
 
 
 # Opening the socket of a stream: bound, large enough for bursts, in its multicast group.

@@ -69,7 +69,10 @@ def read_asf(path: Path) -> AsfSkeleton:
     units = _keyed(sections.get("units", []))
     where, words = units.get("length", ("", []))
     length_unit = numbers(words[:1], where)[0] if words else 1.0
-    degrees = _is_degrees(*units.get("angle", ("", ["deg"])))
+    where, words = units.get("angle", ("", ["deg"]))
+    degrees = words[0].lower().startswith("deg")
+    if not degrees and words[0].lower()[:3] != "rad":
+        raise InputError("unknown angle unit", where=where, found=repr(words[0])[:80], allowed="deg, rad")
     root = _keyed(sections.get("root", []))
     bones = {ROOT: _Bone(np.zeros(3), _frame(root, "orientation", degrees=degrees), _root_dof(root))}
     bones |= _bones(sections.get("bonedata", []), last, degrees=degrees)
@@ -208,13 +211,6 @@ def _children(lines: list[_Line], bones: dict[str, _Bone]) -> dict[str, list[str
             placed.add(child)
             children.setdefault(words[0], []).append(child)
     return children
-
-
-def _is_degrees(where: str, words: list[str]) -> bool:
-    word = words[0].lower()
-    if word[:3] not in ("deg", "rad"):
-        raise InputError("unknown angle unit", where=where, found=repr(words[0])[:80], allowed="deg, rad")
-    return word.startswith("deg")
 
 
 def _triple(where: str, words: list[str]) -> list[float]:

@@ -445,26 +445,16 @@ class CameraDecoder:
             self.dropped.note("picture that is not newer than the one before")
             return []
         self._time = frame.time
-        return [self._posed(frame, min(abs(since), LONGEST_S))]
-
-    def _posed(self, frame: Landmarks, dt: float) -> StreamFrame:
         counts = self._sight.take(frame, self.dropped)
         if not len(frame.point):
             self.dropped.note("picture without a person")
-        position, orientation, tracked = self._body.take(frame, counts, dt)
-        position, orientation = self._calm(frame.time, position, orientation, tracked)
-        return StreamFrame(SENSORS, position, orientation, tracked, frame.time, frame.number, camera=True)
-
-    def _calm(
-        self, time: float, position: FloatArray, orientation: FloatArray, tracked: BoolArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """The poses filtered, at `time`, s."""
-        times, lost = np.full(len(SENSORS), time), ~tracked
-        self._across.reset(lost)
-        self._depth.reset(lost)
+        position, orientation, tracked = self._body.take(frame, counts, min(abs(since), LONGEST_S))
+        times = np.full(len(SENSORS), frame.time)
+        self._across.reset(~tracked)
+        self._depth.reset(~tracked)
         across, orientation = self._across.step(times, position * [0.0, 1.0, 1.0], orientation)
         along, _ = self._depth.step(times, position * _FORWARD, orientation)
-        return across + along, orientation
+        return [StreamFrame(SENSORS, across + along, orientation, tracked, frame.time, frame.number, camera=True)]
 
 
 _OF_A_CAMERA = re.compile(rb'"axes"\s*:\s*"camera"')

@@ -62,7 +62,11 @@ class JsonPoseDecoder:
             return []
 
     def _frame(self, message: dict[str, Any]) -> StreamFrame:
-        _check(message)
+        if not message.keys() <= _KEYS:
+            raise UnusableDatagram("a key other than axes, quaternion, time, frame, poses")
+        for key, is_usable, reason in _CHECKS:
+            if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
+                raise UnusableDatagram(reason)
         axes, order, poses = CONVENTIONS[message["axes"]], ORDERS.get(message.get("quaternion", "")), message["poses"]
         time = message.get("time")
         places, turns, tracked = [], [], []
@@ -74,22 +78,19 @@ class JsonPoseDecoder:
             places.append(_NOWHERE if place is None or bad else place)
             turns.append(_NO_TURN if turn is None or bad else turn)
             tracked.append(is_tracked and not bad)
+        names = tuple(poses)
+        if names != self._names:  # they are checked when they change
+            if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
+                raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
+            self._names = names
         return StreamFrame(
-            names=self._named(tuple(poses)),
+            names=self._names,
             position=axes.positions(np.array(places)),
             orientation=axes.orientations(np.array(turns)),
             tracked=np.array(tracked),
             stamp=None if time is None else float(time),
             number=message.get("frame"),
         )
-
-    def _named(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The names, which are checked when they change."""
-        if names != self._names:
-            if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
-                raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
-            self._names = names
-        return self._names
 
 
 def read_object(datagram: bytes) -> dict[str, Any]:
@@ -138,15 +139,6 @@ _CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
 """Key of a message, what its value must be, and why the message is refused otherwise."""
 _KEYS = {key for key, _, _ in _CHECKS}
 _REQUIRED = {"axes", "poses"}
-
-
-def _check(message: dict[str, Any]) -> None:
-    """Raise UnusableDatagram for a message with a key or a value that is not usable."""
-    if not message.keys() <= _KEYS:
-        raise UnusableDatagram("a key other than axes, quaternion, time, frame, poses")
-    for key, is_usable, reason in _CHECKS:
-        if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
-            raise UnusableDatagram(reason)
 
 
 def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:
