@@ -53,7 +53,7 @@ from retarget.cli.operator import Announcer, RunOperator, live_state
 from retarget.cli.session import Session
 from retarget.cli.stop import socket_path
 from retarget.cli.view import opened_page, viewing
-from retarget.cli.web.control import LABEL, PAGE, PageControl, WebInput, opened_web
+from retarget.cli.web.control import LABEL, PAGE, PageControl, opened_web
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
@@ -79,6 +79,7 @@ from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
+from retarget.web.link import PoseReceiver
 
 ANY_TIME = Scheduling()
 """Ticks as the system schedules them."""
@@ -107,6 +108,9 @@ class CommandRun:
         )
         self.notify = self.recorder.recorded_notify(log)
         self.feed: ViewFeed | None = None
+        self.receiver: PoseReceiver | None = None
+        self.control: PageControl | None = None
+        """Poses and control of the page of `web://`; None for another source."""
 
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
@@ -136,11 +140,11 @@ class CommandRun:
             self.feed.announce(state.value)
 
     @contextmanager
-    def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[WebInput]:
-        """The page of a live run, and what comes from it. That of `web://` also shows what is notified."""
+    def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[None]:
+        """Show the page of a live run. That of `web://` also shows what is notified."""
         if address.kind != "web":
             with self.page():
-                yield WebInput()
+                yield
             return
         with opened_web(
             address,
@@ -148,7 +152,7 @@ class CommandRun:
             listen=live.listen,
             dead_man=live.oversight.dead_man == PAGE,
             notify=self.notify,
-        ) as (self.feed, receiver):
+        ) as (self.feed, self.receiver):
             said, show = self.notify, self.feed.note
 
             def notify(text: str) -> None:
@@ -156,7 +160,8 @@ class CommandRun:
                 show(text)
 
             self.notify = notify
-            yield WebInput(receiver, PageControl(self.feed, said))
+            self.control = PageControl(self.feed, said)
+            yield
 
     def operator(self, prepared: Prepared, stop: StopRequest) -> RunOperator:
         """The operator of a run without controls."""
@@ -359,10 +364,9 @@ def follow_live(
         controls = stack.enter_context(ExitStack())
         devices, dead_man = _opened(live.oversight, controls, status=lambda: operator.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
-        web = stack.enter_context(run.live_page(address, live))
-        notify = run.notify
-        supervisor = Supervisor()
-        perform = _performing(address, begins, run, web, tap, supervisor, stack)
+        stack.enter_context(run.live_page(address, live))
+        notify, supervisor = run.notify, Supervisor()
+        perform = _performing(address, begins, run, tap, supervisor, stack)
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
@@ -371,7 +375,7 @@ def follow_live(
                 stop,
                 bench=run.bench,
                 page=run.feed,
-                controls=[_keyboard(dead_man, stack), *devices, *web.controls],
+                controls=[_keyboard(dead_man, stack), *devices, *filter(None, [run.control])],
                 dead_man=live.oversight.dead_man is not None,
                 notify=notify,
             )
@@ -382,7 +386,8 @@ def follow_live(
                 with live_state(options.robot, operator.words), scheduled(live.oversight.scheduling):
                     result = run.play(recorded, operator, page)
         controls.close()  # a stop that comes while the report is written finds no run
-        stream_report = performer.report(address=address.text, person=begins.person, times=web.times())
+        times = {} if run.control is None else run.control.times()
+        stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
         return max(run.recorder.code(finished(result, outputs, said=prepared.notes)), _followed(result, notify))
 
@@ -391,7 +396,6 @@ def _performing(
     address: StreamAddress,
     begins: LiveOptions,
     run: CommandRun,
-    web: WebInput,
     tap: RawTap | None,
     supervisor: Supervisor,
     stack: ExitStack,
@@ -402,7 +406,7 @@ def _performing(
         stream = open_stream(
             address,
             performer,
-            receiver=web.receiver,
+            receiver=run.receiver,
             tap=tap,
             smoothing=begins.smoothing,
             latest=begins.latest,
@@ -418,7 +422,7 @@ def _performing(
             where=address.text,
             notify=run.notify,
             enter=partial(run.enter, supervisor),
-            look=web.look,
+            look=run.control.look if run.control is not None else lambda: None,
             has_deadlines=not run.options.simulated,
         )
 
