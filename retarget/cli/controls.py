@@ -377,7 +377,20 @@ class ControlSocket:
         self.path, self._status, self._goes_on = path, status, goes_on
         self._clients: dict[socket.socket, bytes] = {}  # what each has sent of its next line; oldest first
         _clear(path)
-        self._listener = _listening(path)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        before = os.umask(0o177)  # only its owner may connect, from the start
+        try:
+            self._listener.setblocking(False)
+            self._listener.bind(str(path))
+            self._listener.listen(MOST_CLIENTS)
+        except OSError as error:
+            self._listener.close()
+            taken = error.errno == errno.EADDRINUSE
+            step = "Choose another path" if taken else "Choose a path in a folder that exists and is yours"
+            what = f"cannot listen: {error.strerror or error}"
+            raise UsageError(what, where=f"{WHERE} {path}", next_step=step) from error
+        finally:
+            os.umask(before)
 
     def close(self) -> None:
         """Disconnect all, and remove the file."""
@@ -463,24 +476,6 @@ def _clear(path: Path) -> None:
         where=f"{WHERE} {path}",
         next_step="Stop it (retarget stop), or choose another path",
     )
-
-
-def _listening(path: Path) -> socket.socket:
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    before = os.umask(0o177)  # only its owner may connect, from the start
-    try:
-        listener.setblocking(False)
-        listener.bind(str(path))
-        listener.listen(MOST_CLIENTS)
-    except OSError as error:
-        listener.close()
-        taken = error.errno == errno.EADDRINUSE
-        step = "Choose another path" if taken else "Choose a path in a folder that exists and is yours"
-        what = f"cannot listen: {error.strerror or error}"
-        raise UsageError(what, where=f"{WHERE} {path}", next_step=step) from error
-    finally:
-        os.umask(before)
-    return listener
 
 
 def refused_word(word: str) -> str:

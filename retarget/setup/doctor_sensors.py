@@ -199,7 +199,17 @@ def _missing(
         return finding("sensors/no part", names=names)
     sent = dict.fromkeys(name for frame in capture.frames[-RECENT:] for name in frame.names)
     unnamed = any(place.position == UNNAMED for _, place in missing)
-    others = " or ".join(_fitting(capture, convention))
+    fitting = []  # performers whose sensors are all in the stream, and how many these are
+    for entry in entries(Kind.PERFORMER):
+        try:
+            other = load_performer(entry.path)
+        except RefusedError:
+            continue
+        known = CONVENTIONS.get(other.roles or convention, {})
+        needed = [sensor.role or known.get(name, PoseSource("")).position for name, sensor in other.sensors.items()]
+        if all(name in capture.last_poses for name in needed):
+            fitting.append((len(needed), entry.name))
+    others = " or ".join(name for _, name in sorted(fitting, reverse=True)[:3])
     return finding(
         "sensors/missing",
         names=names,
@@ -209,21 +219,6 @@ def _missing(
         performer=performer.name,
         others=f", or use --performer {others}" if others else "",
     )
-
-
-def _fitting(capture: StreamCapture, convention: str) -> list[str]:
-    """Names of performers whose sensors are all in the stream, at most three, those with most sensors first."""
-    found = []
-    for entry in entries(Kind.PERFORMER):
-        try:
-            performer = load_performer(entry.path)
-        except RefusedError:
-            continue
-        known = CONVENTIONS.get(performer.roles or convention, {})
-        needed = [sensor.role or known.get(name, PoseSource("")).position for name, sensor in performer.sensors.items()]
-        if all(name in capture.last_poses for name in needed):
-            found.append((len(needed), entry.name))
-    return [name for _, name in sorted(found, reverse=True)[:3]]
 
 
 def _unusable(sent: dict[str, PoseSource], capture: StreamCapture) -> list[DoctorFinding]:

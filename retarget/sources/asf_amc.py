@@ -74,7 +74,12 @@ def read_asf(path: Path) -> AsfSkeleton:
     if not degrees and words[0].lower()[:3] != "rad":
         raise InputError("unknown angle unit", where=where, found=repr(words[0])[:80], allowed="deg, rad")
     root = _keyed(sections.get("root", []))
-    bones = {ROOT: _Bone(np.zeros(3), _frame(root, "orientation", degrees=degrees), _root_dof(root))}
+    where, words = root.get("order", ("", list(_ROOT_DOF)))
+    dof = tuple(word.lower() for word in words)
+    if sorted(dof) != sorted(_ROOT_DOF):
+        allowed = "TX TY TZ RX RY RZ, each once, in any order"
+        raise InputError("wrong root order", where=where, found=" ".join(words)[:80], allowed=allowed)
+    bones = {ROOT: _Bone(np.zeros(3), _frame(root, "orientation", degrees=degrees), dof)}
     bones |= _bones(sections.get("bonedata", []), last, degrees=degrees)
     children = _children(sections.get("hierarchy", []), bones)
     if len(bones) == 1 or not children:
@@ -99,8 +104,8 @@ def read_asf(path: Path) -> AsfSkeleton:
         offsets=np.array(starts),
         ends=tuple(() if children.get(name) else (bones[name].vector,) for name in order),
     )
-    dof, frames = tuple(bones[name].dof for name in order), np.stack([bones[name].frame for name in order])
-    return AsfSkeleton(tree, dof, frames, length_unit, degrees, path)
+    channels, frames = tuple(bones[name].dof for name in order), np.stack([bones[name].frame for name in order])
+    return AsfSkeleton(tree, channels, frames, length_unit, degrees, path)
 
 
 def _sections(path: Path) -> tuple[dict[str, list[_Line]], str]:
@@ -183,15 +188,6 @@ def _frame(keyed: dict[str, _Line], key: str, *, degrees: bool) -> FloatArray:
     if sorted(order) != ["x", "y", "z"]:
         raise InputError("unknown axis order", where=where, found=repr(words[0])[:80], allowed="XYZ in any order")
     return rotations.from_euler((np.radians(angles) if degrees else angles)[::-1], order[::-1])
-
-
-def _root_dof(root: dict[str, _Line]) -> tuple[str, ...]:
-    where, words = root.get("order", ("", list(_ROOT_DOF)))
-    dof = tuple(word.lower() for word in words)
-    if sorted(dof) != sorted(_ROOT_DOF):
-        allowed = "TX TY TZ RX RY RZ, each once, in any order"
-        raise InputError("wrong root order", where=where, found=" ".join(words)[:80], allowed=allowed)
-    return dof
 
 
 def _children(lines: list[_Line], bones: dict[str, _Bone]) -> dict[str, list[str]]:
