@@ -306,7 +306,10 @@ class StreamOptions:
             raise UsageError(
                 "only a named person can be measured anew", where="--recalibrate", next_step="Give a --person"
             )
-        usual = 0.0 if source.startswith("replay:") else COUNTDOWN_S
+        if self.check_sides and self.yes:
+            raise UsageError("one asks, the other does not", where="--check-sides, --yes", next_step="Leave one out")
+        is_replay = source.startswith("replay:")
+        usual, usual_check = 0.0 if is_replay else COUNTDOWN_S, not (self.yes or is_replay)
         return LiveOptions(
             patience=LONGEST_COUNTDOWN_S if source.startswith("web:") else LiveOptions.patience,
             countdown=usual if self.countdown is None else self.countdown,
@@ -319,7 +322,7 @@ class StreamOptions:
             person=self.person,
             recalibrate=self.recalibrate,
             stature=stature,
-            check_sides=sides_are_checked(source, self.check_sides, yes=self.yes),
+            check_sides=usual_check if self.check_sides is None else self.check_sides,
         )
 
     def refuse_pages(self, source: str, view: int | None) -> None:
@@ -338,13 +341,6 @@ class StreamOptions:
         }
         for option in filter(of_web.__getitem__, of_web):
             raise UsageError("only web:// has this", where=option, next_step="Leave it out")
-
-
-def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
-    """Whether the performer raises the left arm first: as asked, else for every live performer without --yes."""
-    if asked and yes:
-        raise UsageError("one asks, the other does not", where="--check-sides, --yes", next_step="Leave one out")
-    return not yes and not source.startswith("replay:") if asked is None else asked
 
 
 def follow_live(
