@@ -213,26 +213,21 @@ class UdpReceiver:
         return found
 
     def _arrival(self, control: list[tuple[int, int, bytes]], now: float) -> float:
-        """When the kernel got a datagram, s on the clock of `now`; `now` where that cannot be known."""
+        """When the kernel got a datagram, s on the clock of `now`, but not before the socket was last empty; `now`
+        where that cannot be known. The wall clock may be set at any time. A time that is too late does no harm (the
+        least delay counts). One that is too early does, and then the next poll measures the offset anew."""
         arrival = now
         for _, kind, content in control:
             if kind == SO_RXQ_OVFL and len(content) == COUNTER.size:
                 self.overflowed = COUNTER.unpack(content)[0]
             elif kind == SO_TIMESTAMPNS and len(content) == TIMESPEC.size:
                 seconds, nanoseconds = TIMESPEC.unpack(content)
-                arrival = self._checked((seconds * 1_000_000_000 + nanoseconds + self._offset) * 1e-9, now)
+                stamp = (seconds * 1_000_000_000 + nanoseconds + self._offset) * 1e-9
+                if stamp >= self._emptied - TOLERANCE_S:
+                    arrival = min(max(stamp, self._emptied), now)
+                else:
+                    self._measured = float("-inf")
         return arrival
-
-    def _checked(self, arrival: float, now: float) -> float:
-        """The arrival, limited to the time between the last empty socket and `now`; `now` where it is too early.
-
-        The wall clock may be set at any time. A time that is too late does no harm (the least delay counts); one that
-        is too early does.
-        """
-        if arrival >= self._emptied - TOLERANCE_S:
-            return min(max(arrival, self._emptied), now)
-        self._measured = float("-inf")  # the next poll measures anew
-        return now
 
 
 # NatNet: frames, requests and answers through one socket or two.

@@ -15,12 +15,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from retarget.rotations import NORM_TOLERANCE
 from retarget.sources.stream_frame import (
     CONVENTIONS,
+    LEAST_SQUARE,
     MAX_COORDINATE,
     MAX_DATAGRAM,
     MAX_POSES,
+    MOST_SQUARE,
     Dropped,
     StreamFrame,
 )
@@ -38,8 +39,6 @@ _POSE_KEYS = {"p", "q", "tracked"}
 NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 """Position and orientation that were not sent."""
-_LOW, _HIGH = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE), (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
-"""Bounds of the squared norm of a quaternion that is accepted."""
 
 
 class UnusableDatagram(ValueError):
@@ -164,7 +163,7 @@ def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float,
     if not max(abs(w), abs(x), abs(y), abs(z)) <= 2.0:  # before squares of large numbers
         return None
     square = w * w + x * x + y * y + z * z
-    if not _LOW <= square <= _HIGH:
+    if not LEAST_SQUARE <= square <= MOST_SQUARE:
         return None
     norm = math.sqrt(square)
     return w / norm, x / norm, y / norm, z / norm
