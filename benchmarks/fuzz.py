@@ -58,7 +58,7 @@ from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
 from retarget.setup.import_robot import read_robot
 from retarget.sources.asf_amc import read_amc
-from retarget.sources.c3d import KNOWN_MARKERS, read_marker_table
+from retarget.sources.c3d import MARKER_GROUPS, read_marker_table
 from retarget.sources.open import open_source
 from retarget.sources.raw_record import RawReader, RawWriter
 from retarget.viewer.recorded import open_recorded
@@ -237,7 +237,8 @@ def made_c3d() -> bytes:
     """Markers of a person who stands."""
     from c3d import Writer
 
-    writer, labels = Writer(point_rate=100.0, analog_rate=100.0, point_scale=-1.0), sorted(KNOWN_MARKERS)
+    labels = sorted({name for groups in MARKER_GROUPS.values() for group in groups for name in group})
+    writer = Writer(point_rate=100.0, analog_rate=100.0, point_scale=-1.0)
     points = np.zeros((len(labels), 5), np.float32)
     points[:, :3] = np.random.default_rng(0).uniform(0.0, 1500.0, (len(labels), 3))
     writer.add_frames([(points, np.zeros((0, 1), np.float32))] * 3)

@@ -48,7 +48,13 @@ def main(arguments: "Sequence[str] | None" = None) -> None:
     from retarget.cli.exit import exit_code_of
 
     if arguments is None:
-        _start_fast()
+        # In a process of our own: seldom collect garbage (0.1 s), and do without the windows of MuJoCo (40 ms), plugins
+        # of pydantic, and a second core that spins for matrices as small as ours (0.1 s).
+        gc.set_threshold(_GARBAGE)
+        atexit.register(gc.freeze)
+        os.environ.setdefault("MUJOCO_GL", "disable")
+        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(exit_code_of(stops or (lambda: _call(words))))
 
 
@@ -75,16 +81,3 @@ def _call(words: list[str]) -> None:
     chosen = [word for word in words if not word.startswith("-")][:2]
     refuse_renamed(words)
     sys.exit(called(application(chosen), with_values(words)))
-
-
-def _start_fast() -> None:
-    """In a process of our own, seldom collect garbage (0.1 s), and do without the windows of MuJoCo (40 ms), plugins of
-    pydantic, and a second core that spins for matrices as small as ours (0.1 s)."""
-    gc.set_threshold(_GARBAGE)
-    atexit.register(gc.freeze)
-    for name, value in (
-        ("MUJOCO_GL", "disable"),
-        ("PYDANTIC_DISABLE_PLUGINS", "__all__"),
-        ("OPENBLAS_NUM_THREADS", "1"),
-    ):
-        os.environ.setdefault(name, value)

@@ -329,16 +329,7 @@ class FileOptions:
         """Read a motion file. Raises RetargetError."""
         from retarget.sources.open import open_source
 
-        return open_source(
-            source,
-            skeleton=self.skeleton,
-            markers=self.markers,
-            unit=self.unit,
-            rate=self.rate,
-            stature=self.stature,
-            up=self.up,
-            performer_root=self.performer_root,
-        )
+        return open_source(source, **vars(self))
 
 
 def given(group: Any, *, but: Sequence[str] = ()) -> list[str]:

@@ -48,15 +48,6 @@ def make_bus(
             from sim.buses import emulated_bus
 
             return emulated_bus(robot, clock, start=posture_ticks(robot, posture), faults=faults)
-    return _real_bus(name, robot, clock)
-
-
-def posture_ticks(robot: RobotBody, name: str = "stand") -> TickArray:
-    """Ticks (n,) of a posture of the profile."""
-    return robot.joint_map.to_ticks(robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns])
-
-
-def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
     from hardware.dynamixel.bus import DynamixelBus
     from hardware.dynamixel.serial_port import SerialPort
 
@@ -72,6 +63,11 @@ def _real_bus(name: str, robot: RobotBody, clock: Clock) -> ServoBus:
     if name != "profile":
         buses = tuple(replace(bus, port=name) for bus in buses)
     return DynamixelBus(robot.joint_map, buses, lambda bus: SerialPort(bus.port, clock), notify=note)
+
+
+def posture_ticks(robot: RobotBody, name: str = "stand") -> TickArray:
+    """Ticks (n,) of a posture of the profile."""
+    return robot.joint_map.to_ticks(robot.posture(getattr(robot.profile.postures, name))[robot.servo_columns])
 
 
 # The bench of a run: its bus; for a simulated robot with mass also perturbations, and the stop after a fall.
@@ -115,7 +111,15 @@ class PhysicsBench:
             return None
         fall, now = self._bus.witness.fall, self._bus.witness.simulation.time
         if self._to_push and machine.supervisor.state is RunState.FOLLOW:
-            self._push(now, LIVE_PUSH_S if isinstance(samples, LivePerformer) else samples.ticks * samples.dt)
+            # Once, at a random time of the performance, which begins now.
+            from sim.physics.perturbation import PerturbationKind, drawn
+
+            self._to_push = False
+            within = LIVE_PUSH_S if isinstance(samples, LivePerformer) else samples.ticks * samples.dt
+            frame = CHEST if CHEST in self._robot.profile.frames else None
+            later, seed = (now + 0.1 * within, now + 0.9 * within), self._options.physics.seed
+            for push in drawn(PerturbationKind.PUSH, seed, within=later, frame=frame).pushes:
+                self._bus.witness.simulation.push(push)
         if fall is not None and now >= fall.time + AFTER_FALL_S and machine.guard.may_go_to_rest:
             return StopCause.FALLEN, f"the robot has fallen: {fall.how}"
         return None
@@ -188,14 +192,3 @@ class PhysicsBench:
         if mount.support is not Support.GANTRY:
             raise UsageError("only a gantry has a hook", where="--hook", found=f"on the {mount.support.value}")
         return replace(mount, hook=asked.hook)
-
-    def _push(self, now: float, within: float) -> None:
-        """Schedule the push, once, at a random time of the performance, which begins now."""
-        from sim.physics.perturbation import PerturbationKind, drawn
-
-        assert self._bus is not None
-        self._to_push = False
-        frame = CHEST if CHEST in self._robot.profile.frames else None
-        later = (now + 0.1 * within, now + 0.9 * within)
-        for push in drawn(PerturbationKind.PUSH, self._options.physics.seed, within=later, frame=frame).pushes:
-            self._bus.witness.simulation.push(push)

@@ -79,11 +79,6 @@ def _targets(name: str) -> list[tuple[Kind, Path]]:
             allowed=", ".join(known),
             next_step=suggest(name, known) or renamed_to(Path(name).stem, known) or "Check the path",
         ) from None
-    return [(_kind(path), path)]
-
-
-def _kind(path: Path) -> Kind:
-    """What a file is: by its keys, then by the folder that it lies in. Raises ConfigError."""
     keys = scan(read_text(path), path).data.keys()
     kind = kind_by_keys(keys) or kind_of(path)
     if kind is None:
@@ -94,7 +89,7 @@ def _kind(path: Path) -> Kind:
             allowed="a robot profile (servos, frames, ...), a priority file (levels), a performer (sensors), "
             "a scene (obstacles), a session (robot, source)",
         )
-    return kind
+    return [(kind, path)]
 
 
 def _robot(path: Path) -> str:

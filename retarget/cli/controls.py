@@ -53,9 +53,6 @@ class Control(Protocol):
         """What was asked for since the last poll, each with its reason for the operator, at `now`, s. Never waits, and
         raises nothing that a person, a device or a client causes. Each is carried out before the next is read."""
 
-    def close(self) -> None:
-        """Let go of files and devices; twice does no harm."""
-
 
 # A held key of the terminal, detected by its repeats: a terminal reports no release.
 
@@ -216,7 +213,17 @@ class Pedal:
             data = self._read()
             if not data:
                 break
-            self._take(data)
+            data = self._rest + data
+            whole = len(data) - len(data) % EVENT.size
+            self._rest = data[whole:]
+            for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
+                if kind == EV_SYN and code == SYN_DROPPED:  # a release may be among what the kernel dropped
+                    self._down.clear()
+                elif kind == EV_KEY and code <= MOST_CODE and self._code in (None, code):
+                    if value == DOWN:
+                        self._down.add(code)
+                    elif value == UP:
+                        self._down.discard(code)
         return bool(self._down)
 
     def _read(self) -> bytes:
@@ -237,36 +244,22 @@ class Pedal:
         self.lost = self.lost or reason
         self.close()
 
-    def _take(self, data: bytes) -> None:
-        data = self._rest + data
-        whole = len(data) - len(data) % EVENT.size
-        self._rest = data[whole:]
-        for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
-            if kind == EV_SYN and code == SYN_DROPPED:  # a release may be among what the kernel dropped
-                self._down.clear()
-            elif kind == EV_KEY and code <= MOST_CODE and self._code in (None, code):
-                if value == DOWN:
-                    self._down.add(code)
-                elif value == UP:
-                    self._down.discard(code)
-
 
 def _opened(path: str) -> int:
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except PermissionError as error:
         step = "Join the group of such devices: sudo usermod -aG input $USER, then log in again"
-        raise _unusable(path, "this device is not for this user", step) from error
+        raise HardwareError("this device is not for this user", where=path, then=step) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise _unusable(path, f"the device cannot be opened: {reason}", _which()) from error
+        raise HardwareError(f"the device cannot be opened: {reason}", where=path, then=_which()) from error
     try:
-        mode = os.fstat(fd).st_mode
-        if not stat.S_ISFIFO(mode):
+        if not stat.S_ISFIFO(os.fstat(fd).st_mode):
             fcntl.ioctl(fd, EVIOCGVERSION, b"\0" * 4)
     except OSError as error:
         os.close(fd)
-        raise _unusable(path, "this is no event device", _which()) from error
+        raise HardwareError("this is no event device", where=path, then=_which()) from error
     return fd
 
 
@@ -276,10 +269,6 @@ def _which() -> str:
         if names:
             return f"Plugged in are: {', '.join(names[:10])}"
     return "Plug it in, and see which it is: ls /dev/input/by-id, or sudo evtest"
-
-
-def _unusable(path: str, what: str, then: str) -> HardwareError:
-    return HardwareError(what, where=path, then=then)
 
 
 # The dead-man control: a robot moves only while a pedal, a key of its own device, or a key of the terminal is held.
@@ -347,9 +336,6 @@ class StopFile:
         if self._polls % FILE_PERIOD == 1 and (state := stop_file_state(self._path)):
             yield Asked.STOP, f"{self._path} {state}"
 
-    def close(self) -> None:
-        """Do nothing: no file is kept open."""
-
 
 # The control socket of this user: one word a line, one line back.
 
@@ -391,7 +377,20 @@ class ControlSocket:
         self.path, self._status, self._goes_on = path, status, goes_on
         self._clients: dict[socket.socket, bytes] = {}  # what each has sent of its next line; oldest first
         _clear(path)
-        self._listener = _listening(path)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        before = os.umask(0o177)  # only its owner may connect, from the start
+        try:
+            self._listener.setblocking(False)
+            self._listener.bind(str(path))
+            self._listener.listen(MOST_CLIENTS)
+        except OSError as error:
+            self._listener.close()
+            taken = error.errno == errno.EADDRINUSE
+            step = "Choose another path" if taken else "Choose a path in a folder that exists and is yours"
+            what = f"cannot listen: {error.strerror or error}"
+            raise UsageError(what, where=f"{WHERE} {path}", next_step=step) from error
+        finally:
+            os.umask(before)
 
     def close(self) -> None:
         """Disconnect all, and remove the file."""
@@ -477,24 +476,6 @@ def _clear(path: Path) -> None:
         where=f"{WHERE} {path}",
         next_step="Stop it (retarget stop), or choose another path",
     )
-
-
-def _listening(path: Path) -> socket.socket:
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    before = os.umask(0o177)  # only its owner may connect, from the start
-    try:
-        listener.setblocking(False)
-        listener.bind(str(path))
-        listener.listen(MOST_CLIENTS)
-    except OSError as error:
-        listener.close()
-        taken = error.errno == errno.EADDRINUSE
-        step = "Choose another path" if taken else "Choose a path in a folder that exists and is yours"
-        what = f"cannot listen: {error.strerror or error}"
-        raise UsageError(what, where=f"{WHERE} {path}", next_step=step) from error
-    finally:
-        os.umask(before)
-    return listener
 
 
 def refused_word(word: str) -> str:

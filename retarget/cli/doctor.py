@@ -1,7 +1,6 @@
 """`retarget doctor`: what is wrong with a stream, a servo port or this machine, one line each with what to do."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -50,13 +49,14 @@ def doctor(
     elif target is not None or robot is not None:
         found = _ports(target, robot)
     else:
-        found = _machine(MonotonicClock())
+        found = _machine()
     for finding in found:
         echo(finding.render())
     wrong = sum(finding.level is FindingLevel.FIX for finding in found)
     echo("nothing is wrong" if not wrong else f"{wrong} to fix")
     if file is not None:
-        _write(file, found)
+        text = json.dumps({"findings": [asdict(finding) for finding in found]}, indent=2, ensure_ascii=False)
+        write_atomic(file, f"{text}\n".encode(), option="--json")
     raise typer.Exit(1 if wrong else 0)
 
 
@@ -121,7 +121,7 @@ def _ports(path: str | None, robot: str | None) -> list[DoctorFinding]:
     return [finding for bus in buses for finding in port_findings(bus.port, baud=bus.baud)]
 
 
-def _machine(clock: Clock) -> list[DoctorFinding]:
+def _machine() -> list[DoctorFinding]:
     from retarget.setup.doctor_machine import (
         frame_findings,
         lateness_finding,
@@ -130,15 +130,5 @@ def _machine(clock: Clock) -> list[DoctorFinding]:
         serial_findings,
     )
 
-    return [
-        *python_findings(),
-        *frame_findings(),
-        *machine_findings(),
-        lateness_finding(clock),
-        *serial_findings(),
-    ]
-
-
-def _write(file: Path, found: Sequence[DoctorFinding]) -> None:
-    text = json.dumps({"findings": [asdict(finding) for finding in found]}, indent=2, ensure_ascii=False)
-    write_atomic(file, f"{text}\n".encode(), option="--json")
+    machine = [*machine_findings(), lateness_finding(MonotonicClock()), *serial_findings()]
+    return [*python_findings(), *frame_findings(), *machine]

@@ -13,8 +13,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum, auto
-from logging import Handler, LogRecord, makeLogRecord
-from logging.handlers import QueueListener
 from pathlib import Path
 from queue import Empty, Full, Queue
 from types import FrameType
@@ -23,8 +21,8 @@ from typing import TextIO, cast
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import RetargetError, TorqueError, describe, printable
 
-# stdout and stderr through the queue listener of `logging`: a stream that is gone, full or slow costs no run its files,
-# and a robot never waits for a terminal.
+# stdout and stderr through a queue and a thread: a stream that is gone, full or slow costs no run its files, and a
+# robot never waits for a terminal.
 
 MOST = 1000
 """Texts kept for a stream that takes none (Ctrl-S, a hung link, an unread pipe)."""
@@ -41,9 +39,9 @@ class Screen(io.TextIOBase):
         self.failure: OSError | None = None
         self.waits = True
         self._stream, self._fd = stream, _descriptor(stream)
-        self._texts: Queue[LogRecord] = Queue(MOST)
-        self._listener = QueueListener(self._texts, _Writer(self))
-        self._listener.start()
+        self._texts: Queue[str | None] = Queue(MOST)  # None ends the thread
+        self._thread = threading.Thread(target=self._write_all, name="screen", daemon=True)
+        self._thread.start()
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
@@ -54,10 +52,9 @@ class Screen(io.TextIOBase):
         """Leave it to the thread. Raises TypeError for what is no text, as any text stream."""
         if not isinstance(text, str):
             raise TypeError(f"a text stream takes str, found {type(text).__name__}")
-        record = makeLogRecord({"msg": text})
         while True:
             try:
-                self._texts.put(record, block=self.waits)
+                self._texts.put(text, block=self.waits)
                 return len(text)
             except Full:
                 with suppress(Empty):
@@ -81,10 +78,15 @@ class Screen(io.TextIOBase):
     def end(self, patience: float | None) -> None:
         """Drain the stream, and end the thread where it does not hang in the stream; call it once."""
         if self.drain(patience):
-            self._listener.stop()
+            self._texts.put(None)
+            self._thread.join()
 
-    def put(self, text: str) -> None:
-        """Write it, in the thread."""
+    def _write_all(self) -> None:
+        while (text := self._texts.get()) is not None:
+            self._put(text)
+            self._texts.task_done()
+
+    def _put(self, text: str) -> None:
         try:
             if self._fd is None:
                 self._stream.write(text)
@@ -107,23 +109,6 @@ class Screen(io.TextIOBase):
         if self.failure is None or isinstance(self.failure, BrokenPipeError):
             return ""
         return self.failure.strerror or str(self.failure)
-
-
-class _Writer(Handler):
-    """Hands the texts of the queue to their screen."""
-
-    def __init__(self, screen: Screen) -> None:
-        super().__init__()
-        self._screen = screen
-
-    def createLock(self) -> None:
-        """None: `logging` takes it at the end of the process, while the thread may hang."""
-        self.lock = None
-
-    def handle(self, record: LogRecord) -> bool:
-        """Write it, without the lock."""
-        self._screen.put(record.msg)
-        return True
 
 
 def _descriptor(stream: TextIO) -> int | None:
@@ -352,7 +337,8 @@ CODES = {TorqueError: STOPPED, RetargetError: REFUSED}
 
 def _code_of_error(error: BaseException) -> int:
     """The exit code; what went wrong is printed."""
-    if not isinstance(error, TorqueError) and _was_interrupted(error):
+    # An import that Ctrl-C cuts may come back as 'initialization failed'.
+    if not isinstance(error, TorqueError) and any(isinstance(one, KeyboardInterrupt) for one in _causes(error)):
         return INTERRUPTED
     if out_of_memory(error):
         echo(f"error: {memory_message()}", err=True)
@@ -370,15 +356,20 @@ NO_MEMORY = re.compile("cannot allocate memory|failed to map segment|can't start
 """Messages of loaders of libraries and threads to which the system gave no memory."""
 
 
-def out_of_memory(error: BaseException | None) -> bool:
-    """True if an error comes from memory that the system did not give, also while a library was imported."""
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and all that it comes from."""
     while error is not None:
-        if isinstance(error, MemoryError) or (
-            isinstance(error, ImportError | OSError | RuntimeError) and NO_MEMORY.search(str(error))
-        ):
-            return True
+        yield error
         error = error.__cause__ or error.__context__
-    return False
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """True if an error comes from memory that the system did not give, also while a library was imported."""
+    loaders = (ImportError, OSError, RuntimeError)
+    return any(
+        isinstance(one, MemoryError) or (isinstance(one, loaders) and NO_MEMORY.search(str(one)))
+        for one in _causes(error)
+    )
 
 
 LEAST_MEMORY = 700_000_000
@@ -400,10 +391,3 @@ def refuse_little_memory() -> None:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         raise MemoryError
-
-
-def _was_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error: an import that it cuts may come back as 'initialization failed'."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None

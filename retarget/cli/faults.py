@@ -49,7 +49,13 @@ def faults(
             "no such row", where="--row", found=repr(row), allowed=", ".join(names), next_step=suggest(row, names)
         )
     if listed:
-        _show(row)
+        table = Table(box=None, pad_edge=False)
+        for heading in ("fault", "a robot that moves", "within", "a run that is to begin"):
+            table.add_column(heading)
+        for one in ROWS:
+            if row in (None, one.name):
+                table.add_row(one.name, one.reaction.value, f"{one.limit:g} s" if one.limit else "-", one.idle.value)
+        console().print(table)
         return
     work: list[Case] = []
     if rows or row is not None:
@@ -57,18 +63,6 @@ def faults(
     work += pair_cases() if pairs else []
     work += seed_cases(range(first_seed, first_seed + seeds), seconds=seconds)
     raise typer.Exit(_run(work, jobs))
-
-
-def _show(name: str | None) -> None:
-    from sim.faults.rows import ROWS
-
-    table = Table(box=None, pad_edge=False)
-    for heading in ("fault", "a robot that moves", "within", "a run that is to begin"):
-        table.add_column(heading)
-    for one in ROWS:
-        if name in (None, one.name):
-            table.add_row(one.name, one.reaction.value, f"{one.limit:g} s" if one.limit else "-", one.idle.value)
-    console().print(table)
 
 
 def _run(work: "list[Case]", jobs: int) -> int:

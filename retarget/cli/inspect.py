@@ -84,24 +84,18 @@ def show(summary: MotionSummary, console: Console) -> None:
     joints = counted(len(summary.joints), "joint")
     console.out(f"whole body known: {joints}" if summary.joints else "whole body not known: sensors only")
     console.print()
-    console.print(_sensor_table(summary))
-    _show_jumps(summary, console)
-    for note in summary.notes:
-        console.out(f"note: {note}")
-
-
-def _sensor_table(summary: MotionSummary) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column("sensor")
     for heading in ("valid", "orientation", "lowest m", "highest m", "max m/s", "jumps"):
         table.add_column(heading, justify="right")
     for sensor in summary.sensors:
-        numbers = [
-            f"{value:.2f}" if math.isfinite(value) else "-"
-            for value in (sensor.lowest_m, sensor.highest_m, sensor.max_speed_m_s)
-        ]
+        values = (sensor.lowest_m, sensor.highest_m, sensor.max_speed_m_s)
+        numbers = [f"{value:.2f}" if math.isfinite(value) else "-" for value in values]
         table.add_row(sensor.name, _share(sensor.valid), _share(sensor.oriented), *numbers, str(sensor.jumps or "-"))
-    return table
+    console.print(table)
+    _show_jumps(summary, console)
+    for note in summary.notes:
+        console.out(f"note: {note}")
 
 
 def _share(value: float) -> str:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from retarget.model.robot import RobotBody
     from retarget.recording.configs import Configs
     from retarget.recording.reading import Played
-    from retarget.recording.replay import Replayed
     from retarget.report.outputs import Outputs
     from retarget.run.run_result import RunResult
 
@@ -52,6 +51,7 @@ def replay(
         report FILE.json|DIR: Write the numbers of the run as it is now.
         save FILE.npz: Write every tick of it, for other tools.
     """
+    from retarget.recording.cycles import now_of
     from retarget.recording.reading import played, read_recording
     from retarget.report.outputs import Outputs
 
@@ -63,16 +63,6 @@ def replay(
         raise UsageError("goals alone have no report", where="--report, --save", next_step="Leave them out")
     outputs = Outputs.checked(report=report, save=save, plots=None, overwrite=overwrite)
     found = played(read_recording(file))
-    _note_damage(found)
-    if bus is not None:
-        raise typer.Exit(_send(found, bus, 1.0 if speed is None else speed, robot))
-    raise typer.Exit(_again(found, outputs, robot))
-
-
-def _note_damage(found: "Played") -> None:
-    """Say which part of the recording there is, if it is not whole."""
-    from retarget.recording.cycles import now_of
-
     recording, cycles = found.recording, found.cycles
     if recording.damage:
         times = now_of(cycles)
@@ -81,15 +71,26 @@ def _note_damage(found: "Played") -> None:
         note(f"{recording.path}: {recording.damage}; {until}")
     if found.missing:
         note(f"{recording.path}: {found.missing} ticks were never written: from there on goals may differ")
+    if bus is not None:
+        raise typer.Exit(_send(found, bus, 1.0 if speed is None else speed, robot))
+    raise typer.Exit(_again(found, outputs, robot))
 
 
 def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
     from retarget.recording.configs import as_recorded
+    from retarget.recording.replay import replay as run_again
     from retarget.report.measure import measure
+    from retarget.run.loop import Progress
 
-    recording = found.recording
+    recording, session = found.recording, found.recording.session
     with as_recorded(recording, robot=robot) as configs:
-        again = _run(found, configs)
+        with progress_bar(session.robot, found.last_tick + 1) as show:
+            again = run_again(found, configs, observers=[Progress(show)])
+        for changed in again.changed:
+            note(changed)
+        echo(f"{recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
+        for line in again.difference.lines():
+            echo(line)
         if again.result.reason:
             echo(f"it stops again: {again.result.reason}")
         problems: tuple[str, ...] = ()
@@ -105,22 +106,6 @@ def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
     for problem in problems:
         echo(f"error: {problem}", err=True)
     return DONE if again.difference.none and not problems else STOPPED
-
-
-def _run(found: "Played", configs: "Configs") -> "Replayed":
-    """Run it again, and say what differs."""
-    from retarget.recording.replay import replay as run_again
-    from retarget.run.loop import Progress
-
-    session = found.recording.session
-    with progress_bar(session.robot, found.last_tick + 1) as show:
-        again = run_again(found, configs, observers=[Progress(show)])
-    for changed in again.changed:
-        note(changed)
-    echo(f"{found.recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
-    for line in again.difference.lines():
-        echo(line)
-    return again
 
 
 def _with_its_body(run: "RunResult", configs: "Configs", save: Path) -> "RunResult":
@@ -142,7 +127,9 @@ def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
     low, high = SPEEDS
     if not low <= speed <= high:
         raise UsageError("impossible speed", where="--speed", found=f"{speed:g}", allowed=f"{low:g} to {high:g}")
-    options = _on_bus(found.recording.session.options, bus)
+    options = found.recording.session.options
+    physics = options.physics if bus.startswith("physics") else PhysicsOptions()  # only a simulation has such options
+    options = replace(options, bus=bus, physics=physics, gate=True)
     if robot is None and not (options.simulated or options.is_human):
         robot = options.robot  # real servos are those of the robot as it is now
     with as_recorded(found.recording, options=options, robot=robot) as configs:
@@ -178,9 +165,3 @@ def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed
         echo(f"the gate changed {gated} of these {len(run.record)}")
         echo(f"end: {run.state}" + (f": {run.reason}" if run.reason else ""))
         return DONE if run.reason is None else STOPPED
-
-
-def _on_bus(options: RunOptions, bus: str) -> RunOptions:
-    """The options of the recording on another bus; what only a simulation has is left where there is none."""
-    physics = options.physics if bus.startswith("physics") else PhysicsOptions()
-    return replace(options, bus=bus, physics=physics, gate=True)

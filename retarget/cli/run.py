@@ -53,7 +53,7 @@ from retarget.cli.operator import Announcer, RunOperator, live_state
 from retarget.cli.session import Session
 from retarget.cli.stop import socket_path
 from retarget.cli.view import opened_page, viewing
-from retarget.cli.web.control import LABEL, PAGE, PageControl, WebInput, opened_web
+from retarget.cli.web.control import LABEL, PAGE, PageControl, opened_web
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
@@ -79,6 +79,7 @@ from retarget.schema.performer import Performer
 from retarget.sources.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
+from retarget.web.link import PoseReceiver
 
 ANY_TIME = Scheduling()
 """Ticks as the system schedules them."""
@@ -107,6 +108,9 @@ class CommandRun:
         )
         self.notify = self.recorder.recorded_notify(log)
         self.feed: ViewFeed | None = None
+        self.receiver: PoseReceiver | None = None
+        self.control: PageControl | None = None
+        """Poses and control of the page of `web://`; None for another source."""
 
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
@@ -136,11 +140,11 @@ class CommandRun:
             self.feed.announce(state.value)
 
     @contextmanager
-    def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[WebInput]:
-        """The page of a live run, and what comes from it. That of `web://` also shows what is notified."""
+    def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[None]:
+        """Show the page of a live run. That of `web://` also shows what is notified."""
         if address.kind != "web":
             with self.page():
-                yield WebInput()
+                yield
             return
         with opened_web(
             address,
@@ -148,7 +152,7 @@ class CommandRun:
             listen=live.listen,
             dead_man=live.oversight.dead_man == PAGE,
             notify=self.notify,
-        ) as (self.feed, receiver):
+        ) as (self.feed, self.receiver):
             said, show = self.notify, self.feed.note
 
             def notify(text: str) -> None:
@@ -156,7 +160,8 @@ class CommandRun:
                 show(text)
 
             self.notify = notify
-            yield WebInput(receiver, PageControl(self.feed, said))
+            self.control = PageControl(self.feed, said)
+            yield
 
     def operator(self, prepared: Prepared, stop: StopRequest) -> RunOperator:
         """The operator of a run without controls."""
@@ -227,20 +232,16 @@ def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> i
     """Write the files of a run, show its summary without the notes that were said, return the exit code. A run that was
     asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon. So does
     one that finds too little memory for it."""
+    soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
     try:
-        return _finished(run, outputs, said=said)
+        report = measure_latest(run) if soon else measure(run)
+        if outputs.best_likeness:
+            report = replace(report, best_likeness_deg=best_likeness(run))
+        written = outputs.write(run, report)
+        show_summary(run, replace(report, notes=tuple(note for note in report.notes if note not in said)), console())
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
         return STOPPED
-
-
-def _finished(run: RunResult, outputs: Outputs, *, said: Sequence[str]) -> int:
-    soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
-    report = measure_latest(run) if soon else measure(run)
-    if outputs.best_likeness:
-        report = replace(report, best_likeness_deg=best_likeness(run))
-    written = outputs.write(run, report)
-    show_summary(run, replace(report, notes=tuple(note for note in report.notes if note not in said)), console())
     # Last of all, because a terminal may be gone or full.
     for line in written.lines:
         echo(line)
@@ -305,7 +306,10 @@ class StreamOptions:
             raise UsageError(
                 "only a named person can be measured anew", where="--recalibrate", next_step="Give a --person"
             )
-        usual = 0.0 if source.startswith("replay:") else COUNTDOWN_S
+        if self.check_sides and self.yes:
+            raise UsageError("one asks, the other does not", where="--check-sides, --yes", next_step="Leave one out")
+        is_replay = source.startswith("replay:")
+        usual, usual_check = 0.0 if is_replay else COUNTDOWN_S, not (self.yes or is_replay)
         return LiveOptions(
             patience=LONGEST_COUNTDOWN_S if source.startswith("web:") else LiveOptions.patience,
             countdown=usual if self.countdown is None else self.countdown,
@@ -318,7 +322,7 @@ class StreamOptions:
             person=self.person,
             recalibrate=self.recalibrate,
             stature=stature,
-            check_sides=sides_are_checked(source, self.check_sides, yes=self.yes),
+            check_sides=usual_check if self.check_sides is None else self.check_sides,
         )
 
     def refuse_pages(self, source: str, view: int | None) -> None:
@@ -339,13 +343,6 @@ class StreamOptions:
             raise UsageError("only web:// has this", where=option, next_step="Leave it out")
 
 
-def sides_are_checked(source: str, asked: bool | None, *, yes: bool) -> bool:
-    """Whether the performer raises the left arm first: as asked, else for every live performer without --yes."""
-    if asked and yes:
-        raise UsageError("one asks, the other does not", where="--check-sides, --yes", next_step="Leave one out")
-    return not yes and not source.startswith("replay:") if asked is None else asked
-
-
 def follow_live(
     source: str, options: RunOptions, outputs: Outputs, live: StreamOptions, *, stature: float | None = None
 ) -> int:
@@ -363,10 +360,9 @@ def follow_live(
         controls = stack.enter_context(ExitStack())
         devices, dead_man = _opened(live.oversight, controls, status=lambda: operator.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
-        web = stack.enter_context(run.live_page(address, live))
-        notify = run.notify
-        supervisor = Supervisor()
-        perform = _performing(address, begins, run, web, tap, supervisor, stack)
+        stack.enter_context(run.live_page(address, live))
+        notify, supervisor = run.notify, Supervisor()
+        perform = _performing(address, begins, run, tap, supervisor, stack)
         with run.prepared(perform, supervisor) as prepared:
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
@@ -375,7 +371,7 @@ def follow_live(
                 stop,
                 bench=run.bench,
                 page=run.feed,
-                controls=[_keyboard(dead_man, stack), *devices, *web.controls],
+                controls=[_keyboard(dead_man, stack), *devices, *filter(None, [run.control])],
                 dead_man=live.oversight.dead_man is not None,
                 notify=notify,
             )
@@ -386,7 +382,8 @@ def follow_live(
                 with live_state(options.robot, operator.words), scheduled(live.oversight.scheduling):
                     result = run.play(recorded, operator, page)
         controls.close()  # a stop that comes while the report is written finds no run
-        stream_report = performer.report(address=address.text, person=begins.person, times=web.times())
+        times = {} if run.control is None else run.control.times()
+        stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
         return max(run.recorder.code(finished(result, outputs, said=prepared.notes)), _followed(result, notify))
 
@@ -395,7 +392,6 @@ def _performing(
     address: StreamAddress,
     begins: LiveOptions,
     run: CommandRun,
-    web: WebInput,
     tap: RawTap | None,
     supervisor: Supervisor,
     stack: ExitStack,
@@ -406,7 +402,7 @@ def _performing(
         stream = open_stream(
             address,
             performer,
-            receiver=web.receiver,
+            receiver=run.receiver,
             tap=tap,
             smoothing=begins.smoothing,
             latest=begins.latest,
@@ -422,7 +418,7 @@ def _performing(
             where=address.text,
             notify=run.notify,
             enter=partial(run.enter, supervisor),
-            look=web.look,
+            look=run.control.look if run.control is not None else lambda: None,
             has_deadlines=not run.options.simulated,
         )
 

@@ -186,8 +186,13 @@ class ClockMap:
         key = (stamp, number)
         if key == (None, None):
             return self._deliver(arrival)
-        if self._is_repeated(key in self._recent, stamp, number):
-            self.dropped.note("repeated" if key in self._recent else "the sender's time stands still")
+        known = key in self._recent
+        if stamp is None or self._step(stamp) < COARSE_S:
+            repeated = known or (stamp is not None and stamp == self._newest)
+        else:  # several frames may share a step of the clock
+            repeated = known and number is not None
+        if repeated:
+            self.dropped.note("repeated" if known else "the sender's time stands still")
             return None
         time = self._placed(arrival, stamp, number)
         if time is not None:
@@ -230,7 +235,12 @@ class ClockMap:
         excess = arrival - stamp - self.offset
         self._odd.note(arrival, stamp, step)
         if self._odd.shows_jump(arrival):
-            self._jump(arrival, self._odd.least, stamp=stamp)
+            shift = self._odd.least - self.offset
+            if abs(shift) >= SHIFT_S:
+                back = JumpKind.RESTARTED if stamp < YOUNG_S and stamp < self._newest else JumpKind.BACK
+                self.jumps += 1
+                self.last_jump = ClockJump(back if shift > 0.0 else JumpKind.FORWARD, arrival, shift)
+            self._restart(arrival, self._odd.least)
             return self._in_order(arrival, stamp, step)
         if -(AHEAD_S + step) <= excess < 0.0:
             return self._deliver(arrival)
@@ -240,15 +250,6 @@ class ClockMap:
         usual = "stamped ahead" if excess < 0.0 else "late" if excess > LATE_S else "out of order"
         self.dropped.note(not_seconds(unit) if unit else usual)
         return None
-
-    def _jump(self, arrival: float, gap: float, *, stamp: float) -> None:
-        """Restart the estimate, and count a jump of at least SHIFT_S."""
-        shift = gap - (self.offset or 0.0)
-        if abs(shift) >= SHIFT_S:
-            back = JumpKind.RESTARTED if stamp < YOUNG_S and stamp < self._newest else JumpKind.BACK
-            self.jumps += 1
-            self.last_jump = ClockJump(back if shift > 0.0 else JumpKind.FORWARD, arrival, shift)
-        self._restart(arrival, gap)
 
     def _restart(self, arrival: float, gap: float) -> None:
         """Forget the sender's clock, but not what was delivered."""
@@ -275,9 +276,3 @@ class ClockMap:
     def _step(self, stamp: float) -> float:
         """The least time between two stamps, s."""
         return max(self._resolution, ldexp(1.0, frexp(stamp)[1] - self._significand))
-
-    def _is_repeated(self, is_known: bool, stamp: float | None, number: int | None) -> bool:
-        """Whether the frame came before, or its stamp did, from a clock fine enough to distinguish frames."""
-        if stamp is None or self._step(stamp) < COARSE_S:
-            return is_known or (stamp is not None and stamp == self._newest)
-        return is_known and number is not None

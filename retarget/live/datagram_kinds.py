@@ -56,7 +56,8 @@ def recognise(datagram: bytes) -> Recognised:
         return Recognised("", "Axis Studio (Perception Neuron)", "BVH broadcast")
     if datagram[4:8] in (b"head", b"sndf", b"skdf", b"fram"):
         return Recognised("", "mocopi")
-    return _natnet(datagram) or Recognised("", "an unknown protocol", _first_bytes(datagram))
+    begins = f"begins with {datagram[:8].hex(' ')}" if datagram else "empty"
+    return _natnet(datagram) or Recognised("", "an unknown protocol", begins)
 
 
 def _osc(packet: OscPacket) -> Recognised:
@@ -124,10 +125,6 @@ def _natnet(datagram: bytes) -> Recognised | None:
 
 def _shown(text: str) -> str:
     return repr(text[:LONGEST_NAME])
-
-
-def _first_bytes(datagram: bytes) -> str:
-    return f"begins with {datagram[:8].hex(' ')}" if datagram else "empty"
 
 
 # What to do when something else arrives than the address reads.

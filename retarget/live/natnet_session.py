@@ -107,12 +107,11 @@ class NatnetSession:
             self._frame(now, payload)
         elif kind == MessageId.SERVER_INFO:
             self._server(now, read_server_info(payload))
-        elif kind == MessageId.DEFINITIONS and self._can_read(payload):
-            self._wants_definitions = False
-            self.asked_at = None
-
-    def _can_read(self, definitions: bytes) -> bool:
-        return read_definitions(definitions, self.server.version if self.server else OLDEST) is not None
+        elif kind == MessageId.DEFINITIONS:
+            version = self.server.version if self.server else OLDEST
+            if read_definitions(payload, version) is not None:
+                self._wants_definitions = False
+                self.asked_at = None
 
     def _server(self, now: float, info: ServerInfo | None) -> None:
         if info is None:

@@ -28,25 +28,18 @@ MOST_SOCKETS = 100_000
 
 def port_holder(port: int) -> str:
     """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
-    wanted = {f"socket:[{inode}]" for inode in _inodes(port)}
-    found: list[str] = []
+    wanted, found = set[str](), list[str]()
+    for table in ("udp", "udp6"):
+        with suppress(OSError), (PROCESSES / "net" / table).open(encoding="ascii", errors="replace") as lines:
+            for line in itertools.islice(lines, 1, MOST_SOCKETS):
+                words = line.split()  # the columns `local_address` and `inode`
+                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
+                    wanted.add(f"socket:[{words[9]}]")
     for process in itertools.islice(PROCESSES.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
         with suppress(OSError):
             if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
                 found.append(named_process(process.name))
     return ", ".join(sorted(found)) or "another process"
-
-
-def _inodes(port: int) -> set[str]:
-    """Inode numbers of the sockets bound to a port: columns `local_address` and `inode` of /proc/net/udp."""
-    inodes = set()
-    for table in ("udp", "udp6"):
-        with suppress(OSError), (PROCESSES / "net" / table).open(encoding="ascii", errors="replace") as lines:
-            for line in itertools.islice(lines, 1, MOST_SOCKETS):
-                words = line.split()
-                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
-                    inodes.add(words[9])
-    return inodes
 
 
 # Opening the socket of a stream: bound, large enough for bursts, in its multicast group.
@@ -220,26 +213,21 @@ class UdpReceiver:
         return found
 
     def _arrival(self, control: list[tuple[int, int, bytes]], now: float) -> float:
-        """When the kernel got a datagram, s on the clock of `now`; `now` where that cannot be known."""
+        """When the kernel got a datagram, s on the clock of `now`, but not before the socket was last empty; `now`
+        where that cannot be known. The wall clock may be set at any time. A time that is too late does no harm (the
+        least delay counts). One that is too early does, and then the next poll measures the offset anew."""
         arrival = now
         for _, kind, content in control:
             if kind == SO_RXQ_OVFL and len(content) == COUNTER.size:
                 self.overflowed = COUNTER.unpack(content)[0]
             elif kind == SO_TIMESTAMPNS and len(content) == TIMESPEC.size:
                 seconds, nanoseconds = TIMESPEC.unpack(content)
-                arrival = self._checked((seconds * 1_000_000_000 + nanoseconds + self._offset) * 1e-9, now)
+                stamp = (seconds * 1_000_000_000 + nanoseconds + self._offset) * 1e-9
+                if stamp >= self._emptied - TOLERANCE_S:
+                    arrival = min(max(stamp, self._emptied), now)
+                else:
+                    self._measured = float("-inf")
         return arrival
-
-    def _checked(self, arrival: float, now: float) -> float:
-        """The arrival, limited to the time between the last empty socket and `now`; `now` where it is too early.
-
-        The wall clock may be set at any time. A time that is too late does no harm (the least delay counts); one that
-        is too early does.
-        """
-        if arrival >= self._emptied - TOLERANCE_S:
-            return min(max(arrival, self._emptied), now)
-        self._measured = float("-inf")  # the next poll measures anew
-        return now
 
 
 # NatNet: frames, requests and answers through one socket or two.

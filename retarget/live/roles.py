@@ -63,15 +63,6 @@ def _places(convention: str) -> dict[str, PoseSource]:
     return {sensor: PoseSource(*both[sensor]) for sensor in SENSORS if sensor in both}
 
 
-def _slimevr() -> dict[str, PoseSource]:
-    """The places of SlimeVR. Its hand is a point in front of the grip, beyond the wrist by a length that the stream
-    does not hold: calibration begins with that of the default proportions."""
-    places = _places("slimevr")
-    return places | {
-        wrist: replace(places[wrist], offset=(_HAND_FORWARD, 0.0, 0.0)) for wrist in ("l_wrist", "r_wrist")
-    }
-
-
 def _from_t_pose(places: dict[str, PoseSource]) -> dict[str, PoseSource]:
     """Places of a sender whose orientations are the identity in the T-pose: a hanging arm is turned by 90 degrees about
     forward, the left one to the right."""
@@ -83,8 +74,12 @@ def _from_t_pose(places: dict[str, PoseSource]) -> dict[str, PoseSource]:
     }
 
 
+_SLIMEVR = _places("slimevr")
 CONVENTIONS: dict[str, dict[str, PoseSource]] = {
-    "slimevr": _slimevr(),
+    # Its hand is a point in front of the grip, beyond the wrist by a length that the stream does not hold: calibration
+    # begins with that of the default proportions.
+    "slimevr": _SLIMEVR
+    | {wrist: replace(_SLIMEVR[wrist], offset=(_HAND_FORWARD, 0.0, 0.0)) for wrist in ("l_wrist", "r_wrist")},
     "slimevr_vrchat": _places("slimevr_vrchat"),
     "unity_bones": _from_t_pose(_places("unity_bones")),
     # The toe's segment bends at the ball of the foot; a toe sensor turns with the foot.

@@ -94,8 +94,32 @@ TICKS, TICK_S = 100, 0.01
 
 def machine_findings(*, root: Path = ROOT) -> list[DoctorFinding]:
     """Findings on the operating system. root: of the kernel's files."""
-    facts = _core_facts(root) | _kernel_facts(root) | _realtime_facts()
-    return findings("cores", "governor", "scheduler", "real time", "UDP buffer", **facts)
+    usable, there = len(os.sched_getaffinity(0)), os.cpu_count() or 1
+    share, limited = float(usable), ""
+    quota = _text(root / "sys/fs/cgroup/cpu.max").split()
+    if len(quota) == 2 and quota[0].isdigit() and int(quota[1]) > 0:
+        limit = int(quota[0]) / int(quota[1])
+        share, limited = min(usable, int(limit)), f", limited to {limit:.1f} by a cgroup"
+    load = float((_text(root / "proc/loadavg").split() or ["0"])[0])
+    paths = (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    governors = {_text(path) for path in paths} - {""}
+    version = _text(root / "proc/version")
+    kind = next((word for word in ("PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT") if word in version), "not preemptible")
+    if _text(root / "sys/kernel/realtime") == "1":
+        kind = "PREEMPT_RT"
+    most = _text(root / "proc/sys/net/core/rmem_max")
+    return [
+        *findings("cores", usable=usable, there=there, quota=limited, share=share, load=load),
+        *findings(
+            "governor",
+            governors=", ".join(sorted(governors)),
+            set=len(governors),
+            slow=len(governors - GOOD_GOVERNORS),
+        ),
+        *findings("scheduler", release=platform.release(), kind=kind),
+        *findings("real time", priority=USUAL_PRIORITY, how=HOW_TO_PERMIT, permitted=_may_schedule()),
+        *findings("UDP buffer", most=int(most) if most.isdigit() else -1, wanted=RECEIVE_BUFFER),
+    ]
 
 
 def lateness_finding(clock: Clock) -> DoctorFinding:
@@ -108,37 +132,12 @@ def lateness_finding(clock: Clock) -> DoctorFinding:
     return finding("ticks", p50=p50, p99=p99)
 
 
-def _core_facts(root: Path) -> dict[str, Any]:
-    usable, there = len(os.sched_getaffinity(0)), os.cpu_count() or 1
-    share, limited = float(usable), ""
-    quota = _text(root / "sys/fs/cgroup/cpu.max").split()
-    if len(quota) == 2 and quota[0].isdigit() and int(quota[1]) > 0:
-        limit = int(quota[0]) / int(quota[1])
-        share, limited = min(usable, int(limit)), f", limited to {limit:.1f} by a cgroup"
-    load = float((_text(root / "proc/loadavg").split() or ["0"])[0])
-    paths = (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
-    governors = {_text(path) for path in paths} - {""}
-    facts = {"governors": ", ".join(sorted(governors)), "set": len(governors), "slow": len(governors - GOOD_GOVERNORS)}
-    return {"usable": usable, "there": there, "quota": limited, "share": share, "load": load, **facts}
-
-
-def _kernel_facts(root: Path) -> dict[str, Any]:
-    version = _text(root / "proc/version")
-    kind = next((word for word in ("PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT") if word in version), "not preemptible")
-    if _text(root / "sys/kernel/realtime") == "1":
-        kind = "PREEMPT_RT"
-    most = _text(root / "proc/sys/net/core/rmem_max")
-    buffer = {"most": int(most) if most.isdigit() else -1, "wanted": RECEIVE_BUFFER}
-    return {"release": platform.release(), "kind": kind, **buffer}
-
-
-def _realtime_facts() -> dict[str, Any]:
-    facts = {"priority": USUAL_PRIORITY, "how": HOW_TO_PERMIT}
+def _may_schedule() -> bool:
     try:
         refuse_scheduling(Scheduling(priority=USUAL_PRIORITY))
     except HardwareError:
-        return facts | {"permitted": False}
-    return facts | {"permitted": True}
+        return False
+    return True
 
 
 def _text(path: Path) -> str:
@@ -156,8 +155,13 @@ GROUP = "dialout"
 def serial_findings(ports: Iterable[str] | None = None) -> list[DoctorFinding]:
     """Whether this user may open serial ports. ports: paths; None: all of this machine."""
     paths = sorted(port.device for port in comports()) if ports is None else list(ports)
-    if not paths:
-        return [_no_port()]
+    if not paths:  # whether this user is in the group, then
+        try:
+            number = grp.getgrnam(GROUP).gr_gid
+        except KeyError:
+            number = -1
+        member = number in {*os.getgroups(), os.getegid()}
+        return [finding("serial/none", root=os.geteuid() == 0, known=number >= 0, member=member, group=GROUP)]
     refused = [path for path in paths if not os.access(path, os.R_OK | os.W_OK)]
     usable = [path for path in paths if path not in refused]
     groups = sorted({group for path in refused if (group := _group(path))})
@@ -173,16 +177,6 @@ def _group(path: str) -> str:
         return Path(path).group() if mode & stat.S_IRGRP and mode & stat.S_IWGRP else ""
     except (OSError, KeyError):
         return ""
-
-
-def _no_port() -> DoctorFinding:
-    """Without a port to check: whether this user is in the group."""
-    try:
-        number = grp.getgrnam(GROUP).gr_gid
-    except KeyError:
-        number = -1
-    member = number in {*os.getgroups(), os.getegid()}
-    return finding("serial/none", root=os.geteuid() == 0, known=number >= 0, member=member, group=GROUP)
 
 
 # Python and the compiled solver: whether they can be used, and what a frame costs on this machine.

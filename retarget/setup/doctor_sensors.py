@@ -117,7 +117,11 @@ def capture_stream(stream: LiveStream, *, clock: Clock, seconds: float) -> Strea
             _take(capture, datagram, now)
         if now >= sample_at:
             sample_at += SAMPLE_S
-            _sample(capture, now)
+            states, shown = stream.validity.judge(now), np.fmax.reduce(stream.playout.read(now).time)
+            if len(capture.states) < MOST_SAMPLES:
+                capture.ages += [now - float(shown)] if np.isfinite(shown) else []
+                capture.states.append(states.tolist())
+                capture.samples.append(dict(capture.last_poses))
         clock.sleep_until(now + STEP_S)
     capture.ended = clock.now()
     return capture
@@ -143,21 +147,9 @@ def _take(capture: StreamCapture, datagram: Datagram, now: float) -> None:
             capture.frames.append(FrameNote(datagram.arrival, frame.stamp, frame.number, frame.names))
         for name, place, turn in zip(frame.names, frame.position, frame.orientation, strict=True):
             if name in capture.last_poses or len(capture.last_poses) < MOST_NAMES:
-                capture.last_poses[name] = _completed(np.concatenate((place, turn)), capture.last_poses.get(name))
-
-
-def _completed(pose: FloatArray, before: FloatArray | None) -> FloatArray:
-    """A pose (7,), with its missing half from the pose before: some senders split it over two datagrams."""
-    missing = np.isnan(pose)
-    return pose if before is None or not missing.any() else np.where(missing, before, pose)
-
-
-def _sample(capture: StreamCapture, now: float) -> None:
-    states, shown = capture.stream.validity.judge(now), np.fmax.reduce(capture.stream.playout.read(now).time)
-    if len(capture.states) < MOST_SAMPLES:
-        capture.ages += [now - float(shown)] if np.isfinite(shown) else []
-        capture.states.append(states.tolist())
-        capture.samples.append(dict(capture.last_poses))
+                # Some senders split a pose over two datagrams: its missing half is that of the pose before.
+                pose = np.concatenate((place, turn))
+                capture.last_poses[name] = np.where(np.isnan(pose), capture.last_poses.get(name, _UNKNOWN), pose)
 
 
 # The performer's sensors: those that are sent, missing, or in a wrong state.
@@ -189,7 +181,13 @@ def role_findings(performer: Performer, convention: str, capture: StreamCapture)
         else:
             missing.append((sensor, place))
     found = [_missing(performer, convention, missing, capture)] if missing else []
-    wrong = _wrong_states(sent, capture) + _unusable(sent, capture)
+    wrong = []
+    for state, least in _WRONG_SHARES.items():
+        shares = {sensor: share for sensor in sent if (share := capture.share(sensor, state)) > least}
+        if shares:
+            worst = 100 * max(shares.values())
+            wrong.append(finding(f"sensors/{state.name}", subject=", ".join(shares), percent=worst))
+    wrong += _unusable(sent, capture)
     affected = {name for one in wrong for name in one.subject.split(", ")}
     good = [] if "sensors" in affected else [sensor for sensor in sent if sensor not in affected]
     return found + wrong + ([finding("sensors", sensors=", ".join(good))] if good else [])
@@ -206,7 +204,17 @@ def _missing(
         return finding("sensors/no part", names=names)
     sent = dict.fromkeys(name for frame in capture.frames[-RECENT:] for name in frame.names)
     unnamed = any(place.position == UNNAMED for _, place in missing)
-    others = " or ".join(_fitting(capture, convention))
+    fitting = []  # performers whose sensors are all in the stream, and how many these are
+    for entry in entries(Kind.PERFORMER):
+        try:
+            other = load_performer(entry.path)
+        except RefusedError:
+            continue
+        known = CONVENTIONS.get(other.roles or convention, {})
+        needed = [sensor.role or known.get(name, PoseSource("")).position for name, sensor in other.sensors.items()]
+        if all(name in capture.last_poses for name in needed):
+            fitting.append((len(needed), entry.name))
+    others = " or ".join(name for _, name in sorted(fitting, reverse=True)[:3])
     return finding(
         "sensors/missing",
         names=names,
@@ -218,35 +226,13 @@ def _missing(
     )
 
 
-def _fitting(capture: StreamCapture, convention: str) -> list[str]:
-    """Names of performers whose sensors are all in the stream, at most three, those with most sensors first."""
-    found = []
-    for entry in entries(Kind.PERFORMER):
-        try:
-            performer = load_performer(entry.path)
-        except RefusedError:
-            continue
-        known = CONVENTIONS.get(performer.roles or convention, {})
-        needed = [sensor.role or known.get(name, PoseSource("")).position for name, sensor in performer.sensors.items()]
-        if all(name in capture.last_poses for name in needed):
-            found.append((len(needed), entry.name))
-    return [name for _, name in sorted(found, reverse=True)[:3]]
-
-
-def _wrong_states(sent: dict[str, PoseSource], capture: StreamCapture) -> list[DoctorFinding]:
-    """Sensors that are sent and not valid: one finding per state, for all sensors that are in it."""
-    found = []
-    for state, least in _WRONG_SHARES.items():
-        shares = {sensor: share for sensor in sent if (share := capture.share(sensor, state)) > least}
-        if shares:
-            worst = 100 * max(shares.values())
-            found.append(finding(f"sensors/{state.name}", subject=", ".join(shares), percent=worst))
-    return found
-
-
 def _unusable(sent: dict[str, PoseSource], capture: StreamCapture) -> list[DoctorFinding]:
     """Sensors that are sent and cannot be used: a finding for each, or one for all."""
-    unusable = {sensor: _unusable_share(sensor, place, capture) for sensor, place in sent.items()}
+    unusable = {}  # sensor -> share of the time since its first pose in which it had no valid pose, 0 to 1
+    for sensor, place in sent.items():
+        states = capture.states_of(sensor)[[place.position in poses for poses in capture.samples]]
+        lost = np.isin(states, (ValidityState.STALE, ValidityState.NOT_IN_USE)).sum()
+        unusable[sensor] = float(lost / max(len(states), 1))
     reasons = ", ".join(reason for reason, _ in capture.stream.validity.refused.reasons.most_common(2))
     why = f" ({reasons})" if reasons else ""
     least = min(unusable.values(), default=0.0)
@@ -258,12 +244,6 @@ def _unusable(sent: dict[str, PoseSource], capture: StreamCapture) -> list[Docto
     if least > UNUSABLE_SHARE and reasons:
         found.append(finding("sensors/none usable", percent=100 * least, why=why))
     return found
-
-
-def _unusable_share(sensor: str, place: PoseSource, capture: StreamCapture) -> float:
-    """Share of the time since the first pose of a sensor in which it had no valid pose, 0 to 1."""
-    states = capture.states_of(sensor)[[place.position in poses for poses in capture.samples]]
-    return float(np.isin(states, (ValidityState.STALE, ValidityState.NOT_IN_USE)).sum() / max(len(states), 1))
 
 
 # Rate, jitter, gaps, loss by frame numbers, and the sender's clock.
@@ -282,7 +262,10 @@ _JUMPS = {
 
 def rate_findings(kind: str, capture: StreamCapture) -> list[DoctorFinding]:
     """Findings on the frames that hold the performer's sensors; on all frames where none does."""
-    frames = _of_one_sensor(capture)
+    # Of the sensor that is sent most often: some senders put each sensor in a datagram of its own.
+    wanted = [name for name in capture.stream.roles.names if name in capture.last_poses]
+    of_each = [[frame for frame in capture.frames if name in frame.names] for name in wanted]
+    frames = max(of_each, key=len, default=capture.frames)
     if len(frames) < FEW:
         return findings("rate/few", count=len(frames))
     arrivals = np.array([frame.arrival for frame in frames])
@@ -311,13 +294,6 @@ def rate_findings(kind: str, capture: StreamCapture) -> list[DoctorFinding]:
     return found + _loss(kind, frames) + _clock(kind, frames, capture, seconds)
 
 
-def _of_one_sensor(capture: StreamCapture) -> list[FrameNote]:
-    """Frames that hold the sensor that is sent most often: some senders put each sensor in a datagram of its own."""
-    wanted = [name for name in capture.stream.roles.names if name in capture.last_poses]
-    frames = {name: [frame for frame in capture.frames if name in frame.names] for name in wanted}
-    return max(frames.values(), key=len) if frames else capture.frames
-
-
 def _loss(kind: str, frames: list[FrameNote]) -> list[DoctorFinding]:
     """By the sender's frame numbers, of which MVN leaves some out on purpose."""
     numbers = np.array([frame.number for frame in frames if frame.number is not None], dtype=float)
@@ -339,7 +315,9 @@ def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: 
     if len(stamped) < FEW:
         return findings("clock/none")
     stamps, at = np.array(stamped).T
-    speed, reasons = _speed(stamps, at), clock.dropped.reasons
+    # The sender's seconds per local second: the median over an eighth of the time, which jumps do not change.
+    lag, reasons = max(len(stamps) // 8, 1), clock.dropped.reasons
+    speed = float(np.median((stamps[lag:] - stamps[:-lag]) / np.maximum(at[lag:] - at[:-lag], 1e-9)))
     return findings(
         "clock",
         distinct=len(np.unique(stamps)),
@@ -357,13 +335,6 @@ def _clock(kind: str, frames: list[FrameNote], capture: StreamCapture, seconds: 
         late=sum(reasons[reason] for reason in ("late", "stamped ahead", "out of order")) / len(frames),
         reasons=", ".join(f"{reason} ({count})" for reason, count in reasons.most_common(3)),
     )
-
-
-def _speed(stamps: FloatArray, at: FloatArray) -> float:
-    """The sender's seconds per local second: the median over an eighth of the time, which jumps do not change."""
-    lag = max(len(stamps) // 8, 1)
-    local = at[lag:] - at[:-lag]
-    return float(np.median((stamps[lag:] - stamps[:-lag]) / np.maximum(local, 1e-9)))
 
 
 # Limbs that a sender makes up: they stay within a millimetre of one place on the trunk while the trunk moves.

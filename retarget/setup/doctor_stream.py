@@ -22,9 +22,16 @@ from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
 from retarget.live.receivers import NatnetReceiver, port_holder
 from retarget.live.roles import CONVENTIONS
-from retarget.live.stream import MOST_DECODED, LiveStream
+from retarget.live.stream import MOST_DECODED
 from retarget.schema.performer import Performer
-from retarget.setup.doctor_machine import DoctorFinding, finding, findings, firewall_findings, fix_all
+from retarget.setup.doctor_machine import (
+    UNKNOWN_HOLDER,
+    DoctorFinding,
+    finding,
+    findings,
+    firewall_findings,
+    fix_all,
+)
 from retarget.setup.doctor_sensors import (
     UNNAMED,
     StreamCapture,
@@ -94,11 +101,17 @@ def sender_findings(address: StreamAddress, kind: str, capture: StreamCapture) -
         found.append(finding("stream", frames=capture.stream.frames, senders=senders))
     elif not found:
         reasons = "; ".join(reason for reason, _ in capture.stream.decoder.dropped.reasons.most_common(3))
-        facts = {"reasons": f" ({reasons})" if reasons else "", "sender": KINDS[kind].sender}
-        found.append(finding("stream/no pose", arrived=capture.arrived, **facts))
-    if capture.frames:
-        found += _dropped(capture)
-    return found + _lost(capture) + _states(capture)
+        why = f" ({reasons})" if reasons else ""
+        found.append(finding("stream/no pose", arrived=capture.arrived, reasons=why, sender=KINDS[kind].sender))
+    for reason, count in capture.stream.decoder.dropped.reasons.most_common(8) if capture.frames else ():
+        facts: dict[str, Any] = {"reason": reason, "count": count, "arrived": capture.arrived}
+        harmless, share = any(part in reason for part in _HARMLESS), count / max(capture.arrived, 1)
+        found.append(finding("decoder", **facts, harmless=harmless, share=share))
+    found += findings("buffer", count=getattr(capture.stream.receiver, "overflowed", 0))  # lost by the kernel
+    for host, size in capture.largest.items():
+        if size > UNFRAGMENTED and not _is_here(host):
+            found.append(finding("network/fragments", host=host, size=size))
+    return found + _states(capture)
 
 
 def _refused(address: StreamAddress, capture: StreamCapture) -> list[DoctorFinding]:
@@ -141,23 +154,6 @@ def _foreign(kind: str, capture: StreamCapture, address: StreamAddress) -> list[
     return found
 
 
-def _dropped(capture: StreamCapture) -> list[DoctorFinding]:
-    """What the decoder dropped of a stream that has frames."""
-    found = []
-    for reason, count in capture.stream.decoder.dropped.reasons.most_common(8):
-        facts: dict[str, Any] = {"reason": reason, "count": count, "arrived": capture.arrived}
-        harmless, share = any(part in reason for part in _HARMLESS), count / max(capture.arrived, 1)
-        found.append(finding("decoder", **facts, harmless=harmless, share=share))
-    return found
-
-
-def _lost(capture: StreamCapture) -> list[DoctorFinding]:
-    """Datagrams that the kernel dropped, and those of other machines that are longer than an Ethernet frame."""
-    found = findings("buffer", count=getattr(capture.stream.receiver, "overflowed", 0))
-    long = {host: size for host, size in capture.largest.items() if size > UNFRAGMENTED and not _is_here(host)}
-    return found + [finding("network/fragments", host=host, size=size) for host, size in long.items()]
-
-
 def _is_here(host: str) -> bool:
     try:
         return IPv4Address(host).is_loopback
@@ -186,7 +182,8 @@ def stream_findings(
     """Findings on a stream after listening for `seconds`. Raises InputError for a recording that cannot be read."""
     kind = recorded_kind(address) if address.kind == "replay" else address.kind
     convention = performer.roles or stream_kinds()[kind].roles
-    holder = _holder(address)
+    # Another process may have the port, on another address of this machine; this one does not have it yet.
+    holder = port_holder(address.port) if address.kind != "replay" and address.port else UNKNOWN_HOLDER
     try:
         stream = open_stream(address, named_for(performer, convention))
     except InputError as error:
@@ -198,14 +195,17 @@ def stream_findings(
         found = judge(address, performer, convention, capture, kind=kind)
     if not capture.arrived:
         found += silence_findings(address, seconds=capture.seconds, answered=bool(found))
-    return found + holder
+    shared = holder != UNKNOWN_HOLDER
+    return found + ([finding("port/shared", holder=holder, port=address.port)] if shared else [])
 
 
 def judge(
     address: StreamAddress, performer: Performer, convention: str, capture: StreamCapture, *, kind: str
 ) -> list[DoctorFinding]:
     """Findings on a capture; none where nothing arrived and Motive did not answer."""
-    found = _motive(address, capture.stream, capture.ended)
+    found, receiver = list[DoctorFinding](), capture.stream.receiver
+    if isinstance(receiver, NatnetReceiver):
+        found = fix_all("Motive", natnet_problems(receiver.session, capture.ended, host=address.host or ""))
     if capture.arrived:
         found += sender_findings(address, kind, capture) if not (found and not capture.frames) else []
         found += rate_findings(kind, capture)
@@ -227,21 +227,6 @@ def named_for(performer: Performer, convention: str) -> Performer:
         named = sends or sensor.role is not None
         sensors[name] = sensor if named else sensor.model_copy(update={"role": UNNAMED})
     return performer.model_copy(update={"sensors": sensors})
-
-
-def _motive(address: StreamAddress, stream: LiveStream, now: float) -> list[DoctorFinding]:
-    receiver = stream.receiver
-    if not isinstance(receiver, NatnetReceiver):
-        return []
-    return fix_all("Motive", natnet_problems(receiver.session, now, host=address.host or ""))
-
-
-def _holder(address: StreamAddress) -> list[DoctorFinding]:
-    """Another process that has the port, on another address of this machine. Call it before opening the port."""
-    if address.kind == "replay" or not address.port:
-        return []
-    holder = port_holder(address.port)
-    return [] if holder == "another process" else [finding("port/shared", holder=holder, port=address.port)]
 
 
 # The page of `web://`: a performer's browser and what it sends.

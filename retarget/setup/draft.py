@@ -125,6 +125,7 @@ def profile_text(draft: Draft) -> str:
     """YAML of a whole profile: `robot.yaml.template` with the drafted lines."""
     stands = "Trunk upright, soles flat, centre of mass over the middle of the soles; " if draft.feet else ""
     ids = [servo.entry.id for servo in draft.servos]
+    feet = _lines(wrapped(_entry(side, foot), 9) for side, foot in draft.feet.items())
     template = Template(Path(__file__).with_name("robot.yaml.template").read_text(encoding="utf-8"))
     return template.substitute(
         head=_lines(_head(draft)),
@@ -140,7 +141,7 @@ def profile_text(draft: Draft) -> str:
         ids=wrapped(f"    ids: {flow(ids)}", 10),
         protocol=min(max(SERVO_MODELS[servo.entry.model].protocols) for servo in draft.servos),
         observers=fragment([HEAD], draft.shapes, draft.ignored, ZONES).strip(),
-        feet=_section("feet", (wrapped(_entry(side, foot), 9) for side, foot in draft.feet.items())),
+        feet=f"feet:\n{feet}" if feet else "feet: {}",
         about_postures=comment(f"{stands}joints that are not named are 0."),
         **{name: wrapped(f"  {name}: {flow(angles)}", 4) for name, angles in draft.postures.items()},
         landmarks=_lines(wrapped(_entry(name, landmark), 4) for name, landmark in draft.landmarks.items()),
@@ -162,12 +163,6 @@ def _supply(models: Set[str]) -> str:
 
 def _lines(lines: Iterable[str]) -> str:
     return "\n".join(lines)
-
-
-def _section(name: str, entries: Iterable[str]) -> str:
-    """A section with its entries, {} without."""
-    lines = _lines(entries)
-    return f"{name}:\n{lines}" if lines else f"{name}: {{}}"
 
 
 def _head(draft: Draft) -> Iterator[str]:

@@ -136,11 +136,11 @@ def wrapped(line: str, indent: int) -> str:
     return ("\n" + " " * indent).join([first + parts[0], *parts[1:]])
 
 
-def comment(text: str, indent: str = "") -> str:
+def comment(text: str) -> str:
     """A paragraph as lines of comment."""
     text = " ".join(printable(text).split())
-    lines = wrap(text, WIDTH - len(indent) - 1, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(f"{indent}# {line}" for line in lines)
+    lines = wrap(text, WIDTH - 1, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(f"# {line}" for line in lines)
 
 
 def fragment(head: Iterable[str], shapes: Sequence[LinkShape], pairs: Sequence[IgnoredLinks], zones: Zones) -> str:

@@ -92,7 +92,11 @@ def home(
         moved: FloatArray = np.ptp(joint_map.to_radians(read), axis=0)
         unsteady = chosen & (moved > STILL)
         if not unsteady.any():
-            return _homing(joint_map, np.rint(np.median(read, axis=0)).astype(np.int64), posture, chosen)
+            ticks = np.rint(np.median(read, axis=0)).astype(np.int64)
+            profile = np.array([servo.zero_tick for servo in joint_map.servos])
+            far = joint_map.zeros(ticks, posture) - profile
+            near = _without_turns(joint_map, far)
+            return Homing(ticks - (far - near), profile + near, joint_map.turned(near), chosen)
         joints = _named(joint_map, unsteady)
         notify(f"The robot moved: {joints} by up to {moved[unsteady].max():.3f} rad, where {STILL:g} rad is allowed.")
     raise HardwareError(
@@ -148,14 +152,6 @@ def _read(bus: ServoBus, joint_map: JointMap, clock: Clock, chosen: BoolArray) -
     read = np.where(np.maximum.accumulate(answered, axis=0), read, first)
     steady: TickArray = first + _without_turns(joint_map, read - first)
     return steady
-
-
-def _homing(joint_map: JointMap, ticks: TickArray, posture: FloatArray, chosen: BoolArray) -> Homing:
-    """Zero ticks nearest to the profile's."""
-    profile = np.array([servo.zero_tick for servo in joint_map.servos])
-    far = joint_map.zeros(ticks, posture) - profile
-    near = _without_turns(joint_map, far)
-    return Homing(ticks - (far - near), profile + near, joint_map.turned(near), chosen)
 
 
 def _without_turns(joint_map: JointMap, ticks: TickArray) -> TickArray:

@@ -154,11 +154,12 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
     root = _root(folder / "body.xml", found, has_legs=bool(anatomy.legs), notes=notes)
     file = compile_body(folder / "body.xml", root=root)
     placed, soles = PlacedShapes(body_from_file(file), body.shapes), root == "free"
-    postures = find_postures(posed, soles=soles, touching=placed.touching)
-    if soles and not postures.stands:
+    found_postures = find_postures(posed, soles=soles, touching=placed.touching)
+    if soles and not all(posture.stands for posture in found_postures.values()):
         notes.append("no posture was found in which it stands with flat soles: correct `postures`")
-    others = {name: angles for name, angles in postures.angles.items() if name in ("stand", "attractor")}
-    landmarks, missing = find_landmarks(posed, postures.angles["stand"])
+    postures = {name: posture.angles for name, posture in found_postures.items()}
+    others = {name: postures[name] for name in ("stand", "attractor")}
+    landmarks, missing = find_landmarks(posed, postures["stand"])
     draft = Draft(
         name=name,
         source=robot.source.path.name,
@@ -167,10 +168,10 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
         frames=posed.entries(),
         servos=servos,
         feet=found.feet if soles else {},
-        postures=postures.angles,
+        postures=postures,
         landmarks=landmarks,
         shapes=body.shapes,
-        ignored=ignored_links(placed, postures.angles["neutral"], others),
+        ignored=ignored_links(placed, postures["neutral"], others),
         links=links,
         missing=(*found.missing, *missing),
         notes=tuple(notes),

@@ -136,38 +136,30 @@ def _whole(posed: Posed, angles: Angles) -> dict[str, float]:
     return whole
 
 
-@dataclass(frozen=True)
-class FoundPostures:
-    """angles: posture -> joint -> rad. stands: True if it stands in them as meant."""
-
-    angles: dict[str, dict[str, float]]
-    stands: bool
-
-
 Touching = Callable[[Angles, Angles], frozenset[frozenset[str]]]
 """The pairs of links that touch in a posture, seen from the neutral one, see `PlacedShapes.touching`."""
 
 
-def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> FoundPostures:
+def find_postures(posed: Posed, *, soles: bool, touching: Touching) -> dict[str, FoundPosture]:
     """The four postures of a drafted profile: arms as near to the trunk, and the crouch at rest as deep, as nothing
     touches. soles: True if it stands."""
-    best, least = FoundPostures({}, stands=False), np.inf
+    best, least = dict[str, FoundPosture](), np.inf
     for spread in SPREADS if posed.anatomy.arms else SPREADS[:1]:
         found = {
             name: find_posture(posed, spread=spread + more, ahead=ahead, bend=bend, share=LEGS[name] if soles else None)
             for name, (more, ahead, bend) in ARMS.items()
             if name in LEGS
         }
-        angles = {name: one.angles for name, one in found.items()}
-        hits = len(frozenset().union(*(touching(one, angles["neutral"]) for one in angles.values())))
+        neutral = found["neutral"].angles
+        hits = len(frozenset().union(*(touching(one.angles, neutral) for one in found.values())))
         if hits < least:
-            best, least, chosen = FoundPostures(angles, all(one.stands for one in found.values())), hits, spread
+            best, least, chosen = found, hits, spread
         if not hits:
             break
-    neutral, (more, ahead, bend) = best.angles["neutral"], ARMS["rest"]
+    neutral, (more, ahead, bend) = best["neutral"].angles, ARMS["rest"]
     known = touching(neutral, neutral)
     for share in CROUCHES if soles else (None,):
         rest = find_posture(posed, spread=chosen + more, ahead=ahead, bend=bend, share=share)
         if rest.stands and touching(rest.angles, neutral) <= known:
             break
-    return FoundPostures(best.angles | {"rest": rest.angles}, best.stands and rest.stands)
+    return best | {"rest": rest}

@@ -69,9 +69,17 @@ def read_asf(path: Path) -> AsfSkeleton:
     units = _keyed(sections.get("units", []))
     where, words = units.get("length", ("", []))
     length_unit = numbers(words[:1], where)[0] if words else 1.0
-    degrees = _is_degrees(*units.get("angle", ("", ["deg"])))
+    where, words = units.get("angle", ("", ["deg"]))
+    degrees = words[0].lower().startswith("deg")
+    if not degrees and words[0].lower()[:3] != "rad":
+        raise InputError("unknown angle unit", where=where, found=repr(words[0])[:80], allowed="deg, rad")
     root = _keyed(sections.get("root", []))
-    bones = {ROOT: _Bone(np.zeros(3), _frame(root, "orientation", degrees=degrees), _root_dof(root))}
+    where, words = root.get("order", ("", list(_ROOT_DOF)))
+    dof = tuple(word.lower() for word in words)
+    if sorted(dof) != sorted(_ROOT_DOF):
+        allowed = "TX TY TZ RX RY RZ, each once, in any order"
+        raise InputError("wrong root order", where=where, found=" ".join(words)[:80], allowed=allowed)
+    bones = {ROOT: _Bone(np.zeros(3), _frame(root, "orientation", degrees=degrees), dof)}
     bones |= _bones(sections.get("bonedata", []), last, degrees=degrees)
     children = _children(sections.get("hierarchy", []), bones)
     if len(bones) == 1 or not children:
@@ -96,8 +104,8 @@ def read_asf(path: Path) -> AsfSkeleton:
         offsets=np.array(starts),
         ends=tuple(() if children.get(name) else (bones[name].vector,) for name in order),
     )
-    dof, frames = tuple(bones[name].dof for name in order), np.stack([bones[name].frame for name in order])
-    return AsfSkeleton(tree, dof, frames, length_unit, degrees, path)
+    channels, frames = tuple(bones[name].dof for name in order), np.stack([bones[name].frame for name in order])
+    return AsfSkeleton(tree, channels, frames, length_unit, degrees, path)
 
 
 def _sections(path: Path) -> tuple[dict[str, list[_Line]], str]:
@@ -182,15 +190,6 @@ def _frame(keyed: dict[str, _Line], key: str, *, degrees: bool) -> FloatArray:
     return rotations.from_euler((np.radians(angles) if degrees else angles)[::-1], order[::-1])
 
 
-def _root_dof(root: dict[str, _Line]) -> tuple[str, ...]:
-    where, words = root.get("order", ("", list(_ROOT_DOF)))
-    dof = tuple(word.lower() for word in words)
-    if sorted(dof) != sorted(_ROOT_DOF):
-        allowed = "TX TY TZ RX RY RZ, each once, in any order"
-        raise InputError("wrong root order", where=where, found=" ".join(words)[:80], allowed=allowed)
-    return dof
-
-
 def _children(lines: list[_Line], bones: dict[str, _Bone]) -> dict[str, list[str]]:
     """Names of the bones at the end of each bone."""
     children: dict[str, list[str]] = {}
@@ -208,13 +207,6 @@ def _children(lines: list[_Line], bones: dict[str, _Bone]) -> dict[str, list[str
             placed.add(child)
             children.setdefault(words[0], []).append(child)
     return children
-
-
-def _is_degrees(where: str, words: list[str]) -> bool:
-    word = words[0].lower()
-    if word[:3] not in ("deg", "rad"):
-        raise InputError("unknown angle unit", where=where, found=repr(words[0])[:80], allowed="deg, rad")
-    return word.startswith("deg")
 
 
 def _triple(where: str, words: list[str]) -> list[float]:
@@ -251,10 +243,8 @@ def read_amc(
     is_cmu = abs(asf.length_unit - CMU_LENGTH_UNIT) < 1e-6
     notes: tuple[str, ...] = ()
     if rate is None:
-        rate, notes = (
-            DEFAULT_RATE_HZ,
-            (f"frame rate not stated: taken as {DEFAULT_RATE_HZ:g} Hz (change it with --rate)",),
-        )
+        rate = DEFAULT_RATE_HZ
+        notes = (f"frame rate not stated: taken as {rate:g} Hz (change it with --rate)",)
     return canonical_frames(
         asf.tree,
         pose_of(asf, values, degrees=degrees),
@@ -288,15 +278,6 @@ def find_skeleton(path: Path) -> Path:
     )
 
 
-def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatArray, bool]:
-    """Values (T, d) of all channels as in the file, in the order of the skeleton's bones; whether angles are degrees.
-
-    Raises InputError with file and line.
-    """
-    start, degrees = _header(lines, asf, path)
-    return _frame_values(lines, start, asf, path), degrees
-
-
 def pose_of(asf: AsfSkeleton, values: FloatArray, *, degrees: bool) -> JointPoses:
     """Forward kinematics of all frames (file axes and units): R = R_parent C Rz Ry Rx C^-1, C the axes of the bone."""
     channels = [[(name[0], "xyz".index(name[1])) for name in dof] for dof in asf.dof]
@@ -323,8 +304,12 @@ def _header(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[int, bool]:
     raise InputError("no frame of motion", where=str(path), next_step="The file is cut short: get it again")
 
 
-def _frame_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) -> FloatArray:
-    """The values of all frames: each is a line with its number, then one line for each bone, in any order."""
+def read_values(lines: list[str], asf: AsfSkeleton, path: Path) -> tuple[FloatArray, bool]:
+    """Values (T, d) of all channels as in the file, in the order of the skeleton's bones; whether angles are degrees.
+
+    A frame is a line with its number, then one line for each bone, in any order. Raises InputError with file and line.
+    """
+    start, degrees = _header(lines, asf, path)
     dof = dict(zip(asf.tree.names, asf.dof, strict=True))
     rows: list[list[float]] = []
     row: dict[str, tuple[int, list[str]]] = {}
@@ -332,7 +317,7 @@ def _frame_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) ->
     for at, words in _filled(lines, start):
         if len(words) > 1 or (words and not words[0].isdecimal()):
             if words[0] in row or len(dof.get(words[0], words)) != len(words) - 1:
-                raise cut_short(_wrong_bone(words, asf, f"{path}:{at}"), lines[at:])
+                raise cut_short(_wrong_bone(words, dof, asf.path, f"{path}:{at}"), lines[at:])
             row[words[0]] = at, words[1:]
             continue
         if number >= 0:
@@ -348,7 +333,7 @@ def _frame_values(lines: list[str], start: int, asf: AsfSkeleton, path: Path) ->
                 )
         if words:
             number, begun, row = int(words[0][:12]), at, {}
-    return np.array(rows)
+    return np.array(rows), degrees
 
 
 def _filled(lines: list[str], start: int) -> Iterator[tuple[int, list[str]]]:
@@ -360,11 +345,11 @@ def _filled(lines: list[str], start: int) -> Iterator[tuple[int, list[str]]]:
     yield len(lines), []
 
 
-def _wrong_bone(words: list[str], asf: AsfSkeleton, where: str) -> InputError:
+def _wrong_bone(words: list[str], dof: dict[str, tuple[str, ...]], asf: Path, where: str) -> InputError:
     """Why a line is none of this frame."""
-    dof, name = dict(zip(asf.tree.names, asf.dof, strict=True)), words[0]
+    name = words[0]
     if name not in dof:
-        allowed, step = f"a bone of {asf.path.name}", suggest(name, dof)
+        allowed, step = f"a bone of {asf.name}", suggest(name, dof)
         return InputError("unknown bone", where=where, found=repr(name[:40]), allowed=allowed, next_step=step)
     channels = dof[name]
     if len(channels) == len(words) - 1:
@@ -374,7 +359,7 @@ def _wrong_bone(words: list[str], asf: AsfSkeleton, where: str) -> InputError:
         where=where,
         found=len(words) - 1,
         allowed=f"{len(channels)} ({' '.join(channels)})" if channels else "no line at all: the bone has no dof",
-        next_step=f"Correct it or the dof in {asf.path.name}, or name another ASF with --skeleton",
+        next_step=f"Correct it or the dof in {asf.name}, or name another ASF with --skeleton",
     )
 
 

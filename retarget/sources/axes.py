@@ -127,7 +127,7 @@ def _up_axis(
         return declared, (
             f"the body lies along {new}, on the floor of its up axis {old}: if it stands, add --up={new}",
         )
-    if not _near_ground(tracks, stands):
+    if not abs(float(np.nanmin(_heights(tracks, ("ankle",), stands)))) < NEAR_GROUND:  # nor NaN
         return declared, ()
     return stands, (
         f"the body stands along {new} in the frames: taken as the up axis, though {declared_by} says {old} "
@@ -148,12 +148,6 @@ def _standing_axis(tracks: Mapping[str, FloatArray]) -> FloatArray | None:
     direction = np.mean(line[seen] / length[seen, None], axis=0)
     axis = int(np.argmax(np.abs(direction)))
     return UP_AXES[axis_name(direction)] if abs(direction[axis]) >= UPRIGHT else None
-
-
-def _near_ground(tracks: Mapping[str, FloatArray], up: FloatArray) -> bool:
-    """True where the ankles of a body that stands along `up` come near the plane through the origin."""
-    lowest = np.nanmin(_heights(tracks, ("ankle",), up))
-    return abs(float(lowest)) < NEAR_GROUND
 
 
 def _on_floor(tracks: Mapping[str, FloatArray], up: FloatArray) -> bool:

@@ -19,7 +19,7 @@ from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
 from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
 from retarget.sources.rest_skeleton import true_offsets
-from retarget.sources.skeletons import Channel, JointPoses, JointTree, posed
+from retarget.sources.skeletons import Channel, JointTree, posed
 from retarget.types import FloatArray
 
 # The HIERARCHY section of a BVH file: joints, offsets and channels.
@@ -97,7 +97,11 @@ def read_hierarchy(lines: list[str], path: Path) -> tuple[BvhHierarchy, int]:
         elif keyword == "END" or (keyword in ("ROOT", "JOINT") and len(words) > 1):
             announced = _announced(keyword, " ".join(words[1:]), joints, blocks, where)
         elif keyword == "OFFSET" and blocks:
-            _take_offset(words[1:], joints, blocks[-1], where)
+            if len(words) != 4:
+                raise InputError("OFFSET needs three numbers", where=where, found=repr(" ".join(words[1:]))[:80])
+            blocks[-1].offset = numbers(words[1:], where)
+            if not blocks[-1].name:
+                joints[blocks[-1].parent].ends.append(np.array(blocks[-1].offset))
         elif keyword == "CHANNELS" and blocks and blocks[-1].name:
             blocks[-1].channels = _channels(words[1:], where)
         else:
@@ -140,14 +144,6 @@ def _announced(keyword: str, name: str, joints: list[_Joint], blocks: list[_Join
         raise InputError("joint defined twice", where=where, found=repr(name)[:80])
     joints.append(_Joint(name, parent, where))
     return joints[-1]
-
-
-def _take_offset(words: list[str], joints: list[_Joint], joint: _Joint, where: str) -> None:
-    if len(words) != 3:
-        raise InputError("OFFSET needs three numbers", where=where, found=repr(" ".join(words))[:80])
-    joint.offset = numbers(words, where)
-    if not joint.name:
-        joints[joint.parent].ends.append(np.array(joint.offset))
 
 
 def _channels(words: list[str], where: str) -> tuple[Channel, ...]:
@@ -205,16 +201,21 @@ def read_bvh(
     Raises InputError with file and line.
     """
     motion = read_motion(path, root=performer_root, rate=rate)
-    tree, values, notes = true_offsets(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
+    stated, channels, lost = motion.hierarchy.tree, motion.hierarchy.channels, list[str]()
+    # The conversion of the CMU database by B. Hahne is known by its joints without length.
+    converted = {"LHipJoint", "LowerBack", "LeftFingerBase", "Neck"} <= set(stated.names)
+    if converted and not stated.offsets[stated.names.index("Neck")].any():
+        lost.append(LOST_LENGTHS)
+    tree, values, notes = true_offsets(stated, channels, motion.values)
     return canonical_frames(
         tree,
-        posed(tree, motion.hierarchy.channels, values),
+        posed(tree, channels, values),
         unit=named_unit(unit),
         rate=motion.rate_hz,
         source=str(path),
         stature=stature,
         up=up,
-        notes=(*_notes(motion), *notes),
+        notes=(*motion.notes, *lost, *notes),
     )
 
 
@@ -269,11 +270,6 @@ def _of_root(motion: BvhMotion, root: str | None) -> BvhMotion:
     return BvhMotion(hierarchy, motion.values[:, columns], motion.rate_hz, motion.notes)
 
 
-def pose_of(motion: BvhMotion) -> JointPoses:
-    """Forward kinematics of all frames (file axes and units)."""
-    return posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
-
-
 def _read_motion_header(lines: list[str], start: int, path: Path) -> tuple[int, str, tuple[str, str], int]:
     """Number of frames and the line that declares it, frame time as text with its line, and the index of the first line
     of data."""
@@ -318,32 +314,17 @@ def _read_values(lines: list[str], width: int, path: Path, before: int) -> Float
     for index, line in enumerate(lines):
         if not (words := line.split()):
             continue
+        where = f"{path}:{before + index + 1}"
         try:
-            rows.append(_row(words, width, f"{path}:{before + index + 1}"))
+            if len(words) != width:
+                raise InputError(
+                    "wrong number of values in a frame",
+                    where=where,
+                    found=len(words),
+                    allowed=f"{width}, one for each channel",
+                    next_step="Correct the frame or the CHANNELS of the skeleton, or export the file again",
+                )
+            rows.append(numbers(words, where))
         except InputError as error:
             raise cut_short(error, lines[index + 1 :]) from None
     return np.array(rows)
-
-
-def _row(words: list[str], width: int, where: str) -> list[float]:
-    """One frame."""
-    if len(words) != width:
-        raise InputError(
-            "wrong number of values in a frame",
-            where=where,
-            found=len(words),
-            allowed=f"{width}, one for each channel",
-            next_step="Correct the frame or the CHANNELS of the skeleton, or export the file again",
-        )
-    return numbers(words, where)
-
-
-def _notes(motion: BvhMotion) -> tuple[str, ...]:
-    """Messages to the user about this export."""
-    notes = [*motion.notes]
-    tree = motion.hierarchy.tree
-    # The conversion of the CMU database by B. Hahne is known by its joints without length.
-    converted = {"LHipJoint", "LowerBack", "LeftFingerBase", "Neck"} <= set(tree.names)
-    if converted and not tree.offsets[tree.names.index("Neck")].any():
-        notes.append(LOST_LENGTHS)
-    return tuple(notes)

@@ -240,10 +240,6 @@ Groups = Mapping[str, tuple[tuple[str, ...], ...]]
 """Sensor -> groups of markers, best first; names in upper case."""
 MARKER_GROUPS: Groups = {name: _GROUPS[name] for name in SENSORS if name in _GROUPS}
 """The usual ones."""
-KNOWN_MARKERS: frozenset[str] = frozenset(
-    name for groups in MARKER_GROUPS.values() for group in groups for name in group
-)
-"""Every marker name that some group uses."""
 LABEL_CHARACTERS = 64
 """Characters of the longest label that is shown, and of one in a table of the user."""
 
@@ -262,17 +258,14 @@ class MarkerTable(Schema):
 def read_marker_table(path: Path) -> Groups:
     """Groups of markers by sensor: those of the user's table, and the usual ones of sensors that it leaves out. Raises
     ConfigError with all its problems."""
-    table, _ = read_model(MarkerTable, path, check=_check_table)
+
+    def check(table: MarkerTable, document: Document) -> list[Problem]:
+        unknown = [sensor for sensor in table.markers if sensor not in SENSORS]
+        return [unknown_name(document, ("markers", sensor), "sensor", sensor, SENSORS) for sensor in unknown]
+
+    table, _ = read_model(MarkerTable, path, check=check)
     own = {sensor: (tuple(str(label).upper() for label in labels),) for sensor, labels in table.markers.items()}
     return {**MARKER_GROUPS, **own}
-
-
-def _check_table(table: MarkerTable, document: Document) -> list[Problem]:
-    return [
-        unknown_name(document, ("markers", sensor), "sensor", sensor, SENSORS)
-        for sensor in table.markers
-        if sensor not in SENSORS
-    ]
 
 
 def split_label(label: str, known: Set[str]) -> tuple[str, str] | None:
@@ -288,12 +281,8 @@ def split_label(label: str, known: Set[str]) -> tuple[str, str] | None:
 def groups_in(labels: Iterable[str], groups: Groups = MARKER_GROUPS) -> dict[str, tuple[str, ...]]:
     """Sensor -> the group of markers that stands for it, for the sensors that these labels allow."""
     known = set(labels)
-    chosen = {}
-    for sensor, options in groups.items():
-        whole = next((group for group in options if known.issuperset(group)), None)
-        if whole is not None:
-            chosen[sensor] = whole
-    return chosen
+    whole = {sensor: [one for one in options if known.issuperset(one)] for sensor, options in groups.items()}
+    return {sensor: found[0] for sensor, found in whole.items() if found}
 
 
 NEAR_M, FAR_M = 0.03, 5.0
@@ -336,7 +325,7 @@ def read_c3d(
     position[~valid] = np.nan
     axes, axes_note = world_axes(
         dict(zip(sensors, np.moveaxis(position, 1, 0), strict=True)),
-        declared=_declared_up(file),
+        declared=UP_AXES.get(next(iter(file.texts("POINT:Y_SCREEN")), "").lower().removeprefix("+")),
         declared_by="its Y_SCREEN",
         usual=UP_AXES["z"],
         asked=up,
@@ -474,9 +463,3 @@ def _lose_far(position: FloatArray, seen: BoolArray, path: Path, unit: str) -> t
     position[far], seen[far] = np.nan, False
     count = int(np.count_nonzero(far))
     return (f"{count} marker positions more than {FAR_M:g} m from the others: taken as lost",) if count else ()
-
-
-def _declared_up(file: C3dFile) -> FloatArray | None:
-    """Up as the file's screen has it (Y_SCREEN, such as +Z); None where it says nothing."""
-    text = next(iter(file.texts("POINT:Y_SCREEN")), "").lower().removeprefix("+")
-    return UP_AXES.get(text)

@@ -206,11 +206,6 @@ def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
     return np.array([[b * z - c * y, a, x], [c * x - a * z, b, y], [a * y - b * x, c, z]])
 
 
-def _smooth(share: float) -> float:
-    share = min(max(share, 0.0), 1.0)
-    return share * share * (3.0 - 2.0 * share)
-
-
 class FootTracker:
     """Where the feet stand and how high the hips are, from frame to frame. The state is bounded."""
 
@@ -268,7 +263,8 @@ class FootTracker:
         level = self._level.value if math.isfinite(self._level.value) else 0.0
         off = higher - level
         low, high = LIFT_M
-        lifted = _smooth((abs(off) - low) / (high - low))
+        share = min(max((abs(off) - low) / (high - low), 0.0), 1.0)
+        lifted = share * share * (3.0 - 2.0 * share)
         self._level.take(higher, dt, slower=1.0 if abs(off) < low else 20.0)
         foot = 0 if off > 0.0 else 1
         self.lift, self._planted = np.zeros(2), np.ones(2)
@@ -449,26 +445,16 @@ class CameraDecoder:
             self.dropped.note("picture that is not newer than the one before")
             return []
         self._time = frame.time
-        return [self._posed(frame, min(abs(since), LONGEST_S))]
-
-    def _posed(self, frame: Landmarks, dt: float) -> StreamFrame:
         counts = self._sight.take(frame, self.dropped)
         if not len(frame.point):
             self.dropped.note("picture without a person")
-        position, orientation, tracked = self._body.take(frame, counts, dt)
-        position, orientation = self._calm(frame.time, position, orientation, tracked)
-        return StreamFrame(SENSORS, position, orientation, tracked, frame.time, frame.number, camera=True)
-
-    def _calm(
-        self, time: float, position: FloatArray, orientation: FloatArray, tracked: BoolArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """The poses filtered, at `time`, s."""
-        times, lost = np.full(len(SENSORS), time), ~tracked
-        self._across.reset(lost)
-        self._depth.reset(lost)
+        position, orientation, tracked = self._body.take(frame, counts, min(abs(since), LONGEST_S))
+        times = np.full(len(SENSORS), frame.time)
+        self._across.reset(~tracked)
+        self._depth.reset(~tracked)
         across, orientation = self._across.step(times, position * [0.0, 1.0, 1.0], orientation)
         along, _ = self._depth.step(times, position * _FORWARD, orientation)
-        return across + along, orientation
+        return [StreamFrame(SENSORS, across + along, orientation, tracked, frame.time, frame.number, camera=True)]
 
 
 _OF_A_CAMERA = re.compile(rb'"axes"\s*:\s*"camera"')
@@ -497,8 +483,6 @@ _LEGS = frozenset({"l_knee", "r_knee", "l_ankle", "r_ankle"})
 
 
 def _without_legs(frame: StreamFrame) -> StreamFrame:
-    if _LEGS.isdisjoint(frame.names):
-        return frame
     kept = [row for row, name in enumerate(frame.names) if name not in _LEGS]
     names = tuple(frame.names[row] for row in kept)
     parts = frame.position[kept], frame.orientation[kept], frame.tracked[kept]

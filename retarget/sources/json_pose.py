@@ -15,12 +15,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from retarget.rotations import NORM_TOLERANCE
 from retarget.sources.stream_frame import (
     CONVENTIONS,
+    LEAST_SQUARE,
     MAX_COORDINATE,
     MAX_DATAGRAM,
     MAX_POSES,
+    MOST_SQUARE,
     Dropped,
     StreamFrame,
 )
@@ -38,8 +39,6 @@ _POSE_KEYS = {"p", "q", "tracked"}
 NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 """Position and orientation that were not sent."""
-_LOW, _HIGH = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE), (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
-"""Bounds of the squared norm of a quaternion that is accepted."""
 
 
 class UnusableDatagram(ValueError):
@@ -62,7 +61,11 @@ class JsonPoseDecoder:
             return []
 
     def _frame(self, message: dict[str, Any]) -> StreamFrame:
-        _check(message)
+        if not message.keys() <= _KEYS:
+            raise UnusableDatagram("a key other than axes, quaternion, time, frame, poses")
+        for key, is_usable, reason in _CHECKS:
+            if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
+                raise UnusableDatagram(reason)
         axes, order, poses = CONVENTIONS[message["axes"]], ORDERS.get(message.get("quaternion", "")), message["poses"]
         time = message.get("time")
         places, turns, tracked = [], [], []
@@ -74,22 +77,19 @@ class JsonPoseDecoder:
             places.append(_NOWHERE if place is None or bad else place)
             turns.append(_NO_TURN if turn is None or bad else turn)
             tracked.append(is_tracked and not bad)
+        names = tuple(poses)
+        if names != self._names:  # they are checked when they change
+            if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
+                raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
+            self._names = names
         return StreamFrame(
-            names=self._named(tuple(poses)),
+            names=self._names,
             position=axes.positions(np.array(places)),
             orientation=axes.orientations(np.array(turns)),
             tracked=np.array(tracked),
             stamp=None if time is None else float(time),
             number=message.get("frame"),
         )
-
-    def _named(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The names, which are checked when they change."""
-        if names != self._names:
-            if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
-                raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
-            self._names = names
-        return self._names
 
 
 def read_object(datagram: bytes) -> dict[str, Any]:
@@ -140,15 +140,6 @@ _KEYS = {key for key, _, _ in _CHECKS}
 _REQUIRED = {"axes", "poses"}
 
 
-def _check(message: dict[str, Any]) -> None:
-    """Raise UnusableDatagram for a message with a key or a value that is not usable."""
-    if not message.keys() <= _KEYS:
-        raise UnusableDatagram("a key other than axes, quaternion, time, frame, poses")
-    for key, is_usable, reason in _CHECKS:
-        if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
-            raise UnusableDatagram(reason)
-
-
 def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, Any, bool]:
     """Position (3), quaternion (4) wxyz of norm 1, tracked. NaN for what is not sent, None for what is not usable."""
     if type(pose) is not dict or not pose.keys() <= _POSE_KEYS or not ("p" in pose or "q" in pose):
@@ -172,7 +163,7 @@ def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float,
     if not max(abs(w), abs(x), abs(y), abs(z)) <= 2.0:  # before squares of large numbers
         return None
     square = w * w + x * x + y * y + z * z
-    if not _LOW <= square <= _HIGH:
+    if not LEAST_SQUARE <= square <= MOST_SQUARE:
         return None
     norm = math.sqrt(square)
     return w / norm, x / norm, y / norm, z / norm

@@ -232,7 +232,10 @@ class MvnDecoder:
         with np.errstate(invalid="ignore"):  # signalling NaNs from the wire
             values = words[:, 1:].view(">f4")[layout.columns].astype(float)
         position = values[:, :3]
-        orientation = values[:, 3:] if header.kind == QUATERNION else _from_degrees(values[:, 3:])
+        orientation = values[:, 3:]
+        if header.kind == EULER:  # degrees about x, y and z, applied in this order
+            usable: BoolArray = np.abs(orientation) < 1e4  # False for NaN, and keeps the sine from warning of infinity
+            orientation = from_euler(np.deg2rad(np.where(usable, orientation, np.nan)[:, ::-1]), "zyx")
         bad = make_unit(position, orientation)
         if bad.any():
             self.dropped.note("pose that is no number or no rotation")
@@ -293,10 +296,3 @@ def _layout(ids: bytes) -> _Layout:
     elif len(set(used)) < len(used):
         error = "segment sent twice"
     return _Layout(ids, columns, used, error)
-
-
-def _from_degrees(angles: FloatArray) -> FloatArray:
-    """Quaternions (k, 4) wxyz, in y-up axes, of MVN's angles (k, 3) degrees about x, y and z, applied in this order."""
-    usable: BoolArray = np.abs(angles) < 1e4  # False for NaN, and it keeps the sine from warning of an infinity
-    angles = np.where(usable, angles, np.nan)
-    return from_euler(np.deg2rad(angles[:, ::-1]), "zyx")

@@ -317,7 +317,10 @@ class NatnetDecoder:
 
     def _frame(self, frame: FrameOfData) -> StreamFrame:
         records = np.frombuffer(frame.poses, BODY)
-        plan = self._planned(frame, records["id"])
+        key = (frame.groups, records["id"].tobytes())
+        if self._plan is None or self._plan[0] != key:
+            self._plan = (key, plan_poses(self._definitions, frame.groups, records["id"].tolist()))
+        plan = self._plan[1]
         self._count(DOUBLED, plan.doubled)
         self._count(TOO_MANY, plan.surplus)
         if plan.rows is not None:
@@ -335,16 +338,7 @@ class NatnetDecoder:
         if self._local and (plan.bones or plan.lost):
             compose_bones(plan, position, orientation, tracked)
             self._count(NO_PARENT, len(plan.lost))
-        return StreamFrame(plan.names, position, orientation, tracked, self._stamp(frame), frame.number)
-
-    def _planned(self, frame: FrameOfData, ids: NDArray[np.int32]) -> PosePlan:
-        """The plan of these ids, made again only when they change."""
-        key = (frame.groups, ids.tobytes())
-        if self._plan is None or self._plan[0] != key:
-            self._plan = (key, plan_poses(self._definitions, frame.groups, ids.tolist()))
-        return self._plan[1]
-
-    def _stamp(self, frame: FrameOfData) -> float | None:
+        stamp = frame.timestamp if isfinite(frame.timestamp) else None
         if self._clock_hz and frame.mid_exposure:
-            return frame.mid_exposure / self._clock_hz
-        return frame.timestamp if isfinite(frame.timestamp) else None
+            stamp = frame.mid_exposure / self._clock_hz
+        return StreamFrame(plan.names, position, orientation, tracked, stamp, frame.number)

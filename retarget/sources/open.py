@@ -57,18 +57,9 @@ def open_source(
     performer_root: the ROOT of a BVH with several performers. Raises InputError with file, line and what to do;
     ConfigError for the table of markers; UsageError for values that cannot be, and for what belongs to another format.
     """
-    if path == SAMPLE:
-        shipped = open_source(
-            _SAMPLE_FILE,
-            skeleton=skeleton,
-            markers=markers,
-            unit=unit if unit or stature else _SAMPLE_UNIT,
-            rate=rate,
-            stature=stature,
-            up=up,
-            performer_root=performer_root,
-        )
-        return replace(shipped, source=SAMPLE)
+    is_sample = path == SAMPLE
+    if is_sample:
+        path, unit = _SAMPLE_FILE, unit if unit or stature else _SAMPLE_UNIT
     _refuse_live(str(path))
     path = Path(path)
     kind = recognise(path)
@@ -81,11 +72,13 @@ def open_source(
     axis = None if up is None else named_axis(up)
     if kind == "c3d":
         table = None if markers is None else Path(markers)
-        return replace(read_c3d(path, unit=unit, rate=rate, up=axis, markers=table), stature=stature)
-    if kind == "amc":
+        frames = replace(read_c3d(path, unit=unit, rate=rate, up=axis, markers=table), stature=stature)
+    elif kind == "amc":
         asf = None if skeleton is None else Path(skeleton)
-        return read_amc(path, skeleton=asf, unit=unit, rate=rate, stature=stature, up=axis)
-    return read_bvh(path, unit=unit, rate=rate, stature=stature, up=axis, performer_root=performer_root)
+        frames = read_amc(path, skeleton=asf, unit=unit, rate=rate, stature=stature, up=axis)
+    else:
+        frames = read_bvh(path, unit=unit, rate=rate, stature=stature, up=axis, performer_root=performer_root)
+    return replace(frames, source=SAMPLE) if is_sample else frames
 
 
 def _refuse_scales(stature: float | None, unit: str | None) -> None:

@@ -148,10 +148,9 @@ class RawReader:
         try:
             with self._open() as file:
                 _header(file, where=str(self._path))
-                read = _old_record if self._old else _record
                 begin = file.tell()
                 while file.peek(1):
-                    yield read(file)
+                    yield _record(file, is_old=self._old)
                     number, begin = number + 1, file.tell()
         except _UNREADABLE as error:
             self.damage = f"{self._path}: record {number + 1}, at byte {begin}: {error}; {number} before it were read"
@@ -182,8 +181,11 @@ def _header(file: BufferedReader, *, where: str) -> tuple[str, bool]:
     return _take(file, length).decode("utf-8", "replace"), False
 
 
-def _record(file: BufferedReader) -> RecordedDatagram:
+def _record(file: BufferedReader, *, is_old: bool) -> RecordedDatagram:
     """The next record. Raises EOFError or ValueError for damage."""
+    if is_old:
+        time_ns, port, length = _OLD_RECORD.unpack(_take(file, _OLD_RECORD.size))
+        return RecordedDatagram(time_ns * 1e-9, port, _take(file, _checked(length)))
     (crc,) = _CRC.unpack(_take(file, _CRC.size))
     head = _take(file, _RECORD.size)
     time_ns, port, source, length = _RECORD.unpack(head)
@@ -192,11 +194,6 @@ def _record(file: BufferedReader) -> RecordedDatagram:
         raise ValueError("its CRC is wrong")
     address = ipaddress.IPv6Address(source)
     return RecordedDatagram(time_ns * 1e-9, port, payload, str(address.ipv4_mapped or address))
-
-
-def _old_record(file: BufferedReader) -> RecordedDatagram:
-    time_ns, port, length = _OLD_RECORD.unpack(_take(file, _OLD_RECORD.size))
-    return RecordedDatagram(time_ns * 1e-9, port, _take(file, _checked(length)))
 
 
 def _checked(length: int) -> int:

@@ -84,16 +84,10 @@ def _matches(names: tuple[str, ...]) -> list[tuple[str, dict[str, int]]]:
         for i, name in enumerate(plain):
             if name.startswith(prefix):
                 index.setdefault(name.removeprefix(prefix), i)
-        found += [(style, _matched(joints, index)) for style, joints in STYLES.items()]
+        for style, joints in STYLES.items():
+            known = {joint: [name for name in options if name in index] for joint, options in joints.items()}
+            found.append((style, {joint: index[own[0]] for joint, own in known.items() if own}))
     return found
-
-
-def _matched(names: Mapping[str, tuple[str, ...]], index: Mapping[str, int]) -> dict[str, int]:
-    """The joints of one style that occur."""
-    matches = {
-        joint: next((index[name] for name in options if name in index), None) for joint, options in names.items()
-    }
-    return {joint: match for joint, match in matches.items() if match is not None}
 
 
 # A skeleton as a tree of joints, and its forward kinematics over all frames at once.

@@ -149,7 +149,8 @@ CONVENTIONS = MappingProxyType({name: Convention(name, *row) for name, row in TA
 MAX_COORDINATE = 1e6
 """Largest coordinate: a larger one, in any unit from millimetres up, is no place in a room."""
 
-_LOW, _HIGH = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE), (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
+LEAST_SQUARE = (1.0 - NORM_TOLERANCE) * (1.0 - NORM_TOLERANCE)
+MOST_SQUARE = (1.0 + NORM_TOLERANCE) * (1.0 + NORM_TOLERANCE)
 """Bounds of the squared norm of a quaternion that is accepted."""
 
 
@@ -161,7 +162,7 @@ def unusable(position: FloatArray, orientation: FloatArray) -> BoolArray:
     """
     square = squares(orientation)
     # Comparisons with NaN are False, so the question is what is good.
-    good = np.all(np.abs(position) <= MAX_COORDINATE, axis=1) & (square >= _LOW) & (square <= _HIGH)
+    good = np.all(np.abs(position) <= MAX_COORDINATE, axis=1) & (square >= LEAST_SQUARE) & (square <= MOST_SQUARE)
     return np.asarray(~good)
 
 

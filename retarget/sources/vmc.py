@@ -44,12 +44,8 @@ BONES: tuple[str, ...] = (
 """All bones of Unity's HumanBodyBones, by their canonical spelling."""
 
 _BY_LOWER_CASE = {name.lower(): f"bone://{name}" for name in BONES}
+"""`bone://LeftUpperArm` by the name of this bone in lower case."""
 _RESERVED = ("bone://", "root://")
-
-
-def bone_name(name: str) -> str | None:
-    """`bone://LeftUpperArm` for this bone in any spelling of case; None for a name that Unity does not have."""
-    return _BY_LOWER_CASE.get(name.lower())
 
 
 def device_name(serial: str) -> str | None:
@@ -144,7 +140,7 @@ BAD_POSE = "pose that is not finite, far away, or without a unit quaternion"
 _BONE = "/VMC/Ext/Bone/Pos"
 _POSES: Mapping[str, Callable[[str], str | None]] = {
     "/VMC/Ext/Root/Pos": lambda _: _ROOT_NAME,
-    _BONE: bone_name,
+    _BONE: lambda name: _BY_LOWER_CASE.get(name.lower()),
     **{f"/VMC/Ext/{device}/Pos": device_name for device in ("Hmd", "Con", "Tra")},
 }
 """Address of a message with a pose -> the name of the pose, by the text that it is sent with."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.rotations import Quat, Vector, axis_turn, product
+from retarget.rotations import Vector, axis_turn, product
 from retarget.sources.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket
 from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, Dropped, StreamFrame
 from retarget.types import BoolArray, FloatArray
@@ -79,16 +79,13 @@ class VrchatDecoder:
             tracked[plan.rows[bad]] = False
         metres, degrees = triples[: plan.positions], triples[plan.positions :]
         position[placed] = _UNITY.positions(metres)
-        turns = [_turn(x, y, z) for x, y, z in np.radians(degrees).tolist()]
+        # Unity turns by z, then x, then y, about fixed axes: q = q_y q_x q_z (docs.unity3d.com, Quaternion.Euler).
+        turns = [
+            product(product(axis_turn(_Y, y), axis_turn(_X, x)), axis_turn(_Z, z))
+            for x, y, z in np.radians(degrees).tolist()
+        ]
         orientation[turned] = _UNITY.orientations(np.array(turns).reshape(-1, 4))
         return [StreamFrame(plan.names, position, orientation, tracked)]
-
-
-def _turn(x: float, y: float, z: float) -> Quat:
-    """Quaternion wxyz of Unity's angles, rad. Unity turns by z, then x, then y, about fixed axes: q = q_y q_x q_z
-    (docs.unity3d.com, Quaternion.Euler)."""
-    about_x, about_y, about_z = axis_turn(_X, x), axis_turn(_Y, y), axis_turn(_Z, z)
-    return product(product(about_y, about_x), about_z)
 
 
 def _plan(packet: OscPacket) -> _Plan:

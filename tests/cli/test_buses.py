@@ -3,7 +3,10 @@
 import json
 import re
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +36,7 @@ from retarget.report.motion_metrics import LimitViolations
 from retarget.report.outputs import Outputs
 from retarget.run.controllers import GoToRest
 from retarget.run.options import PhysicsOptions, RunOptions
-from retarget.run.prepare import prepare, stage_priorities
+from retarget.run.prepare import Prepared, prepare, stage_priorities
 from retarget.run.run_result import RunResult
 from retarget.sources.asf_amc import read_amc
 from sim.mock_bus import MockBus
@@ -118,16 +121,19 @@ def options(bus: str = "physics", *, robot: str = "op3", seconds: float = 0.6, *
     return RunOptions(robot=robot, bus=bus, physics=asked, playback=Playback(speed=0.5, end=seconds))
 
 
-def play(asked: RunOptions, push: Push | None = None, *, rest: bool = True) -> RunResult:
-    """As `follow_clip` plays it, with a push of our own; rest: the robot goes to rest, where it has mass."""
+@contextmanager
+def on_bench(
+    asked: RunOptions, read: Callable[[], SensorFrames] = synthetic_performer, *, goes_to_rest: bool = True
+) -> Iterator[tuple[PhysicsBench, Prepared]]:
+    """A run on its bench that can start."""
     bench = PhysicsBench(asked, lambda text: None)
-    with prepare(
-        synthetic_performer,
-        asked,
-        clock=VirtualClock(),
-        make_bus=bench.make_bus,
-        goes_to_rest=rest and asked.has_physics,
-    ) as prepared:
+    with prepare(read, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=goes_to_rest) as prepared:
+        yield bench, prepared
+
+
+def play(asked: RunOptions, push: Push | None = None) -> RunResult:
+    """As `follow_clip` plays it, with a push of our own."""
+    with on_bench(asked) as (bench, prepared):
         if push is not None:
             assert bench._bus is not None
             bench._bus.witness.simulation.push(push)
@@ -174,9 +180,7 @@ def test_a_fall_ends_the_run_a_second_later_and_says_how() -> None:
 
 
 def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
-    asked = options(seconds=6.0)
-    bench = PhysicsBench(asked, lambda text: None)
-    with prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus) as prepared:
+    with on_bench(options(seconds=6.0), goes_to_rest=False) as (bench, prepared):
         assert bench._bus is not None and prepared.machine is not None
         witness, machine = bench._bus.witness, prepared.machine
         machine.guard.arm(machine.gate.begin(machine.guard.present()))
@@ -191,11 +195,7 @@ def test_a_fall_that_no_servo_notices_stops_the_run_by_itself() -> None:
 
 @pytest.mark.long
 def test_a_fall_at_the_very_end_is_a_stop_too() -> None:
-    asked = options(seconds=0.3)
-    bench = PhysicsBench(asked, lambda text: None)
-    with prepare(
-        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=False
-    ) as prepared:
+    with on_bench(options(seconds=0.3), goes_to_rest=False) as (bench, prepared):
         run = prepared.run()
     run = bench.seen(run)  # torque went off while it stood, bent
     assert run.reason is None and run.physics is not None and run.physics.fall is not None
@@ -231,12 +231,8 @@ def test_limits_are_those_of_the_goals_that_were_sent_not_of_postures_beside_the
 def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, shared: Path) -> None:
     """Head, pelvis and feet that would cross on average 20 mm off at most: where it was sent and where it is."""
     asked = RunOptions(robot="op3", bus="physics", physics=PhysicsOptions(mount=mount, hook=hook))
-    bench = PhysicsBench(asked, lambda text: None)
-
-    def walk() -> SensorFrames:
-        return read_amc(shared / "mocap" / "cmu_asfamc" / "02_01.amc")
-
-    with prepare(walk, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True) as prepared:
+    walk = partial(read_amc, shared / "mocap" / "cmu_asfamc" / "02_01.amc")
+    with on_bench(asked, walk) as (bench, prepared):
         run = bench.seen(prepared.run())
     assert run.physics is not None and run.physics.least_margin is None and run.physics.mount == mount
     assert run.reason is None and run.robot is not None and not run.robot.stands
@@ -250,10 +246,7 @@ def test_a_held_robot_walks_with_the_performer(mount: str, hook: str | None, sha
 @pytest.mark.long
 def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> None:
     asked = options(seconds=0.4, perturbations=("mass", "friction", "push", "stiffness=0.8"), seed=5)
-    bench = PhysicsBench(asked, lambda text: None)
-    with prepare(
-        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True
-    ) as prepared:
+    with on_bench(asked) as (bench, prepared):
         assert bench._bus is not None
         simulation = bench._bus.witness.simulation
         assert simulation.perturbation.mass_scale != 1.0 and simulation.perturbation.friction != 0.8
@@ -270,11 +263,7 @@ def test_trouble_is_drawn_by_the_seed_and_a_push_comes_while_it_follows() -> Non
 
 def refusal(path: Path, physics: PhysicsOptions) -> str:
     asked = RunOptions(robot=str(path), bus="physics", physics=physics, playback=Playback(end=0.2))
-    bench = PhysicsBench(asked, lambda text: None)
-    with (
-        pytest.raises(ConfigError) as caught,
-        prepare(synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus),
-    ):
+    with pytest.raises(ConfigError) as caught, on_bench(asked, goes_to_rest=False):
         pass
     return str(caught.value)
 

@@ -57,9 +57,6 @@ class Script:
         self._polls += 1
         yield from self._due(self._polls)
 
-    def close(self) -> None:
-        """Nothing is open."""
-
 
 class Typed(Keyboard):
     """A keyboard that types by itself, by the number of the look."""

@@ -18,7 +18,6 @@ from command_line import code_of
 from hardware.guard import Torque
 from live_rig import LiveRig
 from messages import refuses, shows, shows_lines
-from retarget.cli import main
 from retarget.cli.application import given, refuse_given
 from retarget.cli.controls import Asked
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
@@ -34,6 +33,8 @@ from retarget.run.run_result import RunResult
 from retarget.sources.raw_record import RawReader, RawWriter
 from sim.faults.sender import FakeSender
 
+run_run = partial(code_of, "run")
+
 
 @pytest.fixture
 def slimevr(shared: Path) -> str:
@@ -43,10 +44,7 @@ def slimevr(shared: Path) -> str:
 
 def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
     """Exit code, and what is said."""
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "--robot", "human", "--countdown", "0", "--end", "0.2", *words])
-    code = ended.value.code
-    assert isinstance(code, int)
+    code = run_run("--robot", "human", "--countdown", "0", "--end", "0.2", *words)
     return code, capsys.readouterr().err
 
 
@@ -70,7 +68,7 @@ def test_a_stop_that_is_asked_for_before_torque_is_on_ends_the_command(
 
     monkeypatch.setattr("retarget.cli.run.stop_on_signals", asked)
     path = tmp_path / "run.json"
-    code = code_of("run", "--robot", "op3", "--source", "sample", "--end", "1", "--report", path)
+    code = run_run("--robot", "op3", "--source", "sample", "--end", "1", "--report", path)
     said = capsys.readouterr().err
     assert code == INTERRUPTED and "interrupted" in said and "torque" not in said and not path.exists()
 
@@ -96,16 +94,12 @@ def test_a_run_in_which_nobody_was_followed_is_no_success(
 ) -> None:
     """The stream ends while the robot is on its approach."""
     short = tmp_path / "short.udprec"
-    writer, whole = (
-        RawWriter(short, url="vmc://:39539"),
-        RawReader(shared / "streams/slimevr/full12_vmc_50hz.udprec.gz"),
-    )
+    whole = RawReader(shared / "streams/slimevr/full12_vmc_50hz.udprec.gz")
+    writer = RawWriter(short, url="vmc://:39539")
     for number, datagram in zip(range(100), whole, strict=False):
         writer.append(datagram.payload, time_ns=number * 20_000_000, address="127.0.0.1", port=39539)
     writer.close()
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "--robot", "op3", "--source", f"replay://{short}?kind=vmc", "--countdown", "0"])
-    assert ended.value.code == STOPPED
+    assert run_run("--robot", "op3", "--source", f"replay://{short}?kind=vmc", "--countdown", "0") == STOPPED
     shows(next(line for line in capsys.readouterr().err.splitlines() if "followed" in line))
 
 
@@ -114,10 +108,9 @@ def test_a_real_person_who_is_followed_at_once_keeps_the_robots_soles_to_the_end
     """With an approach that was too short, the mass was outside the support for 138 ticks, and a sole was lifted by 11
     mm on the way to rest."""
     report = tmp_path / "report.json"
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "--robot", "op3", "--source", slimevr, "--countdown", "0", "--report", str(report)])
+    assert run_run("--robot", "op3", "--source", slimevr, "--countdown", "0", "--report", report) == DONE
     found = json.loads(report.read_text(encoding="utf-8"))
-    assert ended.value.code == DONE and found["stop"] == {"state": "off", "reason": None}
+    assert found["stop"] == {"state": "off", "reason": None}
     assert found["com_outside_support_frames"] == 0
     assert found["soles"]["height_mm"] < 0.5 and found["soles"]["tilt_deg"] < 0.1
 
@@ -165,9 +158,6 @@ class Grip:
         if now - self._first > 1.0:
             yield Asked.GRIP, "held"
 
-    def close(self) -> None:
-        """Nothing is open."""
-
 
 def raw(path: Path, *, seconds: float) -> str:
     """Address of so much of a stream."""
@@ -185,15 +175,11 @@ def raw(path: Path, *, seconds: float) -> str:
 def test_the_end_of_a_recorded_stream_is_the_end_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Done, and not stopped for want of data: even of a robot, and with time to spare."""
     source, report = raw(tmp_path / "six.raw", seconds=6.0), tmp_path / "report.json"
-    with pytest.raises(SystemExit) as ended:
-        main(["run", "--robot", "op3", "--countdown", "0", "--source", source, "--report", str(report)])
+    assert run_run("--robot", "op3", "--countdown", "0", "--source", source, "--report", report) == DONE
     written = json.loads(report.read_text())
-    assert ended.value.code == 0 and written["stop"]["reason"] is None
+    assert written["stop"]["reason"] is None
     assert 3.0 < written["duration_s"] < 6.0
     shows(capsys.readouterr().err)
-
-
-run_run = partial(code_of, "run")
 
 
 @pytest.fixture
@@ -315,7 +301,7 @@ def test_the_end_of_torque_is_said_also_where_no_servo_confirms_it(
     faults.write_text(f"faults: [{{fault: missing, ids: [5], start: 3.9, end: {until}}}]\n")
     words = ("--robot", "op3", "--source", "sample", "--end", "0.5", "--bus", "emulator", "--faults", faults)
     assert run_run(*words) == STOPPED
-    assert TORQUE_WORDS[torque] in capsys.readouterr().err.splitlines()
+    assert any(line.startswith(TORQUE_WORDS[torque]) for line in capsys.readouterr().err.splitlines())
 
 
 def test_a_recording_is_played_on_one_core_and_has_no_dead_man(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,6 @@
 """How a live run begins: options out of range are refused before a port is opened; the help names every performer."""
 
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from retarget.live.admission import SECOND_SOURCE
 from retarget.live.begin import FRONT_M, RAISED, REFUSALS, RISE_M, SURE_S, Beginning, LiveOptions, SideCheck, begin_live
 from retarget.live.performer import LivePerformer
 from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S
+from retarget.live.stream import LiveStream
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import from_axis_angle, rotate
 from retarget.schema.performer import Performer, load_performer
@@ -58,15 +58,22 @@ def standing() -> FakeSender:
     return FakeSender(frames=frames.resample(np.linspace(0.0, 0.01, 4)))
 
 
-def begun(*faults: SenderFault, within: float = 1.5) -> list[str]:
-    said: list[str] = []
+def begins(
+    stream: LiveStream, options: LiveOptions, *, clock: VirtualClock | None = None, said: list[str] | None = None
+) -> Performance:
+    """A live run begins. said: takes its messages."""
+    notify = list[str]().append if said is None else said.append
+    return begin_live(stream, options, clock=clock or VirtualClock(), rate_hz=100.0, where=WHERE, notify=notify)
+
+
+SIDES = LiveOptions(countdown=0.5, check_sides=True)
+
+
+def begun(*faults: SenderFault) -> None:
     sender, clock = standing(), VirtualClock()
     sender.faults = list(faults)
-    stream = live_stream(sender, five())
-    options = LiveOptions(countdown=0.5, check_sides=True)
-    begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=said.append)
-    assert clock.now() < BEGINS_S + within
-    return said
+    begins(live_stream(sender, five()), SIDES, clock=clock)
+    assert clock.now() < BEGINS_S + 1.5
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -90,32 +97,16 @@ def test_a_wrist_that_is_lost_meanwhile_is_named_and_the_check_not_left_out() ->
 
 def test_a_stream_that_falls_silent_meanwhile_is_reported_at_once_and_is_the_reason() -> None:
     said: list[str] = []
-    sender, clock = standing(), VirtualClock()
+    sender = standing()
     sender.faults = [silent(BEGINS_S, 1e9)]
     with refuses(InputError) as refusal:
-        begin_live(
-            live_stream(sender, five()),
-            LiveOptions(countdown=0.5, check_sides=True),
-            clock=clock,
-            rate_hz=100.0,
-            where=WHERE,
-            notify=said.append,
-        )
+        begins(live_stream(sender, five()), SIDES, said=said)
     assert said[-1].startswith("nothing has arrived for 1.0 s") and "--no-check-sides" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
     ("name", "by", "facts"),
-    [
-        ("r_wrist", 0.5, ()),
-        ("l_wrist", -0.5, ()),
-        ("r_wrist", -0.5, ()),
-        (
-            "l_wrist",
-            0.2,
-            (20, 45),
-        ),
-    ],
+    [("r_wrist", 0.5, ()), ("l_wrist", -0.5, ()), ("r_wrist", -0.5, ()), ("l_wrist", 0.2, (20, 45))],
 )
 def test_any_other_motion_is_refused_by_name(name: str, by: float, facts: Facts) -> None:
     with refuses(InputError, facts):
@@ -130,9 +121,8 @@ def test_a_measured_performer_keeps_the_stream_though_silent() -> None:
     other.source, other.faults = ("127.0.0.1", 40001), [raising("l_wrist", 0.5, begins=BEGINS_S + 6.0)]
     sender.others = [lambda since, until: other.poll(until)]
     stream = live_stream(sender, five())
-    options = LiveOptions(countdown=0.5, check_sides=True)
     with refuses(InputError):
-        begin_live(stream, options, clock=VirtualClock(), rate_hz=100.0, where=WHERE, notify=lambda text: None)
+        begins(stream, SIDES)
     assert stream.admission.owner == sender.source and stream.admission.refused.reasons[SECOND_SOURCE] > 900
 
 
@@ -184,8 +174,7 @@ def started(
     said: list[str] = []
     clock, stream = VirtualClock(), live_stream(FakeSender(faults=list(faults)), performer or five())
     options = LiveOptions(patience=1.0, countdown=COUNTDOWN_S, person=person, recalibrate=recalibrate)
-    found = begin_live(stream, options, clock=clock, rate_hz=100.0, where=WHERE, notify=said.append)
-    return found, said, clock.now()
+    return begins(stream, options, clock=clock, said=said), said, clock.now()
 
 
 def alone(*names: str) -> SenderFault:
@@ -227,14 +216,7 @@ def test_an_invalid_file_is_refused_before_the_stream_is_waited_for() -> None:
     path.write_text(path.read_text().replace("layout: 2", "layout: 7"))
     clock = VirtualClock()
     with refuses(ConfigError):
-        begin_live(
-            live_stream(FakeSender(), five()),
-            LiveOptions(person="anna"),
-            clock=clock,
-            rate_hz=100.0,
-            where=WHERE,
-            notify=lambda text: None,
-        )
+        begins(live_stream(FakeSender(), five()), LiveOptions(person="anna"), clock=clock)
     assert clock.now() == 0.0
 
 
@@ -253,11 +235,7 @@ def test_who_does_not_stand_upright_is_told_why_at_once_and_measured_then() -> N
 
     said: list[str] = []
     stream = live_stream(FakeSender(frames=standing().frames, faults=[leans]), five())
-    begin = Beginning(
-        stream=stream, options=LiveOptions(countdown=0.5), clock=VirtualClock(), where=WHERE, notify=said.append
-    )
-    begin.wait_for_data()
-    begin.measure(None)
+    begins(stream, LiveOptions(countdown=0.5), said=said)
     assert "0.3" in said[1] and said[-1].startswith("measured: ")
     shows(said)
 
@@ -266,20 +244,13 @@ def test_a_stature_is_taken_and_no_second_one() -> None:
     with refuses(UsageError, "--stature", allowed=(1.2, 2.2)):
         LiveOptions(stature=168.0)
     said: list[str] = []
-    begun = partial(
-        begin_live,
-        live_stream(standing(), five()),
-        clock=VirtualClock(),
-        rate_hz=100.0,
-        where=WHERE,
-        notify=said.append,
-    )
-    found = begun(LiveOptions(countdown=0.5, stature=1.7))
+    stream, clock = live_stream(standing(), five()), VirtualClock()
+    found = begins(stream, LiveOptions(countdown=0.5, stature=1.7), clock=clock, said=said)
     assert found.dimensions.stature == pytest.approx(1.7, abs=0.005)
     assert said[-1] == "known: 1.70 m tall (--stature)"
     write_person(person_of("anna", proportional_dimensions(1.7), sensors=("head",), date="2020-01-01"))
     with refuses(UsageError, "--stature"):
-        begun(LiveOptions(countdown=0.5, stature=1.7, person="anna"))
+        begins(stream, LiveOptions(countdown=0.5, stature=1.7, person="anna"), clock=clock)
 
 
 def test_a_stream_that_falls_silent_is_the_reason_and_no_tracker_is() -> None:

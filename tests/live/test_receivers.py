@@ -36,11 +36,7 @@ from retarget.live.admission import (
 from retarget.live.datagram_kinds import Recognised, advice_for, recognise
 from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
-from retarget.live.receivers import (
-    NatnetReceiver,
-    UdpReceiver,
-    open_socket,
-)
+from retarget.live.receivers import NatnetReceiver, UdpReceiver, open_socket
 from retarget.sources.natnet_wire import MessageId, Version, split
 from retarget.sources.raw_record import RawReader, RawWriter
 
@@ -211,11 +207,7 @@ def test_an_interface_that_is_not_there_lists_those_that_are(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("number", "expected"),
-    [
-        (errno.EACCES, ()),
-        (errno.EINVAL, "127.0.0.1:0"),
-        (errno.ENOBUFS, ()),
-    ],
+    [(errno.EACCES, ()), (errno.EINVAL, "127.0.0.1:0"), (errno.ENOBUFS, ())],
 )
 def test_other_reasons_not_to_bind(number: int, expected: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:

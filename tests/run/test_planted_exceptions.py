@@ -103,9 +103,6 @@ class Control:
         asked, self.asked = self.asked, None
         return iter([] if asked is None else [asked])
 
-    def close(self) -> None:
-        pass
-
 
 class Page:
     """The button of a web page, which is pressed once."""

@@ -421,9 +421,7 @@ def test_joints_that_no_servo_of_their_own_turns(kind: str, more: str, tmp_path:
 
 
 def test_a_body_that_faces_y_is_turned(tmp_path: Path) -> None:
-    path = tmp_path / "body.urdf"
-    path.write_text(humanoid())
-    body = draft_body(read_source(path))
+    body = drafted_urdf(humanoid(), tmp_path)
     turned = facing_x(body, np.array([0.0, 1.0, 0.0]))
     written = mujoco.MjModel.from_xml_string(turned.content.decode())
     data = mujoco.MjData(written)

@@ -23,16 +23,8 @@ from retarget.human.pose_validation import ValidityState
 from retarget.live.address import parse_address
 from retarget.live.admission import Datagram
 from retarget.schema.performer import load_performer
-from retarget.setup.doctor_sensors import (
-    StreamCapture,
-    invented_findings,
-    rate_findings,
-    role_findings,
-)
-from retarget.setup.doctor_stream import (
-    silence_findings,
-    stream_findings,
-)
+from retarget.setup.doctor_sensors import StreamCapture, invented_findings, rate_findings, role_findings
+from retarget.setup.doctor_stream import silence_findings, stream_findings
 from retarget.sources.natnet_wire import Version
 from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, silent, swapped
 

@@ -212,13 +212,7 @@ def test_what_to_do_next_can_be_pasted_into_a_shell(
 ) -> None:
     code, out, _ = run(capsys, "import", bust, "--out", tmp_path / "my bust; it's mine")
     words = shlex.split(out.split("next: ")[1].splitlines()[0])
-    assert code == 0 and words == [
-        "retarget",
-        "demo",
-        "--robot",
-        f"{tmp_path}/my bust; it's mine/robot.yaml",
-        *words[4:],
-    ]
+    assert code == 0 and words[:4] == ["retarget", "demo", "--robot", f"{tmp_path}/my bust; it's mine/robot.yaml"]
 
 
 @pytest.mark.parametrize("answers", [[""], ["?", "l_knee=no thing", "l_elbow=p1", "l_elbow=", ""]])

@@ -71,15 +71,14 @@ def test_both_sides_are_mirror_images(robot: str) -> None:
 def test_all_four(robot: str = "wolfgang") -> None:
     posed = POSED[robot]
     postures = find_postures(posed, soles=True, touching=lambda angles, neutral: frozenset())
-    assert postures.stands and set(postures.angles) == {"neutral", "stand", "rest", "attractor"}
-    heights = {
-        name: posed.place(angles).positions["l_hip"] - posed.place(angles).positions["l_ankle"]
-        for name, angles in postures.angles.items()
-    }
+    assert set(postures) == {"neutral", "stand", "rest", "attractor"}
+    placed = {name: posed.place(posture.angles).positions for name, posture in postures.items()}
+    heights = {name: at["l_hip"] - at["l_ankle"] for name, at in placed.items()}
     length = leg_length(posed)
     for name, share in LEGS.items():
         assert np.linalg.norm(heights[name]) == pytest.approx(share * length, rel=0.01)
     assert np.linalg.norm(heights["rest"]) < 0.75 * length
-    for angles in postures.angles.values():
+    for posture in postures.values():
+        assert posture.stands
         for joint, (low, high) in posed.limits.items():
-            assert low <= angles.get(joint, 0.0) <= high
+            assert low <= posture.angles.get(joint, 0.0) <= high

@@ -12,10 +12,10 @@ from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import JOINTS, SENSORS
 from retarget.sources.asf_amc import MAX_BONES, find_skeleton, pose_of, read_amc, read_asf, read_values
-from retarget.sources.bvh import pose_of as bvh_pose_of
 from retarget.sources.bvh import read_motion
 from retarget.sources.canonical import CMU_METRES
 from retarget.sources.files import read_lines
+from retarget.sources.skeletons import posed
 from retarget.types import FloatArray
 
 
@@ -192,7 +192,8 @@ def test_02_06_agrees_with_its_bvh_but_for_the_lost_thorax(shared: Path) -> None
     values, degrees = read_values(read_lines(amc), asf, amc)
     truth, names = pose_of(asf, values, degrees=degrees).position, asf.tree.names
     motion = read_motion(shared / "mocap/cmu_bvh_hahne/02_06.bvh")
-    other, others = bvh_pose_of(motion).position[1:], motion.hierarchy.tree.names
+    tree, channels = motion.hierarchy.tree, motion.hierarchy.channels
+    other, others = posed(tree, channels, motion.values).position[1:], tree.names
 
     def apart(bone: str, joint: str) -> FloatArray:
         return np.asarray(np.linalg.norm(truth[:, names.index(bone)] - other[:, others.index(joint)], axis=1))

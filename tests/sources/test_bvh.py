@@ -17,7 +17,8 @@ from retarget.model.human import PostureReader
 from retarget.recording.bvh_export import write_bvh
 from retarget.recording.motion import Motion, links_of
 from retarget.rotations import to_matrix
-from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS, pose_of, read_bvh, read_motion
+from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS, read_bvh, read_motion
+from retarget.sources.skeletons import posed
 from retarget.types import FloatArray
 from rig import person
 
@@ -253,7 +254,7 @@ def written(motion: Motion, folder: Path) -> Path:
 def read_back(path: Path) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Names, world positions (T, b, 3) m and rotation matrices (T, b, 3, 3) by our own reader."""
     motion = read_motion(path)
-    pose = pose_of(motion)
+    pose = posed(motion.hierarchy.tree, motion.hierarchy.channels, motion.values)
     turn = TO_WORLD @ to_matrix(pose.orientation) @ TO_WORLD.T
     return motion.hierarchy.tree.names, pose.position @ TO_WORLD.T / 100.0, turn
 

@@ -31,11 +31,16 @@ def test_content_comes_before_suffix_and_case_does_not_matter(tmp_path: Path) ->
         assert recognise(tmp_path / name) == "amc"
 
 
-def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
-    amc = write_amc(tmp_path, amc_text())
-    bvh, c3d = tmp_path / "a.bvh", tmp_path / "a.c3d"
+def of_each_format(folder: Path) -> tuple[Path, Path, Path]:
+    """An AMC, a BVH and a C3D."""
+    bvh, c3d = folder / "a.bvh", folder / "a.c3d"
     bvh.write_text(bvh_text())
     c3d.write_bytes(c3d_bytes())
+    return write_amc(folder, amc_text()), bvh, c3d
+
+
+def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
+    amc, bvh, c3d = of_each_format(tmp_path)
     for path in (amc, bvh, c3d):
         assert isinstance(open_source(str(path)), SensorFrames)
         assert open_source(path, rate=25.0).time[1] == 0.04
@@ -45,10 +50,7 @@ def test_every_format_opens_by_path_or_by_text(tmp_path: Path) -> None:
 
 
 def test_a_stature_scales_what_has_joints_and_is_the_size_of_what_has_none(tmp_path: Path) -> None:
-    amc = write_amc(tmp_path, amc_text())
-    bvh, c3d = tmp_path / "a.bvh", tmp_path / "a.c3d"
-    bvh.write_text(bvh_text())
-    c3d.write_bytes(c3d_bytes())
+    amc, bvh, c3d = of_each_format(tmp_path)
     for path in (amc, bvh):
         plain, scaled = open_source(path), open_source(path, stature=1.5)
         assert plain.skeleton is not None and scaled.skeleton is not None
@@ -64,9 +66,7 @@ def test_a_stature_scales_what_has_joints_and_is_the_size_of_what_has_none(tmp_p
 
 
 def test_the_up_axis_can_be_said_and_a_root_only_for_a_bvh(tmp_path: Path) -> None:
-    bvh, c3d = tmp_path / "a.bvh", tmp_path / "a.c3d"
-    bvh.write_text(bvh_text())
-    c3d.write_bytes(c3d_bytes())
+    _, bvh, c3d = of_each_format(tmp_path)
     plain = open_source(bvh)
     at = plain.position[:, plain.index("head")]
     for up, height in (("y", at[:, 2]), ("-y", -at[:, 2]), ("+Z", at[:, 0]), ("x", at[:, 1])):
@@ -119,15 +119,9 @@ def test_what_cannot_be_read_is_refused_with_the_file_named(
 
 
 def test_missing_files_folders_and_odd_paths_are_refused(tmp_path: Path) -> None:
-    for path, facts in (
-        (tmp_path / "missing.bvh", ()),
-        (tmp_path, ()),
-        (Path("/dev/null"), ()),
-        (tmp_path / "missing" / "x.amc", ()),
-        (Path("a\0b.bvh"), ()),
-        (tmp_path / ("x" * 5000), ()),
-    ):
-        with refuses(InputError, facts):
+    first, lost, long = tmp_path / "missing.bvh", tmp_path / "missing" / "x.amc", tmp_path / ("x" * 5000)
+    for path in (first, tmp_path, Path("/dev/null"), lost, Path("a\0b.bvh"), long):
+        with refuses(InputError):
             open_source(path)
 
 

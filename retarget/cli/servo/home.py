@@ -190,9 +190,11 @@ def _say_all(
     body: RobotBody, posture: FloatArray, chosen: BoolArray, options: RunOptions, file: HomedFile, pose: str
 ) -> None:
     """Print what would be done."""
+    bent = [f"{joint} {angle:g}" for joint, angle in zip(body.joint_map.joints, posture, strict=True) if angle]
+    angles = f"{', '.join(bent)} rad, the others 0" if bent else "all joints at 0"
     echo(f"would open the bus {options.bus!r}: {_opening(body)};")
     echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
-    echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {_angles(body, posture)},")
+    echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {angles},")
     echo(file.promise)
 
 
@@ -211,11 +213,6 @@ def _posture(body: RobotBody, pose: str) -> FloatArray:
         raise UsageError("unknown posture", where="--pose", found=repr(pose[:80]), allowed=", ".join(POSES))
     angles: FloatArray = body.posture(getattr(body.profile.postures, pose))[body.servo_columns]
     return angles
-
-
-def _angles(body: RobotBody, posture: FloatArray) -> str:
-    bent = [f"{joint} {angle:g}" for joint, angle in zip(body.joint_map.joints, posture, strict=True) if angle]
-    return (", ".join(bent) + " rad, the others 0") if bent else "all joints at 0"
 
 
 def _table(body: RobotBody, homing: Homing) -> Table:

@@ -104,7 +104,17 @@ def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = N
     lines = emulated_lines(body, clock, faults) if emulated else {}
     buses = [one for one in body.profile.bus_specs() if bus in (None, one.name)]
     if port is not None and not emulated and len(buses) > 1:
-        buses = _at_port(buses, port)
+        at_port = [bus for bus in buses if bus.port == port]
+        if len(at_port) != 1:
+            ports = ", ".join(f"{bus.port} (bus {bus.name})" for bus in buses)
+            raise UsageError(
+                "one port for a robot with several buses, and it is that of none of them",
+                where="--port",
+                found=port,
+                allowed=f"{ports}, or none: then all of them",
+                next_step="Write it into the profile, leave --robot out, or (servo setup) name the servo with --joint",
+            )
+        buses = at_port
     places = []
     for one in buses:
         found: BytePort = SerialPort(port or one.port, clock)
@@ -113,21 +123,6 @@ def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = N
         servos = [(index, servo) for index, servo in enumerate(body.joint_map.servos) if servo.bus == one.name]
         places.append(ServoPort(found) if robot is None else ServoPort(found, one, tuple(servos)))
     return places
-
-
-def _at_port(buses: Sequence[BusSpec], port: str) -> list[BusSpec]:
-    """The bus with this port. Raises UsageError where no bus has it."""
-    found = [bus for bus in buses if bus.port == port]
-    if len(found) != 1:
-        ports = ", ".join(f"{bus.port} (bus {bus.name})" for bus in buses)
-        raise UsageError(
-            "one port for a robot with several buses, and it is that of none of them",
-            where="--port",
-            found=port,
-            allowed=f"{ports}, or none: then all of them",
-            next_step="Write it into the profile, leave --robot out, or (servo setup) name the servo with --joint",
-        )
-    return found
 
 
 @contextmanager

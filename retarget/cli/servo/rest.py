@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 
-from hardware.dynamixel.control_table import ControlTable, find_table
+from hardware.dynamixel.control_table import find_table
 from hardware.dynamixel.found_servos import Look, broadcast_torque_off
 from hardware.dynamixel.line_scan import Speed
 from hardware.dynamixel.torque import not_limp, off_everywhere
@@ -71,14 +71,11 @@ def _broadcast(places: Sequence[ServoPort], speeds: Sequence[Sequence[Speed]]) -
     with stop_on_signals():
         for place, own in zip(places, speeds, strict=True):
             with suppress(BusError):  # the servos are read back afterwards
-                broadcast_torque_off(place.port, own, _tables(place))
+                version = 2 if place.spec is None else place.spec.protocol  # without a profile no servo is known
+                tables = [find_table(one.model.name, version) for _, one in place.servos]
+                broadcast_torque_off(place.port, own, tables)
                 place.port.set_baud(own[0].baud)
     echo("torque off was sent to all servos; now each is looked for and read back")
-
-
-def _tables(place: ServoPort) -> list[ControlTable]:
-    """Tables of the servos that the profile has there."""
-    return [find_table(one.model.name, place.spec.protocol) for _, one in place.servos] if place.spec else []
 
 
 def _is_due(looks: Sequence[Look], count: int) -> bool:

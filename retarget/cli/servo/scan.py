@@ -42,7 +42,7 @@ def scan(where: Where, only: Only, ids: str = "", everywhere: bool = False, dry_
     quick = not everywhere and wanted is None and only.baud is None
     places = find_places(where)
     speeds = [chosen_speeds(place, only) for place in places]
-    whose = _ids_text(wanted)
+    whose = "all ids" if wanted is None else f"ids {', '.join(map(str, wanted))}"
     if quick:
         speeds, whose = [likely_speeds(some) for some in speeds], USUAL_IDS
     if dry_run:
@@ -133,10 +133,6 @@ def _missing(place: ServoPort, one: LineScan, wanted: Sequence[int] | None) -> l
     named = {servo.id: f"{servo.joint} (id {servo.id})" for _, servo in place.servos}
     asked = [device for device in place.spec.ids if wanted is None or device in wanted]
     return [named.get(device, f"device {device}") for device in asked if device not in there]
-
-
-def _ids_text(ids: Sequence[int] | None) -> str:
-    return "all ids" if ids is None else f"ids {', '.join(map(str, ids))}"
 
 
 def _speeds_text(speeds: Sequence[Speed]) -> str:

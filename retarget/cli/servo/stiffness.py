@@ -53,8 +53,11 @@ def stiffness(
     body = load_robot(robot, root="fixed")
     hung = _hung(body, weight, at)
     held = held_goals(body, joint, hung, dt=1.0 / body.profile.safety.rate_hz)
-    for line in _plan(held):
-        echo(line)
+    (low, high), (least, most), servo = held.range, held.torques, held.servo
+    echo(
+        f"{servo.label}, {servo.model.name}: {low:.2f} to {high:.2f} rad and back, load {least:.2f} to {most:.2f} N m; "
+        "all other joints stand"
+    )
     if dry_run:
         echo("dry run: nothing was moved")
         return
@@ -129,15 +132,6 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
         prepared = replace(prepared, machine=replace(prepared.machine, goals=held.goals))
         with progress_bar(options.robot, len(held.goals)) as show:
             return command.play(prepared, command.operator(prepared, stop), Progress(show))
-
-
-def _plan(held: HeldGoals) -> list[str]:
-    """What is going to happen."""
-    (low, high), (least, most), servo = held.range, held.torques, held.servo
-    return [
-        f"{servo.label}, {servo.model.name}: {low:.2f} to {high:.2f} rad and back, load {least:.2f} to {most:.2f} N m; "
-        "all other joints stand"
-    ]
 
 
 def _result(body: RobotBody, held: HeldGoals, found: MeasuredStiffness, voltage: float) -> list[str]:

@@ -6,12 +6,11 @@ import sys
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import inf
 from typing import Any
 
 from retarget.cli.application import log
-from retarget.cli.controls import GRIPS, Asked, Control
+from retarget.cli.controls import GRIPS, Asked
 from retarget.errors import ConfigError
 from retarget.live.address import WEB_PORT, StreamAddress
 from retarget.types import Notify
@@ -69,41 +68,19 @@ class PageControl:
             else:
                 self._asked.append(word)
 
+    def times(self) -> dict[str, list[float]]:
+        """How long poses were under way before they arrived, s, by stage as `LiveReport.latency_ms` has them."""
+        stages = {"page": ("send_ms", 1e-3), "network": ("rtt_ms", 0.5e-3)}
+        return {
+            stage: [by * said[key] for said in self.health if isinstance(said.get(key), int | float)]
+            for stage, (key, by) in stages.items()
+        }
+
     def look(self) -> None:
         """`listen`, while nothing moves. Raises KeyboardInterrupt once STOP was pressed."""
         self.listen()
         if self._feed.stop_asked():
             raise KeyboardInterrupt
-
-    def close(self) -> None:
-        """Do nothing: the page closes with its run."""
-
-
-@dataclass(frozen=True)
-class WebInput:
-    """What comes from the page of `web://`: nothing for another source."""
-
-    receiver: PoseReceiver | None = None
-    control: PageControl | None = None
-
-    @property
-    def controls(self) -> list[Control]:
-        """What may hold the run."""
-        return [] if self.control is None else [self.control]
-
-    def look(self) -> None:
-        """Hear the page while nothing moves. Raises KeyboardInterrupt once STOP was pressed."""
-        if self.control is not None:
-            self.control.look()
-
-    def times(self) -> dict[str, list[float]]:
-        """How long poses were under way before they arrived, s, by stage as `LiveReport.latency_ms` has them."""
-        health = () if self.control is None else self.control.health
-        stages = {"page": ("send_ms", 1e-3), "network": ("rtt_ms", 0.5e-3)}
-        return {
-            stage: [by * said[key] for said in health if isinstance(said.get(key), int | float)]
-            for stage, (key, by) in stages.items()
-        }
 
 
 @contextmanager
