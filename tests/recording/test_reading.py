@@ -138,7 +138,7 @@ def test_ticks_of_a_human_alone_are_those_whose_posture_is_there(
     without = changed(whole, HUMAN_POSTURE, lambda rows: chosen(rows, np.delete(np.arange(count), 3)))
     monkeypatch.setattr(read_run, "read_recording", lambda path: without)
     shown = open_recorded(path)
-    assert len(shown.times) == count - 1
+    assert len(shown) == count - 1
 
 
 @pytest.fixture(scope="module")
