@@ -151,7 +151,7 @@ FEW_WIDTHS = {"sensors": 1, "human": 3, "joints": 1}
 
 @pytest.fixture
 def made() -> list[Topic]:
-    return topics(FEW_WIDTHS, sensors=("head",), human_joints=("a",), landmarks=(), dt=0.01, robot=None)
+    return topics(FEW_WIDTHS, {"sensors": ("head",), "joints": ("a",)}, dt=0.01, robot=None)
 
 
 class Begun:
