@@ -62,8 +62,7 @@ class Topic:
 
 
 def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, robot: RobotBody | None) -> list[Topic]:
-    """List every topic with cycles in it; those of a robot only where there is one. named: what the columns of a width
-    are called."""
+    """List every topic with cycles in it, for a robot or a human alone. named: names of the columns of a width."""
     sensors = named["sensors"]
 
     def kept(topic: str) -> Which:
@@ -110,8 +109,7 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
     ]
-    if named.get("truth"):
-        made.append(fields(TRUTH, POSTURE, named["truth"], kept(TRUTH)))
+    made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
 
 
