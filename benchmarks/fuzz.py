@@ -51,7 +51,7 @@ from retarget.live.open_stream import read_recording as read_stream
 from retarget.model.body import load_body
 from retarget.model.robot import load_profile
 from retarget.recording.read_run import read_recorded
-from retarget.recording.reading import MAGIC, played, read_recording
+from retarget.recording.reading import MAGIC, read_recording
 from retarget.schema.catalogue import shipped_folder
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
@@ -275,8 +275,8 @@ def corpus(folder: Path) -> list[Kind]:
 
     mjcf, urdf = ((configs / "robots/op3/body.xml").read_bytes(), SIZED), write_urdf(bench_human()).encode()
     return [
-        Kind(".mcap", 10, lambda path: played(read_recording(path)), tuple(runs[".mcap"][:1]), bent_mcap),
-        Kind(".mcap", 2, lambda path: played(read_recording(path)), tuple(runs[".mcap"]), bent_mcap),
+        Kind(".mcap", 10, lambda path: read_recording(path).cycles, tuple(runs[".mcap"][:1]), bent_mcap),
+        Kind(".mcap", 2, lambda path: read_recording(path).cycles, tuple(runs[".mcap"]), bent_mcap),
         Kind(".mcap", 1, open_recorded, tuple(runs[".mcap"]), bent_mcap),
         Kind(".npz", 8, lambda path: read_recorded(path, robot=False), tuple(runs[".npz"][:1]), bent_npz),
         Kind(".npz", 2, open_recorded, tuple(runs[".npz"]), bent_npz),

@@ -15,7 +15,7 @@ from retarget.run.record import Phase
 if TYPE_CHECKING:
     from retarget.model.robot import RobotBody
     from retarget.recording.configs import Configs
-    from retarget.recording.reading import Played
+    from retarget.recording.reading import Recording
     from retarget.report.outputs import Outputs
     from retarget.run.run_result import RunResult
 
@@ -52,7 +52,7 @@ def replay(
         save FILE.npz: Write every tick of it, for other tools.
     """
     from retarget.recording.cycles import now_of
-    from retarget.recording.reading import played, read_recording
+    from retarget.recording.reading import read_recording
     from retarget.report.outputs import Outputs
 
     if goals != (bus is not None):
@@ -62,33 +62,33 @@ def replay(
     if goals and (report or save):
         raise UsageError("goals alone have no report", where="--report, --save", next_step="Leave them out")
     outputs = Outputs.checked(report=report, save=save, plots=None, overwrite=overwrite)
-    found = played(read_recording(file))
-    recording, cycles = found.recording, found.cycles
-    if recording.damage:
+    found = read_recording(file)
+    cycles = found.cycles
+    if found.damage:
         times = now_of(cycles)
         seconds = float(times[-1] - times[0])
         until = f"its first {seconds:.2f} s are read, up to cycle {cycles.index[-1]}"
-        note(f"{recording.path}: {recording.damage}; {until}")
+        note(f"{found.path}: {found.damage}; {until}")
     if found.missing:
-        note(f"{recording.path}: {found.missing} ticks were never written: from there on goals may differ")
+        note(f"{found.path}: {found.missing} ticks were never written: from there on goals may differ")
     if bus is not None:
         raise typer.Exit(_send(found, bus, 1.0 if speed is None else speed, robot))
     raise typer.Exit(_again(found, outputs, robot))
 
 
-def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
+def _again(found: "Recording", outputs: "Outputs", robot: str | None) -> int:
     from retarget.recording.configs import as_recorded
     from retarget.recording.replay import replay as run_again
     from retarget.report.measure import measure
     from retarget.run.loop import Progress
 
-    recording, session = found.recording, found.recording.session
-    with as_recorded(recording, robot=robot) as configs:
+    session = found.session
+    with as_recorded(found, robot=robot) as configs:
         with progress_bar(session.robot, found.last_tick + 1) as show:
             again = run_again(found, configs, observers=[Progress(show)])
         for changed in again.changed:
             note(changed)
-        echo(f"{recording.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
+        echo(f"{found.path}: {session.source or 'a run'} on {configs.options.robot}, --bus {session.bus}")
         for line in again.difference.lines():
             echo(line)
         if again.result.reason:
@@ -102,7 +102,7 @@ def _again(found: "Played", outputs: "Outputs", robot: str | None) -> int:
                 echo(line)
     compared = again.difference.compared
     if not found.whole:
-        problems = (f"{recording.path}: only {compared} goals are in it and were compared: it is not whole", *problems)
+        problems = (f"{found.path}: only {compared} goals are in it and were compared: it is not whole", *problems)
     for problem in problems:
         echo(f"error: {problem}", err=True)
     return DONE if again.difference.none and not problems else STOPPED
@@ -121,24 +121,24 @@ def _with_its_body(run: "RunResult", configs: "Configs", save: Path) -> "RunResu
     return replace(run, robot=replace(run.robot, profile=profile))
 
 
-def _send(found: "Played", bus: str, speed: float, robot: str | None) -> int:
+def _send(found: "Recording", bus: str, speed: float, robot: str | None) -> int:
     from retarget.recording.configs import as_recorded
 
     low, high = SPEEDS
     if not low <= speed <= high:
         raise UsageError("impossible speed", where="--speed", found=f"{speed:g}", allowed=f"{low:g} to {high:g}")
-    options = found.recording.session.options
+    options = found.session.options
     physics = options.physics if bus.startswith("physics") else PhysicsOptions()  # only a simulation has such options
     options = replace(options, bus=bus, physics=physics, gate=True)
     if robot is None and not (options.simulated or options.is_human):
         robot = options.robot  # real servos are those of the robot as it is now
-    with as_recorded(found.recording, options=options, robot=robot) as configs:
+    with as_recorded(found, options=options, robot=robot) as configs:
         for text in configs.notes:
             note(text)
         return _sent(found, configs.options, configs.robot, speed)
 
 
-def _sent(found: "Played", options: RunOptions, robot: "RobotBody | None", speed: float) -> int:
+def _sent(found: "Recording", options: RunOptions, robot: "RobotBody | None", speed: float) -> int:
     from contextlib import ExitStack
 
     from retarget.cli.exit import detached_screens, stop_on_signals

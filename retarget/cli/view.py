@@ -50,7 +50,7 @@ def view(
     server, address = open_server(port, title=f"retarget: {file.name}")
     try:
         page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
-        echo(f"{file.name}: {len(run.times)} ticks. Open {address} ; Ctrl-C ends it")
+        echo(f"{file.name}: {len(run)} ticks. Open {address} ; Ctrl-C ends it")
         with stop_on_signals() as stop:
             while not stop():
                 page.tick()

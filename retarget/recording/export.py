@@ -1,6 +1,5 @@
 """Write a motion in one of the formats that others read: whole or not at all, and never over something."""
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 
 from retarget.errors import UsageError, suggest
 from retarget.recording.bvh_export import write_bvh
-from retarget.recording.lerobot import DEFAULT_TASK, write_lerobot
+from retarget.recording.lerobot import DEFAULT_TASK, lerobot_files
 from retarget.recording.motion import Motion, angular_velocity, links_of, rate_of_change
 from retarget.recording.tables import write_csv, write_parquet
-from retarget.schema.files import check_folder, check_path, check_place, write_stream
+from retarget.schema.files import check_folder, check_path, check_place, write_folder, write_stream
 
 # NPZ for trainers of motion tracking: the keys that whole_body_tracking (BeyondMimic) and mjlab load, and GMR's.
 
@@ -89,7 +88,15 @@ def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = 
     something is, and for the suffix of another format."""
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")
-    _refuse_other_format(place, form)
+    suffix = place.suffix.lower()
+    for other in FORMATS.values() if suffix else ():
+        if other is not form and other.ending.endswith(suffix):
+            raise UsageError(
+                f"this is the suffix of {other.name}, not of {form.name}",
+                where="--out",
+                found=str(place)[:200],
+                next_step=f"Give {place.stem[:200]}{form.ending}, or --to {other.name}",
+            )
     _refuse_existing(place)
     if form.write is None:
         check_folder(place, option="--out")
@@ -105,31 +112,10 @@ def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFA
     """
     _refuse_existing(place)
     write = form.write
-    if write is not None:
+    if write is None:
+        write_folder(place, lerobot_files(motion, task=task), option="--out")
+    else:
         write_stream(place, lambda stream: write(motion, stream), option="--out")
-        return
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=place.parent, prefix=".retarget.") as draft:
-            content = Path(draft) / "content"
-            content.mkdir()
-            write_lerobot(motion, content, task=task)
-            content.rename(place)
-    except OSError as error:
-        found = f"{str(place)[:200]}: {error.strerror or error}"
-        raise UsageError("cannot write here", where="--out", found=found, next_step="Choose another place") from error
-
-
-def _refuse_other_format(place: Path, form: Format) -> None:
-    suffix = place.suffix.lower()
-    for other in FORMATS.values() if suffix else ():
-        if other is not form and other.ending.endswith(suffix):
-            raise UsageError(
-                f"this is the suffix of {other.name}, not of {form.name}",
-                where="--out",
-                found=str(place)[:200],
-                next_step=f"Give {place.stem[:200]}{form.ending}, or --to {other.name}",
-            )
 
 
 def _refuse_existing(place: Path) -> None:

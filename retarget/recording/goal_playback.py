@@ -10,7 +10,7 @@ from hardware.clock import Clock
 from retarget.errors import InputError
 from retarget.human.samples import Clip, Performance
 from retarget.model.robot import RobotBody
-from retarget.recording.reading import Played
+from retarget.recording.reading import Recording
 from retarget.recording.replay import refuse_other_robot
 from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared, prepare_for
@@ -23,10 +23,10 @@ HOLDS_S = 10.0
 """Time in which the robot may hold, and return to the goals, that is recorded."""
 
 
-def recorded_goals(played: Played, *, speed: float, dt: float) -> FloatArray:
+def recorded_goals(recording: Recording, *, speed: float, dt: float) -> FloatArray:
     """The goals (T, n), rad, that were sent while a performer was followed, in ticks of `dt` s. speed: 1 is as fast as
     then. Raises InputError where no performer was followed, or a goal is not finite."""
-    cycles, where = played.cycles, str(played.recording.path)
+    cycles, where = recording.cycles, str(recording.path)
     followed = np.flatnonzero(cycles.kept & (cycles.phase == Phase.FOLLOW))
     if not followed.size:
         raise InputError("no performer was followed in the recording: it has no goals", where=where)
@@ -36,7 +36,7 @@ def recorded_goals(played: Played, *, speed: float, dt: float) -> FloatArray:
             "the goals of this recording were never a robot's", where=where, found="one that is not finite"
         )
     index = (cycles.index[rows] - cycles.index[rows[0]]).astype(np.float64)
-    step = speed * dt / played.recording.session.dt  # recorded ticks in one tick
+    step = speed * dt / recording.session.dt  # recorded ticks in one tick
     at = np.append(np.arange(0.0, index[-1], step), index[-1])
     before = np.clip(np.searchsorted(index, at, side="right") - 1, 0, max(len(index) - 2, 0))
     after, q = np.minimum(before + 1, len(index) - 1), cycles.q_servos[rows].astype(np.float64)
@@ -68,7 +68,7 @@ def held_performance(performance: Performance, planned: int) -> Performance:
 
 @contextmanager
 def goal_playback(
-    played: Played,
+    recording: Recording,
     options: RunOptions,
     *,
     speed: float,
@@ -82,16 +82,16 @@ def goal_playback(
 
     Raises RetargetError for what cannot be sent to this robot.
     """
-    session = played.recording.session
+    session = recording.session
     goals: list[FloatArray] = []
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         if robot is None:
-            raise InputError("a human has no servos: there are no goals", where=str(played.recording.path))
+            raise InputError("a human has no servos: there are no goals", where=str(recording.path))
         refuse_other_robot(session, robot)
         dt = 1.0 / robot.profile.safety.rate_hz
-        goals.append(recorded_goals(played, speed=speed, dt=dt))
-        first = played.clip(np.zeros(1, dtype=np.intp), 1, dt=dt, speed=1.0)
+        goals.append(recorded_goals(recording, speed=speed, dt=dt))
+        first = recording.clip(np.zeros(1, dtype=np.intp), 1, dt=dt, speed=1.0)
         return held_performance(Performance(first, session.size, (), session.intake_times), len(goals[0]))
 
     with prepare_for(

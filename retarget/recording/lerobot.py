@@ -4,9 +4,9 @@
 `data/chunk-000/file-000.parquet`; and a README with units and frames, for which the format has no place.
 """
 
+import io
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -96,8 +96,8 @@ COMPRESSION = "snappy"
 """Of the format v3.0: places of files are numbered from 0, and all that is written fits into the first."""
 
 
-def write_lerobot(motion: Motion, folder: Path, *, task: str = DEFAULT_TASK) -> None:
-    """Write a dataset into a folder that is there and empty.
+def lerobot_files(motion: Motion, *, task: str = DEFAULT_TASK) -> dict[str, bytes]:
+    """The files of a dataset, by their paths in its folder.
 
     Raises UsageError without pyarrow or where the rate is no whole number, which LeRobot cannot say; InputError where
     rows are not evenly spaced or a servo is not known.
@@ -108,15 +108,25 @@ def write_lerobot(motion: Motion, folder: Path, *, task: str = DEFAULT_TASK) -> 
         raise UsageError(
             "LeRobot counts whole frames per second", where="--to lerobot", found=f"{rate:g}", next_step=step
         )
-    features = features_of(motion, rate_hz=int(rate))
-    for place in ("data", "meta/episodes"):
-        (folder / place / FIRST).parent.mkdir(parents=True)
-    _write_json(folder / "meta/info.json", _info(motion, features, int(rate)))
-    _write_json(folder / "meta/stats.json", {item.key: statistics_of(item.values) for item in features})
-    _write(pa, folder / "data" / FIRST, _frames(pa, features))
-    _write(pa, folder / "meta/tasks.parquet", _tasks(pa, task))
-    _write(pa, folder / "meta/episodes" / FIRST, _episode(pa, features, task))
-    (folder / "README.md").write_text(_readme(motion, features), encoding="utf-8")
+    features, frames = features_of(motion, rate_hz=int(rate)), {}
+    for item in features:
+        flat = pa.array(item.values.ravel())
+        frames[item.key] = pa.FixedSizeListArray.from_arrays(flat, item.values.shape[1]) if item.vector else flat
+    statistics = {item.key: statistics_of(item.values) for item in features}
+    tables = {
+        f"data/{FIRST}": pa.table(frames),
+        "meta/tasks.parquet": _tasks(pa, task),
+        f"meta/episodes/{FIRST}": _episode(pa, len(motion), statistics, task),
+    }
+    files = {"README.md": _readme(motion, features).encode()}
+    for name, content in (("info", _info(motion, features, int(rate))), ("stats", statistics)):
+        text = json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False) + "\n"
+        files[f"meta/{name}.json"] = text.encode()
+    for name, table in tables.items():
+        stream = io.BytesIO()
+        pa.parquet.write_table(table, stream, compression=COMPRESSION)
+        files[name] = stream.getvalue()
+    return files
 
 
 def _info(motion: Motion, features: tuple[Feature, ...], rate: int) -> dict[str, Any]:
@@ -145,14 +155,6 @@ def _info(motion: Motion, features: tuple[Feature, ...], rate: int) -> dict[str,
     }
 
 
-def _frames(pa: Any, features: tuple[Feature, ...]) -> Any:
-    arrays = {}
-    for item in features:
-        flat = pa.array(item.values.ravel())
-        arrays[item.key] = pa.FixedSizeListArray.from_arrays(flat, item.values.shape[1]) if item.vector else flat
-    return pa.table(arrays)
-
-
 def _tasks(pa: Any, task: str) -> Any:
     """The tasks, as the index of a data frame; the schema's metadata say so to pandas, with which LeRobot reads it."""
 
@@ -170,8 +172,7 @@ def _tasks(pa: Any, task: str) -> Any:
     return pa.table([pa.array([0]), pa.array([task])], schema=schema)
 
 
-def _episode(pa: Any, features: tuple[Feature, ...], task: str) -> Any:
-    frames = len(features[0].values)
+def _episode(pa: Any, frames: int, statistics: dict[str, dict[str, Any]], task: str) -> Any:
     row: dict[str, Any] = {
         "episode_index": 0,
         "tasks": [task],
@@ -181,18 +182,10 @@ def _episode(pa: Any, features: tuple[Feature, ...], task: str) -> Any:
         "dataset_from_index": 0,
         "dataset_to_index": frames,
     }
-    for item in features:
-        row |= {f"stats/{item.key}/{name}": value for name, value in statistics_of(item.values).items()}
+    for key, values in statistics.items():
+        row |= {f"stats/{key}/{name}": value for name, value in values.items()}
     row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
     return pa.table({key: [value] for key, value in row.items()})
-
-
-def _write(pa: Any, path: Path, table: Any) -> None:
-    pa.parquet.write_table(table, path, compression=COMPRESSION)
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _readme(motion: Motion, features: tuple[Feature, ...]) -> str:

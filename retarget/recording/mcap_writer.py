@@ -18,11 +18,10 @@ import numpy as np
 from hardware.clock import thread_cpu
 from retarget.errors import UsageError
 from retarget.recording.cdr import layout_of, schema
-from retarget.recording.cycles import Done
 from retarget.recording.npz import MAX_BYTES
 from retarget.recording.session import ConfigFile, Session
 from retarget.recording.topics import EVENTS, RECORDED, Topic
-from retarget.run.table import STAGES, RunTable, Widths
+from retarget.run.table import FIELDS, STAGES, RunTable, Widths
 from retarget.schema.files import check_place, refuse_existing
 
 OPTION = "--record"
@@ -95,7 +94,8 @@ class RecordingFile:
     def announce(self, topics: Sequence[Topic]) -> None:
         """Register the topics. Each one's metadata hold `layout`, a numpy dtype, and `names`."""
         for topic in topics:
-            metadata = {"layout": topic.layout.description, "names": " ".join(_one_word(name) for name in topic.names)}
+            names = ["_".join(name.split()) or "_" for name in topic.names]  # blanks part one from the next
+            metadata = {"layout": topic.layout.description, "names": " ".join(names)}
             self._register(topic.name, topic.schema, metadata)
         self._register(EVENTS, "rcl_interfaces/msg/Log", {})
 
@@ -135,15 +135,15 @@ class RecordingFile:
         self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message], metadata)
 
 
-def _one_word(name: str) -> str:
-    """A name as the metadata have it, in which blanks part one from the next."""
-    return "_".join(name.split()) or "_"
-
-
 # The bounded queue between the tick and the writing thread: rows are filled in place and never wait for a disk.
 
 ROWS = 1024
 """Eight seconds at 125 Hz."""
+CLEARED = (
+    *("readings", "asked", "sampled", "read", "written", "kept", "weighted", "sensor_valid", "clock", "sensor_weight"),
+    *STAGES,
+)
+"""The fields that say what happened in a cycle: in a new row nothing has."""
 
 
 class Ring:
@@ -155,7 +155,7 @@ class Ring:
 
     def __init__(self, widths: Widths, *, patient: bool = False, rows: int = ROWS) -> None:
         self.rows = RunTable.empty(rows, widths, RECORDED)
-        self._stages = [self.rows.known[name] for name in STAGES]
+        self._cleared = [(self.rows.known[name], FIELDS[name].fill) for name in CLEARED]
         self.at = self.index = self.lost = 0
         self.wanted = threading.Event()
         """Set when it is time to take rows."""
@@ -175,14 +175,9 @@ class Ring:
                 self.wanted.set()
         self.index += 1
         self.at = self._finished % self._size
-        rows, at = self.rows, self.at
-        rows.index[at] = self.index
-        rows.readings[at] = rows.asked[at] = 0
-        rows.sampled[at] = rows.read[at] = rows.written[at] = Done.NOT
-        rows.kept[at] = rows.weighted[at] = rows.sensor_valid[at] = False
-        rows.clock[at] = rows.sensor_weight[at] = 0.0
-        for times in self._stages:
-            times[at] = np.nan
+        self.rows.index[self.at] = self.index
+        for array, fill in self._cleared:
+            array[self.at] = fill
 
     def take(self) -> RunTable:
         """The rows that are finished and were not taken before, as copies."""

@@ -22,10 +22,8 @@ from retarget.recording.motion import Motion, posture, quaternion_columns
 from retarget.recording.npz import NO_RUN, NO_SERVO, ArrayFile, joints_and_root, read_arrays, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
-    Played,
     Recording,
     TopicRows,
-    played,
     postures_sent,
     read_recording,
     refusing_hostile,
@@ -76,7 +74,7 @@ def read_recorded(path: Path, *, robot: bool = True, body: Path | None = None) -
     if begins == MAGIC:
         recording = read_recording(path)
         with refusing_hostile(recording):
-            return _of_mcap(played(recording), robot, body)
+            return _of_mcap(recording, robot, body)
     if begins.startswith(ZIP):
         return _of_npz(path, robot, body)
     raise InputError("not a recorded run", where=str(path)[:200], found="neither NPZ nor MCAP", next_step=NO_RUN)
@@ -130,7 +128,9 @@ def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
         if name in known:
             values = np.hstack([known[name], np.full((len(time), 1), missing)])[:, order]
             known[name] = None if (np.isnan(values) | (values == NO_SERVO)).all() else values
-    return Motion(**known, robot=_robot_name(place), body=model, compiled=compiled, human=human)
+    # The folder of a body that a profile calls `body.xml`, else the name of its file.
+    name = place.resolve().parent.name if place.stem == "body" else place.stem
+    return Motion(**known, robot=name, body=model, compiled=compiled, human=human)
 
 
 def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
@@ -161,11 +161,6 @@ def _body_place(file: ArrayFile, path: Path, body: Path | None) -> Path:
         found=str(named)[:200],
         next_step="Say where its MJCF or URDF is now: --body FILE.xml",
     )
-
-
-def _robot_name(body: Path) -> str:
-    """The folder of a body that a profile calls `body.xml`, else the name of its file."""
-    return body.resolve().parent.name if body.stem == "body" else body.stem
 
 
 def _npz_time(file: ArrayFile) -> FloatArray:
@@ -204,8 +199,8 @@ def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
 # A run that `--record FILE.mcap` wrote.
 
 
-def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> Motion:
-    recording, session, cycles = whole.recording, whole.recording.session, whole.cycles
+def _of_mcap(recording: Recording, with_robot: bool, body: Path | None) -> Motion:
+    session, cycles = recording.session, recording.cycles
     source, alone = str(recording.path), not session.joints
     postures = np.isfinite(cycles.human_q).all(axis=1) & (cycles.human_q.shape[1] > 0)
     kept = np.flatnonzero(cycles.kept & (postures | (not alone)))  # of a human alone, a tick is its posture
@@ -213,17 +208,17 @@ def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> Motion:
         raise InputError("a run without ticks", where=source)
     rows, postures = cycles[kept], postures[kept]
     notes = [f"{recording.damage}; what is whole of it is used"] if recording.damage else []
-    notes += [f"{whole.missing} ticks were never written"] if whole.missing else []
+    notes += [f"{recording.missing} ticks were never written"] if recording.missing else []
     known = {name: rows.known[name] for name in ("state", "no_command", "observer_modes", "human_q", *STAGES)}
-    known |= {"time": _time(whole, rows.index), "phase": np.clip(rows.phase, 0, len(Phase) - 1)}
+    known |= {"time": _time(recording, rows.index), "phase": np.clip(rows.phase, 0, len(Phase) - 1)}
     known |= {"reason": _reasons(recording, rows), "sensors": _valid_sensors(cycles)[kept]}
     known |= {"source": source, "sensor_names": session.sensors, "recording": recording}
-    human = _recorded_human(whole) if postures.any() else None
+    human = _recorded_human(recording) if postures.any() else None
     known["human_q"][postures, 3:7] = normalise(known["human_q"][postures, 3:7])
     if with_robot and not alone:
         with as_recorded(recording, body=body) as configs:
             assert configs.robot is not None, "there are joints"
-            known |= _of_robot(whole, kept, configs.robot)
+            known |= _of_robot(recording, kept, configs.robot)
             return Motion(**known, human=human, notes=(*notes, *configs.notes))
     if human is None:
         raise no_human(source)
@@ -236,23 +231,23 @@ def _of_mcap(whole: Played, with_robot: bool, body: Path | None) -> Motion:
     return replace(run, notes=(*notes, f"the human was kept {often:.3g} times a second; {every}"))
 
 
-def _recorded_human(whole: Played) -> BodyFile:
+def _recorded_human(recording: Recording) -> BodyFile:
     """The body of the human of a recording."""
-    source = str(whole.recording.path)
-    mjcf = build_human(whole.recording.session.size).mjcf
+    source = str(recording.path)
+    mjcf = build_human(recording.session.size).mjcf
     human = compile_body_text(mjcf, source=f"{source}: the human", root="free", own=True)
-    if whole.cycles.human_q.shape[1] != body_from_file(human).nq:
-        found = f"q of {whole.cycles.human_q.shape[1]}"
+    if recording.cycles.human_q.shape[1] != body_from_file(human).nq:
+        found = f"q of {recording.cycles.human_q.shape[1]}"
         raise InputError("the human has another tree now", where=source, found=found)
     return human
 
 
-def _of_robot(whole: Played, kept: NDArray[np.intp], robot: RobotBody) -> dict[str, Any]:
+def _of_robot(recording: Recording, kept: NDArray[np.intp], robot: RobotBody) -> dict[str, Any]:
     """What was sent to the robot in the cycles `kept` (T,), on a tree with a free root."""
-    recording, rows, servos = whole.recording, whole.cycles[kept], robot.joint_map
+    rows, servos = recording.cycles[kept], robot.joint_map
     compiled = compile_body(robot.profile.body_path, root="free")
     model = body_from_file(compiled)
-    q = postures_sent(whole, robot, kept)
+    q = postures_sent(recording, robot, kept)
     if not np.isfinite(q).all():
         raise InputError("goals that are no numbers", where=str(recording.path))
     for start in quaternion_columns(robot.body):
@@ -280,7 +275,7 @@ def _of_robot(whole: Played, kept: NDArray[np.intp], robot: RobotBody) -> dict[s
     return known | {"robot": robot.profile.name, "body": model, "compiled": compiled, "profile": profile}
 
 
-def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
+def _time(found: Recording, index: NDArray[np.int64]) -> FloatArray:
     """Times of cycles (T,), s: 0 at the first that followed, or at what would have been the first."""
     cycles = found.cycles
     kept = np.flatnonzero(cycles.kept)
@@ -289,7 +284,7 @@ def _time(found: Played, index: NDArray[np.int64]) -> FloatArray:
         first = int(cycles.index[kept[follows[0]]])
     else:
         first = int(cycles.index[kept[0]]) + int(np.count_nonzero(cycles.phase[kept] == Phase.APPROACH))
-    return np.asarray((index - first) * found.recording.session.dt)
+    return np.asarray((index - first) * found.session.dt)
 
 
 def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -> dict[str, Any]:
@@ -309,14 +304,13 @@ def _asked(names: tuple[str, ...], topic: TopicRows, index: NDArray[np.int64]) -
 
 def _reasons(recording: Recording, cycles: RunTable) -> TextArray:
     """The last failure or stop until each of the cycles, or ""."""
-    said = sorted((cycle, text) for (cycle, who), text in recording.texts.items() if _is_reason(who, text))
+    said = sorted(
+        (cycle, text)
+        for (cycle, who), text in recording.texts.items()
+        if who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)  # a cause and a reason
+    )
     last = np.searchsorted([cycle for cycle, _ in said], cycles.index, side="right")
     return np.array([said[count - 1][1] if count else "" for count in last.tolist()], dtype=np.object_)
-
-
-def _is_reason(who: str, text: str) -> bool:
-    """Whether an event is a failure or a stop, whose text is a cause and a reason."""
-    return who.startswith("bus ") or (who in ("guard", "outside") and ": " in text)
 
 
 def _valid_sensors(cycles: RunTable) -> FloatArray:

@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
@@ -83,6 +84,43 @@ class Recording:
                 allowed="a file that `retarget run --record` wrote",
             )
         return self.topics[name]
+
+    @cached_property
+    def cycles(self) -> RunTable:
+        """The cycles that are whole, from the first one on. In a cycle in which they were not kept, q_servos, human_q
+        and truth are NaN. Raises InputError where topics or fields of them are missing, or of another shape."""
+        with refusing_hostile(self):
+            return _cycles(self)
+
+    @property
+    def missing(self) -> int:
+        """Cycles that were never written."""
+        return int(self.cycles.index[-1]) + 1 - len(self.cycles)
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing of the run is missing."""
+        return not (self.damage or self.missing)
+
+    @property
+    def last_tick(self) -> int:
+        """The last tick of the performance in it; -1: none."""
+        asked = self.cycles.sampled != Done.NOT
+        return int(self.cycles.tick[asked].max(initial=-1))
+
+    def clip(self, rows: NDArray[np.intp], ticks: int, *, dt: float, speed: float) -> Clip:
+        """What the sensors said in some rows of the cycles, for so many ticks, `dt` s apart."""
+        valid = self.cycles.sensor_valid[rows]
+        frames = SensorFrames(
+            time=np.arange(len(rows), dtype=np.float64) * dt,
+            names=self.session.sensors,
+            position=np.where(valid[..., None], self.cycles.sensor_position[rows], np.nan),
+            orientation=np.where(valid[..., None], self.cycles.sensor_orientation[rows], np.nan),
+            valid=valid,
+            source=self.session.source,
+            rate_hz=1.0 / dt,
+        )
+        return Clip(frames, ticks, 1.0 / dt, speed, len(rows))
 
 
 @dataclass
@@ -173,19 +211,15 @@ def _take_chunk(chunk: Any, found: _Found) -> None:
             number, sequence = MESSAGE_HEAD.unpack_from(data, begin)
             if number not in found.channels:
                 raise ValueError(f"a message of channel {number}, which is not there")
-            _take_message(number, sequence, data[begin + MESSAGE_HEAD.size : at], found)
+            content = data[begin + MESSAGE_HEAD.size : at]
+            if "layout" in found.channels[number].metadata:
+                found.sequences[number].append(sequence)
+                found.contents[number] += content
+            else:  # of the log, the first text of each cycle and who said it
+                who, text = _log_of(content)
+                found.texts.setdefault((sequence, who), text)
         elif opcode != SCHEMA:
             raise ValueError(f"an unknown record of type {opcode}")
-
-
-def _take_message(number: int, sequence: int, content: bytes, found: _Found) -> None:
-    """Keep a message of a channel; of the log its text, the first of each cycle and who said it."""
-    if "layout" not in found.channels[number].metadata:
-        who, text = _log_of(content)
-        found.texts.setdefault((sequence, who), text)
-    else:
-        found.sequences[number].append(sequence)
-        found.contents[number] += content
 
 
 def _unpacked(chunk: Any) -> bytes:
@@ -274,42 +308,6 @@ MOST_CYCLES = 50_000_000
 """Four days at 125 Hz."""
 
 
-@dataclass(frozen=True, eq=False)
-class Played:
-    """recording: what was read. cycles: those that are whole, from the first one on. missing: cycles that were never
-    written. In a cycle in which they were not kept, q_servos, human_q and truth are NaN."""
-
-    recording: Recording
-    cycles: RunTable
-    missing: int
-
-    @property
-    def whole(self) -> bool:
-        """Whether nothing of the run is missing."""
-        return not (self.recording.damage or self.missing)
-
-    @property
-    def last_tick(self) -> int:
-        """The last tick of the performance in it; -1: none."""
-        asked = self.cycles.sampled != Done.NOT
-        return int(self.cycles.tick[asked].max(initial=-1))
-
-    def clip(self, rows: NDArray[np.intp], ticks: int, *, dt: float, speed: float) -> Clip:
-        """What the sensors said in some rows of the cycles, for so many ticks, `dt` s apart."""
-        cycles, session = self.cycles, self.recording.session
-        valid = cycles.sensor_valid[rows]
-        frames = SensorFrames(
-            time=np.arange(len(rows), dtype=np.float64) * dt,
-            names=session.sensors,
-            position=np.where(valid[..., None], cycles.sensor_position[rows], np.nan),
-            orientation=np.where(valid[..., None], cycles.sensor_orientation[rows], np.nan),
-            valid=valid,
-            source=session.source,
-            rate_hz=1.0 / dt,
-        )
-        return Clip(frames, ticks, 1.0 / dt, speed, len(rows))
-
-
 @contextmanager
 def refusing_hostile(recording: Recording) -> Iterator[None]:
     """Raise InputError where the content of a recording is none that we write."""
@@ -320,14 +318,7 @@ def refusing_hostile(recording: Recording) -> Iterator[None]:
         raise InputError(what, where=where, found=error, next_step="Record it anew") from None
 
 
-def played(recording: Recording) -> Played:
-    """The cycles of a recording. Raises InputError where topics or fields of them are missing, or of another shape."""
-    with refusing_hostile(recording):
-        cycles = _cycles(recording)
-    return Played(recording, cycles, int(cycles.index[-1]) + 1 - len(cycles))
-
-
-def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
+def postures_sent(found: Recording, robot: RobotBody, rows: NDArray[np.intp]) -> FloatArray:
     """Read the postures (k, nq), m, wxyz and rad, that were sent in some rows of the cycles. Raises InputError where
     the body is another one."""
     cycles, body = found.cycles[rows], robot.body
@@ -335,7 +326,7 @@ def postures_sent(found: Played, robot: RobotBody, rows: NDArray[np.intp]) -> Fl
     if recorded != (servos, body.nq - servos):
         raise InputError(
             "joints and body do not belong together",
-            where=str(found.recording.path),
+            where=str(found.path),
             found=f"{sum(recorded)} coordinates, {body.source} has {body.nq}",
             next_step="Give the body that was moved: --body FILE.xml",
         )

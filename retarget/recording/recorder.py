@@ -37,6 +37,10 @@ from retarget.run.tick import Machine, TickInput
 from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray, Notify, RunState
 
+COPIED = ("phase", "gated", "no_command", "cost", *STAGES, "human_q", "human_joints")
+"""The fields that a recording has as the record of the run has them."""
+MODES = ("human_observer_modes", "observer_modes")
+"""Those that may be wider in the one than in the other."""
 SWITCH_S = 1e-3
 """Time, s, that a tick that is due may wait for the interpreter while the writing thread encodes; usually it is 5
 ms."""
@@ -148,21 +152,18 @@ class CycleObserver(Observer):
     def _keep_row(self, rows: RunTable, at: int, record: Record, row: int) -> None:
         """Copy a row of the record."""
         self.rows += 1
-        rows.kept[at], rows.phase[at] = True, record.phase[row]
-        rows.human_q[at], rows.human_joints[at] = record.human_q[row], record.human_joints[row]
-        own, modes = rows.human_observer_modes[at], record.human_observer_modes[row]
-        own[: modes.size] = modes[: own.size]
-        for name in ("cost", *STAGES):
+        rows.kept[at] = True
+        for name in COPIED:
             getattr(rows, name)[at] = getattr(record, name)[row]
+        for name in MODES:
+            own, modes = getattr(rows, name)[at], getattr(record, name)[row]
+            own[: modes.size] = modes[: own.size]
         if self._machine is None or record.robot is None:
             return
         robot, body = record.robot, self._machine.robot
         q, names = robot.q[row], tuple(body.profile.landmarks)
         rows.q_servos[at], rows.q_rest[at] = q[body.servo_columns], np.delete(q, body.servo_columns)
         rows.landmarks_asked[at, [names.index(name) for name in robot.landmark_names]] = robot.landmarks_asked[row]
-        own, modes = rows.observer_modes[at], robot.observer_modes[row]
-        own[: modes.size] = modes[: own.size]
-        rows.gated[at], rows.no_command[at] = robot.gated[row], robot.no_command[row]
         if rows.truth.shape[1]:
             truth = self._truth()
             rows.truth[at] = np.nan if truth is None else truth
@@ -213,7 +214,11 @@ class Recorder:
     @property
     def failure(self) -> str:
         """Why the recording is not whole; "" while it is."""
-        return "" if self._thread is None else self._thread.failure or self.observer.failure or self._missing()
+        if self._thread is None:
+            return ""
+        lost = self._ring.lost
+        missing = f"the disk was too slow: {lost} ticks are missing" if lost else ""
+        return self._thread.failure or self.observer.failure or missing
 
     @property
     def cpu_s(self) -> float:
@@ -273,10 +278,6 @@ class Recorder:
                 self._warned = ""
                 self._warn_of_failure()
 
-    def _missing(self) -> str:
-        lost = self._ring.lost
-        return f"the disk was too slow: {lost} ticks are missing" if lost else ""
-
     def _warn_of_failure(self) -> None:
         """Once while the run goes on; when it has ended, only what is new by then."""
         if self._warned:
@@ -288,22 +289,15 @@ class Recorder:
 
 def _layout(prepared: Prepared, *, simulated: bool) -> tuple[Widths, list[Topic]]:
     """How wide a cycle is, and the topics."""
-    robot = None if prepared.machine is None else prepared.machine.robot
+    robot, observers = None if prepared.machine is None else prepared.machine.robot, prepared.observers
     own = prepared.reconstructor.observers if isinstance(prepared.reconstructor, Reconstructor) else None
-    landmarks = () if robot is None else tuple(robot.profile.landmarks)
-    observers = 0 if prepared.observers is None else len(prepared.observers.names)
-    sensors = tuple(prepared.performer.sensors)
-    truth = truth_names(robot.body) if robot is not None and simulated else ()
-    shape = {
-        "sensors": len(sensors),
-        "servos": 0 if robot is None else len(robot.joint_map),
-        "rest": 0 if robot is None else robot.body.nq - len(robot.joint_map),
-        "human": prepared.human.body.nq,
-        "joints": len(POINTS),
-        "landmarks": len(landmarks),
-        "observers": 0 if robot is None else observers,
-        "human_observers": 0 if own is None else len(own.names),
-        "truth": len(truth),
-    }
-    names = {"sensors": sensors, "human_joints": POINTS, "landmarks": landmarks, "truth": truth}
-    return shape, topics(shape, dt=prepared.samples.dt, robot=robot, **names)
+    names: dict[str, tuple[str, ...]] = {"sensors": tuple(prepared.performer.sensors), "joints": POINTS}
+    names["human_observers"] = () if own is None else own.names
+    widths = {"human": prepared.human.body.nq}
+    if robot is not None:
+        names |= {"servos": robot.joint_map.joints, "landmarks": tuple(robot.profile.landmarks)}
+        names["observers"] = () if observers is None else observers.names
+        names["truth"] = truth_names(robot.body) if simulated else ()
+        widths["rest"] = robot.body.nq - len(robot.joint_map)
+    widths |= {word: len(known) for word, known in names.items()}
+    return widths, topics(widths, names, dt=prepared.samples.dt, robot=robot)

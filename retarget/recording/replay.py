@@ -18,7 +18,7 @@ from retarget.human.samples import MAX_KEPT, Clip, Performance, PerformerInput
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_recorded
 from retarget.recording.cycles import Asked, Done, now_of
-from retarget.recording.reading import Played
+from retarget.recording.reading import Recording
 from retarget.recording.session import Session, machine_name
 from retarget.recording.topics import SERVO_FIELDS
 from retarget.run.loop import Observer
@@ -43,11 +43,11 @@ class RecordedSamples:
     settled: ClassVar[float] = 1.0
     hold_reason: ClassVar[str] = ""
 
-    def __init__(self, played: Played) -> None:
-        session, cycles = played.recording.session, played.cycles
-        self.ticks, self.dt, self.motion_dt = played.last_tick + 1, session.dt, session.motion_dt
+    def __init__(self, recording: Recording) -> None:
+        session, cycles = recording.session, recording.cycles
+        self.ticks, self.dt, self.motion_dt = recording.last_tick + 1, session.dt, session.motion_dt
         self.kept = min(self.ticks, MAX_KEPT)
-        self._played, self._cycles, self._names = played, cycles, session.sensors
+        self._recording, self._cycles, self._names = recording, cycles, session.sensors
         rows, sampled = np.zeros(self.ticks, dtype=np.intp), np.flatnonzero(cycles.sampled != Done.NOT)
         rows[cycles.tick[sampled]] = sampled  # the first tick is sampled twice, and the second time counts
         self.rows = np.maximum.accumulate(rows)
@@ -73,7 +73,7 @@ class RecordedSamples:
 
     def recorded(self) -> Clip:
         """The samples as a motion."""
-        return self._played.clip(self.rows[: self.kept], self.ticks, dt=self.dt, speed=self.motion_dt / self.dt)
+        return self._recording.clip(self.rows[: self.kept], self.ticks, dt=self.dt, speed=self.motion_dt / self.dt)
 
 
 class RecordedInputs:
@@ -88,9 +88,9 @@ class RecordedInputs:
 
     late_ticks = 0
 
-    def __init__(self, played: Played, samples: RecordedSamples) -> None:
-        self._cycles = cycles = played.cycles
-        self._now, self._texts, self._samples = now_of(cycles), played.recording.texts, samples
+    def __init__(self, recording: Recording, samples: RecordedSamples) -> None:
+        self._cycles = cycles = recording.cycles
+        self._now, self._texts, self._samples = now_of(cycles), recording.texts, samples
         self.clock = VirtualClock(float(self._now[0]))
         self.sent: list[tuple[int, TickArray]] = []
         wrote = np.where(cycles.written != Done.NOT, np.arange(len(cycles)), -1)
@@ -176,7 +176,11 @@ class RecordedInputs:
         if not self._is_recorded:
             return OperatorInput(torque_off=self._cycle > self._last)
         stop = "stopped, as recorded" if self._asked(Asked.STOP) else None
-        fault = _fault(self._text("outside")) if self._asked(Asked.OUTSIDE) else None
+        fault = None
+        if self._asked(Asked.OUTSIDE):
+            name, _, reason = self._text("outside").partition(": ")
+            causes = [cause for cause in StopCause if cause.value == name]
+            fault = causes[0] if causes else StopCause.REQUESTED, reason or "as recorded"
         return OperatorInput(stop, self._asked(Asked.TORQUE_OFF), fault)
 
     def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
@@ -188,13 +192,6 @@ class RecordedInputs:
             return PerformerInput(may_go_on=self._asked(Asked.APPROACH), hold_reason=words, paused=paused)
         sample, settled = samples.sample(tick), float(self._cycles.settled[samples.rows[tick]])
         return PerformerInput(tick, sample, sample is not None, words, paused, settled)
-
-
-def _fault(text: str) -> tuple[StopCause, str]:
-    """Cause and reason from the text of an event."""
-    name, _, reason = text.partition(": ")
-    cause = next((cause for cause in StopCause if cause.value == name), StopCause.REQUESTED)
-    return cause, reason or "as recorded"
 
 
 # How a run that was replayed differs from what was recorded: in how many goals, from which tick, by how much.
@@ -252,16 +249,16 @@ class Difference:
         return f" on {self.machine}" if self.machine else ""
 
 
-def _other_machine(played: Played) -> str:
+def _other_machine(recording: Recording) -> str:
     """The machine of a recording, if it is another one than this."""
-    machine = played.recording.session.machine
+    machine = recording.session.machine
     return "" if machine == machine_name() else machine
 
 
-def goal_difference(played: Played, goals: Sequence[tuple[int, TickArray]], robot: RobotBody) -> Difference:
+def goal_difference(recording: Recording, goals: Sequence[tuple[int, TickArray]], robot: RobotBody) -> Difference:
     """Compare goals (n,), in ticks, each with the row of its cycle, -1 where that was not recorded. Goals after the end
     of a recording that breaks off are no difference."""
-    cycles, first = played.cycles, dict(reversed(goals))  # the first goal of each row
+    cycles, first = recording.cycles, dict(reversed(goals))  # the first goal of each row
     wrote = np.flatnonzero(cycles.written != Done.NOT)
     sent = np.array([row for row in wrote.tolist() if row in first], dtype=np.intp)
     then, servos = cycles.goal_ticks[sent], robot.joint_map
@@ -273,21 +270,21 @@ def goal_difference(played: Played, goals: Sequence[tuple[int, TickArray]], robo
         ticks=int(np.abs(now - then).max(initial=0)),
         unit="degrees",
         absent=len(wrote) - len(sent),
-        extra=len(goals) - len(sent) if played.whole else 0,
-        whole=played.whole,
-        machine=_other_machine(played),
+        extra=len(goals) - len(sent) if recording.whole else 0,
+        whole=recording.whole,
+        machine=_other_machine(recording),
     )
 
 
-def posture_difference(played: Played, q: FloatArray) -> Difference:
+def posture_difference(recording: Recording, q: FloatArray) -> Difference:
     """Compare postures (T, nq), m and rad, of a human alone with the recorded ones, which are in single precision."""
-    kept = played.cycles.human_q
+    kept = recording.cycles.human_q
     recorded, names = kept[np.isfinite(kept).all(axis=1)], tuple(f"q[{column}]" for column in range(q.shape[1]))
     both = min(len(recorded), len(q))
     off = np.abs(q[:both].astype(np.float32).astype(np.float64) - recorded[:both])
-    found = _located(off, np.arange(both), names, np.asarray(np.arange(both) * played.recording.session.dt, np.float64))
-    absent, machine = len(recorded) - both, _other_machine(played)
-    return replace(found, compared=len(recorded), absent=absent, whole=played.whole, machine=machine)
+    found = _located(off, np.arange(both), names, np.asarray(np.arange(both) * recording.session.dt, np.float64))
+    absent, machine = len(recorded) - both, _other_machine(recording)
+    return replace(found, compared=len(recorded), absent=absent, whole=recording.whole, machine=machine)
 
 
 def _located(off: FloatArray, cycles: IntArray, names: tuple[str, ...], seconds: FloatArray) -> Difference:
@@ -316,7 +313,7 @@ class Replayed:
 
 
 def replay(
-    played: Played,
+    recording: Recording,
     configs: Configs | None = None,
     *,
     observers: Sequence[Observer] = (),
@@ -327,10 +324,10 @@ def replay(
     Raises RetargetError for what cannot be run any more; InputError where robot or performer are others now.
     """
     if configs is None:
-        with as_recorded(played.recording) as then:
-            return replay(played, then, observers=observers, notify=notify)
-    session, samples = played.recording.session, RecordedSamples(played)
-    inputs = RecordedInputs(played, samples)
+        with as_recorded(recording) as then:
+            return replay(recording, then, observers=observers, notify=notify)
+    session, samples = recording.session, RecordedSamples(recording)
+    inputs = RecordedInputs(recording, samples)
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         now, allowed = tuple(performer.sensors), ", ".join(session.sensors)
@@ -352,9 +349,9 @@ def replay(
         result = prepared.run(observers=observers, inputs=inputs)
     result = replace(result, notes=tuple(dict.fromkeys(result.notes)))  # those of then are mostly made again
     if robot is None:
-        difference = posture_difference(played, result.record.human_q)
+        difference = posture_difference(recording, result.record.human_q)
     else:
-        difference = goal_difference(played, inputs.sent, robot)
+        difference = goal_difference(recording, inputs.sent, robot)
     return Replayed(result, difference, (*what_computes(session), *configs.notes))
 
 

@@ -51,19 +51,15 @@ def columns_of(motion: Motion) -> tuple[Column, ...]:
             ]
     if len(set(motion.phase.tolist())) > 1:
         columns.append(_column("phase", "", np.array(PHASE_NAMES)[motion.phase]))
-    _check_names(columns, motion.source)
+    names = [column.name for column in columns]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError("two columns of one name", where=motion.source, found=twice, next_step="Rename that joint")
     return tuple(columns)
 
 
 def _column(name: str, unit: str, values: NDArray[Any]) -> Column:
     return Column(f"{name}_{unit}" if unit else name, unit, values)
-
-
-def _check_names(columns: list[Column], source: str) -> None:
-    names = [column.name for column in columns]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError("two columns of one name", where=source, found=twice, next_step="Rename that joint")
 
 
 DIGITS = 10

@@ -1,6 +1,6 @@
 """The topics of a recording: the message of each, how cycles become messages, and the definitions that ROS 2 knows."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -61,17 +61,9 @@ class Topic:
             yield index, stamp, data[place * size : (place + 1) * size]
 
 
-def topics(
-    widths: Widths,
-    *,
-    sensors: tuple[str, ...],
-    human_joints: tuple[str, ...],
-    landmarks: tuple[str, ...],
-    dt: float,
-    robot: RobotBody | None,
-    truth: tuple[str, ...] = (),
-) -> list[Topic]:
-    """List every topic with cycles in it; those of a robot only where there is one. truth: names of its numbers."""
+def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, robot: RobotBody | None) -> list[Topic]:
+    """List every topic with cycles in it, for a robot or a human alone. named: names of the columns of a width."""
+    sensors = named["sensors"]
 
     def kept(topic: str) -> Which:
         """Every tick that was kept, or so many seconds apart."""
@@ -104,7 +96,7 @@ def topics(
             {"poses": len(sensors)},
         ),
         replace(tick, values=lambda cycles: tick.values(cycles) | {"sensor_oriented": _oriented(cycles)}),
-        points(HUMAN_JOINTS, human_joints, "human_joints"),
+        points(HUMAN_JOINTS, named["joints"], "human_joints"),
         fields(HUMAN_POSTURE, POSTURE, (), (lambda cycles: cycles.kept) if alone else kept(HUMAN_POSTURE)),
     ]
     if robot is None:
@@ -117,8 +109,8 @@ def topics(
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
     ]
-    made += [fields(TRUTH, POSTURE, truth, kept(TRUTH))] if truth else []
-    return [*made, points(LANDMARKS, landmarks, "landmarks_asked")]
+    made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
+    return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
 
 
 def _oriented(cycles: RunTable) -> NDArray[np.bool_]:

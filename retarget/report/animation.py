@@ -2,7 +2,6 @@
 
 import base64
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -26,35 +25,15 @@ ROUND = 12
 """Corners of a circle."""
 
 
-@dataclass(frozen=True, eq=False)
-class Wires:
-    """points (R, p, 3) m, world: a row for each time, or a single one where nothing moves. edges: pairs of points."""
-
-    points: FloatArray
-    edges: tuple[tuple[int, int], ...]
-
-
-def wires_of(scene: SceneState, times: FloatArray) -> Wires | None:
-    """The obstacles at times (T,) s; None without any that has edges. A half-space has none: it is the ground, or a
+def wires_of(scene: SceneState, times: FloatArray) -> tuple[FloatArray, list[tuple[int, int]]] | None:
+    """Points (R, p, 3) m, world, of the obstacles at times (T,) s, a row for each time or a single one where nothing
+    moves, and the edges between them; None without any that has edges. A half-space has none: it is the ground, or a
     wall without an end."""
-    local, owners, edges = _outlines(scene)
-    if not owners:
-        return None
-    poses = [scene.at_rest(float(time)) for time in times]
-    place = np.array([pose.position[owners] for pose in poses])
-    turn = np.array([pose.quat[owners] for pose in poses])
-    points = place + rotations.rotate(turn, np.array(local)[None])
-    moves = bool(np.ptp(points, axis=0).max() > 0.0)
-    return Wires(points if moves else points[:1], tuple(edges))
-
-
-def _outlines(scene: SceneState) -> tuple[list[FloatArray], list[int], list[tuple[int, int]]]:
-    """Points in the canonical frames of their obstacles, whose each is, and edges."""
-    points: list[FloatArray] = []
+    local: list[FloatArray] = []
     owners: list[int] = []
     edges: list[tuple[int, int]] = []
     for obstacle, (kind, size) in enumerate(zip(scene.shapes.kinds.tolist(), scene.shapes.sizes, strict=True)):
-        first = len(points)
+        first = len(local)
         if kind == ShapeKind.BOX:
             corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
             found = [(a, b) for a in range(8) for b in (a + 1, a + 2, a + 4) if b < 8 and (a ^ b).bit_count() == 1]
@@ -62,10 +41,16 @@ def _outlines(scene: SceneState) -> tuple[list[FloatArray], list[int], list[tupl
             corners, found = _round(float(size[0]), float(size[1]))
         else:
             continue
-        points += list(corners)
+        local += list(corners)
         owners += [obstacle] * len(corners)
         edges += [(first + a, first + b) for a, b in found]
-    return points, owners, edges
+    if not owners:
+        return None
+    poses = [scene.at_rest(float(time)) for time in times]
+    place = np.array([pose.position[owners] for pose in poses])
+    turn = np.array([pose.quat[owners] for pose in poses])
+    points = place + rotations.rotate(turn, np.array(local)[None])
+    return points if np.ptp(points, axis=0).max() > 0.0 else points[:1], edges
 
 
 def _round(radius: float, half: float) -> tuple[FloatArray, list[tuple[int, int]]]:
@@ -188,12 +173,11 @@ def _ground(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
     if robot is None or q is None or not robot.stands:
         return None
     stand = motion_metrics.standing_of(robot, q)
-    sizes = tuple(len(sole.polygon) for sole in stand.soles)
     flat = np.concatenate([stand.corners[rows], stand.com[rows, None]], axis=1)[..., :2].reshape(-1, 2)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return {
         "corners": packed(stand.corners[rows]),
-        "sizes": sizes,
+        "sizes": stand.sizes,
         "com": packed(stand.com[rows]),
         "margin": packed(stand.margin[rows]),
         "contact": motion_metrics.CONTACT_M,
@@ -208,10 +192,10 @@ def _obstacles(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
     wires = None if run.scene is None else wires_of(run.scene, np.maximum(run.record.time[rows], 0.0))
     if wires is None:
         return None
-    points = wires.points
+    points, edges = wires
     if run.robot is None:
         points = turned(points, performer_facing(run)[:1])
-    return _lines(points, wires.edges)
+    return _lines(points, edges)
 
 
 def _recorded(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
@@ -219,11 +203,11 @@ def _recorded(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
     if run.human_truth is None or run.robot is not None:
         return None
     names = run.record.human_joint_names
-    edges = tuple((names.index(a), names.index(b)) for a, b in HUMAN_BONES)
+    edges = [(names.index(a), names.index(b)) for a, b in HUMAN_BONES]
     return _lines(turned(run.human_truth[rows], performer_facing(run)[:1]), edges)
 
 
-def _lines(points: FloatArray, edges: tuple[tuple[int, int], ...]) -> dict[str, Any]:
+def _lines(points: FloatArray, edges: list[tuple[int, int]]) -> dict[str, Any]:
     """Lines between pairs of points (rows, p, 3): a row for each of the animation's, or one where nothing moves."""
     return {"points": packed(points), "rows": len(points), "edges": edges}
 

@@ -319,7 +319,7 @@ class PlacedBody:
             return Clearance(None, 0, None)
         found = self._closest(pairs, lambda geoms, rows: geoms)
         first, second = (self._name(geom) for geom in pairs[found.pair])
-        return _clearance(found, (first, second), self.rows)
+        return self._clearance(found, (first, second))
 
     def to_scene(self, scene: SceneState, times: FloatArray) -> Clearance:
         """Measure the clearance (m) between every geom and every obstacle of a scene but the ground, at times (T,) s on
@@ -343,7 +343,7 @@ class PlacedBody:
 
         found = self._closest(pairs + np.array([len(names), 0]), both)
         link, obstacle = pairs[found.pair]
-        return _clearance(found, (self._name(link), names[obstacle]), self.rows)
+        return self._clearance(found, (self._name(link), names[obstacle]))
 
     def _closest(self, pairs: IntArray, seen: Callable[[MovingGeoms, slice], MovingGeoms]) -> Closest:
         """The nearest of pairs (P, 2) of what is `seen` of the body's geoms in some of the postures."""
@@ -352,6 +352,10 @@ class PlacedBody:
             geoms = seen(moving_geoms(self.model, self.postures[rows]), rows)
             closest.look(geoms.distances(pairs), geoms.bounds(pairs), len(geoms.position))
         return closest.found
+
+    def _clearance(self, found: Closest, pair: tuple[str, str]) -> Clearance:
+        penetrating, deep = found.deeper
+        return Clearance(found.smallest, penetrating, pair, int(self.rows[found.row]), deep)
 
     def _name(self, geom: int) -> str:
         """Name of the geom's link."""
@@ -370,11 +374,6 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
         file = compile_body_text(body, source="the body", root=root, own=True)
     rows = np.flatnonzero(np.isfinite(postures).all(axis=1))
     return PlacedBody(file, postures if len(rows) == len(postures) else postures[rows], rows)
-
-
-def _clearance(found: Closest, pair: tuple[str, str], rows: IntArray) -> Clearance:
-    penetrating, deep = found.deeper
-    return Clearance(found.smallest, penetrating, pair, int(rows[found.row]), deep)
 
 
 # How near a body's observers came to each other and to a scene: on their own shapes, by the solver's own distances.
@@ -456,61 +455,38 @@ NEUTRAL = "attractor"
 """The human's posture in which pairs that touch are left out."""
 
 
-@dataclass(frozen=True)
-class RunClearances:
-    """geoms, observers: smallest distances. penetrating: ticks, one that does both counts twice; None: nothing to
-    compare. closest: two links."""
-
-    geoms: Clearances
-    observers: Clearances
-    penetrating: int | None
-    deep: DeepReport
-    closest: tuple[str, str] | None
-
-
-def clearances(run: RunResult) -> RunClearances:
-    """The clearance of the postures that were sent to a robot, or else of the reconstructed human."""
-    body, q, placed, to_itself = _body(run)
+def clearances(run: RunResult) -> tuple[dict[str, Any], Clearances]:
+    """The clearance of the postures that were sent to a robot, or else of the reconstructed human: on its own geoms, by
+    the keys of the report, and of its observers. Of ticks that penetrate, one that does both counts twice."""
+    robot, sent = run.robot, run.record.robot
+    if robot is not None and sent is not None:
+        profile, body, q = robot.profile, robot.body, sent.q
+        placed = place_body(profile.body_path, q, root=profile.root)
+        ignored, neutral = [entry.pair for entry in profile.ignore_pairs], robot.posture(profile.postures.neutral)
+    else:
+        body, q = run.human.body, run.record.human_q
+        placed = place_body(run.human.mjcf, q)
+        ignored, neutral = [], run.human.posture(NEUTRAL)
+    to_itself = placed.to_itself(neutral=neutral, ignored=ignored)
     to_scene = to_ground = Clearance(None, 0, None)
     if run.scene is not None:
         times = np.maximum(run.record.time, 0.0)
         to_scene = placed.to_scene(run.scene, times)
-        standing = run.robot.soles if run.robot is not None and run.robot.stands else ()
-        soles = [] if run.robot is None else [run.robot.body.body_names[sole.body] for sole in standing]
-        to_ground = placed.to_ground(run.scene, times, soles=soles)
-    parts = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
+        soles = () if robot is None or not robot.stands else robot.soles
+        standing = [body.body_names[sole.body] for sole in soles]
+        to_ground = placed.to_ground(run.scene, times, soles=standing)
+    compared = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
     seen: tuple[float | None, float | None, float | None] = (None, None, None)
     if run.observers is not None:
         seen = observer_clearance(body, run.observers, q, scene=run.scene, times=run.record.time)
-    return RunClearances(
-        geoms=Clearances(in_mm(to_itself.smallest), in_mm(to_scene.smallest), in_mm(to_ground.smallest)),
-        observers=Clearances(*(in_mm(distance) for distance in seen)),
-        penetrating=_sum([part.penetrating for part in parts]),
-        deep=DeepReport(_sum([part.deep for part in parts]), to_scene.pair, to_ground.pair),
-        closest=to_itself.pair,
-    )
-
-
-def _body(run: RunResult) -> tuple[BodyModel, FloatArray, PlacedBody, Clearance]:
-    """The body, its postures (T, nq), and itself in them."""
-    robot, sent = run.robot, run.record.robot
-    if robot is not None and sent is not None:
-        profile = robot.profile
-        placed = place_body(profile.body_path, sent.q, root=profile.root)
-        ignored = [entry.pair for entry in profile.ignore_pairs]
-        return (
-            robot.body,
-            sent.q,
-            placed,
-            placed.to_itself(neutral=robot.posture(profile.postures.neutral), ignored=ignored),
-        )
-    q = run.record.human_q
-    placed = place_body(run.human.mjcf, q)
-    return run.human.body, q, placed, placed.to_itself(neutral=run.human.posture(NEUTRAL))
-
-
-def _sum(counts: list[int]) -> int | None:
-    return sum(counts) if counts else None
+    deep = sum(part.deep for part in compared) if compared else None
+    found = {
+        "min_clearance_mm": Clearances(in_mm(to_itself.smallest), in_mm(to_scene.smallest), in_mm(to_ground.smallest)),
+        "penetrating_frames": sum(part.penetrating for part in compared) if compared else None,
+        "deep": DeepReport(deep, to_scene.pair, to_ground.pair),
+        "closest_links": to_itself.pair,
+    }
+    return found, Clearances(*(in_mm(distance) for distance in seen))
 
 
 def in_mm(metres: float | None) -> float | None:

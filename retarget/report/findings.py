@@ -157,8 +157,15 @@ def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, D
     assert run.robot is not None, "a robot follows"
     if report.fallen:
         yield "it fell", math.inf, DifferenceLimits(0.0, 0.0)
-    limbs, best = _judged(report)
-    arms = DifferenceLimits(LIMB_DEG.difference) if _hands_come_first(run) else LIMB_DEG
+    limbs, best = report.likeness_recorded_deg, dict[str, Spread]()
+    if limbs is None:  # the best is known of the reconstructed body alone
+        lean = {} if report.trunk_lean_deg is None else {LEAN: report.trunk_lean_deg}
+        limbs, best = (report.likeness_deg or {}) | lean, report.best_likeness_deg or {}
+    # Where a level asks for hands and not for forearms, these are as like as the hands leave them.
+    levels = run.setup.priorities[-1].levels if run.setup.priorities else ()
+    asked = [{name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels]
+    hands_first = any("l_hand" in names and "l_forearm" not in names for names in asked)
+    arms = DifferenceLimits(LIMB_DEG.difference) if hands_first else LIMB_DEG
     for limb in (limb for limb in LIMBS if limb in limbs):
         at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
         words = f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off on average{at_best}"
@@ -186,28 +193,12 @@ def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, D
         yield words, turn.performer - turn.robot, TURN_DEG
 
 
-def _judged(report: Report) -> tuple[dict[str, Spread], dict[str, Spread]]:
-    """Angles of limbs and trunk from the recorded body where it is known, else from the reconstructed one; and the same
-    at their best, which is known of the reconstructed one alone."""
-    if report.likeness_recorded_deg is not None:
-        return report.likeness_recorded_deg, {}
-    lean = {} if report.trunk_lean_deg is None else {LEAN: report.trunk_lean_deg}
-    return (report.likeness_deg or {}) | lean, report.best_likeness_deg or {}
-
-
 def _longest(away: dict[str, float] | None) -> Iterator[tuple[str, float]]:
     """The part, in words, that was away for the longest time, s; nothing where none is known."""
     if away:
         name = max(away, key=lambda name: away[name])
         side, part = name.split("_")
         yield f"its {'left' if side == 'l' else 'right'} {part}", away[name]
-
-
-def _hands_come_first(run: RunResult) -> bool:
-    """Whether a level asks for hands and not for forearms, which then are as like as the hands leave them."""
-    levels = run.setup.priorities[-1].levels if run.setup.priorities else ()
-    asked = ({name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels)
-    return any("l_hand" in names and "l_forearm" not in names for names in asked)
 
 
 def _like(report: Report) -> str:
@@ -231,18 +222,13 @@ def _travel(report: Report) -> str:
     return "; ".join(f"{who} {far:.2f} m, turned {turned:.0f}°" for who, far, turned in known)
 
 
-def _unfollowed(report: Report) -> Iterator[Finding]:
-    """Each kind of posture that the robot could not follow: when, and what it did instead."""
+def _following(run: RunResult, report: Report) -> Iterator[Finding]:
+    yield from _verdict(run, report)
     for what, instead in INSTEAD.items():
         times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in report.unfollowed or () if one.what == what]
         if times:
             shown = [*times[:MOST], *([counted(len(times) - MOST, "more time")] if len(times) > MOST else [])]
             yield Finding(NOT_FOLLOWED, f"the performer {what} {', '.join(shown)}: the robot {instead} instead")
-
-
-def _following(run: RunResult, report: Report) -> Iterator[Finding]:
-    yield from _verdict(run, report)
-    yield from _unfollowed(report)
     yield Finding("likeness", _like(report))
     hands = report.reachable_hands_mm or {}
     within = [
@@ -268,7 +254,8 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
     yield Finding("highest priority", f"missed by {missed}" if missed else "")
     servos = report.servo_error_deg
     if servos and run.robot is not None:
-        worst, mean = _most(servos), sum(spread.mean for spread in servos.values()) / len(servos)
+        worst = max(servos, key=lambda name: servos[name].max)
+        mean = sum(spread.mean for spread in servos.values()) / len(servos)
         measured = f"{mean:.1f} degrees behind what was sent on average, {servos[worst].max:.1f} at most ({worst})"
         allowed = f"{np.rad2deg(run.robot.profile.safety.following_error):.3g}° from the trajectory to its goal"
         stopped = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
@@ -277,10 +264,6 @@ def _following(run: RunResult, report: Report) -> Iterator[Finding]:
 
 def _number(value: float | None, unit: str, *, scale: float = 1.0, digits: int = 1) -> str:
     return "" if value is None else f"{scale * value:.{digits}f} {unit}"
-
-
-def _most(spreads: dict[str, Spread]) -> str:
-    return max(spreads, key=lambda name: spreads[name].max)
 
 
 def _joints(report: Report, use: LimitUse) -> Iterator[Finding]:
@@ -530,20 +513,13 @@ def moments(run: RunResult) -> tuple[Moment, ...]:
     if run.reason is not None and len(run.record):
         braking = np.flatnonzero(run.record.phase == Phase.BRAKE)
         row = int(braking[0]) if braking.size else len(run.record) - 1
-        found.append(Moment("Stopped", float(run.record.time[row]), run.reason, _more(run)))
+        said, stop = [], run.stop
+        if stop is not None:
+            said.append(f"Cause, as the guard latched it: {stop.cause.value}.")
+            said += [f"The braking was ended by: {stop.then.value}."] if stop.then else []
+            said += ["Not every servo confirmed that its torque is off."] if stop.powered else []
+        found.append(Moment("Stopped", float(run.record.time[row]), run.reason, tuple(said)))
     fall = None if run.physics is None else run.physics.fall
     if fall is not None:
         found.append(Moment("Fell", fall.time, fall.how))
     return tuple(sorted(found, key=lambda moment: moment.time))
-
-
-def _more(run: RunResult) -> tuple[str, ...]:
-    stop = run.stop
-    if stop is None:
-        return ()
-    said = [f"Cause, as the guard latched it: {stop.cause.value}."]
-    if stop.then is not None:
-        said.append(f"The braking was ended by: {stop.then.value}.")
-    if stop.powered:
-        said.append("Not every servo confirmed that its torque is off.")
-    return tuple(said)

@@ -1,7 +1,7 @@
 """The report of a finished run, measured on the record: from what was sent, not from a stage's own residuals."""
 
 from dataclasses import replace
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -9,12 +9,11 @@ from hardware.guard_state import StopCause
 from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
 from retarget.report.blocks import in_blocks, in_named_blocks
-from retarget.report.clearance import RunClearances, clearances, in_mm
+from retarget.report.clearance import clearances, in_mm
 from retarget.report.latency import latency_of
 from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
-    ModeSwitches,
     jerk_p95,
     limit_violations,
     moved_joints,
@@ -118,7 +117,7 @@ HANDS = ("l_hand", "r_hand", "l_wrist", "r_wrist")
 
 def measure(run: RunResult) -> Report:
     """The report of a run."""
-    (names, asked, reached), (clear, switches, observers) = run.followed, _observers(run)
+    names, asked, reached = run.followed
     performance, moved, latency = tracking.performance_of(run), _moved(run, reached), latency_of(run)
     reconstruct, retarget, _ = run.record.cost.T
     return Report(
@@ -129,33 +128,23 @@ def measure(run: RunResult) -> Report:
         frames_per_s=played / max(run.wall_s, 1e-9),
         solve_us=percentiles(reconstruct + retarget, 1e6),
         reconstruct_us=percentiles(reconstruct, 1e6),
-        retarget_us=None if run.record.robot is None else percentiles(retarget, 1e6),
         tracking_mm=_spreads(names, asked, reached),
         lag_s=tracking.lag(asked, reached, run.clip.dt),
-        **_ways(run, performance, moved),
         unsensed_mm=_unsensed(run),
-        min_clearance_mm=clear.geoms,
-        penetrating_frames=clear.penetrating,
-        gated_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.gated)),
         limit_violations=limits_broken(run),
         priority_violation_max=in_mm(top_level_error(run)),
-        **_standing(run),
         jerk_p95=jerk_p95(_joint_positions(run)[run.record.following], run.clip.dt),
         fallen=None if run.physics is None else run.physics.fall is not None,
-        mode_switches_per_s=switches,
         bus=bus_report(run),
         stop=StopReport(run.state, run.reason),
         sensors_mm=_spreads(run.sensors, run.sensors_asked, run.sensors_reached),
-        servo_tracking_mm=_servo_tracking(run),
-        servo_error_deg=_servo_error(run),
-        no_command_frames=None if run.record.robot is None else int(np.count_nonzero(run.record.robot.no_command)),
+        **_sent(run),
+        **_ways(run, performance, moved),
+        **_clearances(run),
+        **_standing(run),
         **_likeness(run, performance),
-        best_likeness_deg=None,
         **_hands(run, performance, moved),
         unfollowed=unfollowed_of(run, performance),
-        closest_links=clear.closest,
-        deep=clear.deep,
-        observers=observers,
         physics=physics_report(run),
         steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),
         robot="human" if run.robot is None else run.robot.profile.name,
@@ -170,28 +159,55 @@ def measure(run: RunResult) -> Report:
     )
 
 
-class _Ways(TypedDict):
-    hand_path_ratio: float | None
-    pelvis_excursion_ratio: float | None
-    pelvis_height_mm: Spread | None
-    foot_path_ratio: float | None
-    travelled_m: BothMoved
-    turned_deg: BothMoved
+# Parts of the report, by its keys. A key that does not apply to a run is left out: it is null.
+
+Part = dict[str, Any]
 
 
-def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray) -> _Ways:
+def _sent(run: RunResult) -> Part:
+    """Goals that were sent to a robot, and how far its servos stood from them and from the landmarks asked for."""
+    sent, robot = run.record.robot, run.robot
+    if sent is None or robot is None:
+        return {}
+    found: Part = {
+        "retarget_us": percentiles(run.record.cost[:, 1], 1e6),
+        "gated_frames": int(np.count_nonzero(sent.gated)),
+        "no_command_frames": int(np.count_nonzero(sent.no_command)),
+    }
+    if not run.setup.has_bus:
+        return found
+    frames, asked, columns = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked, robot.servo_columns
+    goals, present = sent.q[:-1], sent.present[1:]  # servos are read before the goal of their tick is sent
+
+    def off(rows: slice) -> FloatArray:
+        q = run.present_q(rows)
+        assert q is not None, "there is a bus"
+        return tracking.distances(asked[rows], robot.points(q, frames))
+
+    error = in_blocks(lambda rows: np.rad2deg(np.abs(present[rows] - goals[rows, columns])), len(present))
+    return found | {
+        "servo_tracking_mm": _spread_of(sent.landmark_names, MM * in_blocks(off, len(asked))),
+        "servo_error_deg": _spread_of(robot.joint_map.joints, error),
+    }
+
+
+def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray) -> Part:
     """How far robot and performer got. moved (T, k, 3) m: what was followed, as the body moved."""
     (names, asked, _), (travelled, turned) = run.followed, _travel(run)
-    heights = _pelvis_heights(run, moved)
-    ratio = None if heights is None else tracking.excursion_ratio(*heights)
-    return {
-        "hand_path_ratio": _hand_path_ratio(names, asked, moved),
-        "pelvis_excursion_ratio": ratio,
-        "pelvis_height_mm": None if heights is None or ratio is None else _spread(MM * np.abs(heights[1] - heights[0])),
+    hands = [column for column, name in enumerate(names) if name in HANDS]
+    found: Part = {
+        "hand_path_ratio": tracking.path_ratio(asked[:, hands], moved[:, hands]) if hands else None,
         "foot_path_ratio": _foot_path_ratio(run, performance),
         "travelled_m": travelled,
         "turned_deg": turned,
     }
+    heights = _pelvis_heights(run, moved)
+    if heights is None:
+        return found
+    found["pelvis_excursion_ratio"] = ratio = tracking.excursion_ratio(*heights)
+    if ratio is not None:
+        found["pelvis_height_mm"] = _spread(MM * np.abs(heights[1] - heights[0]))
+    return found
 
 
 def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
@@ -243,53 +259,30 @@ def _foot_path_ratio(run: RunResult, performance: ReferenceMotion | None) -> flo
     return tracking.foot_path_ratio(np.stack(list(asked.values()), axis=1)[rows], reached, run.clip.dt)
 
 
-def _hand_path_ratio(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> float | None:
-    hands = [column for column, name in enumerate(names) if name in HANDS]
-    return tracking.path_ratio(asked[:, hands], reached[:, hands]) if hands else None
-
-
-class _Hands(TypedDict):
-    reachable_hands_mm: dict[str, float] | None
-    reachable_share: dict[str, float] | None
-    hands_away_s: dict[str, float] | None
-
-
-def _hands(run: RunResult, asked: ReferenceMotion | None, moved: FloatArray) -> _Hands:
+def _hands(run: RunResult, asked: ReferenceMotion | None, moved: FloatArray) -> Part:
     """How the hands followed, moved (T, k, 3) m, at the ticks at which they were asked within reach; nothing without a
     robot that has both."""
     robot, q = run.robot, run.moved_q
-    found = {}
-    if robot is not None and q is not None and asked is not None:
-        seen = in_blocks(lambda rows: hands_from_shoulders(robot, asked.of(rows), q[rows], moved[rows]), len(moved))
-        found = reachable_hands(robot, asked, seen)
-    if not found:
-        return {"reachable_hands_mm": None, "reachable_share": None, "hands_away_s": None}
+    if robot is None or q is None or asked is None:
+        return {}
+    seen = in_blocks(lambda rows: hands_from_shoulders(robot, asked.of(rows), q[rows], moved[rows]), len(moved))
+    found = reachable_hands(robot, asked, seen)
     errors = {name: MM * hand.error for name, hand in found.items() if hand.error is not None}
-    ticks = [found[name].share for name in errors]
-    both = (
-        {"mean": float(np.average(list(errors.values()), weights=ticks)), "worse": max(errors.values())}
-        if errors
-        else {}
-    )
+    if errors:
+        mean = np.average(list(errors.values()), weights=[found[name].share for name in errors])
+        errors |= {"mean": float(mean), "worse": max(errors.values())}
     return {
-        "reachable_hands_mm": errors | both or None,
-        "reachable_share": {name: hand.share for name, hand in found.items()},
-        "hands_away_s": {name: hand.away for name, hand in found.items()},
+        "reachable_hands_mm": errors or None,
+        "reachable_share": {name: hand.share for name, hand in found.items()} or None,
+        "hands_away_s": {name: hand.away for name, hand in found.items()} or None,
     }
 
 
-class _Likeness(TypedDict):
-    likeness_deg: dict[str, Spread] | None
-    trunk_lean_deg: Spread | None
-    likeness_recorded_deg: dict[str, Spread] | None
-    legs_away_s: dict[str, float] | None
-
-
-def _likeness(run: RunResult, asked: ReferenceMotion | None) -> _Likeness:
+def _likeness(run: RunResult, asked: ReferenceMotion | None) -> Part:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
     robot, q = run.robot, run.moved_q
     if robot is None or q is None or asked is None:
-        return {"likeness_deg": None, "trunk_lean_deg": None, "likeness_recorded_deg": None, "legs_away_s": None}
+        return {}
     found = _limb_angles(run, q, asked, recorded=False)
     known = run.truth_of(asked.joint_names, slice(0, 0)) is not None
     recorded = _limb_angles(run, q, asked, recorded=True) if known else {}
@@ -369,64 +362,33 @@ def limits_broken(run: RunResult) -> LimitViolations:
     return limit_violations(goals, moved.limits, moved.dt, from_rest=kept.from_start, to_rest=kept.to_end)
 
 
-def _observers(run: RunResult) -> tuple[RunClearances, ModeSwitches | None, ObserversReport | None]:
+def _clearances(run: RunResult) -> Part:
     """How near the last stage's body came to anything, and what its observers did in the ticks that followed."""
-    clear = clearances(run)
-    sent = run.record.robot
+    (found, of_observers), sent = clearances(run), run.record.robot
     modes = run.record.human_observer_modes if sent is None else sent.observer_modes
     dt = run.clip.motion_dt if sent is None else run.clip.dt
     seen = observer_activity(modes[run.record.following], run.observer_names, dt)
     if seen is None:
-        return clear, None, None
-    return clear, seen.switches, ObserversReport(clear.observers, seen.activations, seen.reactive)
+        return found
+    own = ObserversReport(of_observers, seen.activations, seen.reactive)
+    return found | {"mode_switches_per_s": seen.switches, "observers": own}
 
 
-class _Standing(TypedDict):
-    com_outside_support_frames: int | None
-    foot_slide_mm: float | None
-    com_margin_mm: float | None
-    soles: Soles | None
-
-
-def _standing(run: RunResult) -> _Standing:
+def _standing(run: RunResult) -> Part:
     """Centre of mass and soles of the postures that were sent; nothing for a body without feet or without free root."""
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.stands or not len(sent.q):
-        return _Standing(com_outside_support_frames=None, foot_slide_mm=None, com_margin_mm=None, soles=None)
-    stand = motion_metrics.soles_over(robot, sent.q)
+        return {}
+    stand = motion_metrics.standing_of(robot, sent.q)
     known = stand.margin[np.isfinite(stand.margin)]
-    slides = [motion_metrics.foot_slide(stand.place[:, sole], low) for sole, low in enumerate(stand.lowest.T)]
-    return _Standing(
-        com_outside_support_frames=int(np.count_nonzero(motion_metrics.outside(stand.margin))),
-        foot_slide_mm=MM * max(slides),
-        com_margin_mm=MM * float(known.min()) if known.size else None,
-        soles=Soles(MM * float(np.abs(stand.place[..., 2]).max()), float(np.rad2deg(stand.tilt.max()))),
-    )
-
-
-def _servo_tracking(run: RunResult) -> dict[str, Spread] | None:
-    """As `tracking_mm`, for where the servos stood."""
-    sent, robot = run.record.robot, run.robot
-    if sent is None or robot is None or not run.setup.has_bus:
-        return None
-    frames, asked = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked
-
-    def off(rows: slice) -> FloatArray:
-        q = run.present_q(rows)
-        assert q is not None, "there is a bus"
-        return tracking.distances(asked[rows], robot.points(q, frames))
-
-    return _spread_of(sent.landmark_names, MM * in_blocks(off, len(asked)))
-
-
-def _servo_error(run: RunResult) -> dict[str, Spread] | None:
-    """How far, degrees, each servo stood at the start of a tick from the goal of the tick before."""
-    sent, robot = run.record.robot, run.robot
-    if sent is None or robot is None or not run.setup.has_bus:
-        return None
-    goals, present, columns = sent.q[:-1], sent.present[1:], robot.servo_columns
-    off = in_blocks(lambda rows: np.rad2deg(np.abs(present[rows] - goals[rows, columns])), len(present))
-    return _spread_of(robot.joint_map.joints, off)
+    soles = zip(np.moveaxis(stand.place, 1, 0), stand.soles, strict=True)
+    slides = [motion_metrics.foot_slide(place, corners[..., 2].min(axis=1)) for place, corners in soles]
+    return {
+        "com_outside_support_frames": int(np.count_nonzero(stand.outside)),
+        "foot_slide_mm": MM * max(slides),
+        "com_margin_mm": MM * float(known.min()) if known.size else None,
+        "soles": Soles(MM * float(np.abs(stand.place[..., 2]).max()), float(np.rad2deg(stand.tilt.max()))),
+    }
 
 
 def _spreads(names: tuple[str, ...], asked: FloatArray, reached: FloatArray) -> dict[str, Spread]:

@@ -98,36 +98,10 @@ _DIRECTIONS = np.deg2rad(np.arange(0.0, 360.0, 2.0))
 """Directions, rad, in which the edge of the support polygon is looked for, 2 degrees apart."""
 
 
-@dataclass(frozen=True, eq=False)
-class SoleTrack:
-    """One sole over time. position (T, 3) m, orientation (T, 4) wxyz of its frame, world; polygon (c, 2) m in it."""
-
-    position: FloatArray
-    orientation: FloatArray
-    polygon: FloatArray
-
-
-def soles_of(robot: RobotBody, q: FloatArray) -> list[SoleTrack]:
-    """Place the soles of a robot in postures (T, nq), m, wxyz and rad."""
-    feet = list(robot.profile.feet.values())
-    frames = tuple(foot.frame for foot in feet)
-    position, orientation = robot.points(q, frames), robot.orientations(q, frames)
-    return [
-        SoleTrack(position[:, column], orientation[:, column], np.array(foot.polygon))
-        for column, foot in enumerate(feet)
-    ]
-
-
-def sole_corners(sole: SoleTrack) -> FloatArray:
-    """Corners (T, c, 3) m of a sole, world."""
-    local = np.column_stack([sole.polygon, np.zeros(len(sole.polygon))])
-    return np.asarray(sole.position[:, None] + rotations.rotate(sole.orientation[:, None], local))
-
-
 def tilt(orientation: FloatArray) -> FloatArray:
-    """Angle (T,) rad between the z axis of a frame, with orientation (T, 4) wxyz, and the vertical."""
+    """Angle (...) rad between the z axis of a frame, with orientation (..., 4) wxyz, and the vertical."""
     upward = rotations.rotate(orientation, np.array([0.0, 0.0, 1.0]))
-    return np.asarray(np.arccos(np.clip(upward[:, 2], -1.0, 1.0)))
+    return np.asarray(np.arccos(np.clip(upward[..., 2], -1.0, 1.0)))
 
 
 def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArray:
@@ -149,71 +123,56 @@ def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArra
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A robot over its soles in T postures: corners (T, c, 3) m of all of them; com (T, 3) m; margin (T,) m, see
-    `support_margin`."""
+    """A robot over its k soles in T postures: com (T, 3) m; margin (T,) m, see `support_margin`; place (T, k, 3) m and
+    tilt (T, k) rad of the soles; corners (T, c, 3) m of all of them, `sizes` of them each."""
 
-    soles: list[SoleTrack]
-    corners: FloatArray
     com: FloatArray
     margin: FloatArray
+    place: FloatArray
+    tilt: FloatArray
+    corners: FloatArray
+    sizes: tuple[int, ...]
+
+    @property
+    def soles(self) -> list[FloatArray]:
+        """Corners (T, c, 3) m of each sole, world."""
+        return np.split(self.corners, np.cumsum(self.sizes)[:-1], axis=1)
 
     @property
     def outside(self) -> BoolArray:
-        """Whether (T,) the centre of mass is beyond the edge."""
-        return outside(self.margin)
-
-
-def outside(margin: FloatArray) -> BoolArray:
-    """Whether (T,) the centre of mass is beyond the edge; where nothing touches, nothing supports."""
-    return np.asarray(~(margin >= -OUTSIDE_M))
+        """Whether (T,) the centre of mass is beyond the edge; where nothing touches, nothing supports."""
+        return np.asarray(~(self.margin >= -OUTSIDE_M))
 
 
 def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
     """A robot that stands on soles, in postures (T, nq)."""
-    soles = soles_of(robot, q)
-    corners = np.concatenate([sole_corners(sole) for sole in soles], axis=1)
-    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(q))
-    return Standing(soles, corners, com, support_margin(com, corners))
-
-
-@dataclass(frozen=True, eq=False)
-class SolesOver:
-    """A robot over its k soles in T postures: margin (T,) m, see `support_margin`; place (T, k, 3) m, of the soles;
-    tilt (T, k) rad; lowest (T, k) m, height of the lowest corner."""
-
-    margin: FloatArray
-    place: FloatArray
-    tilt: FloatArray
-    lowest: FloatArray
-
-
-def soles_over(robot: RobotBody, q: FloatArray) -> SolesOver:
-    """A robot that stands on soles, in the postures (T, nq) of a run."""
+    feet = list(robot.profile.feet.values())
+    frames, sizes = tuple(foot.frame for foot in feet), tuple(len(foot.polygon) for foot in feet)
+    local = np.column_stack([np.concatenate([foot.polygon for foot in feet]), np.zeros(sum(sizes))])
+    of = np.repeat(np.arange(len(feet)), sizes)
 
     def measured(rows: slice) -> dict[str, FloatArray]:
-        stand = standing_of(robot, q[rows])
-        return {
-            "margin": stand.margin,
-            "place": np.stack([sole.position for sole in stand.soles], axis=1),
-            "tilt": np.stack([tilt(sole.orientation) for sole in stand.soles], axis=1),
-            "lowest": np.stack([sole_corners(sole)[..., 2].min(axis=1) for sole in stand.soles], axis=1),
-        }
+        place, turn = robot.points(q[rows], frames), robot.orientations(q[rows], frames)
+        corners = place[:, of] + rotations.rotate(turn[:, of], local)
+        com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(q[rows]))
+        margin = support_margin(com, corners)
+        return {"com": com, "margin": margin, "place": place, "tilt": tilt(turn), "corners": corners}
 
-    return SolesOver(**in_named_blocks(measured, len(q)))
+    return Standing(**in_named_blocks(measured, len(q)), sizes=sizes)
 
 
 def foot_slide(place: FloatArray, lowest: FloatArray) -> float:
     """How far (m) a sole's centre got, at most, from where it touched the ground, while it touched. place (T, 3) m of
     the sole; lowest (T,) m, height of its lowest corner."""
     slide = 0.0
-    for first, last in _spans(np.asarray(lowest <= CONTACT_M)):
+    for first, last in spans(np.asarray(lowest <= CONTACT_M)):
         on_ground = place[first:last, :2]
         slide = max(slide, float(np.linalg.norm(on_ground - on_ground[0], axis=1).max()))
     return slide
 
 
-def _spans(flags: BoolArray) -> list[tuple[int, int]]:
-    """(first, one past the last) of every run of True."""
+def spans(flags: BoolArray) -> list[tuple[int, int]]:
+    """First row, and the one after the last, of each run of rows (T,) that are true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 

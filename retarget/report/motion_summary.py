@@ -81,7 +81,8 @@ class MotionSummary:
 def summarise(frames: SensorFrames, *, streamed: bool = False) -> MotionSummary:
     """Look at every frame of a recording. streamed: of a stream, of which no calibration pose is left out."""
     jumps, pose = find_jumps(frames), None if streamed else calibration_pose(frames)
-    speed = _speeds(frames)
+    # Speed (T - 1, k) m/s of every sensor, NaN where either frame is invalid.
+    speed = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1) / np.diff(frames.time)[:, None]
     sensors = tuple(_sensor(frames, i, speed, jumps) for i in range(len(frames.names)))
     trunk = next((name for name in TRUNK if name in frames.names), frames.names[0])
     ground = frames.position[:, frames.index(trunk), :2]
@@ -134,11 +135,6 @@ def body_lengths(skeleton: Skeleton) -> dict[str, float]:
         if {a, b} <= set(skeleton.names):
             lengths[span] = skeleton.distance(a, b)
     return lengths
-
-
-def _speeds(frames: SensorFrames) -> FloatArray:
-    """Speed (T - 1, k) m/s of every sensor, NaN where either frame is invalid."""
-    return np.asarray(np.linalg.norm(np.diff(frames.position, axis=0), axis=-1) / np.diff(frames.time)[:, None])
 
 
 def _sensor(frames: SensorFrames, i: int, speed: FloatArray, jumps: tuple[Jump, ...]) -> SensorSummary:

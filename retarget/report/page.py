@@ -52,6 +52,7 @@ def _own_ids(tag: str, name: str) -> str:
 FOLDER = Path(__file__).parent
 """Folder of the page's template `page.html`, its style and its scripts."""
 SCRIPTS = ("bodies.js", "motion.js", "ground.js", "player.js")
+"""The parts of the player, a module of one scope."""
 LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
@@ -71,7 +72,8 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
     """The page of a run. Every text of the run in it is escaped. figures: as of `plots.figures_of`."""
     found = findings(run, report)
     limits = [finding for finding in found if finding.kept is not None and finding.name != "following"]
-    animation, tracking, script = animation_of(run), _tracking(report), _script()
+    animation, tracking = animation_of(run), _tracking(report)
+    script = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,
@@ -109,8 +111,3 @@ def _tracking(report: Report) -> dict[str, dict[str, Spread]]:
             "sensors of the human": report.sensors_mm,
         }
     return {title: block for title, block in blocks.items() if block}
-
-
-def _script() -> str:
-    """The player: the parts of one module, which share its scope."""
-    return "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)

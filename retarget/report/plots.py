@@ -21,7 +21,7 @@ from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import MIDDLE, SIDES
 from retarget.report import motion_metrics
 from retarget.report.likeness import ARMS, LEAN, limb_angles
-from retarget.report.motion_metrics import moved_joints, sole_corners, soles_of
+from retarget.report.motion_metrics import moved_joints
 from retarget.report.solid import ELEVATION, facets_of, lit, project
 from retarget.report.tracking import performance_of, performer_facing, turned
 from retarget.run.run_result import RunResult
@@ -161,7 +161,12 @@ def plot_poses(run: RunResult) -> Figure | None:
     floors = -np.cumsum(top) - np.concatenate([[0.0], np.cumsum(-bottom)[:-1]])
     across, down = float(ends[-1]), float(floors[-1] + bottom[-1])
     inches = min(WIDTH / across, MOST_PER_HEIGHT)
-    figure = new_figure(max(inches * across, 6.0), -inches * down + TITLE, _poses_title(run))
+    title = "A performer, reconstructed (left orange, right blue)"
+    if run.robot is not None:
+        title = f"A performer, and {run.robot.profile.name} following (left orange, right blue)"
+    elif run.human_truth is not None:
+        title += "; thin: as recorded"
+    figure = new_figure(max(inches * across, 6.0), -inches * down + TITLE, title)
     axes = figure.subplots()
     for pose, tick in enumerate(ticks):
         for body, floor in zip(bodies, floors, strict=True):
@@ -202,13 +207,6 @@ def least_alike(run: RunResult) -> int | None:
     return following.start + int(np.nanargmax(off)) if np.isfinite(off).any() else None
 
 
-def _poses_title(run: RunResult) -> str:
-    sides = "left orange, right blue"
-    if run.robot is not None:
-        return f"A performer, and {run.robot.profile.name} following ({sides})"
-    return f"A performer, reconstructed ({sides})" + ("" if run.human_truth is None else "; thin: as recorded")
-
-
 def performer_postures(run: RunResult, ticks: list[int]) -> DrawnPostures:
     """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
     record, truth = run.record, run.human_truth
@@ -234,7 +232,7 @@ def robot_postures(run: RunResult, ticks: list[int]) -> DrawnPostures:
     points = robot.points(q, names)
     feet, size = _feet(points, names), _size(points, names)
     corners, normal, colour = facets_of(robot.solid, q)
-    soles = tuple((sole_corners(sole) - feet) / size for sole in soles_of(robot, q))
+    soles = tuple((sole - feet) / size for sole in motion_metrics.standing_of(robot, q).soles)
     return DrawnPostures((corners - feet[:, None]) / size, normal, colour, soles)
 
 
@@ -261,7 +259,14 @@ _COLUMNS = 4
 def plot_angles(run: RunResult) -> Figure | None:
     """A panel for each joint: the angle that was sent, in degrees, between its limits."""
     moved = moved_joints(run)
-    order = sorted(range(len(moved.names)), key=lambda index: _family(moved.names[index]))
+
+    def family(index: int) -> tuple[bool, str, bool]:
+        """Paired joints first, by what they are, left before right."""
+        name = moved.names[index]
+        paired = name[:2] in SIDES
+        return not paired, name[2:] if paired else name, name.startswith("r_")
+
+    order = sorted(range(len(moved.names)), key=family)
     names, angles = tuple(moved.names[index] for index in order), np.rad2deg(moved.positions[:, order])
     lower, upper = np.rad2deg(moved.limits.lower[order]), np.rad2deg(moved.limits.upper[order])
     if not names or len(run.record) < 2:
@@ -277,7 +282,9 @@ def plot_angles(run: RunResult) -> Figure | None:
             axes.set_visible(False)
             continue
         axes.plot(run.record.time[rows], angles[rows, index], color=side_colour(names[index]), linewidth=1.0)
-        low, high = _window(angles[:, index], lower[index], upper[index])
+        low = min(float(np.nanmin(angles[:, index])), lower[index])
+        high = max(float(np.nanmax(angles[:, index])), upper[index])
+        low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
         axes.axhspan(low - 999.0, lower[index], color=LIMIT, alpha=0.25, linewidth=0)
         axes.axhspan(upper[index], high + 999.0, color=LIMIT, alpha=0.25, linewidth=0)
         axes.set_ylim(low, high)
@@ -288,19 +295,6 @@ def plot_angles(run: RunResult) -> Figure | None:
         grid[last, column].set_xlabel("time [s]", fontsize=9)
         grid[last, column].tick_params(labelbottom=True)
     return figure
-
-
-def _window(angle: FloatArray, lower: float, upper: float) -> tuple[float, float]:
-    """Range to show: both limits, and the curve where it is beyond them."""
-    low, high = min(float(np.nanmin(angle)), lower), max(float(np.nanmax(angle)), upper)
-    room = 0.06 * (high - low)
-    return low - room, high + room
-
-
-def _family(joint: str) -> tuple[bool, str, bool]:
-    """Paired joints first, by what they are, left before right."""
-    paired = joint[:2] in ("l_", "r_")
-    return (not paired, joint[2:] if paired else joint, joint.startswith("r_"))
 
 
 # The centre of mass over the support polygon: from above, and how far inside it stayed over time.
@@ -401,6 +395,7 @@ def _finish_margin(axes: Axes, start: float, title: str) -> None:
 _SHOWN = ("l_hand", "l_wrist", "r_hand", "r_wrist", "head", "pelvis", "l_ankle", "r_ankle")
 """What is shown, in this order, where it was asked at all."""
 _LEAST_M = 0.05
+"""Range, m, that is shown at least, so that standing still looks like it."""
 _SEEN_MM = 0.1
 """Error, mm, below which a panel is left out: it would show nothing."""
 
@@ -428,7 +423,13 @@ def plot_tracking(run: RunResult) -> Figure | None:
     errors = [1e3 * np.linalg.norm(track.positions - asked, axis=-1) for track in tracks]
     most = max(float(np.nanmax(error)) for error in errors)
     lines = 4 if most >= _SEEN_MM else 3
-    figure = new_figure(3.1 * len(shown) + 0.6, 1.9 * lines + 0.5, _title(run, tracks, most))
+    x, y, title = "x", "y", "human: sensors asked and reached"  # a recorded performer faces anywhere
+    if run.robot is not None:
+        servos = ", and where the servos stood" if len(tracks) > 1 else ""
+        x, y, title = "x, forward", "y, left", f"{run.robot.profile.name}: asked and sent{servos}, lag included"
+    elif lines < 4:
+        title += f", less than {_SEEN_MM:g} mm apart"
+    figure = new_figure(3.1 * len(shown) + 0.6, 1.9 * lines + 0.5, title)
     grid = figure.subplots(lines, len(shown), sharex=True, squeeze=False)
     time, rows = run.record.time, thinned(len(run.record))
     for column, name in enumerate(shown):
@@ -438,13 +439,15 @@ def plot_tracking(run: RunResult) -> Figure | None:
             for track in tracks:
                 line = track.positions[rows, column, axis]
                 axes.plot(time[rows], line, color=track.colour, linewidth=track.width, label=track.label)
-            _widen(axes)
+            low, high = axes.get_ylim()
+            room = max(_LEAST_M - (high - low), 0.0) / 2.0
+            axes.set_ylim(low - room, high + room)
             plain(axes)
         if lines > 3:
             _show_errors(grid[3, column], time, tracks, [error[:, column] for error in errors])
         grid[-1, column].set_xlabel("time [s]", fontsize=9)
         grid[0, column].set_title(name.replace("_", " "), fontsize=11)
-    for axes, label in zip(grid[:, 0], _labels(run), strict=False):
+    for axes, label in zip(grid[:, 0], (f"{x} [m]", f"{y} [m]", "z, up [m]", "error [mm]"), strict=False):
         axes.set_ylabel(label, fontsize=9)
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False, fontsize=9)
@@ -461,19 +464,6 @@ def _tracks(run: RunResult, names: tuple[str, ...], reached: FloatArray, columns
         frames = run.robot.landmark_frames(tuple(names[column] for column in columns))
         tracks.append(_Track("servos", SERVOS, 0.8, run.robot.points(stood, frames)))
     return tracks
-
-
-def _title(run: RunResult, tracks: list[_Track], most: float) -> str:
-    if run.robot is None:
-        return "human: sensors asked and reached" + ("" if most >= _SEEN_MM else f", less than {_SEEN_MM:g} mm apart")
-    servos = ", and where the servos stood" if len(tracks) > 1 else ""
-    return f"{run.robot.profile.name}: asked and sent{servos}, lag included"
-
-
-def _labels(run: RunResult) -> tuple[str, ...]:
-    """A robot faces x; a recorded performer faces anywhere."""
-    x, y = ("x", "y") if run.robot is None else ("x, forward", "y, left")
-    return f"{x} [m]", f"{y} [m]", "z, up [m]", "error [mm]"
 
 
 def _show_errors(axes: Axes, time: FloatArray, tracks: list[_Track], errors: list[FloatArray]) -> None:
@@ -494,13 +484,6 @@ def _show_errors(axes: Axes, time: FloatArray, tracks: list[_Track], errors: lis
         )
     axes.set_ylim(0.0, max(axes.get_ylim()[1], 1.0))
     plain(axes)
-
-
-def _widen(axes: Axes) -> None:
-    """Show at least `_LEAST_M`, so that standing still looks like it."""
-    low, high = axes.get_ylim()
-    room = max(_LEAST_M - (high - low), 0.0) / 2.0
-    axes.set_ylim(low - room, high + room)
 
 
 PICTURES = {

@@ -139,7 +139,7 @@ class Unfollowed:
     to_s: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Report:
     """One run. Keys up to `stop` are stable; those after it say more and may grow.
 
@@ -180,48 +180,48 @@ class Report:
     frames_per_s: float
     solve_us: Percentiles
     reconstruct_us: Percentiles
-    retarget_us: Percentiles | None
+    retarget_us: Percentiles | None = None
     tracking_mm: dict[str, Spread]
     lag_s: float | None
-    hand_path_ratio: float | None
-    pelvis_excursion_ratio: float | None
-    unsensed_mm: dict[str, float] | None
+    hand_path_ratio: float | None = None
+    pelvis_excursion_ratio: float | None = None
+    unsensed_mm: dict[str, float] | None = None
     min_clearance_mm: Clearances
     penetrating_frames: int | None
-    gated_frames: int | None
+    gated_frames: int | None = None
     limit_violations: LimitViolations
     priority_violation_max: float | None
-    com_outside_support_frames: int | None
-    foot_slide_mm: float | None
+    com_outside_support_frames: int | None = None
+    foot_slide_mm: float | None = None
     jerk_p95: float | None
-    fallen: bool | None
-    mode_switches_per_s: ModeSwitches | None
+    fallen: bool | None = None
+    mode_switches_per_s: ModeSwitches | None = None
     bus: BusReport | None
     stop: StopReport
     sensors_mm: dict[str, Spread]
-    servo_tracking_mm: dict[str, Spread] | None
-    servo_error_deg: dict[str, Spread] | None
-    no_command_frames: int | None
-    likeness_deg: dict[str, Spread] | None
-    trunk_lean_deg: Spread | None
-    likeness_recorded_deg: dict[str, Spread] | None
-    legs_away_s: dict[str, float] | None
-    pelvis_height_mm: Spread | None
-    best_likeness_deg: dict[str, Spread] | None
+    servo_tracking_mm: dict[str, Spread] | None = None
+    servo_error_deg: dict[str, Spread] | None = None
+    no_command_frames: int | None = None
+    likeness_deg: dict[str, Spread] | None = None
+    trunk_lean_deg: Spread | None = None
+    likeness_recorded_deg: dict[str, Spread] | None = None
+    legs_away_s: dict[str, float] | None = None
+    pelvis_height_mm: Spread | None = None
+    best_likeness_deg: dict[str, Spread] | None = None
     travelled_m: BothMoved
     turned_deg: BothMoved
-    foot_path_ratio: float | None
-    reachable_hands_mm: dict[str, float] | None
-    reachable_share: dict[str, float] | None
-    hands_away_s: dict[str, float] | None
+    foot_path_ratio: float | None = None
+    reachable_hands_mm: dict[str, float] | None = None
+    reachable_share: dict[str, float] | None = None
+    hands_away_s: dict[str, float] | None = None
     unfollowed: tuple[Unfollowed, ...] | None
-    com_margin_mm: float | None
-    soles: Soles | None
+    com_margin_mm: float | None = None
+    soles: Soles | None = None
     closest_links: tuple[str, str] | None
     deep: DeepReport
-    observers: ObserversReport | None
+    observers: ObserversReport | None = None
     physics: PhysicsReport | None
-    steps: StepsReport | None
+    steps: StepsReport | None = None
     live: LiveReport | None
     latency_ms: dict[str, TimePercentiles] | None
     hand_to_shaft_ms: TimePercentiles | None

@@ -182,10 +182,10 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
         if robot is None or sent is None:
             yield run.record.balance_error
         elif task.mode == "support" and robot.stands:
-            yield np.maximum(task.margin - motion_metrics.soles_over(robot, sent.q).margin, 0.0)
+            yield np.maximum(task.margin - motion_metrics.standing_of(robot, sent.q).margin, 0.0)
     elif isinstance(task, PositionTask):
         names, asked, reached = run.followed
-        counts = _rows(task)
+        counts = np.array([float(weight > 0.0) for weight in task.weight])  # 1 for the rows that it asks for
         errors = in_blocks(lambda rows: distances(asked[rows] * counts, reached[rows] * counts), len(asked))
         yield from (_locked(run, name, errors[:, names.index(name)]) for name in task.of if name in names)
     elif robot is not None and sent is not None:
@@ -195,7 +195,12 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
                 if name in flat:
                     yield _locked(run, name, motion_metrics.tilt(robot.orientations(sent.q, (name,))[:, 0]))
         elif isinstance(task, AxisTask):
-            yield from (_off_axis(task, robot, sent.q, name) for name in task.of if name in robot.profile.frames)
+            axis = np.array(task.axis) / np.linalg.norm(task.axis)
+            direction = np.array(task.direction) / np.linalg.norm(task.direction)
+            for name in task.of:
+                if name in robot.profile.frames:
+                    pointed = rotations.rotate(robot.orientations(sent.q, (name,))[:, 0], axis)
+                    yield np.arccos(np.clip(pointed @ direction, -1.0, 1.0))
 
 
 def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
@@ -206,19 +211,6 @@ def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
     if name not in {foot.frame for foot in robot.profile.feet.values()}:
         return error
     return np.where(robot.points(sent.q, (name,))[:, 0, 2] > LIFTED_M, np.nan, error)
-
-
-def _rows(task: PositionTask) -> FloatArray:
-    """1 for the rows that the task asks for, else 0."""
-    return np.array([float(weight > 0.0) for weight in task.weight])
-
-
-def _off_axis(task: AxisTask, robot: RobotBody, q: FloatArray, frame: str) -> FloatArray:
-    """Angle (T,) rad between an axis of a frame and where it is to point, in the robot's world."""
-    axis = np.array(task.axis) / np.linalg.norm(task.axis)
-    direction = np.array(task.direction) / np.linalg.norm(task.direction)
-    turned = rotations.rotate(robot.orientations(q, (frame,))[:, 0], axis)
-    return np.asarray(np.arccos(np.clip(turned @ direction, -1.0, 1.0)))
 
 
 # Where the hands are asked, seen from the torso that is asked: from the performer and constants of the robot alone.
@@ -467,8 +459,7 @@ def reachable_hands(robot: RobotBody, asked: ReferenceMotion, reached: FloatArra
 
 def longest(holds: BoolArray) -> int:
     """How many values (T,) in a row are true, at most."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    return max((end - first for first, end in motion_metrics.spans(holds)), default=0)
 
 
 def within_reach(robot: RobotBody, stance: Stance, landmark: str, places: FloatArray) -> BoolArray:

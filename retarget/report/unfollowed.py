@@ -13,6 +13,7 @@ import numpy as np
 from retarget.human.posture_prior import LONGEST_FLIGHT_S
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.human_dimensions import POINTS, HumanDimensions
+from retarget.report.motion_metrics import spans
 from retarget.report.report import Unfollowed
 from retarget.report.tracking import ReferenceMotion
 from retarget.run.record import Phase, Record
@@ -74,15 +75,18 @@ def unfollowed(joints: FloatArray, leg: float, dt: float) -> Iterator[tuple[str,
     if not np.isfinite(heights.ankle).any():
         return
     floor, toes_floor = (float(np.nanpercentile(feet, FLOOR_PERCENTILE)) for feet in (heights.ankle, heights.toe))
-    seen = _seen(heights, floor, toes_floor, leg)
-    for what, holds in seen.on_the_floor.items():
-        for first, last in _spans(_closed(holds, dt)):
-            if (last - first) * dt >= LEAST_S:
-                yield what, first, last
-    for first, last in _spans(seen.off):
-        flight = slice(first, last + 1)
-        if heights.upright[flight].all() and _is_jump(heights.hips[flight], dt):
-            yield JUMPS, first, last
+    on_the_floor, off = _seen(heights, floor, toes_floor, leg)
+    for what, holds in on_the_floor.items():
+        closed = holds.copy()
+        for (_, before), (after, _) in pairwise(spans(holds)):
+            if (after - before + 1) * dt < LEAST_S:
+                closed[before:after] = True
+        for first, end in spans(closed):
+            if (end - 1 - first) * dt >= LEAST_S:
+                yield what, first, end - 1
+    for first, end in spans(off):
+        if heights.upright[first:end].all() and _is_jump(heights.hips[first:end], dt):
+            yield JUMPS, first, end - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,20 +111,13 @@ def _heights(joints: FloatArray) -> _Heights:
     return _Heights(**lower, hips=hips[:, 2], upright=upright)
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """Rows (T,): of each posture on the floor, by its name, and with both feet off it."""
-
-    on_the_floor: Mapping[str, BoolArray]
-    off: BoolArray
-
-
-def _seen(heights: _Heights, floor: float, toes_floor: float, leg: float) -> _Seen:
-    """floor, toes_floor: heights, m, of ankles and toes of a foot that stands. leg: m."""
+def _seen(heights: _Heights, floor: float, toes_floor: float, leg: float) -> tuple[Mapping[str, BoolArray], BoolArray]:
+    """The rows (T,) of each posture on the floor, by its name, and those with both feet off it. floor, toes_floor:
+    heights, m, of ankles and toes of a foot that stands. leg: m."""
     on_floor = heights.hip - floor < HIP_SHARE * leg
     kneels = (heights.knee - floor < KNEE_SHARE * leg) & heights.upright & ~on_floor
     off = (heights.ankle - floor > FOOT_SHARE * leg) & (heights.toe - toes_floor > FOOT_SHARE * leg)
-    return _Seen({KNEELS: kneels, ON_FLOOR: on_floor}, off)
+    return {KNEELS: kneels, ON_FLOOR: on_floor}, off
 
 
 def _is_jump(hips: Sequence[float] | FloatArray, dt: float) -> bool:
@@ -160,12 +157,12 @@ class UnfollowedNotice:
         floors = feet if self._floors is None else self._floors
         self._floors = floor, toes_floor = self._risen(floors[0], feet[0]), self._risen(floors[1], feet[1])
         self._time += self._dt
-        seen = _seen(heights, floor, toes_floor, self._leg)
-        for what, holds in seen.on_the_floor.items():
+        on_the_floor, off = _seen(heights, floor, toes_floor, self._leg)
+        for what, holds in on_the_floor.items():
             self._lasted[what] = self._lasted[what] + self._dt if holds[0] else 0.0
             if self._lasted[what] >= LEAST_S:
                 self._name(what)
-        if seen.off[0] and heights.upright[0]:
+        if off[0] and heights.upright[0]:
             self._flight.append(float(heights.hips[0]))
         elif self._flight:
             if _is_jump(self._flight, self._dt):
@@ -187,18 +184,3 @@ class UnfollowedNotice:
 def leg_length(dimensions: HumanDimensions) -> float:
     """Length of thigh and shank, m: the mean of both legs."""
     return 0.5 * sum(dimensions.length(f"{side}_{part}") for side in "lr" for part in ("knee", "ankle"))
-
-
-def _spans(holds: BoolArray) -> list[tuple[int, int]]:
-    """First and last row of each run of rows (T,) that are true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(np.int8)))
-    return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
-
-
-def _closed(holds: BoolArray, dt: float) -> BoolArray:
-    """The rows (T,), with breaks between true ones filled that are shorter than `LEAST_S`."""
-    closed, spans = holds.copy(), _spans(holds)
-    for (_, before), (after, _) in pairwise(spans):
-        if (after - before) * dt < LEAST_S:
-            closed[before:after] = True
-    return closed

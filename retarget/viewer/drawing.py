@@ -87,7 +87,10 @@ GOAL_OPACITY, GOAL_SIZE = 0.55, 0.94
 def _add_robot(scene: "viser.SceneApi", cast: Cast, solid: SolidBody) -> dict[str, Part]:
     """The robot, its limbs in the colour of their servos' heat, and its goal."""
     robot = Shapes(scene, "/robot", solid.meshes, color=ROBOT)
-    smaller = [_shrunk(mesh) for mesh in solid.meshes]
+    smaller = []
+    for mesh in solid.meshes:
+        middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+        smaller.append(Mesh(middle + GOAL_SIZE * (mesh.vertices - middle), mesh.faces))
     goal = Shapes(scene, "/goal", smaller, color=GOAL, opacity=GOAL_OPACITY, cast_shadow=False)
     limbs: list[viser.MeshHandle | None] = []
     if cast.profile is not None:
@@ -106,11 +109,6 @@ def _add_robot(scene: "viser.SceneApi", cast: Cast, solid: SolidBody) -> dict[st
         goal.show_poses(solid.poses(seen.q[None])[0])
 
     return {"robot": (robot.top, show_robot), "goal": (goal.top, show_goal)}
-
-
-def _shrunk(mesh: Mesh) -> Mesh:
-    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
-    return Mesh(middle + GOAL_SIZE * (mesh.vertices - middle), mesh.faces)
 
 
 # The performer with its sensors, and what was asked and reached of the landmarks.

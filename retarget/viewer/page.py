@@ -66,8 +66,8 @@ class RecordedPage:
     row of now to all connected browsers."""
 
     def __init__(self, server: "viser.ViserServer", run: ShownRun, clock: Clock) -> None:
-        self._server, self._clock, self._times = server, clock, run.times
-        self._here, self._shown = float(run.times[0]), 0
+        self._server, self._clock, self._times = server, clock, run.time
+        self._here, self._shown = float(run.time[0]), 0
         self._played: float | None = clock.now()
         """Until when it was played, s of the clock; None: it stands."""
         gui, last = server.gui, len(run) - 1

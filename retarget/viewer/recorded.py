@@ -1,6 +1,6 @@
 """A finished run to be looked at, whatever file it is from: its cast, and what the page shows of each of its ticks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,12 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState
 from retarget.recording.configs import recorded_scene
 from retarget.recording.cycles import STATES_OF_RUN
+from retarget.recording.motion import Motion
 from retarget.recording.read_run import no_human, read_recorded
-from retarget.recording.reading import Recording
 from retarget.run.record import Phase
-from retarget.run.table import ByteArray, RunTable
+from retarget.run.table import RunTable
 from retarget.schema.scene import load_scene
-from retarget.types import BoolArray, FloatArray
+from retarget.types import FloatArray
 from retarget.viewer.snapshot import SHOWN, STATE_WORDS, Cast, obstacle_meshes, obstacle_poses
 
 WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
@@ -25,58 +25,33 @@ PHASE_WORDS = ("approaching", "following", "stopping")
 """What a robot does, by the state of the run, and by the phase of a tick, which is less precise."""
 
 
-class RecordedScene:
-    """The scene of a recorded run: where its obstacles were at every tick.
+def recorded_obstacles(run: Motion) -> tuple[list[Mesh], FloatArray | None, tuple[str, ...]]:
+    """The obstacles of a recorded run: their meshes; their poses (T, o, 7), m and wxyz, at every tick, None without
+    any; and notes why they are not shown, or that the file of the scene is another one now.
 
-    phase (T,): phases of the ticks; no_command (T,). notes: why it is not shown, or that its file is
-    another one now. A recording has its scene attached. Obstacles that a program moved live are shown where the scene
-    file has them.
+    A recording has its scene attached. Obstacles that a program moved live are shown where the scene file has them.
     """
-
-    def __init__(self, recording: Recording, phase: ByteArray, no_command: BoolArray) -> None:
-        self.obstacles: list[Mesh] = []
-        self.notes: tuple[str, ...] = ()
-        self._state: SceneState | None = None
-        moves = (phase != Phase.APPROACH) & ~no_command
-        self._times = recording.session.dt * (np.cumsum(moves) - moves)
-        try:
-            with recorded_scene(recording) as (scene, self.notes):
-                if scene is None:
-                    return
-                self._state = SceneState(load_scene(scene))
-        except RefusedError as error:
-            self.notes = (f"its scene is not shown: {error}",)
-            return
-        self.obstacles = obstacle_meshes(self._state.shapes)
-
-    def at(self, row: int) -> FloatArray | None:
-        """Poses (o, 7) of the obstacles, m and wxyz; None without any."""
-        if self._state is None:
-            return None
-        return obstacle_poses(self._state.shapes, self._state.at_rest(float(self._times[row])))
+    if run.recording is None:
+        return [], None, ()
+    try:
+        with recorded_scene(run.recording) as (scene, notes):
+            if scene is None:
+                return [], None, notes
+            state = SceneState(load_scene(scene))
+    except RefusedError as error:
+        return [], None, (f"its scene is not shown: {error}",)
+    moves = (run.phase != Phase.APPROACH) & ~run.no_command
+    times = run.recording.session.dt * (np.cumsum(moves) - moves)
+    poses = [obstacle_poses(state.shapes, state.at_rest(time)) for time in times.tolist()]
+    return obstacle_meshes(state.shapes), np.array(poses), notes
 
 
-@dataclass(frozen=True, eq=False)
-class ShownRun:
-    """A recorded run, as a page shows it: its rows (T). scene: None without any. notes: what is missing."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShownRun(RunTable):
+    """A recorded run, as a page shows it. notes: what is missing."""
 
     cast: Cast
-    table: RunTable
-    scene: RecordedScene | None
     notes: tuple[str, ...] = ()
-
-    @property
-    def times(self) -> FloatArray:
-        """Times (T,) s of the rows."""
-        return self.table.time
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-    def __getitem__(self, row: int) -> RunTable:
-        """The tick of a row."""
-        shown, obstacles = self.table[row], None if self.scene is None else self.scene.at(row)
-        return shown if obstacles is None else replace(shown, obstacles=obstacles)
 
 
 def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
@@ -88,7 +63,7 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     run = read_recorded(path, body=body)
     if run.human is None or run.compiled is None:
         raise no_human(str(path))
-    scene = None if run.recording is None else RecordedScene(run.recording, run.phase, run.no_command)
+    meshes, poses, notes = recorded_obstacles(run)
     cast = Cast(
         human=solid_body(body_from_file(run.human)),
         robot=None if run.is_human else solid_body(run.body),
@@ -96,10 +71,10 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
         joints=() if run.is_human else run.joint_names,
         landmarks=() if run.is_human else run.landmark_names,
         sensors=run.sensor_names,
-        obstacles=() if scene is None else scene.obstacles,
+        obstacles=meshes,
         servos_measure="temperature" in run and bool(np.isfinite(run.temperature).any()),
     )
-    known = {name: values for name, values in run.known.items() if name in ("time", *SHOWN)}
+    known = {name: values for name, values in run.known.items() if name in ("time", *SHOWN)} | {"obstacles": poses}
     kept = np.isfinite(run.human_q).all(axis=1)
     last = np.maximum.accumulate(np.where(kept, np.arange(len(run)), np.argmax(kept)))
     known |= {name: known[name][last] for name in ("human_q", "sensors") if name in known}
@@ -108,8 +83,7 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
         doing = [WORDS.get(state, words) for state, words in zip(run.state.tolist(), doing, strict=True)]
     known["doing"] = np.array(doing, dtype=np.object_)
     known["reason"] = np.where(known["doing"] == "following", "", run.reason if "reason" in run else "")
-    notes = tuple(dict.fromkeys((*run.notes, *(() if scene is None else scene.notes))))
-    return ShownRun(cast, RunTable(**known), scene, notes)
+    return ShownRun(**known, cast=cast, notes=tuple(dict.fromkeys((*run.notes, *notes))))
 
 
 def _profile(body: Path) -> RobotBody | None:

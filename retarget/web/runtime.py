@@ -179,26 +179,23 @@ _BUFFERS, _METADATA = 4, 6
 
 def with_scaling(model: bytes, mean: float, deviation: float) -> bytes:
     """A model (.tflite) of one picture, told to scale its input: (pixel - mean) / deviation, of values 0 to 255."""
-    scaling = _Table({0: 1, 1: _Table({0: [mean], 1: [deviation]})})  # options: NormalizationOptions
-    content = _Table({0: 2, 1: _Table({0: 1})})  # content_properties: ImageProperties of colour space RGB
-    tensor = _Table({0: "image", 3: content, 4: [scaling]})
-    metadata = _encoded(_Table({0: "pose", 3: [_Table({2: [tensor]})]}), b"M001")
+    scaling = {0: 1, 1: {0: [mean], 1: [deviation]}}  # options: NormalizationOptions
+    content = {0: 2, 1: {0: 1}}  # content_properties: ImageProperties of colour space RGB
+    tensor = {0: "image", 3: content, 4: [scaling]}
+    metadata = _encoded({0: "pose", 3: [{2: [tensor]}]}, b"M001")
     fields = _fields(model, _uint(model, 0))
     buffers = [_Old(at) for at in _listed(model, fields[_BUFFERS])]
     entries = [_Old(at) for at in _listed(model, fields[_METADATA])] if _METADATA in fields else []
-    new: dict[int, Any] = {0: _uint(model, fields[0])}  # version of the schema; all other fields are offsets
+    new: Table = {0: _uint(model, fields[0])}  # version of the schema; all other fields are offsets
     new |= {slot: _Old(at + _uint(model, at)) for slot, at in fields.items() if slot != 0}
-    new[_BUFFERS] = [*buffers, _Table({0: metadata})]
-    new[_METADATA] = [*entries, _Table({0: _TEXT, 1: len(buffers)})]
-    return _encoded(_Table(new), model[4:8], behind=model)
+    new[_BUFFERS] = [*buffers, {0: metadata}]
+    new[_METADATA] = [*entries, {0: _TEXT, 1: len(buffers)}]
+    return _encoded(new, model[4:8], behind=model)
 
 
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """A table: slot -> whole number of at most 32 bits, or a text, bytes, a list of numbers, tables or `_Old`, a table,
-    an `_Old`."""
-
-    slots: dict[int, Any]
+Table = dict[int, Any]
+"""A table: slot -> whole number of at most 32 bits, or a text, bytes, a list of numbers, tables or `_Old`, a table, an
+`_Old`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +224,7 @@ def _listed(data: bytes, field: int) -> list[int]:
     return [at + _uint(data, at) for at in places]
 
 
-def _encoded(root: _Table, identifier: bytes, *, behind: bytes = b"") -> bytes:
+def _encoded(root: Table, identifier: bytes, *, behind: bytes = b"") -> bytes:
     """A FlatBuffer with this root in front of old bytes: everything stands behind what points to it."""
     out = bytearray(struct.pack("<I4s", 0, identifier))
     pending: list[tuple[int, Any]] = [(0, root)]  # place of an offset, and what it points to
@@ -248,13 +245,13 @@ def _append(out: bytearray, node: Any, pending: list[tuple[int, Any]]) -> int:
     """Append one node to `out`, and what it points to to `pending`. Returns where it starts."""
     out += bytes(-len(out) % 4)
     cells: list[Any]
-    if isinstance(node, _Table):
-        last = max(node.slots)
-        places = {slot: 4 + 4 * number for number, slot in enumerate(node.slots)}
+    if isinstance(node, dict):
+        last = max(node)
+        places = {slot: 4 + 4 * number for number, slot in enumerate(node)}
         layout = [2 * last + 6, 4 + 4 * len(places), *(places.get(slot, 0) for slot in range(last + 1))]
         out += bytes(-(len(out) + 2 * len(layout)) % 4)
         out += struct.pack(f"<{len(layout)}H", *layout)
-        start, cells = len(out), list(node.slots.values())
+        start, cells = len(out), list(node.values())
         out += struct.pack("<i", 2 * len(layout))  # the layout stands right before
     elif isinstance(node, list):
         start, cells = len(out), node

@@ -14,7 +14,7 @@ from messages import shows
 from recordings import Recorded, record
 from retarget.cli.exit import DONE, REFUSED, STOPPED
 from retarget.recording.read_run import read_run
-from retarget.recording.reading import Played
+from retarget.recording.reading import Recording
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import shipped_folder
 
@@ -40,12 +40,12 @@ def test_the_same_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], tmp
 
 @pytest.mark.long
 def test_other_goals(plain: Recorded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def moved(recording: object) -> Played:
-        found = plain.played()
+    def moved(path: Path) -> Recording:
+        found = plain.read()
         found.cycles.goal_ticks[100:, 4] += 3
         return found
 
-    monkeypatch.setattr("retarget.recording.reading.played", moved)
+    monkeypatch.setattr("retarget.recording.reading.read_recording", moved)
     assert run(plain.path) == STOPPED
     out = capsys.readouterr().out
     shows(out, 100, "0.800", "0.264", 3)

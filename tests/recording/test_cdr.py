@@ -203,7 +203,7 @@ def widths(robot: RobotBody | None) -> Widths:
 
 
 def made(robot: RobotBody | None) -> dict[str, Topic]:
-    found = topics(widths(robot), sensors=NAMES, human_joints=LIMBS, landmarks=MARKS, dt=0.008, robot=robot)
+    found = topics(widths(robot), {"sensors": NAMES, "joints": LIMBS, "landmarks": MARKS}, dt=0.008, robot=robot)
     return {topic.name: topic for topic in found}
 
 

@@ -12,7 +12,7 @@ from recordings import Recorded, record
 from retarget.errors import InputError
 from retarget.recording.configs import PROFILE, as_recorded
 from retarget.recording.mcap_writer import RecordingFile
-from retarget.recording.reading import Played, read_recording
+from retarget.recording.reading import Recording, read_recording
 from retarget.recording.replay import replay
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import shipped_folder
@@ -47,12 +47,12 @@ def as_it_was(home: Path) -> Iterator[None]:
 
 
 @pytest.fixture
-def found(run: Recorded) -> Played:
-    return run.played()
+def found(run: Recorded) -> Recording:
+    return run.read()
 
 
 @pytest.mark.long
-def test_a_robot_that_is_gone_is_in_the_recording(found: Played, home: Path) -> None:
+def test_a_robot_that_is_gone_is_in_the_recording(found: Recording, home: Path) -> None:
     shutil.rmtree(home / "own")
     again = replay(found)
     assert again.difference.none, again.difference.lines()
@@ -60,15 +60,15 @@ def test_a_robot_that_is_gone_is_in_the_recording(found: Played, home: Path) -> 
 
 
 @pytest.mark.long
-def test_a_robot_that_moved_is_named_and_then_all_is_as_it_is_now(found: Played, home: Path) -> None:
+def test_a_robot_that_moved_is_named_and_then_all_is_as_it_is_now(found: Recording, home: Path) -> None:
     shutil.move(home / "own" / "op3", home / "elsewhere")
-    with as_recorded(found.recording, robot=str(home / "elsewhere")) as configs:
+    with as_recorded(found, robot=str(home / "elsewhere")) as configs:
         assert configs.notes == () and not configs.attached
         assert replay(found, configs).difference.none
     shutil.rmtree(home / "elsewhere")
 
 
-def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Played, home: Path) -> None:
+def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Recording, home: Path) -> None:
     path = home / "own" / "op3" / "robot.yaml"
     text = path.read_text()
     slower = text.replace("speed_caps: {follow: 1.0,", "speed_caps: {follow: 0.1,")
@@ -77,20 +77,20 @@ def test_a_changed_profile_is_found_only_where_it_is_asked_for(found: Played, ho
     then = replay(found)
     assert then.difference.none
     assert then.changed == (f"{PROFILE} is another one now, {path}: the one of then is used",)
-    with as_recorded(found.recording, robot=str(home / "own" / "op3")) as configs:
+    with as_recorded(found, robot=str(home / "own" / "op3")) as configs:
         now = replay(found, configs)
     assert now.changed == (f"{PROFILE} has changed: {path}",)
     assert not now.difference.none
 
 
-def test_priorities_of_both_stages_come_back(found: Played, home: Path) -> None:
+def test_priorities_of_both_stages_come_back(found: Recording, home: Path) -> None:
     """The human's are named by the profile, the robot's by an option."""
-    files = found.recording.session.files
+    files = found.session.files
     elsewhere = tuple(
         file.model_copy(update={"path": "gone"}) if file.name.startswith("priorities") else file for file in files
     )
-    session = found.recording.session.model_copy(update={"files": elsewhere})
-    recording = replace(found.recording, session=session)
+    session = found.session.model_copy(update={"files": elsewhere})
+    recording = replace(found, session=session)
     (home / "own" / "servo.yaml").unlink()
     with as_recorded(recording) as configs:
         assert configs.attached == {PRIORITIES, "priorities_of_the_human.yaml"}
@@ -100,7 +100,7 @@ def test_priorities_of_both_stages_come_back(found: Played, home: Path) -> None:
 
 @pytest.mark.long
 def test_a_calibration_of_now_is_not_used_for_then(
-    found: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    found: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     place = tmp_path / "retarget" / "calibrations" / "op3.yaml"
@@ -111,42 +111,40 @@ def test_a_calibration_of_now_is_not_used_for_then(
     assert again.changed == ()
 
 
-def test_what_is_nowhere_is_said_with_the_way_on(found: Played, home: Path) -> None:
+def test_what_is_nowhere_is_said_with_the_way_on(found: Recording, home: Path) -> None:
     shutil.rmtree(home / "own")
-    bare = replace(found.recording, attachments={})
+    bare = replace(found, attachments={})
     with refuses(InputError, "robot.yaml", "--robot", "NAME|FILE"), as_recorded(bare):
         pass
-    without = {name: data for name, data in found.recording.attachments.items() if name != "performer.yaml"}
-    bare = replace(found.recording, attachments=without)
+    without = {name: data for name, data in found.attachments.items() if name != "performer.yaml"}
+    bare = replace(found, attachments=without)
     with refuses(InputError, "performer.yaml"), as_recorded(bare):
         pass
 
 
-def test_files_of_another_version_are_refused_in_the_name_of_the_recording(found: Played, home: Path) -> None:
+def test_files_of_another_version_are_refused_in_the_name_of_the_recording(found: Recording, home: Path) -> None:
     (home / "own" / "op3" / "robot.yaml").unlink()
-    strange = {**found.recording.attachments, PROFILE: b"name: op3\nlegs: 3\n"}
-    strange_one = replace(found.recording, attachments=strange)
+    strange = {**found.attachments, PROFILE: b"name: op3\nlegs: 3\n"}
+    strange_one = replace(found, attachments=strange)
     with refuses(InputError, "body", 13, "--robot", where="run.mcap", found="robot.yaml:1"), as_recorded(strange_one):
         pass
 
 
-def test_an_attachment_that_is_not_what_was_said_is_none(found: Played, tmp_path: Path) -> None:
-    session = found.recording.session
+def test_an_attachment_that_is_not_what_was_said_is_none(found: Recording, tmp_path: Path) -> None:
+    session = found.session
     said = {file.name: file for file in session.files}
     path = tmp_path / "strange.mcap"
     others = (said[PROFILE], b"another"), (said["body.xml"].model_copy(update={"name": "../body.xml"}), b"out of it")
-    file = RecordingFile(
-        path, session, [*others, (said["performer.yaml"], found.recording.attachments["performer.yaml"])]
-    )
+    file = RecordingFile(path, session, [*others, (said["performer.yaml"], found.attachments["performer.yaml"])])
     file.announce([])
     file.finish()
-    assert set(found.recording.attachments) == set(said)
+    assert set(found.attachments) == set(said)
     assert set(read_recording(path).attachments) == {"performer.yaml"}
 
 
-def test_nothing_stays_behind(found: Played, home: Path) -> None:
+def test_nothing_stays_behind(found: Recording, home: Path) -> None:
     shutil.rmtree(home / "own")
-    with as_recorded(found.recording) as configs:
+    with as_recorded(found) as configs:
         assert configs.robot is not None
         body = configs.robot.profile.body_path
         assert body.is_file() and configs.body_attached

@@ -10,11 +10,11 @@ from hardware.clock import VirtualClock
 from hardware.guard_state import StopCause
 from messages import refuses, shows
 from operators import Asks
-from recordings import Recorded, mock_bus, record
+from recordings import Recorded, mock_bus, record, with_cycles
 from retarget.errors import InputError
 from retarget.model.robot import RobotBody, load_robot, robot_of
 from retarget.recording.goal_playback import goal_playback
-from retarget.recording.reading import Played
+from retarget.recording.reading import Recording
 from retarget.report.motion_metrics import LimitViolations, limit_violations
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
@@ -28,7 +28,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 
 def send(
-    found: Played,
+    found: Recording,
     *,
     speed: float = 1.0,
     operator: Operator | None = None,
@@ -36,7 +36,7 @@ def send(
     robot: RobotBody | None = None,
 ) -> RunResult:
     """held: ticks in which the robot is to hold. robot: instead of that of the recording."""
-    options = replace(found.recording.session.options, bus="mock")
+    options = replace(found.session.options, bus="mock")
     with goal_playback(
         found, options, speed=speed, clock=VirtualClock(), make_bus=mock_bus, notify=lambda text: None, robot=robot
     ) as prepared:
@@ -54,7 +54,7 @@ def check_motion(result: RunResult) -> None:
 
 
 def test_the_same_goals_are_sent(plain: Recorded) -> None:
-    result = send(plain.played())
+    result = send(plain.read())
     sent, then = result.record.robot, plain.result.record.robot
     assert sent is not None and then is not None and result.reason is None
     now, was = sent.goal_ticks[result.record.following], then.goal_ticks[plain.result.record.following]
@@ -67,7 +67,7 @@ def test_the_same_goals_are_sent(plain: Recorded) -> None:
 
 
 def test_it_approaches_slowly_and_ends_at_rest(plain: Recorded) -> None:
-    result = send(plain.played())
+    result = send(plain.read())
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None
     phases = result.record.phase
@@ -81,7 +81,7 @@ def test_it_approaches_slowly_and_ends_at_rest(plain: Recorded) -> None:
 
 @pytest.mark.long
 def test_slower_is_the_same_trajectory_in_more_ticks(plain: Recorded) -> None:
-    result = send(plain.played(), speed=0.5)
+    result = send(plain.read(), speed=0.5)
     robot, sent, then = result.robot, result.record.robot, plain.result.record.robot
     assert robot is not None and sent is not None and then is not None
     now, was = sent.goal_ticks[result.record.following], then.goal_ticks[plain.result.record.following]
@@ -91,11 +91,11 @@ def test_slower_is_the_same_trajectory_in_more_ticks(plain: Recorded) -> None:
 
 @pytest.mark.long
 def test_after_a_hold_it_rejoins_the_trajectory_slowly(plain: Recorded) -> None:
-    result = send(plain.played(), held=range(120, 140))
+    result = send(plain.read(), held=range(120, 140))
     robot, sent = result.robot, result.record.robot
     assert robot is not None and sent is not None and result.reason is None
     check_motion(result)
-    straight = send(plain.played()).record
+    straight = send(plain.read()).record
     assert straight.robot is not None
     assert result.ticks_followed > np.count_nonzero(straight.phase == Phase.FOLLOW) + 20
     following = sent.goal_ticks[result.record.following]
@@ -108,27 +108,27 @@ def test_after_a_hold_it_rejoins_the_trajectory_slowly(plain: Recorded) -> None:
 
 def test_a_stop_is_a_stop(plain: Recorded) -> None:
     asked = iter([False] * 150 + [True] * 9999)
-    result = send(plain.played(), operator=Asks(stop=lambda: next(asked)))
+    result = send(plain.read(), operator=Asks(stop=lambda: next(asked)))
     assert result.stop is not None and result.stop.cause is StopCause.REQUESTED
     check_motion(result)
 
 
 def test_who_has_no_goals_is_refused(tmp_path: Path, plain: Recorded) -> None:
-    alone = record(tmp_path / "human.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1).played()
+    alone = record(tmp_path / "human.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1).read()
     with refuses(InputError):
         send(alone)
-    found = plain.played()
+    found = plain.read()
     before = found.cycles[np.arange(20)]
     with refuses(InputError):
-        send(replace(found, cycles=before))
+        send(with_cycles(found, before))
 
 
 def test_the_gate_refuses_what_no_robot_can(plain: Recorded) -> None:
     """A recording that was tampered with: a goal that jumps is not sent."""
-    found = plain.played()
+    found = plain.read()
     cycles = found.cycles[np.arange(len(found.cycles))]
     cycles.q_servos[200:, 3] += 1.0
-    result = send(replace(found, cycles=cycles))
+    result = send(with_cycles(found, cycles))
     assert result.record.robot is not None and result.record.robot.gated.any()
     assert result.reason is not None
     shows(result.reason, "4.8")
@@ -144,7 +144,7 @@ def test_a_robot_that_is_too_slow_for_the_goals_gives_up(plain: Recorded) -> Non
         for name, servo in robot.profile.servos.items()
     }
     slow = robot_of(robot.profile.model_copy(update={"servos": servos}), None)
-    result = send(plain.played(), robot=slow)
+    result = send(plain.read(), robot=slow)
     planned = len(plain.result.record.time)
     assert result.reason is not None and len(result.record) < 20 * planned
     assert result.record.robot is not None and result.record.robot.gated.any()

@@ -16,7 +16,7 @@ from retarget.errors import InputError
 from retarget.recording import read_run
 from retarget.recording.mcap_writer import METADATA
 from retarget.recording.read_run import ROBOT_KEYS
-from retarget.recording.reading import MAGIC, played, read_recording
+from retarget.recording.reading import MAGIC, read_recording
 from retarget.recording.session import FORMAT, Session
 from retarget.viewer.recorded import open_recorded
 
@@ -81,7 +81,7 @@ def test_a_length_that_no_record_has_is_damage(length: int, session: Session, tm
         path.write_bytes(mcap(damaged, session=session))
         assert read_recording(path).damage.startswith("it ends early"), number
         with refuses(InputError, found="/tick"):
-            played(read_recording(path))
+            _ = read_recording(path).cycles
 
 
 @pytest.mark.parametrize("says", [4 * GIB, 1000, 0], ids=["big", "lies", "empty"])

@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from messages import refuses
 from recordings import angle_between, moved, slider, with_servos
 from retarget.errors import InputError, UsageError
-from retarget.recording.lerobot import write_lerobot
+from retarget.recording.lerobot import lerobot_files
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.tables import arrow, columns_of, write_csv, write_parquet
+from retarget.schema.files import write_folder
 
 FILES = {
     *("README.md", "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"),
@@ -34,7 +35,7 @@ def motion() -> Motion:
 
 @pytest.fixture
 def dataset(motion: Motion, tmp_path: Path) -> Path:
-    write_lerobot(motion, tmp_path, task="Wave <both> hands.")
+    write_folder(tmp_path, lerobot_files(motion, task="Wave <both> hands."), option="--out")
     return tmp_path
 
 
@@ -97,25 +98,23 @@ def test_the_episode_points_at_its_frames(dataset: Path, motion: Motion) -> None
 
 
 def test_without_servos_all_joints_are_seen_where_they_were_sent(tmp_path: Path) -> None:
-    write_lerobot(moved(slider()), tmp_path)
+    write_folder(tmp_path, lerobot_files(moved(slider())), option="--out")
     frames = read(tmp_path / "data/chunk-000/file-000.parquet")
     assert frames["action"].to_pylist() == frames["observation.state"].to_pylist()
     assert len(frames["action"][0]) == 3 and "observation.landmarks" not in frames.column_names
     assert "no servo answered" in (tmp_path / "README.md").read_text()
 
 
-def test_a_rate_that_is_no_whole_number_is_refused_with_the_next_step(tmp_path: Path) -> None:
+def test_a_rate_that_is_no_whole_number_is_refused_with_the_next_step() -> None:
     with refuses(UsageError, "--fps", 31):
-        write_lerobot(moved(slider(), rate_hz=31.25), tmp_path)
-    assert list(tmp_path.iterdir()) == []
+        lerobot_files(moved(slider(), rate_hz=31.25))
 
 
-def test_a_servo_that_was_silent_is_named(motion: Motion, tmp_path: Path) -> None:
+def test_a_servo_that_was_silent_is_named(motion: Motion) -> None:
     servos = motion.present.copy()
     servos[7, 1] = np.nan
     with refuses(InputError, "swing.pos", 8):
-        write_lerobot(replace(motion, present=servos), tmp_path)
-    assert list(tmp_path.iterdir()) == []
+        lerobot_files(replace(motion, present=servos))
 
 
 # CSV and Parquet: names with units, every number, and nothing invented.

@@ -47,7 +47,7 @@ CONFIG = ConfigFile(name="robot.yaml", path="robot.yaml", sha256="0")
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    return record(tmp_path_factory.mktemp("file") / "run.mcap", seconds=0.05).played().recording.session
+    return record(tmp_path_factory.mktemp("file") / "run.mcap", seconds=0.05).read().session
 
 
 def new(path: Path, session: Session, *configs: tuple[ConfigFile, bytes]) -> RecordingFile:
@@ -151,7 +151,7 @@ FEW_WIDTHS = {"sensors": 1, "human": 3, "joints": 1}
 
 @pytest.fixture
 def made() -> list[Topic]:
-    return topics(FEW_WIDTHS, sensors=("head",), human_joints=("a",), landmarks=(), dt=0.01, robot=None)
+    return topics(FEW_WIDTHS, {"sensors": ("head",), "joints": ("a",)}, dt=0.01, robot=None)
 
 
 class Begun:

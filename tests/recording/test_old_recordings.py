@@ -6,7 +6,7 @@ from typing import NamedTuple
 import pytest
 
 from hardware.guard_state import StopCause
-from retarget.recording.reading import played, read_recording
+from retarget.recording.reading import read_recording
 from retarget.recording.replay import replay
 
 FIXTURES = Path(__file__).parent / "fixtures"
@@ -55,7 +55,7 @@ def test_an_old_recording_is_read_and_replays_to_the_tick(name: str) -> None:
     # Every config file is taken from the recording, so a shipped robot may change.
     assert not any(Path(file.path).exists() for file in session.files)
 
-    again = replay(played(recording))
+    again = replay(recording)
     difference, result = again.difference, again.result
     assert difference.none and difference.compared == old.goals, difference.lines()
     assert difference.whole != cut_off

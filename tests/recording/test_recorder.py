@@ -26,7 +26,7 @@ from retarget.errors import UsageError
 from retarget.recording import mcap_writer
 from retarget.recording.cycles import STATES_OF_RUN, Done
 from retarget.recording.mcap_writer import FLUSH_S, Ring, check_target
-from retarget.recording.reading import played, read_recording
+from retarget.recording.reading import read_recording
 from retarget.recording.recorder import Recorder
 from retarget.recording.topics import GOALS, JOINTS, SENSORS, TICK
 from retarget.run.options import RunOptions
@@ -66,7 +66,7 @@ def test_it_is_opened_by_the_library_with_its_checks_on(whole: Recorded) -> None
 
 def test_every_tick_is_in_it(whole: Recorded) -> None:
     recording = read_recording(whole.path)
-    result, cycles = whole.result, whole.played().cycles
+    result, cycles = whole.result, whole.read().cycles
     sent, robot = result.record.robot, result.robot
     assert sent is not None and robot is not None
     kept = cycles.kept
@@ -139,9 +139,9 @@ def test_no_more_is_written_than_is_read(
     run = record(tmp_path / "run.mcap", options=RunOptions(robot="human"), seconds=1.0)
     shows(run.recorder.failure, "full")
     assert run.recorder.code(0) == 1 and len(run.notes) == 1
-    found = run.played()
-    assert not found.recording.damage and 10 < len(found.cycles) < len(run.result.record) - 10
-    rows = [topic.rows for topic in found.recording.topics.values()]
+    found = run.read()
+    assert not found.damage and 10 < len(found.cycles) < len(run.result.record) - 10
+    rows = [topic.rows for topic in found.topics.values()]
     used = sum(len(row) for row in rows), sum(row.nbytes + 31 * len(row) for row in rows)
     assert used[limit == "MAX_BYTES"] <= room
 
@@ -173,7 +173,7 @@ def test_what_the_bus_fails_with_is_in_it(kind: FaultKind, what: str, tmp_path: 
     run = record(tmp_path / "run.mcap", faults=(MockFault(kind, first=40, cycles=1000),))
     assert run.result.reason is not None
     shows(run.result.reason)
-    cycles, texts = run.played().cycles, read_recording(run.path).texts
+    cycles, texts = run.read().cycles, read_recording(run.path).texts
     done = cycles.read if what == "read" else cycles.written
     assert np.flatnonzero(done == Done.FAILED).tolist() == [len(cycles) - 1]
     last = {who: text for (cycle, who), text in texts.items() if cycle == len(cycles) - 1}
@@ -257,7 +257,7 @@ def kill_while_it_moves(path: Path, *, after: float) -> float:
         killed_ns = round(CLOCK.now() * 1e9) - wall_to_monotonic()
         process.kill()
     recording = read_recording(path)
-    cycles = played(recording).cycles
+    cycles = recording.cycles
     last = recording.topic(TICK).rows[-1]
     assert recording.damage and len(cycles) > 50 and cycles.index.tolist() == list(range(len(cycles)))
     return 1e-9 * (killed_ns - (int(last["stamp.sec"]) * 10**9 + int(last["stamp.nanosec"])))

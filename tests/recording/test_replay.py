@@ -14,14 +14,14 @@ from hardware.guard_state import StopCause
 from live_rig import LiveRig
 from messages import mentions, refuses, shows
 from operators import Asks
-from recordings import Recorded, record
+from recordings import Recorded, record, with_cycles
 from retarget.errors import InputError
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip, Samples
 from retarget.live.begin import LiveOptions
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Asked, Done
-from retarget.recording.reading import Played, played, read_recording
+from retarget.recording.reading import Recording, read_recording
 from retarget.recording.recorder import Recorder
 from retarget.recording.replay import (
     Difference,
@@ -46,23 +46,23 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("difference") / "run.mcap", seconds=0.1)
 
 
-def sent(found: Played) -> list[tuple[int, TickArray]]:
+def sent(found: Recording) -> list[tuple[int, TickArray]]:
     cycles = found.cycles
     return [(int(row), cycles.goal_ticks[row].copy()) for row in np.flatnonzero(cycles.written != Done.NOT)]
 
 
-def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Played | None = None) -> Difference:
+def compared(run: Recorded, goals: list[tuple[int, TickArray]], found: Recording | None = None) -> Difference:
     assert run.result.robot is not None
-    return goal_difference(found or run.played(), goals, run.result.robot)
+    return goal_difference(found or run.read(), goals, run.result.robot)
 
 
 @pytest.mark.long
 def test_one_tick_of_one_joint_is_located(run: Recorded) -> None:
-    goals = sent(run.played())
+    goals = sent(run.read())
     row = goals[30][0]
     goals[30][1][4] -= 2
     found = compared(run, goals)
-    cycles, robot = run.played().cycles, run.result.robot
+    cycles, robot = run.read().cycles, run.result.robot
     assert robot is not None
     assert (found.differ, found.ticks, found.first) == (1, 2, int(cycles.index[row]))
     assert found.most == pytest.approx(2 * 360.0 / 4096.0, rel=1e-6)
@@ -72,15 +72,15 @@ def test_one_tick_of_one_joint_is_located(run: Recorded) -> None:
 
 
 def test_goals_that_are_missing_or_more(run: Recorded) -> None:
-    goals = sent(run.played())
+    goals = sent(run.read())
     found = compared(run, [*goals[:-3], (-1, goals[0][1]), goals[5]])
     assert (found.differ, found.absent, found.extra) == (0, 3, 2) and not found.none
     assert found.lines() == ["3 goals were recorded and are not sent now", "2 goals are sent now and were not recorded"]
 
 
 def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded) -> None:
-    whole = run.played()
-    cut = replace(whole, recording=replace(whole.recording, damage="it ends early"))
+    whole = run.read()
+    cut = replace(whole, damage="it ends early")
     goals = sent(whole)
     found = compared(run, [*goals, (-1, goals[0][1])], cut)
     assert found.none and not found.whole
@@ -89,7 +89,7 @@ def test_what_comes_after_a_recording_that_was_cut_off_is_not_more(run: Recorded
 
 def test_postures_of_a_human(tmp_path: Path) -> None:
     alone = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"), seconds=0.1)
-    found, q = alone.played(), alone.result.record.human_q.copy()
+    found, q = alone.read(), alone.result.record.human_q.copy()
     assert posture_difference(found, q).none
     q[5, 9] += 0.01
     off = posture_difference(found, q[:-2])
@@ -115,7 +115,7 @@ def same(again: Replayed, result: RunResult) -> None:
 
 
 def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
-    again = replay(plain.played())
+    again = replay(plain.read())
     same(again, plain.result)
     assert again.changed == () and again.difference.compared == len(plain.result.record) + 1
     mentions(again.difference.lines(), len(plain.result.record))
@@ -144,7 +144,7 @@ def stopped_by_the_operator() -> Operator:
 @pytest.mark.parametrize("operator", [Fallen(), Fallen(fails=True), stopped_by_the_operator()])
 def test_what_the_operator_asked_for_is_asked_for_again(operator: Operator, tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", operator=operator)
-    again = replay(run.played())
+    again = replay(run.read())
     same(again, run.result)
     if isinstance(operator, Fallen):
         assert again.result.reason == run.result.reason in ("the robot has fallen: over a wire", "no terminal")
@@ -160,7 +160,7 @@ def test_what_the_operator_asked_for_is_asked_for_again(operator: Operator, tmp_
 )
 def test_what_went_wrong_goes_wrong_again(fault: MockFault, tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", faults=(fault,))
-    again = replay(run.played())
+    again = replay(run.read())
     same(again, run.result)
     assert again.result.reason == run.result.reason
 
@@ -209,7 +209,7 @@ class Held:
 @pytest.mark.long
 def test_who_was_held_is_held_again(tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", samples=Held)
-    found = run.played()
+    found = run.read()
     assert (found.cycles.sampled == 2).sum() == 10 and found.cycles.weighted.any()
     assert found.cycles.settled.min() < 0.3
     assert np.count_nonzero(found.cycles.asked & Asked.PAUSED) == 40
@@ -227,7 +227,7 @@ def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", rig.run_options, clock=rig.clock, notify=rig.said.append)
     with rig.prepared() as prepared, recorder.recording(prepared, source="json://") as recorded:
         result = recorded.run(observers=[recorder.observer])
-    found = played(read_recording(tmp_path / "run.mcap"))
+    found = read_recording(tmp_path / "run.mcap")
     assert (found.cycles.sampled == 2).any()
     shows(rig.said)
     assert found.cycles.settled.min() < 1.0
@@ -236,7 +236,7 @@ def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
 
 def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
     run = record(tmp_path / "run.mcap", options=RunOptions(robot="human", bus="none"))
-    again = replay(run.played())
+    again = replay(run.read())
     assert again.difference.none and again.difference.compared == len(run.result.record)
     assert again.difference.lines() == [f"all {len(run.result.record)} postures are as recorded, to the bit"]
     np.testing.assert_array_equal(again.result.record.human_q, run.result.record.human_q)
@@ -244,11 +244,11 @@ def test_the_human_alone_is_reproduced(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
-    found = plain.played()
+    found = plain.read()
     where = int(np.flatnonzero(found.cycles.phase == 1)[10])
     cycles = found.cycles[np.arange(len(found.cycles))]
     cycles.sensor_position[where:, 1] += [0.0, 0.0, 0.3]
-    again = replay(replace(found, cycles=cycles))
+    again = replay(with_cycles(found, cycles))
     difference = again.difference
     assert not difference.none and difference.first is not None
     assert where <= difference.first <= where + 30 and 0 < difference.differ < difference.compared
@@ -260,7 +260,7 @@ def test_a_changed_sensor_is_found_where_it_is(plain: Recorded) -> None:
 @pytest.mark.parametrize("then", ["sooner", "later"])
 def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then: str, plain: Recorded) -> None:
     """As where another version ends its approach earlier or later: following is compared with following."""
-    found = plain.played()
+    found = plain.read()
     cycles, follow = found.cycles, int(np.flatnonzero(found.cycles.sampled == 1)[1])
     if then == "sooner":
         rows = np.delete(np.arange(len(cycles)), np.arange(follow - 20, follow))
@@ -269,7 +269,7 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
     cycles = cycles[rows]
     cycles.index[:] = np.arange(len(cycles))
     cycles.clock[:] = np.maximum(np.arange(len(cycles)) * 0.008, 0.0)[:, None]
-    again = replay(replace(found, cycles=cycles))
+    again = replay(with_cycles(found, cycles))
     assert again.result.reason is None and again.result.state == "off"
     following = np.flatnonzero(cycles.phase == 1)
     assert (again.difference.first or 0) < following[0] and again.difference.differ == 0
@@ -280,7 +280,7 @@ def test_an_approach_that_lasts_longer_or_shorter_changes_nothing_after_it(then:
 
 
 def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> None:
-    found = plain.played()
+    found = plain.read()
     inputs = RecordedInputs(found, RecordedSamples(found))
     inputs.read()
     inputs.write(ServoGoals(found.cycles.goal_ticks[0] + 5))
@@ -290,53 +290,53 @@ def test_servos_are_as_far_from_their_goals_as_they_were(plain: Recorded) -> Non
 
 
 def test_lost_cycles_are_not_those_before_them(plain: Recorded) -> None:
-    whole = plain.played()
+    whole = plain.read()
     cycles = whole.cycles[np.delete(np.arange(len(whole.cycles)), [3, 4])]
     cycles.asked[2] |= Asked.STOP
-    found = replace(whole, cycles=cycles, missing=2)
+    found = with_cycles(whole, cycles)
     inputs = RecordedInputs(found, RecordedSamples(found))
     inputs.read()
     given = [inputs.gather(0, RunState.APPROACH, approached=False) for _ in range(6)]
     assert [one.operator.stop is not None for one in given] == [False, True, False, False, False, False]
     assert all(one.performer.may_go_on for one in given)
-    np.testing.assert_allclose(np.diff([one.now for one in given]), whole.recording.session.dt, atol=1e-9)
+    np.testing.assert_allclose(np.diff([one.now for one in given]), whole.session.dt, atol=1e-9)
 
 
 def test_another_version_is_named(plain: Recorded) -> None:
-    session = plain.played().recording.session
+    session = plain.read().session
     assert what_computes(session) == ()
     (note,) = what_computes(session.model_copy(update={"version": "0.0.1"}))
     shows(note, "0.0.1", retarget.__version__, varies=retarget.__version__)
 
 
 def test_a_recording_of_another_processor_is_compared_to_the_bit_and_says_so(plain: Recorded) -> None:
-    found = plain.played()
-    other = found.recording.session.model_copy(update={"machine": "aarch64 (Cortex-A76)"})
-    again = replay(replace(found, recording=replace(found.recording, session=other)))
+    found = plain.read()
+    other = found.session.model_copy(update={"machine": "aarch64 (Cortex-A76)"})
+    again = replay(replace(found, session=other))
     assert again.difference.none
     mentions(again.difference.lines(), len(plain.result.record), "as recorded on aarch64 (Cortex-A76), to the bit")
 
 
 def test_another_robot_or_performer_is_refused(plain: Recorded) -> None:
-    found = plain.played()
+    found = plain.read()
     for update, facts in (
         ({"joints": ("head_pan",)}, ()),
         ({"sensors": ("head",)}, ()),
     ):
-        session = found.recording.session.model_copy(update=update)
-        other = replace(found, recording=replace(found.recording, session=session))
-        with refuses(InputError, facts), as_recorded(other.recording, robot="op3") as configs:
+        session = found.session.model_copy(update=update)
+        other = with_cycles(replace(found, session=session), found.cycles)
+        with refuses(InputError, facts), as_recorded(other, robot="op3") as configs:
             replay(other, configs)
 
 
 def test_a_run_whose_robot_still_stood_on_a_real_bus_is_over_with_its_last_cycle(tmp_path: Path) -> None:
     """As one that was killed while it waited for the operator; and it ends as was planned then."""
     run = record(tmp_path / "run.mcap", options=RunOptions(robot="toddlerbot"), goes_to_rest=True)
-    found = run.played()
-    session = found.recording.session
+    found = run.read()
+    session = found.session
     assert (session.end, run.result.state) == ("STANDING", RunState.STANDING.value)
-    real = replace(found.recording, session=session.model_copy(update={"bus": "/dev/ttyUSB0"}))
-    again = replay(replace(found, recording=real))
+    real = replace(found, session=session.model_copy(update={"bus": "/dev/ttyUSB0"}))
+    again = replay(real)
     assert again.difference.none and len(again.result.record) - len(run.result.record) in (0, 1)
 
 
@@ -344,7 +344,7 @@ def test_a_recording_of_before_ends_were_planned_goes_to_rest_untried(tmp_path: 
     """Its session has no plan, and its profile does not say that the robot stays at rest."""
     options = RunOptions(robot="toddlerbot", torque_off_at_end=True)
     run = record(tmp_path / "run.mcap", options=options, goes_to_rest=True)
-    found = run.played()
-    before = found.recording.session.model_copy(update={"end": None, "keyframes": ()})
-    again = replay(replace(found, recording=replace(found.recording, session=before)))
+    found = run.read()
+    before = found.session.model_copy(update={"end": None, "keyframes": ()})
+    again = replay(replace(found, session=before))
     assert again.result.state == run.result.state == RunState.OFF.value and again.difference.none

@@ -21,7 +21,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 @pytest.fixture
 def session(run: Recorded) -> Session:
-    return run.played().recording.session
+    return run.read().session
 
 
 def test_the_same_run_can_be_asked_for_again(run: Recorded, session: Session) -> None:
@@ -35,7 +35,7 @@ def test_the_same_run_can_be_asked_for_again(run: Recorded, session: Session) ->
 
 def test_the_speed_of_the_motion_is_part_of_it(tmp_path: Path) -> None:
     slow = RunOptions(robot="human", playback=Playback(speed=0.5))
-    session = record(tmp_path / "run.mcap", options=slow, seconds=0.05).played().recording.session
+    session = record(tmp_path / "run.mcap", options=slow, seconds=0.05).read().session
     assert session.motion_dt == 0.5 * session.dt
 
 

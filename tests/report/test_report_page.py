@@ -294,11 +294,12 @@ def test_every_corner_is_on_the_surface_of_an_obstacle(name: str) -> None:
     if wires is None:
         assert set(state.shapes.kinds.tolist()) == {ShapeKind.HALF_SPACE}
         return
+    points, edges = wires
     shown = [kind for kind in state.shapes.kinds.tolist() if kind != ShapeKind.HALF_SPACE]
-    assert len(wires.edges) == sum(12 if kind == ShapeKind.BOX else 36 for kind in shown)
-    for row, time in enumerate(TIMES[: len(wires.points)]):
+    assert len(edges) == sum(12 if kind == ShapeKind.BOX else 36 for kind in shown)
+    for row, time in enumerate(TIMES[: len(points)]):
         poses = state.at_rest(float(time))
-        for point in wires.points[row]:
+        for point in points[row]:
             assert min(_off(state, poses.position, poses.quat, at, point) for at in range(len(poses.position))) < 1e-9
 
 
@@ -318,5 +319,5 @@ def test_what_moves_has_a_row_for_each_time_and_what_does_not_has_one() -> None:
     moving = wires_of(SceneState(load_scene("crossing_ball")), TIMES)
     still = wires_of(SceneState(load_scene("table")), TIMES)
     assert moving is not None and still is not None
-    assert len(moving.points) == 3 and len(still.points) == 1
-    assert np.abs(moving.points[2] - moving.points[0]).max() > 0.01
+    assert len(moving[0]) == 3 and len(still[0]) == 1
+    assert np.abs(moving[0][2] - moving[0][0]).max() > 0.01

@@ -65,8 +65,7 @@ def assert_well(run: RunResult) -> None:
     assert limit_violations(np.vstack([positions, positions[-1:]]), robot.limits, run.clip.dt) == LimitViolations(
         0, 0, 0
     )
-    for sole in motion_metrics.soles_of(robot, sent.q):
-        corners = motion_metrics.sole_corners(sole)
+    for corners in motion_metrics.standing_of(robot, sent.q).soles:
         assert np.linalg.norm(corners - corners[0], axis=-1).max() < 0.003
 
 

@@ -105,12 +105,9 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
     shows(notes)
     assert np.abs(run.record.robot.goals[-1] - angles(run.robot, "rest")).max() < 0.1
     way = run.record.robot.q[900 + len(returned) :]
-    soles = motion_metrics.soles_of(run.robot, way)
-    corners = [motion_metrics.sole_corners(sole) for sole in soles]
-    assert max(float(motion_metrics.tilt(sole.orientation).max()) for sole in soles) < np.deg2rad(0.2)
-    assert max(float(np.ptp(one[..., 2], axis=0).max()) for one in corners) < 5e-3, "neither sole is lifted"
-    com = run.robot.body.solver_body().centre_of_mass(np.ascontiguousarray(way))
-    assert (motion_metrics.support_margin(com, np.concatenate(corners, axis=1)) > 0.0).all()
+    stand = motion_metrics.standing_of(run.robot, way)
+    assert stand.tilt.max() < np.deg2rad(0.2) and (stand.margin > 0.0).all()
+    assert np.ptp(stand.corners[..., 2], axis=0).max() < 5e-3, "neither sole is lifted"
 
 
 @pytest.mark.long
@@ -185,12 +182,9 @@ def stop_at(ready: Prepared, time: float = WARM_UP_S) -> RunResult:
 def soles(run: RunResult) -> tuple[float, float]:
     """Most that a sole is off its first place and off the ground, m, and tilted, rad."""
     assert run.robot is not None and run.record.robot is not None
-    off = tilt = 0.0
-    for sole in motion_metrics.soles_of(run.robot, run.record.robot.q):
-        corners = motion_metrics.sole_corners(sole)
-        off = max(off, float(np.linalg.norm(corners - corners[run.record.following.start], axis=-1).max()))
-        tilt = max(tilt, float(motion_metrics.tilt(sole.orientation).max()))
-    return off, tilt
+    stand = motion_metrics.standing_of(run.robot, run.record.robot.q)
+    off = np.linalg.norm(stand.corners - stand.corners[run.record.following.start], axis=-1)
+    return float(off.max()), float(stand.tilt.max())
 
 
 def assert_stands_well(run: RunResult, *, braked: int = 6) -> None:
@@ -205,11 +199,7 @@ def assert_stands_well(run: RunResult, *, braked: int = 6) -> None:
     assert limit_violations(at_rest, robot.limits, run.clip.dt) == LimitViolations(0, 0, 0)
     off, tilt = soles(run)
     assert off < 0.003 and tilt < np.deg2rad(0.1)
-    corners = np.concatenate(
-        [motion_metrics.sole_corners(sole) for sole in motion_metrics.soles_of(robot, sent.q)], axis=1
-    )
-    com = robot.body.solver_body().centre_of_mass(np.ascontiguousarray(sent.q))
-    assert (motion_metrics.support_margin(com, corners) > 0.0).all()
+    assert (motion_metrics.standing_of(robot, sent.q).margin > 0.0).all()
 
 
 @pytest.mark.parametrize(("trial", "at"), RECORDED)

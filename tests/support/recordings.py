@@ -29,7 +29,7 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.cdr import schema
 from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
-from retarget.recording.reading import Played, played, read_recording
+from retarget.recording.reading import Recording, read_recording
 from retarget.recording.recorder import Recorder
 from retarget.rotations import from_rotation_vector
 from retarget.run.loop import Operator
@@ -37,6 +37,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import PHASE_NAMES, Phase
 from retarget.run.run_result import RunResult
+from retarget.run.table import RunTable
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
 
@@ -52,8 +53,15 @@ class Recorded:
     notes: list[str]
     path: Path
 
-    def played(self) -> Played:
-        return played(read_recording(self.path))
+    def read(self) -> Recording:
+        return read_recording(self.path)
+
+
+def with_cycles(recording: Recording, cycles: RunTable) -> Recording:
+    """A recording that was made of other cycles."""
+    other = replace(recording)
+    vars(other)["cycles"] = cycles  # where `cached_property` keeps them
+    return other
 
 
 def performer(seconds: float = SECONDS) -> Callable[[], SensorFrames]:

@@ -29,15 +29,15 @@ class Run:
 
     def __init__(self, rows: int = ROWS) -> None:
         self.cast = cast_of_op3()
-        self.times: FloatArray = np.arange(rows, dtype=np.float64) * DT
+        self.time: FloatArray = np.arange(rows, dtype=np.float64) * DT
         self.notes: tuple[str, ...] = ()
         self.shown: list[int] = []
 
     def __len__(self) -> int:
-        return len(self.times)
+        return len(self.time)
 
     def __getitem__(self, row: int) -> RunTable:
-        return rows_of(self.times[row : row + 1])[0]
+        return rows_of(self.time[row : row + 1])[0]
 
 
 def rows_of(times: FloatArray, *, present: float = 0.1) -> list[RunTable]:

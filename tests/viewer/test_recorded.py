@@ -14,9 +14,8 @@ from retarget.recording.motion import Motion
 from retarget.recording.read_run import read_recorded
 from retarget.run.record import Phase
 from retarget.schema.catalogue import Kind, find
-from retarget.types import FloatArray
 from retarget.viewer.joint_plot import curves
-from retarget.viewer.recorded import RecordedScene, ShownRun, open_recorded
+from retarget.viewer.recorded import ShownRun, open_recorded, recorded_obstacles
 from viewed import shown
 
 
@@ -35,33 +34,21 @@ def whole(place: Path) -> Motion:
     return read_recorded(place / "run.mcap")
 
 
-def scene_of(run: Motion, **changed: Any) -> RecordedScene:
-    """The scene of a run, whose recording, phase or no_command is another one."""
-    given: dict[str, Any] = {"recording": run.recording, "phase": run.phase, "no_command": run.no_command}
-    return RecordedScene(**given | changed)
-
-
 def first_followed(run: Motion) -> int:
     return int(np.flatnonzero(run.phase == Phase.FOLLOW)[0])
 
 
-def at(scene: RecordedScene, row: int) -> FloatArray:
-    poses = scene.at(row)
-    assert poses is not None
-    return poses
-
-
 @pytest.mark.long
 def test_obstacles_move_from_the_first_tick_that_followed(whole: Motion) -> None:
-    scene = scene_of(whole)
-    assert len(scene.obstacles) == 1 and scene.notes == ()
+    obstacles, poses, notes = recorded_obstacles(whole)
+    assert len(obstacles) == 1 and notes == () and poses is not None and len(poses) == len(whole)
     first = first_followed(whole)
     assert first > 10
     for row in (0, first // 2, first):
-        np.testing.assert_allclose(at(scene, row), [[0.2, 0.6, 0.34, 1.0, 0.0, 0.0, 0.0]])
+        np.testing.assert_allclose(poses[row], [[0.2, 0.6, 0.34, 1.0, 0.0, 0.0, 0.0]])
     assert whole.recording is not None
     dt = whole.recording.session.dt
-    assert at(scene, first + 50)[0, 1] == pytest.approx(0.6 - 0.3 * 50 * dt, abs=1e-9), "1.2 m in 4 s"
+    assert poses[first + 50, 0, 1] == pytest.approx(0.6 - 0.3 * 50 * dt, abs=1e-9), "1.2 m in 4 s"
 
 
 def test_a_scene_that_changed_since_is_shown_as_it_was(whole: Motion, place: Path) -> None:
@@ -69,13 +56,13 @@ def test_a_scene_that_changed_since_is_shown_as_it_was(whole: Motion, place: Pat
     before = file.read_text()
     try:
         file.write_text(before.replace("radius: 0.05", "radius: 0.25"))
-        scene = scene_of(whole)
-        assert np.abs(scene.obstacles[0].vertices).max() == pytest.approx(0.05, abs=1e-3)
-        assert len(scene.notes) == 1
-        shows(scene.notes[0])
+        obstacles, _, notes = recorded_obstacles(whole)
+        assert np.abs(obstacles[0].vertices).max() == pytest.approx(0.05, abs=1e-3)
+        assert len(notes) == 1
+        shows(notes[0])
         assert sum("another one now" in note for note in open_recorded(place / "run.mcap").notes) == 1, "noted once"
         file.unlink()
-        assert len(scene_of(whole).obstacles) == 1
+        assert len(recorded_obstacles(whole)[0]) == 1
     finally:
         file.write_text(before)
 
@@ -85,9 +72,10 @@ def test_why_it_is_not_shown(whole: Motion, place: Path) -> None:
     recording = whole.recording
     assert recording is not None
     session = recording.session.model_copy(update={"scene": "nowhere", "files": ()})
-    scene = scene_of(whole, recording=replace(recording, session=session, attachments={}))
-    assert not scene.obstacles and scene.at(0) is None
-    assert len(scene.notes) == 1 and scene.notes[0].startswith("its scene is not shown: ")
+    bare = replace(whole, recording=replace(recording, session=session, attachments={}))
+    obstacles, poses, notes = recorded_obstacles(bare)
+    assert not obstacles and poses is None
+    assert len(notes) == 1 and notes[0].startswith("its scene is not shown: ")
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +94,9 @@ def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
     robot = run.cast.robot
     assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
     assert not run.cast.servos_measure
-    states = {str(shown(run, row).doing) for row in range(len(run.times))}
+    states = {str(shown(run, row).doing) for row in range(len(run))}
     assert states == {"approaching", "following", "stopping"}
-    for row in (0, len(run.times) // 2, len(run.times) - 1):
+    for row in (0, len(run) // 2, len(run) - 1):
         snapshot = shown(run, row)
         assert snapshot.time == arrays["time"][row]
         np.testing.assert_array_equal(snapshot.sent, arrays["joint_positions"][row])
@@ -121,7 +109,7 @@ def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
     time, sent, present = curves(run, run.cast, 3, "angle")
     np.testing.assert_allclose(sent, np.degrees(arrays["joint_positions"][:, 3]))
     np.testing.assert_allclose(present, np.degrees(arrays["servo_positions"][:, 3]))
-    np.testing.assert_array_equal(time, run.times)
+    np.testing.assert_array_equal(time, run.time)
 
 
 def test_sensors_are_shown_where_they_were_kept(path: Path, run: ShownRun, tmp_path: Path) -> None:

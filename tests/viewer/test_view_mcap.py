@@ -29,11 +29,11 @@ def run(path: Path) -> RunResult:
 def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     seen, sent = open_recorded(path), run.record.robot
     assert sent is not None and run.robot is not None
-    assert len(seen.times) == len(run.record.time)
-    np.testing.assert_allclose(seen.times, run.record.time, atol=1e-9)
+    assert len(seen) == len(run.record.time)
+    np.testing.assert_allclose(seen.time, run.record.time, atol=1e-9)
     columns = run.robot.servo_columns
     order = [seen.cast.joints.index(joint) for joint in run.robot.joint_map.joints]
-    for row in range(0, len(seen.times), 7):
+    for row in range(0, len(seen), 7):
         snapshot = shown(seen, row)
         np.testing.assert_allclose(snapshot.q, sent.q[row], atol=1e-6)
         np.testing.assert_allclose(snapshot.robot[columns], sent.present[row], atol=1e-9)
@@ -76,7 +76,7 @@ def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
     run = recorded(path, robot="op3", truth=late_truth)
     seen = open_recorded(path)
     assert run.record.robot is not None
-    before, after = shown(seen, 50), shown(seen, len(seen.times) - 1)
+    before, after = shown(seen, 50), shown(seen, len(seen) - 1)
     assert np.isnan(before.pressure).all()
     np.testing.assert_allclose(before.robot[robot.servo_columns], run.record.robot.present[50], atol=1e-9)
     np.testing.assert_array_equal(after.robot[:7], truth[:7])
