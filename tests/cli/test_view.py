@@ -12,7 +12,6 @@ from retarget.cli import main
 from retarget.cli.exit import REFUSED, StopRequest
 from retarget.cli.operator import ON_THE_PAGE, RunOperator
 from retarget.cli.view import viewing
-from retarget.report.outputs import Outputs
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.supervisor import OperatorInput
@@ -36,10 +35,6 @@ def test_what_is_no_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture
     assert len(lines) == 2
     shows(lines[0])
     shows(lines[1], "--record", "FILE.mcap")
-
-
-def test_a_page_is_where_view_says() -> None:
-    assert Outputs().view is None
 
 
 class FakeFeed:
