@@ -262,12 +262,6 @@ def test_small_arms_are_imported_without_landmarks_that_have_no_length(places: t
         imported(f"<mujoco><worldbody>{opened}{end}", tmp_path, suffix="xml")
 
 
-def test_import_again(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, err = run(capsys, "import", bust, "--out", tmp_path)
-    assert code == 2 and err.count("error:") == 1
-    shows(err)
-
-
 def test_what_is_not_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(table_arm())

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from faulty_bus import FaultKind, MockFault
 from followers import op3
-from recordings import record, recorded
+from recordings import recorded
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from retarget.viewer.joint_plot import curves
@@ -51,15 +50,6 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     np.testing.assert_allclose(goal, np.degrees(sent.q[:, columns[4]]), atol=1e-4)
     np.testing.assert_allclose(present, np.degrees(sent.present[:, 4]), atol=1e-6)
     np.testing.assert_array_equal(curves(seen, seen.cast, order[4], "temperature")[2], sent.temperature[:, 4])
-
-
-@pytest.mark.long
-def test_what_no_servo_measured_is_not_shown(tmp_path: Path, path: Path, run: RunResult) -> None:
-    """Mock servos measure nothing."""
-    unknown = tuple(MockFault(FaultKind.HOT, 0, 10**6, servo=servo, value=float("nan")) for servo in range(20))
-    record(tmp_path / "run.mcap", faults=unknown)
-    assert run.robot is not None and open_recorded(path).cast.servos_measure, "these measure it"
-    assert not open_recorded(tmp_path / "run.mcap").cast.servos_measure
 
 
 @pytest.mark.long
