@@ -193,18 +193,6 @@ def test_a_defect_shows_its_traceback(capsys: pytest.CaptureFixture[str]) -> Non
     shows(shown)
 
 
-@pytest.mark.long
-def test_a_reader_that_leaves_is_no_defect() -> None:
-    code = "from retarget.cli.exit import exit_code_of\nimport sys\n"
-    code += "sys.exit(exit_code_of(lambda: [print('line') for _ in range(100000)]))"
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None and process.stderr is not None
-        process.stdout.readline()
-        process.stdout.close()
-        shown = process.stderr.read()
-    assert shown == b""
-
-
 def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     assert leave("--help") == DONE
     shown = " ".join(capsys.readouterr().out.split())

@@ -183,7 +183,10 @@ def test_nonsense_is_not_stored_and_a_missing_part_is_no_nonsense() -> None:
     assert playout.dropped.reasons == {"not a capture time": 3} and playout.read(1.0).age[5] == 0.0
 
 
-def storm(pushes: int, seed: int) -> None:
+@pytest.mark.parametrize(
+    ("pushes", "seed"), [(3_000, 4), *(pytest.param(100_000, seed, marks=pytest.mark.long) for seed in range(3))]
+)
+def test_a_storm_of_pushes(pushes: int, seed: int) -> None:
     """Random pushes and reads: nothing is raised, time and memory stay in bounds."""
     rng = np.random.default_rng(seed)
     playout = buffered(6)
@@ -209,16 +212,6 @@ def storm(pushes: int, seed: int) -> None:
             assert (np.isnan(size) | (np.abs(size - 1.0) < 1e-6)).all()
             assert not np.isinf(played.position).any()
     assert set(playout.dropped.reasons) <= {"repeated", "older than what is kept", "not a capture time"}
-
-
-def test_a_storm_of_pushes() -> None:
-    storm(3_000, 4)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(3))
-def test_a_long_storm_of_pushes(seed: int) -> None:
-    storm(100_000, seed)
 
 
 def run(delay: PlayoutDelay, seconds: float, jitter: float, *, start: float, rate: float = 100.0) -> list[float]:
