@@ -130,12 +130,3 @@ def test_a_hand_that_rests_against_a_sphere_rests(tick: int) -> None:
     done = act(state_of := robot(state := scene_of(ball=sphere(at))), state, [*motion, *[motion[-1]] * 500])
     assert state_of.observers.names and done.distance[-1].min() == pytest.approx(ZONE["margin"], abs=1e-4)
     assert done.swing() < 1e-4
-
-
-@pytest.mark.long
-def test_a_hand_that_rests_against_a_box_rests() -> None:
-    motion = raised()[:200]
-    x, y, z = act(robot(None), None, motion).reached("r_hand")[-1]
-    box = {"shape": {"box": {"size": (0.05, 0.05, 0.02)}}, "at": {"pos": (x + 0.03, y, z + 0.01)}, **ZONE}
-    done = act(robot(state := scene_of(box=box)), state, [*motion, *[motion[-1]] * 500])
-    assert done.swing() < 1e-4
