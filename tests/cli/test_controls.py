@@ -23,7 +23,6 @@ from hypothesis import strategies as st
 
 from hardware.errors import HardwareError
 from messages import refuses, shows
-from retarget.cli import main
 from retarget.cli.controls import (
     EVENT,
     LET_GO_S,
@@ -369,14 +368,3 @@ def test_what_can_be_had_is_not_refused_and_the_rest_is(tmp_path: Path) -> None:
         refuse_oversight(Oversight(dead_man="b"), virtual=True)
     with refuses(HardwareError, "--core"):
         refuse_oversight(Oversight(core=4096), virtual=False)
-
-
-def test_a_port_that_is_taken_is_refused_with_its_holder(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
-        holder.bind(("127.0.0.1", 0))
-        port = holder.getsockname()[1]
-        with pytest.raises(SystemExit) as ended:
-            main(["run", "--robot", "human", "--source", f"json://:{port}"])
-    said = capsys.readouterr().err
-    assert ended.value.code == 2
-    shows(said, "UDP", port)

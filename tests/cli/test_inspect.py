@@ -40,17 +40,6 @@ def test_a_program_gets_one_json_object_without_nan(tmp_path: Path, capsys: pyte
     assert data["jumps"] == [] and data["stature_m"] is None
 
 
-@pytest.mark.parametrize("words", [["--unit", "furlong"], ["--rate", "0"], ["--skeleton", "missing.asf"], []])
-def test_bad_files_and_options_are_refused_with_one_message(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
-    path = tmp_path / "a.bvh"
-    path.write_text(bvh_text() if words else "HIERARCHY\nROOT a\n{\n")
-    code, out, err = said_by(capsys, "inspect", str(path), *words)
-    assert code == 2 and out == ""
-    assert err.count("error:") == 1 and "Traceback" not in err
-
-
 def test_a_recorded_stream_is_shown_by_the_names_of_its_sender(
     shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

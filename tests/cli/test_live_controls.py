@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -271,13 +272,8 @@ def test_why_the_robot_stops_is_reported_while_it_does() -> None:
 
 @pytest.mark.parametrize("gone", [False, True])
 def test_how_torque_goes_off_is_said_again_while_a_robot_stands_and_a_lost_terminal_keeps_no_press(gone: bool) -> None:
-    rig, said = Rig(np.zeros((10, 20)), goes_to_rest=True), list[str]()
+    rig, notify = Rig(np.zeros((10, 20)), goes_to_rest=True), Mock(side_effect=BrokenPipeError if gone else None)
     rig.machine = replace(rig.machine, waits=True, end_plan=EndPlan(End.STANDING, why="for this test"))
-
-    def notify(text: str) -> None:
-        said.append(text)
-        if gone:
-            raise BrokenPipeError
 
     def held() -> bool:
         supervisor = rig.supervisor
@@ -286,20 +282,16 @@ def test_how_torque_goes_off_is_said_again_while_a_robot_stands_and_a_lost_termi
     announcer = Announcer(rig.machine, StopRequest(), notify=notify)
     ending = play(rig, Asks(torque_off=held), announcer)
     assert ending.state is RunState.OFF and not rig.bus.torque_on
-    assert len(said) == (1 if gone else 3)
-    shows(said[-1])
+    assert notify.call_count == (1 if gone else 3)
+    shows(notify.call_args.args[0])
 
 
 def test_a_stop_is_requested_before_anything_is_reported() -> None:
     """Also where the terminal is gone."""
     rig = rigged()
-
-    def gone(text: str) -> None:
-        raise BrokenPipeError
-
     with rig.prepared() as prepared:
         stop = StopRequest()
-        operator = RunOperator(prepared, stop, controls=[Typed({1: " p"})], notify=gone)
+        operator = RunOperator(prepared, stop, controls=[Typed({1: " p"})], notify=Mock(side_effect=BrokenPipeError))
         with pytest.raises(BrokenPipeError):
             operator.ask(None)
         assert stop.why == SPACE and not operator.engaged

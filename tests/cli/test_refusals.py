@@ -117,6 +117,8 @@ TYPED = [
     "replay not.mcap --bus mock",
     "replay not.mcap --speed 0.5",
     "replay not.mcap --goals --bus mock --save x.npz",
+    "view not.mcap",
+    "view nothing.npz",
     "export nothing.npz --to csv",
     "export not.mcap --to cvs",
     "stop nowhere",

@@ -17,12 +17,11 @@ import pytest
 from command_line import code_of
 from hardware.guard import Torque
 from live_rig import LiveRig
-from messages import refuses, shows, shows_lines
-from retarget.cli.application import given, refuse_given
+from messages import shows, shows_lines
 from retarget.cli.controls import Asked
 from retarget.cli.exit import DONE, INTERRUPTED, REFUSED, STOPPED, StopRequest
 from retarget.cli.operator import TORQUE_WORDS, RunOperator
-from retarget.cli.run import StreamOptions, _wait_until_engaged
+from retarget.cli.run import _wait_until_engaged
 from retarget.errors import UsageError
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
@@ -113,14 +112,6 @@ def test_a_real_person_who_is_followed_at_once_keeps_the_robots_soles_to_the_end
     assert found["stop"] == {"state": "off", "reason": None}
     assert found["com_outside_support_frames"] == 0
     assert found["soles"]["height_mm"] < 0.5 and found["soles"]["tilt_deg"] < 0.1
-
-
-def test_a_file_has_no_live_options() -> None:
-    assert given(StreamOptions()) == [] and given(StreamOptions(yes=True), but=("yes",)) == []
-    assert given(StreamOptions(person="anna", check_sides=False)) == ["--person", "--check-sides"]
-    refuse_given([], "live stream")
-    with refuses(UsageError, "--person"):
-        refuse_given(["--person"], "live stream")
 
 
 def test_what_was_asked_before_it_begins_is_obeyed_before_anything_has_torque() -> None:

@@ -1,45 +1,20 @@
 """`retarget view` and `--view`: what is refused, and what a button of the page does to a run."""
 
-from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
 from hardware.clock import VirtualClock
-from messages import shows
 from recordings import performer
-from retarget.cli import main
-from retarget.cli.exit import REFUSED, StopRequest
+from retarget.cli.exit import StopRequest
 from retarget.cli.operator import ON_THE_PAGE, RunOperator
 from retarget.cli.view import viewing
-from retarget.report.outputs import Outputs
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.supervisor import OperatorInput
 from retarget.viewer.feed import PageSetup
 from retarget.viewer.live_page import cast_of
 from sim.mock_bus import mock_bus
-
-
-def leave(*words: str | Path) -> int:
-    with pytest.raises(SystemExit) as leaving:
-        main([*map(str, words)])
-    return int(leaving.value.code or 0)
-
-
-def test_what_is_no_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    other = tmp_path / "notes.npz"
-    other.write_text("no run")
-    assert leave("view", other) == REFUSED
-    assert leave("view", tmp_path / "none.npz") == REFUSED
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 2
-    shows(lines[0])
-    shows(lines[1], "--record", "FILE.mcap")
-
-
-def test_a_page_is_where_view_says() -> None:
-    assert Outputs().view is None
 
 
 class FakeFeed:

@@ -1,7 +1,5 @@
 """Buses as data."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from bus_rig import BusRig, bus_of, moved, spec, specs
 from hardware.bus import BusSpec, ServoGoals
 from hardware.dynamixel.torque import FIRST_DRIVE, RAMP_TIME
 from hardware.errors import BusError
-from hardware.servo import ServoMode, ServoSpec
 from messages import refuses
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import LineTiming
@@ -167,26 +164,3 @@ def test_a_host_that_is_silent_finds_its_servos_stopped() -> None:
     for _ in range(60):
         states = rig.tick([2300] * 4).states
     assert states.driven.all() and np.abs(states.position - 2300).max() <= 1
-
-
-def many_turns() -> list[ServoSpec]:
-    """Joints of two turns of their shafts each, and a plain one."""
-    geared = replace(spec(1), gear=3.0, lower=-1.0, upper=1.0, max_velocity=1.0, mode=ServoMode.EXTENDED_POSITION)
-    return [geared, replace(geared, joint="j2", id=2, zero_tick=0), spec(3)]
-
-
-def test_a_servo_that_forgot_its_turn_is_found_again() -> None:
-    servos = many_turns()
-    away = [2048 + 1800, -1500, 2048]
-    rig = BusRig(servos, start=away)
-    for one in rig.devices:
-        one.reboot(0.0)  # counts within one turn again
-    rig.clock.advance(1.0)
-    rig.ready(torque=True)
-    states = rig.tick().states
-    assert states.position.tolist() == away
-    assert rig.shown("goal_position")[1] == 4096 - 1500
-    goals = [2048 + 1900, -1400, 2000]
-    for _ in range(100):
-        states = rig.tick(goals).states
-    assert np.abs(states.position - goals).max() <= 1

@@ -1,6 +1,7 @@
 """The guard: arms gently, writes nothing but the gate's next goal, and latches the first reason of a stop."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -306,12 +307,8 @@ def test_a_stop_between_reading_and_arming_leaves_torque_off() -> None:
 def test_torque_that_is_off_after_all_needs_no_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = moving()
     rig.guard.latch(StopCause.REQUESTED, "space bar")
-
-    def unplugged(on: bool) -> None:
-        raise OSError("unplugged")
-
     torque = rig.bus.torque
-    monkeypatch.setattr(rig.bus, "torque", unplugged)
+    monkeypatch.setattr(rig.bus, "torque", Mock(side_effect=OSError("unplugged")))
     with refuses(OSError):
         rig.guard.release()
     unconfirmed = rig.guard.torque
@@ -358,11 +355,8 @@ def test_what_interrupts_arming_leaves_nothing_unsaid(
 def test_a_refused_arming_with_torque_that_stays_on_is_latched_and_reported() -> None:
     rig = Rig(MockFault(FaultKind.HOT, 0, 99, servo=1, value=95.0), limits=GuardLimits(max_temperature=60.0))
     rig.bus._torque[:] = True  # of an earlier run
-
-    def unconfirmed(on: bool) -> None:
-        raise BusError("waist (id 3) did not confirm that torque is off. Cut the power by hand")
-
-    rig.bus.torque = unconfirmed  # type: ignore[method-assign]
+    unconfirmed = BusError("waist (id 3) did not confirm that torque is off. Cut the power by hand")
+    rig.bus.torque = Mock(side_effect=unconfirmed)  # type: ignore[method-assign]
     with refuses(GuardError):
         rig.arm()
     assert rig.guard.stop is not None and rig.guard.stop.powered

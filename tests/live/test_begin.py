@@ -253,18 +253,6 @@ def test_a_stature_is_taken_and_no_second_one() -> None:
         begins(stream, LiveOptions(countdown=0.5, stature=1.7, person="anna"), clock=clock)
 
 
-def test_a_stream_that_falls_silent_is_the_reason_and_no_tracker_is() -> None:
-    said: list[str] = []
-    clock, stream = VirtualClock(), live_stream(FakeSender(faults=[silent(0.5, 99.0)]), five())
-    for tick in range(40):
-        stream.poll(0.01 * tick, moving=False)
-    clock.advance(0.4)
-    options = LiveOptions(patience=2.0, countdown=COUNTDOWN_S)
-    with refuses(InputError):
-        Beginning(stream=stream, options=options, clock=clock, where=WHERE, notify=said.append).measure(None)
-    assert sum("nothing has arrived for 1.0 s" in text for text in said) == 1
-
-
 def test_the_reason_is_what_was_wrong_for_longest_and_not_what_came_last() -> None:
     """The head is not sent until 3 s, and moves only then."""
 

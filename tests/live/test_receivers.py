@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from ipaddress import IPv4Network
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings
@@ -210,10 +211,7 @@ def test_an_interface_that_is_not_there_lists_those_that_are(text: str) -> None:
     [(errno.EACCES, ()), (errno.EINVAL, "127.0.0.1:0"), (errno.ENOBUFS, ())],
 )
 def test_other_reasons_not_to_bind(number: int, expected: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(socket.socket, "bind", refuse)
+    monkeypatch.setattr(socket.socket, "bind", Mock(side_effect=OSError(number, os.strerror(number))))
     with refuses(InputError, expected):
         open_socket(LOOPBACK)
 

@@ -4,6 +4,7 @@ import errno
 import threading
 from collections import deque
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -200,11 +201,7 @@ def test_an_error_is_kept_and_frees_a_thread_that_waits(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     begun = Begun(tmp_path / "a.mcap", session, made)
-
-    def fails(self: RecordingFile) -> None:
-        raise error
-
-    monkeypatch.setattr(RecordingFile, "flush", fails)
+    monkeypatch.setattr(RecordingFile, "flush", Mock(side_effect=error))
     begun.fill(3)
     begun.thread.start()
     begun.thread.close()

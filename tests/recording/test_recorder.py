@@ -20,8 +20,6 @@ from hardware.errors import RetargetError
 from messages import Facts, refuses, shows
 from operators import Asks
 from recordings import Recorded, mock_bus, performer, record
-from retarget.cli import main
-from retarget.cli.exit import REFUSED
 from retarget.errors import UsageError
 from retarget.recording import mcap_writer
 from retarget.recording.cycles import STATES_OF_RUN, Done
@@ -220,17 +218,6 @@ def test_a_robot_that_never_moved_leaves_no_file(fault: MockFault, message: Fact
 def test_a_place_that_cannot_be_is_refused(name: str, tmp_path: Path) -> None:
     with refuses(UsageError, "--record"):
         check_target(tmp_path / name)
-
-
-def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str], shared: Path) -> None:
-    path = tmp_path / "run.mcap"
-    path.write_bytes(b"mine")
-    source = shared / "mocap" / "cmu_asfamc" / "02_06.amc"
-    with pytest.raises(SystemExit) as leaving:
-        main(["run", "--robot", "op3", "--source", str(source), "--record", str(path)])
-    assert leaving.value.code == REFUSED
-    shows(capsys.readouterr().err)
-    assert path.read_bytes() == b"mine"
 
 
 def test_without_the_library_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

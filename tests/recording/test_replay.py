@@ -16,9 +16,8 @@ from messages import mentions, refuses, shows
 from operators import Asks
 from recordings import Recorded, record, with_cycles
 from retarget.errors import InputError
-from retarget.frames import SensorSample
-from retarget.human.samples import Clip, Samples
 from retarget.live.begin import LiveOptions
+from retarget.live.performer import LivePerformer
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Asked, Done
 from retarget.recording.reading import Recording, read_recording
@@ -38,7 +37,7 @@ from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import OperatorInput
 from retarget.types import RunState
-from sim.faults.sender import FakeSender, silent
+from sim.faults.sender import FakeSender, lost, silent
 
 
 @pytest.fixture(scope="module")
@@ -165,70 +164,24 @@ def test_what_went_wrong_goes_wrong_again(fault: MockFault, tmp_path: Path) -> N
     assert again.result.reason == run.result.reason
 
 
-class Held:
-    """Samples that are invalid for a while, come back by weight, and are then followed slowly."""
-
-    def __init__(self, clip: Samples) -> None:
-        self._clip = clip
-        self.ticks, self.kept, self.dt, self.motion_dt = clip.ticks, clip.kept, clip.dt, clip.motion_dt
-        self.over, self.hold_reason, self._tick, self._approach, self._polls = False, "no performer", 0, 0, 0
-
-    @property
-    def settled(self) -> float:
-        return 1.0 if self._tick < 15 else min(1.0, 0.05 * (self._tick - 15))
-
-    @property
-    def paused(self) -> bool:
-        """The operator pauses the robot on its approach."""
-        return 50 <= self._polls < 90
-
-    def may_approach(self) -> bool:
-        self._approach += 1
-        return not (self.paused or 20 < self._approach < 40)
-
-    def poll(self) -> None:
-        self._polls += 1
-
-    def hold(self) -> None:
-        pass
-
-    def sample(self, tick: int) -> SensorSample | None:
-        self._tick = tick
-        sample = self._clip.sample(tick)
-        assert sample is not None
-        if 10 <= tick < 20:
-            return None
-        weight = np.ones(5)
-        weight[2] = min(1.0, abs(tick - 20) / 20)
-        return replace(sample, weight=weight) if tick >= 20 else sample
-
-    def recorded(self) -> Clip:
-        return self._clip.recorded()
-
-
-@pytest.mark.long
-def test_who_was_held_is_held_again(tmp_path: Path) -> None:
-    run = record(tmp_path / "run.mcap", samples=Held)
-    found = run.read()
-    assert (found.cycles.sampled == 2).sum() == 10 and found.cycles.weighted.any()
-    assert found.cycles.settled.min() < 0.3
-    assert np.count_nonzero(found.cycles.asked & Asked.PAUSED) == 40
-    same(replay(found), run.result)
-    assert run.result.record.robot is not None
-    assert np.count_nonzero(~np.diff(run.result.record.robot.goal_ticks, axis=0).any(axis=1)) >= 10, (
-        "it stands for a while"
-    )
-
-
 @pytest.mark.long
 def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
     """Sensors are those that were followed: what the stream, its clocks and the validity checks made of it is over."""
-    rig = LiveRig(FakeSender(faults=[silent(6.2, 6.6)]), options=LiveOptions(countdown=0.5, duration=2.5))
+    faults, looks = [silent(6.2, 6.6), lost("l_wrist", 5.6, 5.8)], iter(range(10_000))
+    rig = LiveRig(FakeSender(faults=faults), options=LiveOptions(countdown=0.5, duration=2.5))
     recorder = Recorder(tmp_path / "run.mcap", rig.run_options, clock=rig.clock, notify=rig.said.append)
     with rig.prepared() as prepared, recorder.recording(prepared, source="json://") as recorded:
-        result = recorded.run(observers=[recorder.observer])
+        samples = prepared.samples
+        assert isinstance(samples, LivePerformer)
+
+        def pauses() -> bool:
+            samples.clutch(engaged=next(looks) not in range(20, 60))
+            return False
+
+        result = recorded.run(Asks(pauses), [recorder.observer])
     found = read_recording(tmp_path / "run.mcap")
-    assert (found.cycles.sampled == 2).any()
+    assert (found.cycles.sampled == 2).any() and found.cycles.weighted.any()
+    assert np.count_nonzero(found.cycles.asked & Asked.PAUSED) == 40
     shows(rig.said)
     assert found.cycles.settled.min() < 1.0
     same(replay(found), result)

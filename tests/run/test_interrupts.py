@@ -2,19 +2,20 @@
 
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from faulty_bus import FaultKind, MockFault
 from gates import displacement, sent
-from hardware.arrays import TickArray
 from hardware.bus import ServoAlert, ServoGoals
 from hardware.errors import BusError, GuardError, HardwareError, TorqueError
 from hardware.guard import CUT_POWER, CheckedGoal, Torque
 from hardware.guard_state import StopCause
 from messages import refuses, shows
 from operators import ENOUGH, Asks
+from planted import failing
 from retarget.human.samples import Clip
 from retarget.run.controllers import RETRY_S
 from retarget.run.loop import STOOD_S, Loop, Observer, Operator, Progress, RowObserver
@@ -39,17 +40,16 @@ def still() -> FloatArray:
     return np.zeros((60, 20))
 
 
-def written(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], list[FloatArray]]:
-    """When goals go onto the bus, s, and which, rad (n,); filled while the rig plays."""
-    times, goals, write = list[float](), list[FloatArray](), rig.bus.write
+def written(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[FloatArray]:
+    """The goals that go onto the bus, rad (n,); filled while the rig plays."""
+    goals, write = list[FloatArray](), rig.bus.write
 
     def noted(wanted: ServoGoals) -> None:
-        times.append(rig.clock.now())
         write(wanted)
         goals.append(rig.robot.joint_map.to_radians(wanted.ticks))
 
     monkeypatch.setattr(rig.bus, "write", noted)
-    return times, goals
+    return goals
 
 
 def assert_no_doubled_step(goals: list[FloatArray], rig: Rig) -> None:
@@ -64,7 +64,7 @@ def assert_no_doubled_step(goals: list[FloatArray], rig: Rig) -> None:
 @pytest.mark.parametrize("where", ["before the guard has it", "when the bus has it", "when the guard has it"])
 def test_an_interrupt_beside_a_write_doubles_no_step(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(swing())
-    _, goals = written(rig, monkeypatch)
+    goals = written(rig, monkeypatch)
     part, method = (rig.bus, "write") if "the bus" in where else (rig.guard, "write")
     write, count = getattr(part, method), 0
 
@@ -91,17 +91,8 @@ def test_an_interrupted_write_doubles_no_step_and_leaves_no_torque(
 ) -> None:
     """The first interrupt brakes the robot; a second one switches torque off."""
     rig = Rig(swing())
-    _, goals = written(rig, monkeypatch)
-    write, count = rig.bus.write, 0
-
-    def torn(wanted: ServoGoals) -> None:
-        nonlocal count
-        count += 1
-        if count in ticks:
-            raise KeyboardInterrupt
-        write(wanted)
-
-    monkeypatch.setattr(rig.bus, "write", torn)
+    goals = written(rig, monkeypatch)
+    monkeypatch.setattr(rig.bus, "write", failing(rig.bus.write, KeyboardInterrupt(), ticks))
     with pytest.raises(KeyboardInterrupt):
         play(rig)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.REQUESTED
@@ -113,17 +104,9 @@ def test_an_interrupted_write_doubles_no_step_and_leaves_no_torque(
 def test_a_goal_that_no_servo_takes_doubles_no_step(failures: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The robot brakes from the goal before; one that is not understood again costs the torque."""
     rig = Rig(swing())
-    _, goals = written(rig, monkeypatch)
-    to_ticks, count = rig.robot.joint_map.to_ticks, 0
-
-    def once(positions: FloatArray) -> TickArray:
-        nonlocal count
-        count += 1
-        if MOVING <= count < MOVING + failures:
-            raise HardwareError("beyond the servo's travel")
-        return to_ticks(positions)
-
-    monkeypatch.setattr(rig.robot.joint_map, "to_ticks", once)
+    goals, joint_map = written(rig, monkeypatch), rig.robot.joint_map
+    beyond = failing(joint_map.to_ticks, HardwareError("beyond the servo's travel"), range(MOVING, MOVING + failures))
+    monkeypatch.setattr(joint_map, "to_ticks", beyond)
     ending = play(rig)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.FILTER
     assert ending.state is (RunState.OFF if failures == 1 else RunState.FAULT) and not rig.bus.torque_on
@@ -149,21 +132,6 @@ def test_a_start_that_leaves_torque_on_says_so(error: BaseException, monkeypatch
     with refuses(TorqueError) as refused:
         play(rig)
     assert refused.value.__cause__ is error and rig.bus.torque_on
-
-
-def test_an_interrupted_start_switches_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = Rig(swing())
-    torque = rig.bus.torque
-
-    def interrupted(on: bool) -> None:
-        torque(on)
-        if on:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(rig.bus, "torque", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        play(rig)
-    assert not rig.bus.torque_on
 
 
 def test_a_servo_that_is_silent_at_the_end_is_reported() -> None:
@@ -199,14 +167,7 @@ def test_an_interrupt_of_the_last_torque_off_leaves_no_torque(calls: int, monkey
 
 
 def lose_port(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    write, written = rig.bus.write, iter(range(FOR_EVER))
-
-    def lost(goals: ServoGoals) -> None:
-        if next(written) == 40:
-            raise BusError("the port is gone")
-        write(goals)
-
-    monkeypatch.setattr(rig.bus, "write", lost)
+    monkeypatch.setattr(rig.bus, "write", failing(rig.bus.write, BusError("the port is gone"), [41]))
 
 
 def test_an_interrupt_while_torque_goes_off_after_a_failure_leaves_none_and_keeps_the_reason(
@@ -258,40 +219,14 @@ def test_an_interrupt_of_arming_leaves_no_torque_of_an_earlier_process(
 ) -> None:
     rig = Rig(swing())
     rig.bus.torque(True)
-
-    def interrupted(*_: object) -> CheckedGoal:
-        raise KeyboardInterrupt
-
-    if at_reading:
-        monkeypatch.setattr(rig.bus, "read", interrupted)
-    else:
-        monkeypatch.setattr(rig.gate, "begin", interrupted)
+    part, method = (rig.bus, "read") if at_reading else (rig.gate, "begin")
+    monkeypatch.setattr(part, method, Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         play(rig)
     assert not rig.bus.torque_on and rig.guard.torque is Torque.OFF
 
 
 # Failures and stops while the robot moves.
-
-
-def test_a_failure_during_the_approach_brakes_on_its_line() -> None:
-    rig = Rig(still() + np.linspace(-0.4, 0.4, 20))
-    looks = iter(range(FOR_EVER))
-
-    def broken() -> bool:
-        if next(looks) == 60:
-            raise OSError("no terminal")
-        return False
-
-    ending = play(rig, Asks(broken))
-    robot = ending.record.robot
-    assert robot is not None and (ending.state, ending.reason) == (RunState.OFF, "no terminal")
-    path = robot.goals[: np.count_nonzero(ending.record.phase == Phase.APPROACH)]
-    line, off = path[-1] - path[0], robot.goals - path[0]
-    beside = off - np.outer(off @ line, line) / (line @ line)
-    assert 50 < len(path) < 70 and np.abs(beside[: len(path)]).max() < 1e-12
-    assert np.abs(beside).max() < 1e-12, "and so it brakes"
-    assert not displacement(rig.guard).any() and not rig.bus.torque_on
 
 
 def test_a_posture_that_is_not_finite_is_a_hold() -> None:
@@ -351,11 +286,7 @@ def test_a_pause_during_the_approach_uses_up_no_tick_of_the_clip() -> None:
 
 def test_a_forced_stop_after_an_interrupt_does_not_wait_either() -> None:
     rig = Rig(swing())
-
-    def interrupted(done: int) -> None:
-        if done == 20:
-            raise KeyboardInterrupt
-
+    interrupted = failing(lambda done: None, KeyboardInterrupt(), [20])
     with pytest.raises(KeyboardInterrupt):
         play(rig, Asks(torque_off=lambda: True), Progress(interrupted, every=1))
     assert displacement(rig.guard).any() and not rig.bus.torque_on
@@ -377,20 +308,15 @@ class Broken:
 
 def broken_looks(what: str, rig: Rig) -> Loop:
     """A run in which something that only looks at it, or asks for its stop, fails again and again from a tick on."""
-    looks = iter(range(FOR_EVER))
-
-    def broken(*_: object) -> bool:
-        if next(looks) >= 30:
-            raise OSError("no such drive")
-        return False
-
+    broken = failing(lambda *_: False, OSError("no such drive"), range(31, FOR_EVER))
     if what in ("poll", "over"):
         return rig.loop(Broken(short_clip(seconds=0.6), what, 30))  # type: ignore[arg-type]
     if what == "set_contact_state":
-        rig.follower.set_contact_state = broken  # type: ignore[assignment,method-assign]
+        rig.follower.set_contact_state = broken  # type: ignore[method-assign]
         return rig.loop()
     if what == "torque_off":
-        return rig.loop(operator=Asks(lambda: next(looks) >= 20, broken))
+        looks = iter([False] * 20)
+        return rig.loop(operator=Asks(lambda: next(looks, True), broken))
     return rig.loop(operator=Asks(broken))
 
 
@@ -425,15 +351,10 @@ def test_a_control_that_fails_for_ever_does_not_hide_that_torque_is_to_go_off() 
 
 @pytest.mark.parametrize("kind", [Progress, RowObserver])
 def test_an_observer_that_fails_is_dropped_and_the_robot_goes_on(kind: type[Observer]) -> None:
-    rig, calls = Rig(swing()), list[object]()
-
-    def broken(*seen: object) -> None:
-        calls.append(seen)
-        raise OSError("no terminal")
-
+    broken = Mock(side_effect=OSError("no terminal"))
     observer = kind(broken)  # type: ignore[call-arg]
-    ending = play(rig, None, observer)
-    assert (ending.state, ending.reason, len(calls)) == (RunState.OFF, None, 1)
+    ending = play(Rig(swing()), None, observer)
+    assert (ending.state, ending.reason, broken.call_count) == (RunState.OFF, None, 1)
     assert observer.failure == "no terminal"
 
 
@@ -470,17 +391,11 @@ def test_a_run_begins_once() -> None:
 
 @pytest.mark.parametrize("error", [BrokenPipeError(), ValueError("I/O operation on closed file")])
 def test_a_lost_terminal_does_not_hinder_the_stop(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, calls = Rig(swing()), 0
-
-    def notify(text: str) -> None:
-        nonlocal calls
-        calls += 1
-        raise error
-
+    rig, notify = Rig(swing()), Mock(side_effect=error)
     rig.machine = replace(rig.machine, notify=notify)
     monkeypatch.setattr(rig.guard.health.warnings, "take_news", lambda: ["it is warm"])
     ending = play(rig)
-    assert calls > 40 and (ending.state, ending.reason) == (RunState.OFF, None)
+    assert notify.call_count > 40 and (ending.state, ending.reason) == (RunState.OFF, None)
     assert not displacement(rig.guard).any() and not rig.bus.torque_on
 
 
@@ -569,10 +484,7 @@ def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
 
 def test_a_return_to_stance_that_fails_is_reported_and_the_robot_goes_to_rest() -> None:
     rig = Rig(still(), goes_to_rest=True)
-
-    def fails(dt: float) -> FloatArray | None:
-        raise ArithmeticError("no posture was found")
-
+    fails = Mock(side_effect=ArithmeticError("no posture was found"))
     rig.follower.return_to_stance = fails  # type: ignore[method-assign]
     ending = play(rig)
     shows(rig.notes, "no posture was found")
@@ -581,43 +493,11 @@ def test_a_return_to_stance_that_fails_is_reported_and_the_robot_goes_to_rest() 
 
 
 def test_a_failure_that_comes_back_while_the_robot_stops_does_not_keep_it_under_torque() -> None:
-    rig, calls = Rig(still(), goes_to_rest=True), iter(range(2000))
-
-    def broken(dt: float) -> FloatArray | None:
-        if next(calls, None) is None:
-            raise KeyboardInterrupt
-        raise ArithmeticError("no way to a stop")
-
-    rig.follower.halt = broken  # type: ignore[method-assign]
+    rig = Rig(still(), goes_to_rest=True)
+    rig.follower.halt = Mock(side_effect=ArithmeticError("no way to a stop"))  # type: ignore[method-assign]
     ending = play(rig)
     assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
     np.testing.assert_allclose(sent(rig.guard), rest_of(rig), atol=1e-9)
-
-
-def test_a_failure_with_a_servo_that_keeps_its_torque_says_so() -> None:
-    rig = Rig(swing(), faults=(MockFault(FaultKind.MISSING, first=140, cycles=FOR_EVER, servo=2),))
-
-    def interrupted(done: int) -> None:
-        if done == 30:
-            raise KeyboardInterrupt
-
-    with refuses(TorqueError, "r_sho_roll"):
-        play(rig, None, Progress(interrupted, every=1))
-    assert rig.bus.torque_on
-
-
-def test_a_stop_is_carried_out_in_the_tick_in_which_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, looked = Rig(swing()), list[float]()
-
-    def asked() -> bool:
-        looked.append(rig.clock.now())
-        return len(looked) > 30
-
-    times, _ = written(rig, monkeypatch)
-    play(rig, Asks(asked))
-    assert rig.guard.stop is not None and len(looked) == 31
-    assert looked[30] - looked[29] == pytest.approx(rig.dt)
-    assert min(time for time in times if time >= looked[30]) - looked[29] < 1.5 * rig.dt
 
 
 @pytest.mark.parametrize("kind", [FaultKind.ALERT, FaultKind.MISSING])

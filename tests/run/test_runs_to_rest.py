@@ -15,13 +15,10 @@ from hardware.errors import GuardError, TorqueError
 from hardware.guard import CheckedGoal
 from messages import refuses, shows
 from operators import ENOUGH, Asks
-from retarget.cli.buses import PhysicsBench
-from retarget.cli.exit import StopRequest
-from retarget.cli.operator import RunOperator
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback
 from retarget.ik.hierarchy import SceneObstacles
-from retarget.model.robot import RobotBody, load_robot
+from retarget.model.robot import RobotBody
 from retarget.report import motion_metrics
 from retarget.report.measure import limits_broken
 from retarget.report.motion_metrics import LimitViolations, limit_violations
@@ -37,7 +34,6 @@ from retarget.sources.open import open_source
 from retarget.types import FloatArray, Notify, RunState
 from sim.mock_bus import MockBus, mock_bus
 from sim.performer import synthetic_performer
-from sim.physics.witness import Witness
 
 
 def angles(robot: RobotBody, name: str) -> FloatArray:
@@ -117,34 +113,6 @@ def test_a_stop_after_it_followed_ends_in_rest_within_four_seconds() -> None:
     goals, dt = run.record.robot.goals, 1.0 / run.robot.profile.safety.rate_hz
     assert (len(goals) - run.record.following.stop) * dt < 4.0
     assert np.abs(goals[-1] - angles(run.robot, "rest")).max() < 0.1
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "name", ["op3", *(pytest.param(name, marks=pytest.mark.long) for name in ("poppy", "wolfgang"))]
-)
-def test_a_robot_at_rest_stays_there_when_torque_goes_off(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """ToddlerBot does not: its ankles have no stop within reach, and next to no friction."""
-    witnesses: list[Witness] = []
-    see_it_out = Witness.see_it_out
-
-    def kept(witness: Witness) -> None:
-        witnesses.append(witness)
-        see_it_out(witness)
-
-    monkeypatch.setattr(Witness, "see_it_out", kept)
-    asked = RunOptions(robot=name, bus="physics", playback=Playback(end=0.2))
-    bench = PhysicsBench(asked, lambda text: None)
-    with prepare(
-        synthetic_performer, asked, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=True
-    ) as prepared:
-        run = prepared.run(RunOperator(prepared, StopRequest(), bench=bench))
-    run = bench.seen(run)
-    assert run.physics is not None and run.physics.fall is None and run.physics.toppled is None
-    robot = load_robot(name)
-    legs = [column for column, joint in zip(robot.servo_columns, robot.joint_map.joints, strict=True) if "nee" in joint]
-    now = witnesses[-1].state.q[legs]
-    assert np.abs(now - robot.posture(robot.profile.postures.rest)[legs]).max() < 0.2
 
 
 # A stop from outside, whatever the robot does at that moment: on its soles, in balance, within its limits, to rest.

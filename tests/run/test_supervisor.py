@@ -265,8 +265,7 @@ def test_a_return_to_stance_that_is_broken_off_is_not_tried_again(fails: bool) -
     if fails:
         supervisor.fail(now, "it broke", StopCause.SOURCE, rig.guard, may_brake=True)
     else:
-        step(supervisor, now, Situation(), rig.guard)
-    assert state_of(supervisor) is RunState.STOPPING
+        assert step(supervisor, now, Situation(), rig.guard) is RunState.STOPPING
     assert step(supervisor, now + 0.1, STANDS, rig.guard) is RunState.GO_TO_REST
 
 
@@ -277,10 +276,6 @@ def test_a_stop_has_a_bound_as_a_whole(state: RunState) -> None:
     supervisor.state, supervisor.since = state, 1.0 + LONGEST_STOP_S
     assert step(supervisor, 1.0 + LONGEST_STOP_S, Situation(), rig.guard) is state
     assert step(supervisor, 1.1 + LONGEST_STOP_S, Situation(), rig.guard) is TRANSITIONS[state, Event.TIMEOUT].to
-
-
-def state_of(supervisor: Supervisor) -> RunState:
-    return supervisor.state
 
 
 def test_braking_has_a_bound() -> None:

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -113,10 +114,7 @@ def test_a_file_is_on_the_disk_before_it_appears(tmp_path: Path, monkeypatch: py
 def test_what_cannot_be_written_leaves_the_file_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "r.json"
     path.write_text("old")
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
+    full = Mock(side_effect=OSError(28, "No space left on device"))
     with refuses(UsageError):
         write_stream(path, full, option="--report")
     monkeypatch.setattr(Path, "replace", full)

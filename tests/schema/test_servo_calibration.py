@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -89,10 +90,7 @@ def test_a_file_that_is_named_is_the_only_one_that_is_written(op3: RobotProfile,
 
 def test_a_write_that_fails_leaves_the_old_one(op3: RobotProfile, monkeypatch: pytest.MonkeyPatch) -> None:
     write_calibration(head())
-
-    def broken(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
+    broken = Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr("retarget.schema.files.os.fsync", broken)
     with refuses(UsageError):
         write_calibration(head(servos={"head_pan": entry(19, 2200)}))

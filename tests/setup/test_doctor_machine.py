@@ -3,6 +3,7 @@
 import importlib
 import os
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -148,10 +149,7 @@ def test_without_a_port_the_group_is_checked(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_wheel_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(name: str) -> None:
-        raise ImportError("wrong machine")
-
-    monkeypatch.setattr(importlib, "import_module", refuse)
+    monkeypatch.setattr(importlib, "import_module", Mock(side_effect=ImportError("wrong machine")))
     shows(text_of(python_findings()))
 
 

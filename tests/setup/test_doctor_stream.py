@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from doctor_rig import FRAMES, HERE, captured, fixes, json_poses, judged, played, steady, text_of
 from hardware.clock import MonotonicClock, VirtualClock
 from live_rig import five
-from messages import Facts, refuses, shows, shows_lines
+from messages import Facts, shows, shows_lines
 from mvn_packets import mvn, quaternions, standing
 from natnet_packets import Motion, Pose, frame
 from osc_bytes import bundle, message, pose
 from retarget import rotations
-from retarget.errors import InputError
 from retarget.human.pose_validation import ValidityState
 from retarget.live.address import parse_address
 from retarget.live.admission import Datagram
@@ -118,11 +117,6 @@ def test_real_recordings(shared: Path, name: str, kind: str, wrong: list[str]) -
     address = parse_address(f"replay://{shared}/streams/slimevr/{name}.udprec.gz?kind={kind}")
     found = stream_findings(address, five(), clock=VirtualClock(), seconds=6.0)
     assert [line.split(":")[0].split()[1] for line in fixes(found)] == wrong
-
-
-def test_no_such_recording_is_a_bad_argument() -> None:
-    with refuses(InputError):
-        stream_findings(parse_address("replay://nope?kind=vmc"), five(), clock=VirtualClock(), seconds=1.0)
 
 
 def test_a_port_that_is_taken_is_to_be_fixed() -> None:

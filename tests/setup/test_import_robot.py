@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -95,10 +96,7 @@ def test_nothing_is_overwritten(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object, **__: object) -> None:
-        raise InputError("no")
-
-    monkeypatch.setattr("retarget.setup.import_robot.find_postures", fails)
+    monkeypatch.setattr("retarget.setup.import_robot.find_postures", Mock(side_effect=InputError("no")))
     with pytest.raises(InputError):
         imported(small_bust(), tmp_path)
     assert left_in(tmp_path) == {"body.urdf"}
@@ -233,11 +231,8 @@ def test_a_terminal_is_asked(
 def test_a_question_without_an_answer(
     bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def ended(_: str) -> str:
-        raise EOFError
-
     monkeypatch.setattr("retarget.cli.own_robot.is_asked", lambda: True)
-    monkeypatch.setattr("builtins.input", ended)
+    monkeypatch.setattr("builtins.input", Mock(side_effect=EOFError))
     code, _, err = run(capsys, "import", bust, "--out", tmp_path / "new")
     assert code == 2
     shows(err, "--yes", "--links")
@@ -259,12 +254,6 @@ def test_small_arms_are_imported_without_landmarks_that_have_no_length(places: t
     with refuses(InputError, "b0", "base"):
         (tmp_path / "new").rename(tmp_path / "old")
         imported(f"<mujoco><worldbody>{opened}{end}", tmp_path, suffix="xml")
-
-
-def test_import_again(bust: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, err = run(capsys, "import", bust, "--out", tmp_path)
-    assert code == 2 and err.count("error:") == 1
-    shows(err)
 
 
 def test_what_is_not_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

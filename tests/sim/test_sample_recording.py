@@ -64,10 +64,3 @@ def test_the_bare_word_is_the_sample_and_everything_else_a_file(
         with refuses(InputError):
             open_source(file)
     assert command("inspect", "./sample") == REFUSED
-
-
-def test_a_missing_source_is_refused_with_a_hint_at_the_sample(capsys: pytest.CaptureFixture[str]) -> None:
-    assert command("run", "--robot", "op3", "--source", "smaple") == REFUSED
-    assert "sample" in capsys.readouterr().err
-    assert command("inspect", "vmc://:39539") == REFUSED
-    assert "sample" in capsys.readouterr().err

@@ -23,8 +23,8 @@ ROUNDS = 8
 """Of a level, which drive its damping to nothing."""
 
 BLOCK = 25
-SHORT_BLOCKS = range(0, 200, BLOCK)
-LONG_BLOCKS = range(10_000, 21_000, 20 * BLOCK)
+SHORT_BLOCKS = [range(start, start + BLOCK) for start in range(0, 200, BLOCK)]
+LONG_BLOCKS = [range(start, start + 20 * BLOCK) for start in range(10_000, 21_000, 20 * BLOCK)]
 ROUGH_BLOCKS = range(50_000, 50_100, BLOCK)
 
 
@@ -47,15 +47,9 @@ def assert_right(seeds: range, changes: tuple[Change, ...] = CHANGES) -> None:
     assert unsolved <= 1 + len(seeds) * len(DAMPINGS) // 20
 
 
-@pytest.mark.parametrize("start", SHORT_BLOCKS)
-def test_answers_are_those_of_the_same_programs(start: int) -> None:
-    assert_right(range(start, start + BLOCK))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("start", LONG_BLOCKS)
-def test_answers_are_those_of_the_same_programs_long(start: int) -> None:
-    assert_right(range(start, start + 20 * BLOCK))
+@pytest.mark.parametrize("seeds", [*SHORT_BLOCKS, *(pytest.param(one, marks=pytest.mark.long) for one in LONG_BLOCKS)])
+def test_answers_are_those_of_the_same_programs(seeds: range) -> None:
+    assert_right(seeds)
 
 
 @pytest.mark.parametrize("start", ROUGH_BLOCKS)
@@ -79,10 +73,10 @@ def test_without_damping_residuals_are_those_of_least_squares(count: int, few: i
 
 
 @pytest.mark.parametrize("damping", [0.05, 1.0])
-@pytest.mark.parametrize("start", SHORT_BLOCKS)
-def test_lower_levels_change_no_target_above(start: int, damping: float) -> None:
+@pytest.mark.parametrize("seeds", SHORT_BLOCKS)
+def test_lower_levels_change_no_target_above(seeds: range, damping: float) -> None:
     faults = []
-    for seed in range(start, start + BLOCK):
+    for seed in seeds:
         problem = random_hierarchy(seed)
         whole = solve(problem, damping).x
         for count in range(1, len(problem.levels)):

@@ -11,7 +11,6 @@ from messages import shows
 from retarget.run.table import RunTable
 from retarget.viewer.joint_plot import curves
 from retarget.viewer.live_page import STOPPING_WORDS, LivePage
-from retarget.viewer.snapshot import Snapshot, snapshot_at
 from viewed import cast_of_op3, person
 
 
@@ -93,21 +92,3 @@ def test_nothing_is_drawn_without_a_browser_but_all_is_kept_for_the_plot(watched
     time, _, temperature = curves(watched.page.rows, cast_of_op3(), 0, "temperature")
     assert len(time) == 500 and time[-1] == pytest.approx(24.0)
     np.testing.assert_allclose(temperature[-2:], [624.0, 625.0])
-
-
-def shown(row: RunTable) -> Snapshot:
-    return snapshot_at([row], cast_of_op3(), 0)
-
-
-def test_a_servo_that_reported_nothing_is_where_its_goal_is() -> None:
-    snapshot = shown(row(7))
-    there = snapshot.robot[op3().servo_columns]
-    assert there[3] == snapshot.sent[3] and there[2] == 0.07
-    assert np.isnan(snapshot.pressure).all() and snapshot.landmarks_reached.shape == (1, 3)
-
-
-def test_a_simulated_body_is_where_it_really_is() -> None:
-    snapshot = shown(row(7, truth=True))
-    np.testing.assert_array_equal(snapshot.robot[:7], np.arange(7.0))
-    np.testing.assert_array_equal(snapshot.pressure, [27.0, 28.0])
-    assert set(snapshot.robot[op3().servo_columns]) == set(np.arange(7.0, 27.0))

@@ -199,22 +199,6 @@ def test_a_stop_is_sent_until_the_run_ends() -> None:
             one.feed._stop = False  # as if the run had not heard it
 
 
-@pytest.mark.long
-def test_all_dead_man_controls_that_are_in_use_must_be_held() -> None:
-    with page() as one, one.browser("watch", "olga") as olga, one.browser(name="anna") as anna:
-        olga.say(say="held", held=True)
-        assert one.asked() == [Asked.GRIP]
-        anna.say(say="held", held=False)
-        assert one.asked() == [Asked.RELEASE], "the other one is held"
-        with one.browser("watch", "otto") as otto:
-            otto.say(say="held", held=True)
-            assert otto.hear("welcome")
-        olga.say(say="held", held=True)
-        anna.say(say="held", held=True)
-        olga.say(say="ping", t=1.0)
-        assert olga.hear("pong") and not [*one.control.poll(one.clock.now())], "who has left has let go"
-
-
 def human() -> str:
     return build_human(dimensions(performer())).mjcf
 

@@ -108,8 +108,10 @@ FLOODS = {
 }
 
 
-def sweep(protocol: int, count: int, seed: int) -> None:
-    """Feed `count` random strings; 500 of them make a stream, over which every promise is checked."""
+@both
+@pytest.mark.parametrize(("count", "seed"), [(10_000, 11), pytest.param(1_000_000, 12, marks=pytest.mark.long)])
+def test_random_strings_yield_no_false_frame(protocol: int, count: int, seed: int) -> None:
+    """500 strings make a stream, over which every promise is checked."""
     random_, line = random.Random(seed), LINES[protocol]
     for _ in range(0, count, 500):
         parser, strings, frames = line.parser(), [], []
@@ -123,17 +125,6 @@ def sweep(protocol: int, count: int, seed: int) -> None:
         assert parser.skipped + used + len(parser.pending) == len(stream)
         assert line.parser().feed(stream) == frames
         assert frames, "a stream without a frame checks nothing"
-
-
-@both
-def test_random_strings_yield_no_false_frame(protocol: int) -> None:
-    sweep(protocol, 10_000, seed=11)
-
-
-@pytest.mark.long
-@both
-def test_a_million_random_strings_yield_no_false_frame(protocol: int) -> None:
-    sweep(protocol, 1_000_000, seed=12)
 
 
 @both

@@ -7,6 +7,7 @@ import tty
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from serial import Serial
@@ -274,9 +275,6 @@ def test_paths_that_are_no_port(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("failure", [PermissionError(errno.EACCES, "x"), termios.error(errno.EPERM, "x")])
 def test_without_permission_the_fix_is_named(pty: Pty, monkeypatch: pytest.MonkeyPatch, failure: Exception) -> None:
-    def refuse(self: object, **settings: object) -> None:
-        raise failure
-
-    monkeypatch.setattr("hardware.dynamixel.serial_port.Serial.__init__", refuse)
+    monkeypatch.setattr("hardware.dynamixel.serial_port.Serial.__init__", Mock(side_effect=failure))
     with refuses(BusError, "usermod"):
         SerialPort(pty.path, MonotonicClock()).open(57_600)

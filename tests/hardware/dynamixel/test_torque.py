@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from hardware.dynamixel.torque import PATIENCE, BusDrive, restart
 from hardware.errors import BusError
 from hardware.servo import Layout, ServoGains, ServoMode, ServoSpec
 from messages import refuses, shows
+from planted import failing
 from sim.emulator.faults import Direction, Fault, FaultKind
 from sim.emulator.line import LineTiming
 
@@ -130,20 +132,10 @@ def test_a_robot_left_half_powered_is_brought_to_its_profile(
     rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)])
     rig.ready()
     rig.tick()
-    seen = 0
-
-    class Killed(BaseException):
-        """The process is no more."""
-
-    def kill(*_: object) -> None:
-        nonlocal seen
-        seen += 1
-        if seen == 6:
-            raise Killed
-
-    monkeypatch.setattr(rig.bus, "_watch_rise", kill)
+    killed = failing(lambda: None, SystemExit(), [6])
+    monkeypatch.setattr(rig.bus, "_watch_rise", killed)
     monkeypatch.setattr(rig.bus, "_torque_off", lambda: None)
-    with pytest.raises(Killed):
+    with pytest.raises(SystemExit):
         rig.bus.torque(True)
     drive, gain = ("goal_pwm", "position_p_gain") if protocol == 2 else ("torque_limit", "p_gain")
     full = rig.shown("pwm_limit" if protocol == 2 else "max_torque")
@@ -421,11 +413,7 @@ def test_every_model_of_a_layout_has_its_torque_and_goal_in_the_same_places() ->
 
 def test_a_port_that_is_gone_is_named_and_the_others_are_switched_off() -> None:
     rig = two_buses()
-
-    def gone(_: bytes) -> None:
-        raise BusError("unplugged")
-
-    rig.ports["main"].write = gone  # type: ignore[assignment]
+    rig.ports["main"].write = Mock(side_effect=BusError("unplugged"))  # type: ignore[method-assign]
     assert off_everywhere(rig) == ["all of bus main (unplugged)"]
     assert rig.shown("torque_enable") == [1, 1, 1, 0, 0]
 

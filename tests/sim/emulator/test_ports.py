@@ -8,6 +8,7 @@ import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from serial import Serial
@@ -217,10 +218,7 @@ def test_a_machine_that_is_too_slow_is_named_and_seldom(tmp_path: Path) -> None:
 
 
 def test_where_there_is_no_pseudo_terminal_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def none_left() -> tuple[int, int]:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "openpty", none_left)
+    monkeypatch.setattr(os, "openpty", Mock(side_effect=OSError(28, "No space left on device")))
     with refuses(HardwareError):
         _terminal(tmp_path / "servos").open()
     assert list(tmp_path.iterdir()) == []

@@ -30,7 +30,6 @@ from sim.emulator.servo2_registers import (
     TIME_BASED,
     TURN,
     VELOCITY,
-    BusWatchdog,
     Condition,
     Encoder,
     aim,
@@ -330,18 +329,6 @@ def test_a_timed_profile_takes_its_time_whatever_the_way_and_without_a_velocity_
         path = path_to(goal, one, TICK, at=(100.0, 0.0), now=2.0)
         assert path is not None and path.end == pytest.approx(3.5)
     assert path_to(3000, memory(profile_acceleration=50), TICK, at=(0.0, 0.0), now=0.0) is None
-
-
-def test_the_watchdog_runs_with_torque_only() -> None:
-    watchdog = BusWatchdog()
-    watchdog.arm(10, 1.0, torque=False)
-    assert watchdog.deadline == inf
-    watchdog.arm(10, 1.0, torque=True)
-    assert watchdog.deadline == 1.2
-    watchdog.feed(1.1)
-    assert watchdog.deadline > 1.29
-    watchdog.arm(0, 1.1, torque=True)
-    assert watchdog.deadline == inf
 
 
 def test_a_trip_stops_the_servo_where_it_was_then() -> None:

@@ -18,25 +18,11 @@ from sim.emulator.robot_lines import devices_of
 from sim.emulator.shaft import (
     ProfilePath,
     Shaft,
-    follow,
     path_by_time,
     path_by_velocity,
 )
 from sim.mock_bus import MockBus
-from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE, saturated_lag
-
-
-@given(
-    error=st.floats(-1e5, 1e5),
-    lag=st.floats(1e-3, 1.0),
-    top=st.floats(1.0, 1e4),
-    elapsed=st.floats(0.0, 10.0),
-)
-def test_it_is_the_same_law(error: float, lag: float, top: float, elapsed: float) -> None:
-    left, velocity = follow(error, lag, top, elapsed)
-    moved, speed = saturated_lag(np.array([error]), lag=np.array([lag]), top=np.array([top]), elapsed=elapsed)
-    assert error - left == pytest.approx(moved[0], abs=1e-6)
-    assert velocity == pytest.approx(speed[0], abs=1e-6)
+from sim.servo_model import IDLE_CURRENT, LARGEST_CURRENT, SUPPLY_RESISTANCE
 
 
 def test_the_plain_case_is_the_mock_bus() -> None:
