@@ -81,7 +81,8 @@ class DynamixelBus:
             found = self._examine()
             problems = [problem for opening in found for problem in opening.problems]
             if problems:
-                raise BusError(_refusal(problems))
+                several = [f"the bus cannot be used, for {len(problems)} reasons:"] if len(problems) > 1 else []
+                raise BusError("\n  ".join([*several, *problems]))
             for note in [note for opening in found for note in opening.notes]:
                 self._notify(note)
             prepare(self.lines, self._notify, limp_only=True)
@@ -268,13 +269,6 @@ class DynamixelBus:
     def _require_open(self, action: str) -> None:
         if self._state is BusState.CLOSED:
             raise BusError("the bus is closed", where=f"bus, {action}", then="Call open first")
-
-
-def _refusal(problems: Sequence[str]) -> str:
-    """All problems as one message."""
-    if len(problems) == 1:
-        return problems[0]
-    return "\n  ".join([f"the bus cannot be used, for {len(problems)} reasons:", *problems])
 
 
 # Reading servos without setting them up: no register is written, torque stays as it is.

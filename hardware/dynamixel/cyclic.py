@@ -631,7 +631,8 @@ class BusLine:
         self.seen: dict[int, ControlTable] = {}
         """Tables of the servos that a look at the bus has found, by id, also of those that no profile has."""
         self._expected = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
-        self._cyclic = self._wire(self._expected)
+        self.cyclic = self._wire(self._expected)
+        """The exchange of every cycle."""
 
     @property
     def where(self) -> str:
@@ -642,17 +643,12 @@ class BusLine:
         """The servo with this id, in messages."""
         return self.servos[device].label if device in self.servos else f"id {device}"
 
-    @property
-    def cyclic(self) -> CyclicPort:
-        """The exchange of every cycle."""
-        return self._cyclic
-
     def adopt(self, images: dict[int, ServoImage]) -> None:
         """Use the registers as read: the firmware of a servo chooses its table. Others keep the usual one."""
         before = self.tables, self.longest_delay
         self.images = images
         if (self.tables, self.longest_delay) != before:
-            self._cyclic = self._wire(self.tables)
+            self.cyclic = self._wire(self.tables)
 
     @property
     def tables(self) -> dict[int, ControlTable]:
@@ -673,7 +669,7 @@ class BusLine:
         items = [(device, register.encode(value)) for device, value in values]
         if not items:
             return
-        self._cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
+        self.cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
         """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""
@@ -700,8 +696,8 @@ class BusLine:
         return found
 
     def _ask(self, ask: Ask) -> dict[int, bytes]:
-        self._cyclic.wire.ask(ask.request())
-        answers, _ = collect(self.port, ask, self._cyclic.wire.asked, ask.timeouts(self.port, self.longest_delay))
+        self.cyclic.wire.ask(ask.request())
+        answers, _ = collect(self.port, ask, self.cyclic.wire.asked, ask.timeouts(self.port, self.longest_delay))
         if len(answers) < len(ask.ids):
             settle(self.port)
         return {status.id: status.data for status in answers.statuses}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from hardware.bus import MAX_RETURN_DELAY, BusSpec, PowerSwitch
 from hardware.dynamixel.codec import BROADCAST, CODECS, MAX_ID
-from hardware.dynamixel.control_table import ControlTable, Register, usual_table
+from hardware.dynamixel.control_table import ControlTable, usual_table
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.line_scan import Sighting, Speed, elsewhere_texts, speed_refused
 from hardware.dynamixel.serial_port import ECHOES, BytePort
@@ -32,11 +32,6 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
     except ServoError:  # that is an answer
         return False
     return False
-
-
-def status_return_off_text(bus: BusSpec, device: int) -> str:
-    """The problem, and the command that fixes it."""
-    return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL: ANSWER_ALL})}"
 
 
 CONTROLLERS = frozenset((0x7400,))
@@ -147,7 +142,7 @@ def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoIma
         command = f"`retarget servo setup --port {line.spec.port} --id {servo.id} --new-id N`"
         wrong = f"gives several different answers: two servos have this id; connect one at a time: {command}"
     elif image is None and answers_pings_only(line.client, servo.id):
-        wrong = status_return_off_text(line.spec, servo.id)
+        wrong = f"{PINGS_ONLY}: {setup_command(line.spec, servo.id, {LEVEL: ANSWER_ALL})}"
     elif not wrong and one.model != servo.model.name:
         wrong = f"is {one.model}, the profile says {servo.model.name}"
     return wrong, image
@@ -239,12 +234,8 @@ def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed], known: Sequenc
         if speed_refused(port, speed.baud):
             continue
         there = [usual_table(speed.protocol), *(table for table in known if table.protocol == speed.protocol)]
-        places = dict.fromkeys(table["torque_enable"] for table in there)
-        data = b"".join(_off(speed.protocol, register) for register in places) * TIMES
+        places, codec = dict.fromkeys(table["torque_enable"] for table in there), CODECS[speed.protocol]
+        data = b"".join(codec.write(BROADCAST, one.address, one.encode(0)) for one in places) * TIMES
         port.write(data)
         port.sleep_until(port.now() + 10 * len(data) / speed.baud + port.latency + MARGIN)
         port.drop()
-
-
-def _off(protocol: int, register: Register) -> bytes:
-    return CODECS[protocol].write(BROADCAST, register.address, register.encode(0))
