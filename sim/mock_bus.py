@@ -1,13 +1,12 @@
 """A bus without wires: servos with speed limit, first-order lag and encoder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoGoals, ServoStates, check_open
+from hardware.bus import ServoGoals, ServoStates, check_goals, check_open
 from hardware.clock import Clock
-from hardware.errors import BusError, describe
 from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
 from sim.servo_model import saturated_lag
@@ -18,10 +17,9 @@ ALERT_BIT = np.uint8(0x80)  # of the error byte
 
 def mock_bus(robot: RobotBody, clock: Clock, *, start: TickArray | None = None) -> "MockBus":
     """The bus of a robot whose servos begin at `start`, ticks (n,); None: in its posture `stand`."""
-    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
     if start is None:
         start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
-    return MockBus(robot.joint_map.servos, clock, start=start, protocols=protocols)
+    return MockBus(robot.joint_map.servos, clock, start=start)
 
 
 class MockBus:
@@ -30,8 +28,7 @@ class MockBus:
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
     whose drive saturates at its no-load speed. The lag, s, follows from the model and its P gain (about 45 ms for an
     XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. Currents,
-    voltages and temperatures are unknown. `start` in ticks, (n,). protocols: of the buses, by name, for the unit of
-    their gains; 2 where it is not given.
+    voltages and temperatures are unknown. `start` in ticks, (n,).
     """
 
     def __init__(
@@ -40,7 +37,6 @@ class MockBus:
         clock: Clock,
         *,
         start: TickArray | None = None,
-        protocols: Mapping[str, int] | None = None,
     ) -> None:
         count = len(servos)
         self._clock = clock
@@ -48,8 +44,7 @@ class MockBus:
         models = [servo.model for servo in servos]
         self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
-        spoken = protocols or {}
-        self._lag = np.array([loop_lag(servo, protocol=spoken.get(servo.bus, 2)) for servo in servos])  # (n,) [s]
+        self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
         self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         zero = np.array([servo.zero_tick for servo in servos], dtype=np.int64)
@@ -132,10 +127,3 @@ class MockBus:
             valid=np.ones(count, dtype=np.bool_),
             driven=self._torque.copy(),
         )
-
-
-def check_goals(ticks: TickArray, first: TickArray, last: TickArray, *, where: str) -> None:
-    """Raise BusError unless goals (n,) lie from `first` to `last` (n,)."""
-    if ticks.shape != last.shape or ((ticks < first) | (ticks > last)).any():
-        text = describe(what="goal ticks out of range", where=where, found=ticks, allowed=f"{first} to {last}")
-        raise BusError(text)

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from hardware.arrays import TickArray
-from hardware.bus import BusSpec, ServoGoals, ServoStates
+from hardware.bus import BusSpec, ServoGoals, ServoStates, check_goals, check_open
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.cyclic import BusLine, read_cycle
 from hardware.dynamixel.opening import Opening, examine
@@ -94,17 +94,14 @@ class DynamixelBus:
 
     def read(self) -> ServoStates:
         """One cycle of all ports."""
-        self._require_open("read")
+        check_open(self._state is not BusState.CLOSED, where="bus, read")
         return self._cycle()
 
     def write(self, goals: ServoGoals) -> None:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
-        self._require_open("write")
+        check_open(self._state is not BusState.CLOSED, where="bus, write")
         ticks = goals.ticks
-        if ticks.shape != self._lowest.shape or (ticks < self._lowest).any() or (ticks > self._highest).any():
-            raise BusError(
-                "goal ticks out of range", where="bus, write", found=ticks, allowed=f"{self._lowest} to {self._highest}"
-            )
+        check_goals(ticks, self._lowest, self._highest, where="bus, write")
         self._goals = np.array(ticks)
         raw = ticks - self._readings.turns
         for line in self.lines:
@@ -112,7 +109,7 @@ class DynamixelBus:
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
-        self._require_open("torque")
+        check_open(self._state is not BusState.CLOSED, where="bus, torque")
         if not on:
             self._torque_off()
             return
@@ -265,10 +262,6 @@ class DynamixelBus:
         for line in self.lines:
             with suppress(BusError):
                 line.port.close()
-
-    def _require_open(self, action: str) -> None:
-        if self._state is BusState.CLOSED:
-            raise BusError("the bus is closed", where=f"bus, {action}", then="Call open first")
 
 
 # Reading servos without setting them up: no register is written, torque stays as it is.

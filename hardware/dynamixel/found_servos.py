@@ -193,6 +193,7 @@ def _servo(sighting: Sighting, bus: str) -> ServoSpec:
         upper=math.pi,
         max_velocity=model.no_load_speed,
         max_acceleration=model.no_load_speed,
+        protocol=table.protocol,
     )
 
 

@@ -72,10 +72,11 @@ class DeflectionCompensation:
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
         self._rate = 1.0 / settle
-        self._loops = _loops(robot)
-        self._catch_up = dt / (
-            dt + _waits(robot, self._loops.lag)
-        )  # (n,) share of its lead that a joint loses in a tick
+        servos = robot.joint_map.servos
+        self._compliance = joint_compliance(robot)  # (n, n) [rad/(N m)]
+        self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
+        self._integral = np.array([integral_rate(servo) for servo in servos])  # (n,) [1/s] rate of the I gain
+        self._catch_up = dt / (dt + _waits(robot, self._lag))  # (n,) share of its lead that a joint loses in a tick
 
     def begin(self, posture: FloatArray) -> _Compensated:
         """No offset, at rest in a posture, rad (n,)."""
@@ -120,9 +121,9 @@ class DeflectionCompensation:
         torque = self._load.torques(q, acceleration, moment=moment, heights=heights)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
-        wanted = np.clip(matmul(self._loops.compliance, torque) - last.integrated, -MOST_RAD, MOST_RAD)
-        lag = self._loops.lag / self._dt * (posture - last.posture)
-        integrated = last.integrated + self._loops.integral * self._dt * (wanted + lag)
+        wanted = np.clip(matmul(self._compliance, torque) - last.integrated, -MOST_RAD, MOST_RAD)
+        lag = self._lag / self._dt * (posture - last.posture)
+        integrated = last.integrated + self._integral * self._dt * (wanted + lag)
         speed = self._settled(last.compensated, last.moved / self._dt, wanted)
         most = min(last.ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
@@ -160,24 +161,6 @@ class DeflectionCompensation:
         if ((kept < lowest) | (kept > highest)).any():
             return target + compensated, compensated
         return goal, kept
-
-
-@dataclass(frozen=True, eq=False)
-class _Loops:
-    """The position loops of n servos. compliance (n, n): rad per N m; lag (n,): s; integral (n,): rate of the I gain,
-    1/s."""
-
-    compliance: FloatArray
-    lag: FloatArray
-    integral: FloatArray
-
-
-def _loops(robot: RobotBody) -> _Loops:
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    servos = [(servo, protocols[servo.bus]) for servo in robot.joint_map.servos]
-    lags = [loop_lag(servo, protocol=protocol) for servo, protocol in servos]
-    rates = [integral_rate(servo, protocol=protocol) for servo, protocol in servos]
-    return _Loops(joint_compliance(robot), np.array(lags), np.array(rates))
 
 
 def _waits(robot: RobotBody, lags: FloatArray) -> FloatArray:

@@ -6,13 +6,13 @@ from math import inf
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray
-from hardware.bus import ServoGoals, ServoStates, check_open
+from hardware.bus import ServoGoals, ServoStates, check_goals, check_open
 from hardware.clock import Clock
 from hardware.servo import ServoSpec
 from sim.emulator.line import Line
 from sim.emulator.servo_body import ServoBody
 from sim.emulator.shaft import Law, Shaft
-from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT, check_goals
+from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT
 from sim.physics.simulation import BATCH_S, Simulation
 
 
@@ -121,7 +121,9 @@ class SimulatedShafts:
         self._tick_rad = np.array([drive.servo.model.tick_rad for drive in simulation.world.drives])
         stall = [drive.numbers.stall_torque(drive.servo.model.voltage) for drive in simulation.world.drives]
         self._stall = np.array(stall)
-        self._seen = self._ticks()  # (n,) position of each shaft at its last update
+        self._seen: FloatArray = (
+            simulation.motors.angle(simulation.data) / self._tick_rad
+        )  # (n,) position of each shaft at its last update
         self._sent = self._seen.copy()  # (n,) goals
         self._settings: tuple[tuple[float, float, bool], ...] = ()
         simulation.electrics.trips = False  # the emulated servo protects itself
@@ -154,7 +156,10 @@ class SimulatedShafts:
 
     def _take_settings(self) -> None:
         """Take torque, gain and drive limit from the registers."""
-        settings = tuple((shaft.lag * shaft.full, shaft.drive_limit, _driven(shaft)) for shaft in self._shafts)
+        settings = tuple(
+            (shaft.lag * shaft.full, shaft.drive_limit, shaft.torque and shaft.law is Law.POSITION)
+            for shaft in self._shafts
+        )
         if settings == self._settings:
             return
         self._settings = settings
@@ -171,9 +176,6 @@ class SimulatedShafts:
             self._sent = goals
             simulation.aim(goals * self._tick_rad, simulation.time)
 
-    def _ticks(self) -> FloatArray:
-        return np.asarray(self._simulation.motors.angle(self._simulation.data) / self._tick_rad)
-
 
 def drive_shafts(
     simulation: Simulation, servos: Sequence[ServoSpec], lines: Mapping[str, Line], *, now: float
@@ -187,7 +189,3 @@ def drive_shafts(
     for one in emulated:
         one.shaft.mechanics = shafts
     return shafts
-
-
-def _driven(shaft: Shaft) -> bool:
-    return shaft.torque and shaft.law is Law.POSITION

@@ -55,13 +55,11 @@ class PositionLoop:
     integral: float
 
 
-def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
+def position_loop(servo: ServoSpec) -> PositionLoop:
     """The loop of a servo with the profile's gains. A model without a P gain (AX-12A) has its default slope."""
     gains, model = servo.gains, servo.model
-    if model.layout_in(protocol) is Layout.OLDER:
-        return PositionLoop(
-            1.0 / full_drive_error(p_gain(servo, protocol)), 0.0, integral_rate(servo, protocol=protocol)
-        )
+    if model.layout_in(servo.protocol) is Layout.OLDER:
+        return PositionLoop(1.0 / full_drive_error(p_gain(servo)), 0.0, integral_rate(servo))
     register = gains.position_p
     if not register:
         return PositionLoop(0.0, 0.0, 0.0)
@@ -70,13 +68,13 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     return PositionLoop(
         proportional=1.0 / full_drive_error(float(register)),
         derivative=1e-3 * damping / FULL_PWM / model.tick_rad,
-        integral=integral_rate(servo, protocol=protocol),
+        integral=integral_rate(servo),
     )
 
 
-def gain_missing(servo: ServoSpec, *, protocol: int) -> bool:
+def gain_missing(servo: ServoSpec) -> bool:
     """Whether the profile does not have the P gain of this servo."""
-    return servo.gains.position_p is None and find_table(servo.model.name, protocol).p_gain is not None
+    return servo.gains.position_p is None and find_table(servo.model.name, servo.protocol).p_gain is not None
 
 
 # Measured motors and gears of servos, one row per model in `motors.yaml`. Values without a measurement are derived, as

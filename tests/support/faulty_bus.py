@@ -1,6 +1,6 @@
 """A mock bus with faults: servos that are silent, hot, stuck or alarmed, and a port that fails."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import compress
@@ -64,9 +64,8 @@ class FaultyBus(MockBus):
         start: TickArray | None = None,
         lag: float | None = None,
         faults: Sequence[MockFault] = (),
-        protocols: Mapping[str, int] | None = None,
     ) -> None:
-        super().__init__(servos, clock, start=start, protocols=protocols)
+        super().__init__(servos, clock, start=start)
         if lag is not None:
             self._lag = np.full(len(servos), lag)
         models = [servo.model for servo in servos]
