@@ -94,7 +94,9 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
     time = np.arange(round(DURATION_S * rate_hz)) / rate_hz
     paths = _paths(time, np.random.default_rng(seed))
     tree = upper_body()
-    joints, segments = _upper_tracks(tree, _upper_pose(tree, paths))
+    pose = _upper_pose(tree, paths)
+    joints = {name: pose.position[:, i] for i, name in enumerate(tree.names)}
+    segments = {name: pose.orientation[:, i] for i, name in enumerate(tree.names)}
     for side, sign in (("l", 1.0), ("r", -1.0)):
         points, turns = leg(joints["pelvis"], segments["pelvis"], sign)
         joints |= {f"{side}_{name}": track for name, track in points.items()}
@@ -184,12 +186,6 @@ def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> JointPoses:
     translation = np.broadcast_to(tree.offsets, (frames, len(tree.names), 3)).copy()
     translation[:, 0] = np.stack([paths["forward"], paths["sway"], paths["height"]], axis=-1)
     return forward_kinematics(tree, local, translation)
-
-
-def _upper_tracks(tree: JointTree, pose: JointPoses) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Joint positions (T, 3) and segment orientations (T, 4) by name."""
-    positions = {name: pose.position[:, i] for i, name in enumerate(tree.names)}
-    return positions, {name: pose.orientation[:, i] for i, name in enumerate(tree.names)}
 
 
 def leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:

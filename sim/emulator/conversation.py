@@ -160,8 +160,9 @@ class Conversation:
         The watchdogs that the frame feeds are fed. silent: ids that do not answer group reads.
         """
         to_all = frame.id == BROADCAST or self._conduct.fed_by is FedBy.ANY
-        for device in listeners if to_all else _of_id(frame.id, listeners):
-            device.receive(now)
+        for device in listeners:
+            if to_all or frame.id in (device.id, device.secondary_id):
+                device.receive(now)
         if not listeners or (frame.code == STATUS and listeners[0].protocol == 2):
             return []
         if frame.id != BROADCAST:
@@ -261,11 +262,6 @@ def _able(listeners: Sequence[Device], code: int, silent: Collection[int]) -> li
     else:
         able = [device for device in listeners if device.fast_read] if code in FAST_READS else list(listeners)
     return [device for device in able if device.id not in silent] if silent else able
-
-
-def _of_id(own: int, listeners: Sequence[Device]) -> list[Device]:
-    """Return the devices that have an id as their first or secondary one."""
-    return [device for device in listeners if own in (device.id, device.secondary_id)]
 
 
 def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:

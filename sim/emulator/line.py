@@ -49,10 +49,6 @@ class LineTiming:
         """Time of `count` bytes in s."""
         return self.bits * count / baud
 
-    def before_status(self, return_delay: float) -> float:
-        """Time in s from the end of what a servo waits for to its first bit; `return_delay`: its own, s."""
-        return self.return_delay * return_delay + self.turnaround
-
 
 class Chunk(NamedTuple):
     """Bytes that reach the host at `due`, s."""
@@ -201,7 +197,7 @@ class Line:
             return
         for reply in replies:
             if reply.return_delay is not None:
-                at += timing.before_status(reply.return_delay)
+                at += timing.return_delay * reply.return_delay + timing.turnaround
             at += timing.on_wire(len(reply.data), self.baud)
             late = timing.latency
             if not faults.spoil:

@@ -310,7 +310,9 @@ class Bench(Operator, Observer):
         trace.ticks.append(Tick(now, state, guard.stop is not None, guard.health.warnings.speed_override))
         if trace.rebased is None and self.recording is None and self.stream.clock_map.jumps:
             trace.rebased = now
-        self._act(now)
+        since = trace.armed if self.approaching else trace.began
+        if since is not None:
+            self._act_until(now - since)
         if self.leaves and state in STOPPING and guard.stop is None:  # nothing is followed any more
             self.leave()
         if now > self._duration + ENDLESS_S:
@@ -329,12 +331,6 @@ class Bench(Operator, Observer):
         """End the observation after this tick."""
         self.trace.left = True
         self.kill()
-
-    def _act(self, now: float) -> None:
-        """Do what is due."""
-        since = self.trace.armed if self.approaching else self.trace.began
-        if since is not None and self._due:
-            self._act_until(now - since)
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None

@@ -189,7 +189,8 @@ class Simulation:
         if end - self._done > self._count(LONGEST_S):
             self._done = end - self._count(LONGEST_S)
         while self._done < end:
-            self._take_due()
+            while self._waiting and self._waiting[0][0] <= self._done:
+                self.motors.goal = self._waiting.popleft()[1]
             steps = min(self._next_event(), end) - self._done
             elapsed = steps * self.world.step
             if self.moves:
@@ -232,10 +233,6 @@ class Simulation:
     def _count(self, time: float) -> int:
         """Steps of the engine in a time, s."""
         return floor(time / self.world.step + ROUND_OFF)
-
-    def _take_due(self) -> None:
-        while self._waiting and self._waiting[0][0] <= self._done:
-            self.motors.goal = self._waiting.popleft()[1]
 
     def _next_event(self) -> int:
         """Step at which the engine has to stop for something, or for the end of a batch."""
