@@ -309,7 +309,10 @@ def lay_on_ticks(
 
 def _laid(frames: SensorFrames, playback: Playback, rate: float, pose: "CalibrationPose | None") -> Clip:
     step = playback.speed / rate  # [s] of the performer's time
-    played = _closed(frames, step) if playback.loop else frames
+    played = frames
+    if playback.loop:  # straight back to the beginning, in a whole number of ticks
+        end = _count(frames.duration_s + SEAM_S, step) * step
+        played = frames.at_rows([*range(len(frames)), 0], np.append(frames.time, end))
     lap = _count(played.duration_s, step) - playback.loop  # the last tick of a loop is its first one again
     ticks = round(LOOP_LIMIT_S * rate) if playback.loop else lap
     laid = played.resample(np.arange(min(lap, MAX_KEPT)) * step)
@@ -370,12 +373,6 @@ def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:
             next_step="Choose another --performer",
         )
     return frames.select(tuple(performer.sensors))
-
-
-def _closed(frames: SensorFrames, step: float) -> SensorFrames:
-    """One round of a loop: the motion, then straight back to its beginning, in a whole number of ticks of `step` s."""
-    count = _count(frames.duration_s + SEAM_S, step)
-    return frames.at_rows([*range(len(frames)), 0], np.append(frames.time, count * step))
 
 
 def _count(duration: float, step: float) -> int:

@@ -380,12 +380,8 @@ def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int
         most = np.maximum(most, norms(solver.centre_of_mass_jacobian(q).T))
     limbs = {link for name in LIMBS if name in frames for link in body.chain_to_root(frames[name].body)}
     links = body.joint_body[hinges].tolist()
-    light = most[dofs] < LIGHT * _size(body)
+    # The size: how far (m) the origins of links reach from lowest to highest, joints at 0.
+    every = np.arange(1, len(body.parent))
+    origins = solver.points(body.qpos0[None], every.tolist(), np.zeros((len(every), 3)))[0]
+    light = most[dofs] < LIGHT * float(np.ptp(origins[:, 2]))
     return [int(dof) for dof, link, is_light in zip(dofs, links, light, strict=True) if is_light and link not in limbs]
-
-
-def _size(body: BodyModel) -> float:
-    """How far (m) the origins of its links reach from lowest to highest, joints at 0."""
-    links = np.arange(1, len(body.parent))
-    height = body.solver_body().points(body.qpos0[None], links.tolist(), np.zeros((len(links), 3)))[0, :, 2]
-    return float(np.ptp(height))

@@ -103,17 +103,12 @@ def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) ->
     if name == kind_of(joint.name):
         return np.zeros(3)
     if name in TRUNK_LEVELS:
-        here = dimensions.standing()[POINTS.index(joint.name)]
-        return np.asarray(_trunk_point(TRUNK_LEVELS[name], dimensions) - here)
+        # At a share of the way from the middle of the hips to that of the shoulders.
+        at = dict(zip(POINTS, dimensions.standing(), strict=True))
+        hips, shoulders = (0.5 * (at[f"l_{part}"] + at[f"r_{part}"]) for part in ("hip", "shoulder"))
+        return np.asarray(hips + TRUNK_LEVELS[name] * (shoulders - hips) - at[joint.name])
     side = joint.name[:2] if joint.name[1] == "_" else ""
     return dimensions.of(side + name)
-
-
-def _trunk_point(share: float, dimensions: HumanDimensions) -> FloatArray:
-    """Point (3,) at a share of the way from the middle of the hips to that of the shoulders, from the pelvis."""
-    ends = dict(zip(POINTS, dimensions.standing(), strict=True))
-    hips, shoulders = (0.5 * (ends[f"l_{part}"] + ends[f"r_{part}"]) for part in ("hip", "shoulder"))
-    return np.asarray(hips + share * (shoulders - hips))
 
 
 def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
@@ -202,7 +197,7 @@ class Human:
         q = self.body.qpos0.copy()
         single, address = self.body.scalar_joints()
         for motion, degrees in angles_deg:
-            for name in self._sided(motion):
+            for name in [motion] if motion in self.body.dof_names else [f"l_{motion}", f"r_{motion}"]:
                 dof = self.body.dof_index(name)
                 angle = np.deg2rad(degrees)
                 low, high = self.body.lower[dof], self.body.upper[dof]
@@ -211,9 +206,6 @@ class Human:
                     raise ConfigError("posture outside the joint's limits", where=name, found=degrees, allowed=allowed)
                 q[address[dof]] = angle
         return q
-
-    def _sided(self, motion: str) -> list[str]:
-        return [motion] if motion in self.body.dof_names else [f"{side}_{motion}" for side in ("l", "r")]
 
 
 def build_human(dimensions: HumanDimensions) -> Human:

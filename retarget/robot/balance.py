@@ -215,7 +215,8 @@ class StandingStrength:
     def __init__(self, robot: RobotBody, stance: Stance, *, share: float) -> None:
         body = robot.body
         joints = leg_joints(robot)
-        self._names = tuple(joints)
+        self.names = tuple(joints)
+        """Names of the limited joints."""
         self._foot = np.array([foot for foot, _ in joints.values()], dtype=np.intp)
         frames = [frame for _, frame in joints.values()]
         rows = [body.joint_index(name) for name in joints]
@@ -234,11 +235,6 @@ class StandingStrength:
         self.most = np.maximum(share * self.stall, STANDING_SPARE * at_rest)
         """Greatest continuous torque of each joint (k,), N m."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the limited joints."""
-        return self._names
-
     def torques(self, q: FloatArray) -> FloatArray:
         """Torques of the joints (k,) at rest in posture q (nq,), N m."""
         return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
@@ -255,8 +251,8 @@ class StandingStrength:
     ) -> None:
         """Write the half-spaces of the next `dt` s into the target vector, for a robot in posture q (nq,), with its
         centre of mass com (3,), m. keeps: False removes all limits, as on one leg, which has to carry more."""
-        spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self._names)
-        for name, edges in zip(self._names, spaces, strict=True):
+        spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self.names)
+        for name, edges in zip(self.names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
 
     def spaces(self, q: FloatArray, com: FloatArray, dt: float) -> list[FloatArray]:
@@ -266,7 +262,7 @@ class StandingStrength:
         used = np.abs(torque) / self.most
         by_com, by_joint, places = self._gradients(q, com)
         lever = 2.0 / self._weight  # [m per N m]: half of the weight is on either leg
-        spaces = [_FREE] * len(self._names)
+        spaces = [_FREE] * len(self.names)
         for k in np.flatnonzero(used > WATCHED).tolist():
             sign = 1.0 if torque[k] > 0.0 else -1.0
             n, m = sign * lever * by_com[k], sign * lever * by_joint[k]

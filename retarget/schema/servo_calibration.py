@@ -79,7 +79,8 @@ def write_calibration(calibration: ServoCalibration, path: Path | None = None) -
 
     path: write this file instead, and no other. Raises UsageError with the system's reason.
     """
-    content = _as_yaml(calibration).encode()
+    comment = "Which tick each servo of this one robot reads at angle, rad. Written by: retarget servo home"
+    content = dump(calibration.model_dump(exclude_defaults=True), comment=comment).encode()
     if path is not None:
         write_atomic(path, content, option=OPTION)
         return path
@@ -144,9 +145,3 @@ def _model(name: str) -> str:
         return find_model(name).name
     except HardwareError:
         return name
-
-
-def _as_yaml(calibration: ServoCalibration) -> str:
-    """The file's text: one line for each servo."""
-    comment = "Which tick each servo of this one robot reads at angle, rad. Written by: retarget servo home"
-    return dump(calibration.model_dump(exclude_defaults=True), comment=comment)
