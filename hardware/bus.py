@@ -110,12 +110,6 @@ def check_open(is_open: bool, *, where: str) -> None:
         raise BusError(describe(what="the bus is closed", where=where, then="Call open first"))
 
 
-def check_goals(ticks: TickArray, first: TickArray, last: TickArray, *, where: str) -> None:
-    """Raise BusError unless goals (n,) lie from `first` to `last` (n,)."""
-    if ticks.shape != last.shape or ((ticks < first) | (ticks > last)).any():
-        raise BusError("goal ticks out of range", where=where, found=ticks, allowed=f"{first} to {last}")
-
-
 # A bus as data: its port, its speed, the devices on it, and what is set up in its servos once.
 
 BAUDS: dict[int, tuple[int, ...]] = {

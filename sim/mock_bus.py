@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.bus import ServoGoals, ServoStates, check_goals, check_open
+from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
+from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
 from sim.servo_model import saturated_lag
@@ -40,13 +41,11 @@ class MockBus:
     ) -> None:
         count = len(servos)
         self._clock = clock
-        self._servos = tuple(servos)
+        self._map = JointMap(servos)
         models = [servo.model for servo in servos]
         self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
         self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
-        self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
-        self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
         zero = np.array([servo.zero_tick for servo in servos], dtype=np.int64)
         self._position: FloatArray = np.array(
             zero if start is None else start, dtype=np.float64
@@ -74,14 +73,14 @@ class MockBus:
         """Set the goal registers. Raises BusError when closed and on a goal that a servo does not have."""
         check_open(self._open, where="mock bus, write")
         self._catch_up()
-        check_goals(goals.ticks, self._first, self._last, where="mock bus, write")
+        self._map.check_goals(goals.ticks, where="mock bus, write")
         self._goal = goals.ticks.astype(np.float64)
 
     def torque(self, on: bool) -> None:
         """Switch torque. The goal registers keep what they had, so goals come first. Raises BusError when closed."""
         check_open(self._open, where="mock bus, torque")
         self._catch_up()
-        self._torque = np.full(len(self._servos), on)
+        self._torque = np.full(len(self._map), on)
 
     def close(self) -> None:
         """Switch torque off; no further call but `open`."""
@@ -113,7 +112,7 @@ class MockBus:
 
     def _registers(self) -> ServoStates:
         """What the registers of all servos show now, rounded as they round."""
-        count = len(self._servos)
+        count = len(self._map)
         return ServoStates(
             time=self._time,
             position=np.rint(self._position).astype(np.int64),

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from hardware.arrays import TickArray
-from hardware.bus import BusSpec, ServoGoals, ServoStates, check_goals, check_open
+from hardware.bus import BusSpec, ServoGoals, ServoStates
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.cyclic import BusLine, read_cycle
 from hardware.dynamixel.opening import Opening, examine
@@ -57,8 +57,6 @@ class DynamixelBus:
         placed = [(bus, [(index, servo) for index, servo in servos if servo.bus == bus.name]) for bus in buses]
         self.lines = tuple(BusLine(bus, make_port(bus), own) for bus, own in placed if own)
         """Each bus with its port."""
-        self._lowest = np.array([servo.lowest_tick for servo in joint_map.servos])
-        self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
         self._readings: Readings
         self._goals: TickArray | None = None
         self._noisy_cycles = 0  # cycles
@@ -94,14 +92,14 @@ class DynamixelBus:
 
     def read(self) -> ServoStates:
         """One cycle of all ports."""
-        check_open(self._state is not BusState.CLOSED, where="bus, read")
+        self._require_open("read")
         return self._cycle()
 
     def write(self, goals: ServoGoals) -> None:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
-        check_open(self._state is not BusState.CLOSED, where="bus, write")
+        self._require_open("write")
         ticks = goals.ticks
-        check_goals(ticks, self._lowest, self._highest, where="bus, write")
+        self._map.check_goals(ticks, where="bus, write")
         self._goals = np.array(ticks)
         raw = ticks - self._readings.turns
         for line in self.lines:
@@ -109,7 +107,7 @@ class DynamixelBus:
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
-        check_open(self._state is not BusState.CLOSED, where="bus, torque")
+        self._require_open("torque")
         if not on:
             self._torque_off()
             return
@@ -262,6 +260,10 @@ class DynamixelBus:
         for line in self.lines:
             with suppress(BusError):
                 line.port.close()
+
+    def _require_open(self, action: str) -> None:
+        if self._state is BusState.CLOSED:
+            raise BusError("the bus is closed", where=f"bus, {action}", then="Call open first")
 
 
 # Reading servos without setting them up: no register is written, torque stays as it is.

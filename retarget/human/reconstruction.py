@@ -12,8 +12,7 @@ import numpy as np
 
 from retarget.arithmetic import arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
-from retarget.human.heading import Heading
-from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, VirtualFeet
+from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind

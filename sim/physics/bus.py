@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray
-from hardware.bus import ServoGoals, ServoStates, check_goals, check_open
+from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
 from hardware.servo import ServoSpec
 from sim.emulator.line import Line
@@ -31,8 +31,6 @@ class PhysicsBus:
         self._servos = servos
         self._zero = np.array([servo.zero_tick for servo in servos], dtype=np.float64)
         self._tick_rad = np.array([servo.model.tick_rad for servo in servos])
-        self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)
-        self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)
         self._unit = np.array([servo.model.current_unit or np.nan for servo in servos])
         self._origin = clock.now()
         self._open = False
@@ -54,7 +52,7 @@ class PhysicsBus:
         check_open(self._open, where="physics bus, write")
         self._catch_up()
         ticks = goals.ticks
-        check_goals(ticks, self._first, self._last, where="physics bus, write")
+        self.simulation.world.robot.joint_map.check_goals(ticks, where="physics bus, write")
         self.simulation.aim((ticks - self._zero) * self._tick_rad, self._now() + self._latency)
 
     def torque(self, on: bool) -> None:
