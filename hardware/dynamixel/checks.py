@@ -88,12 +88,26 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) 
 
     needed: ticks that its joint needs, see `needed_ticks`.
     """
-    found = _supply(image) + _current(servo, image)
+    found, table = [], image.table
+    volts = image.value(names_of(table).voltage) / 10
+    low, high = image.value("min_voltage_limit") / 10, image.value("max_voltage_limit") / 10
+    if not low <= volts <= high:
+        found.append(f"has a supply of {volts:.1f} V, allowed {low:g} to {high:g} V: check battery, supply and fuse")
+    if servo.current_limit is not None and not table.has("current_limit"):
+        found.append(
+            f"is to draw {servo.current_limit:g} A at most, and {table.model} with protocol {table.protocol}.0 cannot "
+            "limit its current: remove `current` from the profile"
+        )
     found += [text + setup_command(bus, servo.id, counts) for text, counts in _corrections(servo, image, needed)]
-    found += _errors(image) + _firmware(bus, image)
+    bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
+    if bits:
+        found.append(
+            f"has latched {alert_text(bits)}: fix the cause, then `retarget servo reboot` (or switch its power)"
+        )
+    found += _firmware(bus, image)
     if image.has("lock") and image.value("lock"):
         found.append("has its EEPROM locked (register lock): switch its power off and on, nothing else opens it")
-    due = differing(eeprom_settings(servo, bus, image.table), image)
+    due = differing(eeprom_settings(servo, bus, table), image)
     if due and image.value("torque_enable"):
         names = ", ".join(f"{setting.register.name} := {setting.value}" for setting in due)
         found.append(
@@ -158,30 +172,6 @@ def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
         if highest is not None and image.value(name) < LOW_SHARE * highest:
             found.append(f"has {name} {image.value(name)}, the maximum is {highest}: it is weak, or slow")
     return found
-
-
-def _errors(image: ServoImage) -> list[str]:
-    bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
-    if not bits:
-        return []
-    return [f"has latched {alert_text(bits)}: fix the cause, then `retarget servo reboot` (or switch its power)"]
-
-
-def _supply(image: ServoImage) -> list[str]:
-    volts = image.value(names_of(image.table).voltage) / 10
-    low, high = image.value("min_voltage_limit") / 10, image.value("max_voltage_limit") / 10
-    if low <= volts <= high:
-        return []
-    return [f"has a supply of {volts:.1f} V, allowed {low:g} to {high:g} V: check battery, supply and fuse"]
-
-
-def _current(servo: ServoSpec, image: ServoImage) -> list[str]:
-    if servo.current_limit is None or image.table.has("current_limit"):
-        return []
-    return [
-        f"is to draw {servo.current_limit:g} A at most, and {image.table.model} with protocol {image.table.protocol}.0 "
-        "cannot limit its current: remove `current` from the profile"
-    ]
 
 
 def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:

@@ -118,14 +118,12 @@ class Ask:
         # Frames inside one with a damaged length count as well.
         statuses = (codec.status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
         for status in statuses:
-            if status is not None and self._fits(status):
+            # An answer to this request is no refusal, no echo, and of no unknown id.
+            if status is None or len(status.data) != self.size or status.id not in self.ids:
+                continue
+            if self.kind is not ReadKind.SYNC or not _refused(status):
                 found.setdefault(status.id, status)
         return side_by_side(list(found.values()))
-
-    def _fits(self, status: Status) -> bool:
-        """Whether it is an answer to this request: no refusal, no echo, no unknown id."""
-        refused = self.kind is ReadKind.SYNC and _refused(status)
-        return len(status.data) == self.size and status.id in self.ids and not refused
 
     def _parts(self, received: bytes) -> list[Status]:
         """Valid parts of the fast reply, searched at every header: an echo or a stale answer may precede it.

@@ -351,8 +351,18 @@ class CarryingFeet:
             self._dwelt[foot] = self._dwelt[foot] + dt if otherwise else 0.0
             if self._dwelt[foot] > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
                 self._carries[foot], self._dwelt[foot] = not carries, 0.0
-        self._end_long_flight(ankles, speeds, dt)
-        self._follow_floor(ankles, dt)
+        # A flight that is too long ends as soon as the lower foot is slow: it stands on another floor.
+        self._flown = 0.0 if any(self._carries) else self._flown + dt
+        lower = 0 if ankles[0][2] < ankles[1][2] else 1
+        if self._flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
+            self._floor, self._flown = ankles[lower][2], 0.0
+            self._carries[lower] = True
+        # The floor follows the feet that carry: up slowly, down at once, as no foot can be below it.
+        down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
+        if down:
+            lowest = min(down)
+            share = 1.0 if lowest < self._floor else 1.0 - exp(-dt / FLOOR_SETTLE_S)
+            self._floor += share * (lowest - self._floor)
         return self._decide()
 
     def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
@@ -371,22 +381,6 @@ class CarryingFeet:
         for velocity, ankle in zip(self._velocity, ankles, strict=True):
             velocity.step(ankle, dt)
         return [velocity.speed for velocity in self._velocity]
-
-    def _end_long_flight(self, ankles: Sequence[Point], speeds: list[float], dt: float) -> None:
-        """End a flight that is too long, as soon as the lower foot is slow: it stands on another floor."""
-        self._flown = 0.0 if any(self._carries) else self._flown + dt
-        lower = 0 if ankles[0][2] < ankles[1][2] else 1
-        if self._flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
-            self._floor, self._flown = ankles[lower][2], 0.0
-            self._carries[lower] = True
-
-    def _follow_floor(self, ankles: Sequence[Point], dt: float) -> None:
-        """Move the floor to the feet that carry: up slowly, down at once, as no foot can be below it."""
-        down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
-        if down:
-            lowest = min(down)
-            share = 1.0 if lowest < self._floor else 1.0 - exp(-dt / FLOOR_SETTLE_S)
-            self._floor += share * (lowest - self._floor)
 
     def _decide(self) -> Carrying:
         left, right = self._carries

@@ -149,7 +149,11 @@ Points = dict[str, list[float]]
 
 
 class Reconstructor:
-    """Sensor samples in, human postures out: `start` with the first sample, then `step` with each further one."""
+    """Sensor samples in, human postures out: `start` with the first sample, then `step` with each further one.
+
+    sensors: their names, in the order of `HumanPosture.sensor_error`. hierarchy: the compiled priorities.
+    scene_obstacles: the scene of the human.
+    """
 
     def __init__(
         self,
@@ -166,13 +170,11 @@ class Reconstructor:
         self._human = human
         self._layout = SensorLayout(performer)
         self.sensors = self._layout.names
-        """Names of the sensors, in the order of `HumanPosture.sensor_error`."""
         self._feet = None if set(_FEET) & set(self._layout.names) else VirtualFeet(human.dimensions)
         names = self._layout.names + (() if self._feet is None else _FEET)
         self._names, self._sensor_count = names, len(self._layout.names)
         sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
         self.scene_obstacles = SceneObstacles(scene)
-        """The scene of the human."""
         self.observers = human_observers(human, priorities.observers)
         build = partial(
             Hierarchy,

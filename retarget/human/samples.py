@@ -26,25 +26,20 @@ class Performing(Protocol):
     def settled(self) -> float:
         """How much of its speed the robot may use beyond that of its slow approach, 0 to 1; low after a hold, so that
         the robot returns to the performer slowly."""
-        ...
 
     @property
     def paused(self) -> bool:
         """Whether the operator pauses the robot: it then holds without a limit in time."""
-        ...
 
     def may_approach(self) -> bool:
         """Whether the robot is to go on with its approach; called in every tick of it."""
-        ...
 
     def sample(self, tick: int) -> SensorSample | None:
         """The sensors at a tick; None: they are not valid now, and the robot is to hold. Not None for tick 0."""
-        ...
 
     @property
     def hold_reason(self) -> str:
         """Why the robot holds, in a few words; of the last tick in which it did."""
-        ...
 
 
 class Samples(Performing, Protocol):
@@ -53,39 +48,31 @@ class Samples(Performing, Protocol):
     @property
     def ticks(self) -> int:
         """Ticks that are followed, at most."""
-        ...
 
     @property
     def kept(self) -> int:
         """Ticks of which a record is kept; what comes after them is not recorded."""
-        ...
 
     @property
     def dt(self) -> float:
         """Seconds between ticks."""
-        ...
 
     @property
     def motion_dt(self) -> float:
         """Seconds of the performer's time between ticks."""
-        ...
 
     @property
     def over(self) -> bool:
         """Whether the performance has ended before its last tick: a recorded stream is at its end."""
-        ...
 
     def poll(self) -> None:
         """Take in what a stream has sent. Called in every tick, also during a hold."""
-        ...
 
     def hold(self) -> None:
         """The robot holds though the sensors are valid: a stream is followed again as after any hold."""
-        ...
 
     def recorded(self) -> "Clip":
         """The samples of the ticks that were followed, for reports and recordings."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

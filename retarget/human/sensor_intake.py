@@ -90,13 +90,23 @@ class SensorIntake:
         # NaN compares false: an invalid sensor never counts as a calm one.
         calm = squares(moved) <= np.square(FASTEST_M_S * since)
         # A jump is looked at below; without a velocity any way is possible.
-        on_way = _on_way(moved, self._velocity, since) | ~self.present | ~calm | np.isnan(self._velocity[:, 0])
+        most = SPIKE_M + 0.5 * HARDEST_M_S2 * since * since
+        on_way = (
+            (squares(moved - self._velocity * since[:, None]) <= most * most)
+            | ~self.present
+            | ~calm
+            | np.isnan(self._velocity[:, 0])
+        )
         believed = valid
         if self._has_lost or np.count_nonzero(calm & on_way & valid) != len(calm):
             believed = self._believed(position, valid, dt) & on_way
             self._take_irregular(position, believed, calm, reached=reached, dt=dt)
-            if weight is not None:
-                self._begin_return(weight)
+            if weight is not None:  # a sensor that has just come back by a weight gets no offset that fades
+                slowly = self._back & (weight < 1.0)
+                self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
+                self._offset[slowly] = 0.0
+                self._left[self._back & ~slowly] = 0.0
+                self._is_returning = bool(self._left.any())
         else:
             self.measured[:] = position
         self._sent[valid] = position[valid]
@@ -119,14 +129,6 @@ class SensorIntake:
         old = np.where(anew[:, None], now, self._velocity)
         smooth = old + (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * (now - old)
         self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
-
-    def _begin_return(self, weight: FloatArray) -> None:
-        """A sensor that has just come back by a weight gets no offset that fades."""
-        slowly = self._back & (weight < 1.0)
-        self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
-        self._offset[slowly] = 0.0
-        self._left[self._back & ~slowly] = 0.0
-        self._is_returning = bool(self._left.any())
 
     def _return(self, weight: FloatArray, dt: float) -> None:
         """Reduce what is left of the way back: it never grows, and falls no faster than the speed limit."""
@@ -183,12 +185,6 @@ def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
     cleared = position.copy()
     cleared[1:-1][spike] = middle[spike]
     return cleared
-
-
-def _on_way(moved: FloatArray, velocity: FloatArray, since: FloatArray) -> BoolArray:
-    """Whether each of k sensors can have moved by (k, 3) m in (k,) s, from a velocity (k, 3) m/s."""
-    most = SPIKE_M + 0.5 * HARDEST_M_S2 * since * since
-    return np.asarray(squares(moved - velocity * since[:, None]) <= most * most)
 
 
 # Reach: sensors no further from each other than a body can be.

@@ -55,8 +55,9 @@ class GravityTorque:
         force = self._mass * (UPWARD + acceleration)
         pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
         shares = self._shares(pressed)
-        if heights is not None:
-            shares = _on_the_floor(shares, heights)
+        if heights is not None:  # the lowest sole is on the floor, and takes what others cannot
+            shares = shares * np.clip(1.0 - heights / CARRIES_BELOW_M, 0.0, 1.0)
+            shares[int(heights.argmin())] += 1.0 - shares.sum()
         across = pressed - matmul(shares, self._middles)
         torque = matmul(force, self._body.centre_of_mass_jacobian(q))
         for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):
@@ -74,13 +75,6 @@ class GravityTorque:
         across = second - first
         share = min(max(dot(pressed - first, across) / dot(across, across), 0.0), 1.0)
         return np.array([1.0 - share, share])
-
-
-def _on_the_floor(shares: FloatArray, heights: FloatArray) -> FloatArray:
-    """Shares (k,) of soles that are at heights (k,) m, the lowest on the floor: it takes what others cannot."""
-    kept = shares * np.clip(1.0 - heights / CARRIES_BELOW_M, 0.0, 1.0)
-    kept[int(heights.argmin())] += 1.0 - kept.sum()
-    return np.asarray(kept)
 
 
 def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:

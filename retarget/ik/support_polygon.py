@@ -125,7 +125,9 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
     soles = []
     for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0] if frames else (), strict=True):
         place = points[foot.frame] * np.array([1.0, 1.0, 0.0])
-        flat = _level(orientation)
+        # Made flat: only its turn about the vertical is kept.
+        forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
+        flat = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), arctan2(forward[1], forward[0]))
         frame, polygon = robot.frame(foot.frame), np.array(foot.polygon)
         corners = frame.position + rotations.rotate(frame.quat, np.column_stack([polygon, np.zeros(len(polygon))]))
         soles.append(Sole(frame, place, flat, sole_outline(place, flat, polygon), corners))
@@ -142,12 +144,6 @@ def _to_origin(q: FloatArray, positions: FloatArray, orientations: FloatArray) -
     upright = rotations.multiply(turn, level)
     q[:3] = rotations.rotate(upright, q[:3] - positions.mean(axis=0))
     q[3:7] = rotations.normalise(rotations.multiply(upright, q[3:7]))
-
-
-def _level(orientation: FloatArray) -> FloatArray:
-    """The orientation (4,) made flat: only its turn about the vertical is kept."""
-    forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
-    return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), arctan2(forward[1], forward[0]))
 
 
 # Whether a robot can stand in its posture `stand`: its centre of mass over the polygon of its soles.

@@ -134,7 +134,16 @@ class DeflectionCompensation:
         # both.
         behind = (1.0 - self._catch_up) * (last.posture + last.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
-        goal, compensated = self._within(posture + behind, last.compensated, compensated, nearest)
+        # The gate's bounds may shorten the offset, but not turn it into a motion of its own: then the gate is to refuse
+        # the goal.
+        target = posture + behind
+        goal = nearest(target + compensated)
+        kept, before = goal - target, last.compensated
+        lowest, highest = np.minimum(before, 0.0) - self._most, np.maximum(before, 0.0) + self._most
+        if ((kept < lowest) | (kept > highest)).any():
+            goal = target + compensated
+        else:
+            compensated = kept
         moved = compensated - last.compensated
         return goal, _Compensated(posture, compensated, moved, behind, integrated, masses, velocities, last.ticks + 1)
 
@@ -143,24 +152,6 @@ class DeflectionCompensation:
         # Backward Euler of x'' = r^2 (wanted - x) - 2 r x': stable for any r dt.
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
-
-    def _within(
-        self,
-        target: FloatArray,
-        before: FloatArray,
-        compensated: FloatArray,
-        nearest: Callable[[FloatArray], FloatArray],
-    ) -> tuple[FloatArray, FloatArray]:
-        """The goal with the offset `compensated` (n,) rad from a target (n,), and its real offset: within the gate's
-        limits, if that does not push it away from the target. Else the gate is to refuse it. before (n,): the offset
-        of the goal sent last, rad."""
-        # The gate's bounds may shorten the offset, but not turn it into a motion of its own.
-        goal = nearest(target + compensated)
-        kept = goal - target
-        lowest, highest = np.minimum(before, 0.0) - self._most, np.maximum(before, 0.0) + self._most
-        if ((kept < lowest) | (kept > highest)).any():
-            return target + compensated, compensated
-        return goal, kept
 
 
 def _waits(robot: RobotBody, lags: FloatArray) -> FloatArray:

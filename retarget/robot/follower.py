@@ -373,7 +373,12 @@ class Follower:
             asked = soles.steps.aim(targets, q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
         elif soles.balance is not None:
             if soles.stop is not None:
-                self._plant(soles.stop.slip, dt)
+                # Soles that are off their places go back there no faster than legs can stop.
+                if (slip := soles.stop.slip) > SLIPPED_M:
+                    share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
+                    plant_back(hierarchy, targets, self.stance, self._robot.kinematics, q, share)
+                else:
+                    plant_soles(hierarchy, targets, self.stance)
             com = self._reached.centre_of_mass
             velocity = matmul(self._robot.kinematics.centre_of_mass_jacobian(q), hierarchy.solver.velocity)
             hierarchy.set_support(targets, soles.balance.spaces(com, velocity, dt))
@@ -390,15 +395,6 @@ class Follower:
         fallback = soles.fallback
         first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, q, dt)
         self._reached = self._reader.read(self._safe(first, q, dt))
-
-    def _plant(self, slip: float, dt: float) -> None:
-        """Ask the soles to stay in their places, or to go back there no faster than legs can stop. slip: m they are
-        off."""
-        if slip > SLIPPED_M:
-            share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
-            plant_back(self.hierarchy, self._targets, self.stance, self._robot.kinematics, self._q, share)
-        else:
-            plant_soles(self.hierarchy, self._targets, self.stance)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no

@@ -116,13 +116,8 @@ def _problems(profile: RobotProfile, read: ServoCalibration, document: Document)
         if len(homed) == 1:
             what, allowed = "half of a coupled pair", " and ".join(coupling.joints) + ", or none of them"
             found.append(document.problem(("servos", homed[0]), what, found=homed[0], allowed=allowed, next_step=STEP))
-    return found or _beyond_the_servos(profile, read, document)
-
-
-def _beyond_the_servos(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
-    """What the servos could not reach with these zero ticks."""
-    if document.problems or not read.servos:
-        return []
+    if found or document.problems or not read.servos:
+        return found
     return [
         document.problem(("servos", joint, "tick"), f"impossible zero: {text}", next_step=STEP)
         for joint, text in impossible_zeros(profile.servo_specs(), read)

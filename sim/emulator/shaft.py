@@ -163,11 +163,9 @@ class Mechanics(Protocol):
 
     def follow(self, shaft: "Shaft", now: float) -> tuple[float, float]:
         """Go on to `now` (s); return the position that the shaft has then, tick, and its velocity, tick/s."""
-        ...
 
     def effort(self, shaft: "Shaft") -> float:
         """Return the torque of the motor as a share of its stall torque, signed."""
-        ...
 
 
 class Shaft:
