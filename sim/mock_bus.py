@@ -92,7 +92,7 @@ class MockBus:
 
     @property
     def torque_on(self) -> bool:
-        """Whether any servo has torque: for tests and the emulated robot's lamp."""
+        """Whether any servo has torque."""
         return bool(self._torque.any())
 
     def _catch_up(self) -> None:

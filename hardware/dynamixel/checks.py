@@ -28,17 +28,6 @@ def needed_ticks(joint_map: JointMap) -> dict[str, Span]:
     return dict(zip(joint_map.joints, spans, strict=True))
 
 
-def _limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span) -> dict[str, int]:
-    """What the servo's own limits must become for those ticks, counts by register; empty where they are wide enough."""
-    names = _limits(servo, image)
-    if not names:
-        return {}
-    low, high = (image.value(name) for name in names)
-    other = bool(_other_mode(servo, image, low, high))
-    moved = {names[0]: needed.low} if other or low > needed.low else {}
-    return moved | ({names[1]: needed.high} if other or high < needed.high else {})
-
-
 def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
     """Which mode the angle limits make that follows no position; "" for none, and where a register has the mode."""
     if image.has("cw_angle_limit") and not image.has("control_mode"):
@@ -131,15 +120,18 @@ def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> d
 def _corrections(servo: ServoSpec, image: ServoImage, needed: Span) -> list[tuple[str, dict[str, int]]]:
     """What is wrong in EEPROM, each in words that end before the command that corrects it; counts by register."""
     found: list[tuple[str, dict[str, int]]] = []
-    moved = _limits_to_move(servo, image, needed)
-    if moved:
-        low, high = (image.value(name) for name in _limits(servo, image))
+    names = _limits(servo, image)
+    if names:
+        low, high = (image.value(name) for name in names)
+        mode = _other_mode(servo, image, low, high)
+        # The servo's own limits become those ticks, where they are not wide enough.
+        moved = {names[0]: needed.low} if mode or low > needed.low else {}
+        moved |= {names[1]: needed.high} if mode or high < needed.high else {}
         narrow = (
             f"takes ticks {low} to {high} only, the joint needs {needed.low} to {needed.high}: narrow the limits of "
             "the profile, or "
         )
-        mode = _other_mode(servo, image, low, high)
-        found.append((f"{mode}: " if mode else narrow, moved))
+        found += [(f"{mode}: " if mode else narrow, moved)] if moved else []
     for name, bit, meaning in FORBIDDEN:  # firmware before 38 and most of protocol 1.0 have none of them
         if image.has(name) and image.value(name) & bit:
             kept = image.value(name) & ~sum(other for register, other, _ in FORBIDDEN if register == name)

@@ -87,13 +87,8 @@ class Ask:
             return protocol1.bulk_read((device, self.address, self.size) for device in self.ids)
         return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is ReadKind.FAST)
 
-    @property
-    def reply_bytes(self) -> int:
-        """Bytes of all answers together, but for what stuffing adds."""
-        return self.bytes_of(len(self.ids))
-
     def bytes_of(self, count: int) -> int:
-        """Bytes of the first `count` answers."""
+        """Bytes of the first `count` answers, but for what stuffing adds."""
         if self.kind is ReadKind.FAST:
             return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
         overhead = protocol2.STATUS_BYTES if self.kind is ReadKind.SYNC else protocol1.STATUS_BYTES
@@ -101,7 +96,7 @@ class Ask:
 
     def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
         """How long the answers may take; return_delay: of each servo, s."""
-        sending, coming = (10 * count / port.baud for count in (len(self.request()), self.reply_bytes))
+        sending, coming = (10 * count / port.baud for count in (len(self.request()), self.bytes_of(len(self.ids))))
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
         idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
@@ -157,7 +152,7 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
 
     Raises BusError when the port is gone.
     """
-    received, enough = b"", ask.reply_bytes
+    received, enough = b"", ask.bytes_of(len(ask.ids))
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
     while port.wait(deadline):

@@ -121,8 +121,13 @@ def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
         wrong.append(f"ids that are not in the profile: {', '.join(unknown_ids)}")
     named = {one.found.id for one in unknown}
     missing = tuple(device for device in line.servos if device not in images and device not in named)
-    if missing:
-        wrong += _power_note(line)
+    switch = line.spec.power
+    if missing and switch is not None:
+        try:
+            if not is_powered(line.client, switch):
+                wrong.append(f"device {switch.id} has the servos' power switched off")
+        except (NoAnswer, ServoError):
+            wrong.append(f"device {switch.id}, which switches the servos' power, does not answer")
     silent = tuple(device for device in line.spec.ids if device not in seen)
     notes = (ECHOES,) if line.client.echoes else ()
     return Look(line, silent, missing, unknown, tuple(wrong), notes)
@@ -195,18 +200,6 @@ def _servo(sighting: Sighting, bus: str) -> ServoSpec:
         max_acceleration=model.no_load_speed,
         protocol=table.protocol,
     )
-
-
-def _power_note(line: BusLine) -> list[str]:
-    """Whether a device has the servos' power switched off."""
-    switch = line.spec.power
-    if switch is None:
-        return []
-    try:
-        on = is_powered(line.client, switch)
-    except (NoAnswer, ServoError):
-        return [f"device {switch.id}, which switches the servos' power, does not answer"]
-    return [] if on else [f"device {switch.id} has the servos' power switched off"]
 
 
 def is_powered(client: OneOff, switch: PowerSwitch) -> bool:

@@ -110,7 +110,12 @@ class SensorIntake:
         else:
             self.measured[:] = position
         self._sent[valid] = position[valid]
-        self._follow_velocity(moved / since[:, None], believed, calm, since > dt, dt)
+        # The velocity of a believed sensor is low-passed; of one that was away it is the mean on its way, and of one
+        # that has jumped it is not known.
+        now, anew = moved / since[:, None], (since > dt) | np.isnan(self._velocity[:, 0])
+        old = np.where(anew[:, None], now, self._velocity)
+        smooth = old + (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * (now - old)
+        self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
         if self._is_fading:
             self._offset *= exp(-dt / self._times.fade)
             self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
@@ -119,16 +124,6 @@ class SensorIntake:
             self.position[:] = self.measured
         if self._is_returning:
             self._return(np.ones_like(self._left) if weight is None else weight, dt)
-
-    def _follow_velocity(
-        self, now: FloatArray, believed: BoolArray, calm: BoolArray, back: BoolArray, dt: float
-    ) -> None:
-        """Low-pass the velocities (k, 3) m/s of believed sensors; of one that was away it is the mean on its way, and
-        of one that has jumped it is not known."""
-        anew = back | np.isnan(self._velocity[:, 0])
-        old = np.where(anew[:, None], now, self._velocity)
-        smooth = old + (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * (now - old)
-        self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
 
     def _return(self, weight: FloatArray, dt: float) -> None:
         """Reduce what is left of the way back: it never grows, and falls no faster than the speed limit."""

@@ -121,7 +121,13 @@ def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root |
     notes: list[str] = []
     try:
         spec = parse()
-        _keep_every_link(spec, urdf=urdf)
+        spec.compiler.fusestatic = False  # every link is kept
+        if urdf:
+            # Kinematics needs masses, not inertias: dummy links without mass and inertias that break the triangle
+            # inequality are common in URDF files and harmless here.
+            spec.compiler.balanceinertia = True
+            spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
+            spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
         for key in list(spec.keys):  # keyframes have the size of the file's own root
             spec.delete(key)
         return spec, _set_root(spec, root, source=source, notes=notes), notes
@@ -154,16 +160,6 @@ def _line_of(link: str, urdf: Path) -> str:
     text = urdf.read_text(encoding="utf-8", errors="replace") if urdf.is_file() else ""
     begun = re.search(rf"<link\s[^>]*\bname\s*=\s*(['\"]){re.escape(link)}\1", text)
     return "" if begun is None else str(text.count("\n", 0, begun.start()) + 1)
-
-
-def _keep_every_link(spec: Any, *, urdf: bool) -> None:
-    spec.compiler.fusestatic = False
-    if urdf:
-        # Kinematics needs masses, not inertias: dummy links without mass and inertias that break the triangle
-        # inequality are common in URDF files and harmless here.
-        spec.compiler.balanceinertia = True
-        spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
-        spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
 
 
 def _set_root(spec: Any, root: Root | None, *, source: str, notes: list[str]) -> Root:

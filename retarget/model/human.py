@@ -72,7 +72,11 @@ def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions
             f'range="{lower:g} {upper:g}"/>'
         )
     lines += [f"{indent}  {line}" for line in _inertial(joint, dimensions) + _shapes(joint, dimensions)]
-    lines += [f"{indent}  {line}" for line in _sites(joint, dimensions)]
+    sites = [(name, dimensions.of(name)) for name, parent in ENDS if parent == joint.name]
+    if kind_of(joint.name) == "ankle":
+        below = np.array([0.0, 0.0, -FRACTIONS.ankle_height * dimensions.stature])
+        sites.append((joint.name[:2] + "sole", below))
+    lines += [f'{indent}  <site name="{name}" pos="{_text(position)}"/>' for name, position in sites]
     for child in HUMAN_JOINTS:
         if child.parent == joint.name:
             _write_link(lines, child, dimensions, depth=depth + 1)
@@ -148,14 +152,6 @@ def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> st
     if norm(end - start) < _POINT_M:  # some files leave a link of the trunk out
         return f'<geom name="{name}" type="sphere" pos="{_text(start)}" size="{radius:.6g}"/>'
     return f'<geom name="{name}" fromto="{_text(start)} {_text(end)}" size="{radius:.6g}"/>'
-
-
-def _sites(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
-    sites = [(name, dimensions.of(name)) for name, parent in ENDS if parent == joint.name]
-    if kind_of(joint.name) == "ankle":
-        below = np.array([0.0, 0.0, -FRACTIONS.ankle_height * dimensions.stature])
-        sites.append((joint.name[:2] + "sole", below))
-    return [f'<site name="{name}" pos="{_text(position)}"/>' for name, position in sites]
 
 
 def _text(values: FloatArray) -> str:
@@ -251,7 +247,3 @@ class PostureReader:
     def orientations(self, q: FloatArray) -> FloatArray:
         """Orientations (T, 3, 4) wxyz of ORIENTED, for postures (T, nq)."""
         return self._body.orientations(q, self._oriented)
-
-    def centre_of_mass(self, q: FloatArray) -> FloatArray:
-        """Centres of mass (T, 3) m, for postures (T, nq)."""
-        return self._body.centre_of_mass(q)

@@ -81,7 +81,11 @@ def checked_pairs(
         names = observers.names[first], observers.names[second]
         steps = steps_between(body, int(observers.links[first]), int(observers.links[second]))
         if steps > NEAR_LINKS and not rules.given:
-            problems.append(_far_apart(names, steps, depth, rules.where))
+            what = "parts that are far apart along the body touch in the neutral posture"
+            found = f"{names[0]} and {names[1]}, {steps} joints apart, {1e3 * depth:.1f} mm deep"
+            allowed = f"a touch of parts at most {NEAR_LINKS} joints apart"
+            step = "Move the neutral posture, draw the shapes tighter, or ignore the pair with a reason"
+            problems.append(Problem(what, rules.where, found, allowed, step))
         dropped.append(DroppedPair(*names, f"touch by {1e3 * depth:.1f} mm in the neutral posture"))
     if problems:
         raise ConfigError.from_problems(problems)
@@ -112,16 +116,6 @@ def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: Floa
 def steps_between(body: BodyModel, first: int, second: int) -> int:
     """How many links with joints lie on the way from one link to another: 0 for links that never move apart."""
     return len(body.links_between(first, second).intersection(body.joint_body.tolist()))
-
-
-def _far_apart(names: tuple[str, str], steps: int, depth: float, where: str) -> Problem:
-    return Problem(
-        "parts that are far apart along the body touch in the neutral posture",
-        where=where,
-        found=f"{names[0]} and {names[1]}, {steps} joints apart, {1e3 * depth:.1f} mm deep",
-        allowed=f"a touch of parts at most {NEAR_LINKS} joints apart",
-        next_step="Move the neutral posture, draw the shapes tighter, or ignore the pair with a reason",
-    )
 
 
 NO_SCENE = SceneShapes(

@@ -470,9 +470,12 @@ class Follower:
         stopping = self._soles.stopping
         if stopping is None or stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
-        fallback = self._fall_back(stopping, before, dt)
-        if fallback is not None:
-            return fallback
+        assert self._soles.fallback is not None, "legs that move may fall back"
+        candidates = self._soles.fallback.after(self._targets, before, stopping.velocity, dt, stands=stopping.stands)
+        for q, velocity in candidates:
+            if stopping.admits(q, velocity, dt):
+                self.hierarchy.solver.reset(q, velocity)
+                return q
         step = stopping.follow(dt)
         if step is None:
             q = stopping.brake(dt)
@@ -483,16 +486,6 @@ class Follower:
             q, velocity = step
         self.hierarchy.solver.reset(q, velocity)
         return q
-
-    def _fall_back(self, stopping: Stopping, before: FloatArray, dt: float) -> FloatArray | None:
-        """The next posture (nq,) from a fallback hierarchy, where that of the first is not safe; None: no other is."""
-        assert self._soles.fallback is not None, "legs that move may fall back"
-        candidates = self._soles.fallback.after(self._targets, before, stopping.velocity, dt, stands=stopping.stands)
-        for q, velocity in candidates:
-            if stopping.admits(q, velocity, dt):
-                self.hierarchy.solver.reset(q, velocity)
-                return q
-        return None
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         robot, q, reached = self._robot, self._q, self._reached

@@ -444,7 +444,7 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
     for index, level in enumerate(priorities.levels):
         earlier = first.setdefault(level.name, index)
         if earlier != index:
-            here = ("levels", index, "name")
+            here: KeyPath = ("levels", index, "name")
             found = f"{level.name!r}, also of level {earlier + 1}"
             problems.append(document.problem(here, "duplicate level name", found=found))
         for place, task in enumerate(level.tasks):
@@ -457,7 +457,12 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
                     at = ("levels", index, "tasks", place, "bent")
                     problems.append(document.problem(at, "two ways of one axis", allowed="lowered or bent"))
             if isinstance(task, CarriedTask):
-                problems += _carriers(task, ("levels", index, "tasks", place, "by"), document)
+                here = ("levels", index, "tasks", place, "by")
+                unknown = [name for name in task.by if name not in SENSORS]
+                problems += [unknown_name(document, (*here, name), "sensor", name, SENSORS) for name in unknown]
+                if not unknown and "head" not in task.by:
+                    found, step = listed(task.by), "Add head"
+                    problems.append(document.problem(here, "the head has no share", found=found, next_step=step))
     if priorities.levels and not any(level.tasks for level in priorities.levels):
         problems.append(document.problem(("levels",), "no level has a task", allowed="at least one task"))
     return problems
@@ -468,16 +473,6 @@ def _opposite(one: Direction, other: Direction) -> bool:
     (a, b, c), (x, y, z) = one, other
     lengths = sqrt(a * a + b * b + c * c) * sqrt(x * x + y * y + z * z)
     return a * x + b * y + c * z < -(1.0 - 1e-6) * lengths
-
-
-def _carriers(task: CarriedTask, here: KeyPath, document: Document) -> list[Problem]:
-    """What is wrong with the sensors that carry: a name that is none, or no head."""
-    unknown = [
-        unknown_name(document, (*here, name), "sensor", name, SENSORS) for name in task.by if name not in SENSORS
-    ]
-    if unknown or "head" in task.by:
-        return unknown
-    return [document.problem(here, "the head has no share", found=listed(task.by), next_step="Add head")]
 
 
 # Whether a priority file is for the body that it was given to: a robot's file moves no human, nor the other way.

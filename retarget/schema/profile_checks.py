@@ -52,17 +52,11 @@ def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]
             yield from _protocol(here, servo, model, bus, document)
         if not unfit:
             (spec,) = servo_specs({joint: servo}, profile.couplings)
-            step = _in_radians(servo) or "Check limits, zero_tick, direction, gear and mode"
+            (low, high), step = servo.limits, "Check limits, zero_tick, direction, gear and mode"
+            if servo.mode == "position" and high - low > 2.0 * pi:  # as limits in degrees are
+                step = f"Limits are in rad: {low:g} to {high:g} degrees are [{radians(low):.5g}, {radians(high):.5g}]"
             for text in spec.problems():
                 yield document.problem(here, text.removeprefix(f"{joint}: "), next_step=step)
-
-
-def _in_radians(servo: Servo) -> str:
-    """The next step where limits of one turn are farther apart, as those in degrees are; else ""."""
-    low, high = servo.limits
-    if servo.mode != "position" or high - low <= 2.0 * pi:
-        return ""
-    return f"Limits are in rad: {low:g} to {high:g} degrees are [{radians(low):.5g}, {radians(high):.5g}]"
 
 
 def check_stiffness(profile: RobotProfile, document: Document) -> Iterable[Problem]:

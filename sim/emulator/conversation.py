@@ -176,7 +176,14 @@ class Conversation:
         if frame.code in GROUP_WRITES:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
-        return self._to_all(frame, listeners, now)
+        # Only a ping to all is answered, in order of ids.
+        replies: dict[int, list[tuple[Device, Answer]]] = {}
+        for device in listeners:
+            before = device.id
+            answer = device.execute(frame.code, frame.params, now, broadcast=True)
+            if answer is not None and frame.code == Instruction.PING:
+                replies.setdefault(before, []).append((device, answer))
+        return [reply for own in sorted(replies) for reply in self._together(own, replies[own])]
 
     def _addressed(self, frame: WireFrame, listeners: Sequence[Device], now: float) -> list[Reply]:
         """Carry out a frame for one id: its devices answer; those with this secondary id obey without an answer."""
@@ -189,16 +196,6 @@ class Conversation:
             elif device.secondary_id == frame.id:
                 device.execute(frame.code, frame.params, now, broadcast=False, secondary=True)
         return self._together(frame.id, replies)
-
-    def _to_all(self, frame: WireFrame, listeners: Sequence[Device], now: float) -> list[Reply]:
-        """Carry out a broadcast frame; only a ping is answered, in order of ids."""
-        replies: dict[int, list[tuple[Device, Answer]]] = {}
-        for device in listeners:
-            before = device.id
-            answer = device.execute(frame.code, frame.params, now, broadcast=True)
-            if answer is not None and frame.code == Instruction.PING:
-                replies.setdefault(before, []).append((device, answer))
-        return [reply for device in sorted(replies) for reply in self._together(device, replies[device])]
 
     def _together(self, device: int, replies: Sequence[tuple[Device, Answer]]) -> list[Reply]:
         """Return what the host receives from the devices of one id: nothing, a status, or the mix of several."""

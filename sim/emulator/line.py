@@ -167,7 +167,13 @@ class Line:
         return at
 
     def _execute(self, protocol: int, frame: WireFrame, end: float) -> None:
-        listeners = self._awake(protocol, end)
+        # Only devices that are awake, and at the speed of the host, receive what it sends.
+        lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
+        listeners = [
+            device
+            for device in self.devices
+            if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(end)
+        ]
         if frame.code in GROUP_READS2 and frame.id == BROADCAST:
             self.faults.count_cycle()
             self.faults.update(end)
@@ -177,15 +183,6 @@ class Line:
         replies = self._conversation.answers(frame, listeners, end, silent=self.faults.silent_tail)
         if replies:
             self._send_replies(replies, end)
-
-    def _awake(self, protocol: int, now: float) -> list[Device]:
-        """Return the devices of a protocol that receive what the host sends."""
-        lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
-        return [
-            device
-            for device in self.devices
-            if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(now)
-        ]
 
     def _send_replies(self, replies: Sequence[Reply], end: float) -> None:
         """Put answers on the wire, one after the other, from `end` of the instruction on."""

@@ -242,19 +242,11 @@ def reacted(row: Row, seen: Seen) -> Judged:
     if row.ends is not None and ended > row.ends:
         wrong.append(f"it ended after {ended:.1f} s, allowed {row.ends:g} s")
     since = None if took is None else took - seen.onset
-    wrong += _reason(row, seen.trace)
+    stop = seen.trace.stop
+    for wanted, cause in ((row.cause, stop.cause if stop else None), (row.then, stop.then if stop else None)):
+        if wanted is not None and cause is not wanted:
+            wrong.append(f"the reported cause is {'none' if cause is None else cause.value}, not {wanted.value}")
     return since, wrong + (let_go(seen.trace, seen.onset, row) if row.reaction is not Reaction.GONE else [])
-
-
-def _reason(row: Row, trace: Trace) -> list[str]:
-    """Return how the reported reason differs from the row's."""
-    stop = trace.stop
-    found = ((row.cause, stop.cause if stop else None), (row.then, stop.then if stop else None))
-    return [
-        f"the reported cause is {'none' if cause is None else cause.value}, not {wanted.value}"
-        for wanted, cause in found
-        if wanted is not None and cause is not wanted
-    ]
 
 
 def said(row: Row, trace: Trace) -> bool:

@@ -131,9 +131,13 @@ class SimulatedShafts:
 
         The registers may count the turns anew (homing offset, one turn), so only the change of angle is added.
         """
-        self._advance(now - self._begun)
+        simulation, to = self._simulation, now - self._begun
+        while to - simulation.time >= simulation.world.step:
+            self._take_settings()
+            self._take_goals()
+            simulation.advance(min(to, simulation.time + BATCH_S))
         row = self._row[id(shaft)]
-        angle, speed = self._simulation.motors.shaft(self._simulation.data, row)
+        angle, speed = simulation.motors.shaft(simulation.data, row)
         tick = angle / float(self._tick_rad[row])
         position = shaft.position + tick - float(self._seen[row])
         self._seen[row] = tick
@@ -144,13 +148,6 @@ class SimulatedShafts:
         row = self._row[id(shaft)]
         simulation = self._simulation
         return float(simulation.motors.torque(simulation.data)[row] / self._stall[row])
-
-    def _advance(self, to: float) -> None:
-        simulation = self._simulation
-        while to - simulation.time >= simulation.world.step:
-            self._take_settings()
-            self._take_goals()
-            simulation.advance(min(to, simulation.time + BATCH_S))
 
     def _take_settings(self) -> None:
         """Take torque, gain and drive limit from the registers."""

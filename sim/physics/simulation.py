@@ -249,18 +249,16 @@ class Simulation:
         """Forces of the pushes that last now, on the engine's bodies."""
         self.data.xfrc_applied[:] = 0.0
         for start, end, push in self._pushes:
-            if start <= self._done < end:
-                self._apply(push)
-
-    def _apply(self, push: Push) -> None:
-        force, link, data = np.array(push.force), self.world.root, self.data
-        point = data.xipos[link]
-        if push.frame is not None:
-            frame = self.world.robot.frame(push.frame)
-            link = self._model.body(self.world.robot.body.body_names[frame.body]).id
-            point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ frame.position
-        data.xfrc_applied[link, :3] += force
-        data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
+            if not start <= self._done < end:
+                continue
+            force, link, data = np.array(push.force), self.world.root, self.data
+            point = data.xipos[link]
+            if push.frame is not None:
+                frame = self.world.robot.frame(push.frame)
+                link = self._model.body(self.world.robot.body.body_names[frame.body]).id
+                point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ frame.position
+            data.xfrc_applied[link, :3] += force
+            data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
 
     def _vary(self, chance: np.random.Generator) -> None:
         """Vary the friction of each servo by the seed."""
