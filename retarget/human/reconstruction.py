@@ -299,19 +299,15 @@ class Reconstructor:
         hierarchy.set_previous(targets, begin, _SETTLING_S)
         q = hierarchy.solver.frame(targets, _SETTLING_S)
         away = self._missed(self._reader.joints(q[None])[0, self._joints_of])
-        if away < missed and self._touches_scene(q):
-            away = inf
+        scene, observers = self.scene_obstacles.scene, self.observers
+        if away < missed and scene is not None and observers is not None:
+            # An obstacle that the body touches may be what keeps it from its sensors.
+            without_self = replace(observers, pairs=np.zeros((0, 2), dtype=np.int64))
+            if contacts(self._human.body, without_self, scene, q, time=self.scene_obstacles.time):
+                away = inf
         if self._second.keep(q, away, by_body=missed):
             self._q = q
             self.hierarchy.solver.reset(q)
-
-    def _touches_scene(self, q: FloatArray) -> bool:
-        """True if the body in posture q (nq,) touches an obstacle, which may be what keeps it from its sensors."""
-        scene, observers = self.scene_obstacles.scene, self.observers
-        if scene is None or observers is None:
-            return False
-        without_self = replace(observers, pairs=np.zeros((0, 2), dtype=np.int64))
-        return bool(contacts(self._human.body, without_self, scene, q, time=self.scene_obstacles.time))
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that

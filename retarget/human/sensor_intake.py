@@ -123,15 +123,12 @@ class SensorIntake:
         else:
             self.position[:] = self.measured
         if self._is_returning:
-            self._return(np.ones_like(self._left) if weight is None else weight, dt)
-
-    def _return(self, weight: FloatArray, dt: float) -> None:
-        """Reduce what is left of the way back: it never grows, and falls no faster than the speed limit."""
-        far = norms(self._away)
-        fastest = self._times.speed * dt / np.maximum(far, self._times.speed * dt)
-        self._left = np.maximum(np.minimum(1.0 - weight, self._left), self._left - fastest)
-        self._is_returning = bool(self._left.any())
-        self.position += self._left[:, None] * self._away
+            # What is left of the way back never grows, and falls no faster than the speed limit.
+            way, far = self._times.speed * dt, norms(self._away)
+            left = np.zeros_like(self._left) if weight is None else 1.0 - weight
+            self._left = np.maximum(np.minimum(left, self._left), self._left - way / np.maximum(far, way))
+            self._is_returning = bool(self._left.any())
+            self.position += self._left[:, None] * self._away
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
         """Which valid sensors (k,) have not just jumped from their last valid place: not at all, back, or long ago."""

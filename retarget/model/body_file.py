@@ -112,7 +112,11 @@ def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | 
             if not (urdf and _drop_meshes(spec, notes)):
                 raise refusal(source, error, spec) from error
     _check(model, source=source)
-    notes += _unused(spec)
+    for kind, parts in (("equality constraints", spec.equalities), ("tendons", spec.tendons)):
+        names = [part.name or "unnamed" for part in parts]  # a kinematic tree cannot hold them
+        if names:
+            shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+            notes.append(f"{len(names)} {kind} not used, their joints move independently: {shown}")
     return BodyFile(source=source, model=model, spec=spec, root=found, notes=tuple(notes))
 
 
@@ -256,14 +260,3 @@ def _without_numbers(model: Any) -> list[str]:
     found = [("link", model.body(index)) for index in sorted({*placed, *shaped})]
     found += [("joint", model.joint(index)) for index in turned]
     return [f"{kind} {part.name or part.id}" for kind, part in found]
-
-
-def _unused(spec: Any) -> list[str]:
-    """Parts of the file that a kinematic tree cannot hold."""
-    notes = []
-    for kind, parts in (("equality constraints", spec.equalities), ("tendons", spec.tendons)):
-        names = [part.name or "unnamed" for part in parts]
-        if names:
-            shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-            notes.append(f"{len(names)} {kind} not used, their joints move independently: {shown}")
-    return notes

@@ -15,7 +15,7 @@ from retarget.model.human import Human
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, canonical
 from retarget.model.scene_state import SceneState
-from retarget.rotations import arc
+from retarget.rotations import arc, as_vector
 from retarget.schema.priorities import ObserverSettings
 from retarget.schema.profile_parts import Observer
 from retarget.types import FloatArray, IntArray
@@ -341,8 +341,11 @@ def human_observers(human: Human, settings: ObserverSettings) -> Observers | Non
     if chosen != "capsules":
         for near, far in LIMBS:
             for side in "lr":
-                link = human.body.body_index(f"{side}_{near}")
-                parts[f"{side}_{near}"] = Part(link, *_line(human, f"{side}_{far}"), *zone)
+                # A line from a link's joint to the next.
+                link, end = human.body.body_index(f"{side}_{near}"), human.dimensions.of(f"{side}_{far}")
+                turn = np.array(arc((0.0, 0.0, 1.0), as_vector(end)))
+                line = ShapeKind.CAPSULE, (0.0, 0.5 * norm(end), 0.0), 0.5 * end, turn
+                parts[f"{side}_{near}"] = Part(link, *line, *zone)
     if chosen != "lines":
         for geom in human.body.geoms:
             if chosen == "capsules" or geom.name == HEAD:
@@ -351,14 +354,6 @@ def human_observers(human: Human, settings: ObserverSettings) -> Observers | Non
                 parts[geom.name] = Part(geom.body, *row, *zone)
     rules = PairRules(neutral=human.posture(NEUTRAL), given=True)
     return assemble(human.body, parts, rules)
-
-
-def _line(human: Human, far: str) -> ShapeRow:
-    """Line from a link's joint to the next."""
-    end = human.dimensions.of(far)
-    half = 0.5 * norm(end)
-    x, y, z = end.tolist()
-    return ShapeKind.CAPSULE, (0.0, half, 0.0), 0.5 * end, np.array(arc((0.0, 0.0, 1.0), (x, y, z)))
 
 
 # Contacts: observers that touch each other, or an obstacle.

@@ -78,7 +78,14 @@ class StandingBalance:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
         m/s."""
         if self._room is None:
-            return _braked(self._drawn_in, com, dt)
+            # Edges are drawn in to what the centre of mass may do in one tick and still stop inside of them.
+            x, y, _ = com.tolist()
+            change, drawn = BRAKING * dt * dt, []
+            for nx, ny, offset in self._drawn_in:
+                # How far the mass may still go towards this edge, and be braked at BRAKING before it.
+                across = nx * x + ny * y
+                drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
+            return np.array(drawn)
         return moving_spaces(self._room, com, velocity, dt)
 
 
@@ -116,18 +123,6 @@ def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
     middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
     at = matmul(edges[:, :2], middle)
     return np.column_stack([edges[:, :2], at + share * (edges[:, 2] - at)])
-
-
-def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
-    """Edges drawn in to what the centre of mass may do in one tick and still stop inside of them."""
-    x, y, _ = com.tolist()
-    change = BRAKING * dt * dt
-    drawn = []
-    for nx, ny, offset in edges:
-        # How far the mass may still go towards this edge, and be braked at BRAKING before it.
-        across = nx * x + ny * y
-        drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
-    return np.array(drawn)
 
 
 def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:

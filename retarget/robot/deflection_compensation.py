@@ -76,7 +76,11 @@ class DeflectionCompensation:
         self._compliance = joint_compliance(robot)  # (n, n) [rad/(N m)]
         self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
         self._integral = np.array([integral_rate(servo) for servo in servos])  # (n,) [1/s] rate of the I gain
-        self._catch_up = dt / (dt + _waits(robot, self._lag))  # (n,) share of its lead that a joint loses in a tick
+        # Only joints between the root and the soles move the whole body when one of them is late: they wait for the
+        # slowest servo among them.
+        carrying = standing_dofs(robot)[self._dofs]
+        waits = np.where(carrying, self._lag.max(where=carrying, initial=0.0) - self._lag, 0.0)  # (n,) [s]
+        self._catch_up = dt / (dt + waits)  # (n,) share of its lead that a joint loses in a tick
 
     def begin(self, posture: FloatArray) -> _Compensated:
         """No offset, at rest in a posture, rad (n,)."""
@@ -152,12 +156,3 @@ class DeflectionCompensation:
         # Backward Euler of x'' = r^2 (wanted - x) - 2 r x': stable for any r dt.
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
-
-
-def _waits(robot: RobotBody, lags: FloatArray) -> FloatArray:
-    """Time (n,) s that each joint that carries the robot waits for the slowest servo among them, of lags (n,) s; 0 for
-    all others."""
-    dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
-    # Only joints between the root and the soles move the whole body when one of them is late.
-    carrying = standing_dofs(robot)[dofs]
-    return np.where(carrying, lags.max(where=carrying, initial=0.0) - lags, 0.0)

@@ -39,7 +39,7 @@ from retarget.schema.strict_models import (
     unknown_name,
     validated,
 )
-from retarget.schema.strict_yaml import Document, KeyPath, Node, read_text, scan
+from retarget.schema.strict_yaml import Document, KeyPath, read_text, scan
 
 # The tasks of a priority file: what each kind asks, and its keys. What `of` names depends on the stage: sensors for
 # `reconstruct`, landmarks or frames of the robot for `retarget`.
@@ -398,8 +398,15 @@ def _merged(path: Path, overlays: tuple[Path, ...] = ()) -> Document:
     own = {key: value for key, value in document.data.items() if key != "extends"}
     taken = {key: value for key, value in base.data.items() if key not in ("name", "description")}
     problems = list(document.problems)
-    if isinstance(own.get("levels"), list):
-        own["levels"] = _levels(document, base, problems)
+    entries, theirs = own.get("levels"), base.data["levels"]
+    if isinstance(entries, list) and isinstance(theirs, list):
+        # Levels that are only a name are those of the base.
+        by_name = {str(level["name"]): level for level in theirs if isinstance(level, dict)}
+        for index, entry in enumerate(entries):
+            if isinstance(entry, str) and entry not in by_name:
+                kind = f"level of {base.data['name']}"
+                problems.append(unknown_name(document, ("levels", index), kind, entry, by_name))
+        own["levels"] = [by_name.get(entry) if isinstance(entry, str) else entry for entry in entries]
     return replace(document, data=taken | own, problems=tuple(problems))
 
 
@@ -424,18 +431,6 @@ def _base(document: Document, overlays: tuple[Path, ...]) -> Path:
         problem = document.problem(here, "too many overlays on each other", found=names, allowed=f"{MAX_BASES}")
         raise ConfigError.from_problems([problem])
     return base
-
-
-def _levels(document: Document, base: Document, problems: list[Problem]) -> list[Node]:
-    """The levels of an overlay, those that are only a name from the base. Adds to `problems` names that it lacks."""
-    entries, theirs = document.data["levels"], base.data["levels"]
-    assert isinstance(entries, list) and isinstance(theirs, list), "the base is valid"
-    by_name = {str(level["name"]): level for level in theirs if isinstance(level, dict)}
-    for index, entry in enumerate(entries):
-        if isinstance(entry, str) and entry not in by_name:
-            kind = f"level of {base.data['name']}"
-            problems.append(unknown_name(document, ("levels", index), kind, entry, by_name))
-    return [by_name.get(entry) if isinstance(entry, str) else entry for entry in entries]
 
 
 def _check(priorities: Priorities, document: Document) -> list[Problem]:

@@ -132,7 +132,10 @@ class Line:
             if self.faults.dead:
                 self._arrive(self.faults.garbage(), end + self.timing.latency)
             elif start < self.servos_free:
-                self._collide(start)
+                # The host sends while servos do: they do not receive it, and it gets noise from then on.
+                for index, chunk in enumerate(self._waiting):
+                    if chunk.due > start + self.timing.latency:
+                        self._waiting[index] = Chunk(chunk.due, self._noise.randbytes(len(chunk.data)))
             else:
                 end = max(end, self._carry(piece, start))
             start = end
@@ -213,13 +216,6 @@ class Line:
             due = max(due, self._waiting[-1].due)  # bytes never overtake
         self._waiting.append(Chunk(due, data))
         self._size += len(data)
-
-    def _collide(self, start: float) -> None:
-        """Let the host send from `start` while servos do: they do not receive it, and it gets noise from then on."""
-        seen = start + self.timing.latency
-        for index, chunk in enumerate(self._waiting):
-            if chunk.due > seen:
-                self._waiting[index] = Chunk(chunk.due, self._noise.randbytes(len(chunk.data)))
 
 
 def pieces(data: bytes) -> list[bytes]:

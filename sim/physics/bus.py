@@ -134,7 +134,11 @@ class SimulatedShafts:
         simulation, to = self._simulation, now - self._begun
         while to - simulation.time >= simulation.world.step:
             self._take_settings()
-            self._take_goals()
+            errors = [one.trajectory()[0] - one.position for one in self._shafts]
+            goals = self._seen + np.array(errors)
+            if np.abs(goals - self._sent).max() > SAME_TICK:
+                self._sent = goals
+                simulation.aim(goals * self._tick_rad, simulation.time)
             simulation.advance(min(to, simulation.time + BATCH_S))
         row = self._row[id(shaft)]
         angle, speed = simulation.motors.shaft(simulation.data, row)
@@ -162,14 +166,6 @@ class SimulatedShafts:
         stiff = np.where((reach > 0.0) & (reach < inf), 1.0 / np.maximum(reach * self._tick_rad, 1e-9), 0.0)
         self._simulation.motors.tune(proportional=stiff, limit=limit)
         self._simulation.switch(driven.astype(np.bool_))
-
-    def _take_goals(self) -> None:
-        simulation = self._simulation
-        errors = [shaft.trajectory()[0] - shaft.position for shaft in self._shafts]
-        goals = self._seen + np.array(errors)
-        if np.abs(goals - self._sent).max() > SAME_TICK:
-            self._sent = goals
-            simulation.aim(goals * self._tick_rad, simulation.time)
 
 
 def drive_shafts(

@@ -132,7 +132,12 @@ class Simulation:
         self._model = model = world.model
         chance = np.random.default_rng(seed)
         self.motors = Motors(model, world.drives)
-        self._vary(chance)
+        factors = 1.0 + FRICTION_SPREAD * chance.uniform(-1.0, 1.0, len(world.drives))
+        for drive, factor in zip(world.drives, factors, strict=True):
+            if drive.servo.coupling is None:
+                model.dof_frictionloss[model.joint(drive.servo.joint).dofadr[0]] *= factor
+            else:
+                model.tendon_frictionloss[model.tendon(SHAFT + drive.servo.joint).id] *= factor
         _load(model, world, perturbation)
         self.data: Any = mujoco.MjData(model)
         if world.mount.support is Support.GANTRY:
@@ -140,7 +145,11 @@ class Simulation:
         mujoco.mj_setConst(model, self.data)
         mujoco.mj_resetData(model, self.data)
         self.data.qpos[:] = world.start
-        self._blur_start(chance)
+        within = chance.uniform(-0.5, 0.5, len(world.drives))  # where in its tick each shaft begins
+        for drive, share in zip(world.drives, within, strict=True):
+            if drive.servo.coupling is None:
+                address = model.joint(drive.servo.joint).qposadr[0]
+                self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
         mujoco.mj_forward(model, self.data)
         self._steps = SoleSteps(model, self.data)
         self.hand = Hand(model, self.data, world.root) if world.mount.support is Support.FLOOR else None
@@ -259,23 +268,6 @@ class Simulation:
                 point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ frame.position
             data.xfrc_applied[link, :3] += force
             data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
-
-    def _vary(self, chance: np.random.Generator) -> None:
-        """Vary the friction of each servo by the seed."""
-        factors = 1.0 + FRICTION_SPREAD * chance.uniform(-1.0, 1.0, len(self.world.drives))
-        for drive, factor in zip(self.world.drives, factors, strict=True):
-            if drive.servo.coupling is None:
-                self._model.dof_frictionloss[self._model.joint(drive.servo.joint).dofadr[0]] *= factor
-            else:
-                self._model.tendon_frictionloss[self._model.tendon(SHAFT + drive.servo.joint).id] *= factor
-
-    def _blur_start(self, chance: np.random.Generator) -> None:
-        """Draw where in its tick each shaft begins."""
-        within = chance.uniform(-0.5, 0.5, len(self.world.drives))
-        for drive, share in zip(self.world.drives, within, strict=True):
-            if drive.servo.coupling is None:
-                address = self._model.joint(drive.servo.joint).qposadr[0]
-                self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
 
 
 def _load(model: Any, world: World, perturbation: Perturbation) -> None:
