@@ -71,8 +71,8 @@ def pictures(shown: dict[str, DrawnPostures]) -> list[Image.Image]:
             draw.text((scale * place, 0.0), title, "#555555", anchor="ma", font_size=0.6 * TITLE * scale)
             outlines, shades = lit(body.corners[pose], body.normal[pose], body.colour)
             pixels = scale * np.stack([place + outlines[..., 0], top - outlines[..., 1]], axis=-1)
-            outlines, colours = pixels.reshape(len(pixels), -1).tolist(), (255 * shades).astype(int).tolist()
-            for outline, colour in zip(outlines, colours, strict=True):
+            corners, colours = pixels.reshape(len(pixels), -1).tolist(), (255 * shades).astype(int).tolist()
+            for outline, colour in zip(corners, colours, strict=True):
                 draw.polygon(outline, tuple(colour))
         found.append(picture.resize((WIDTH, size[1] // SHARPER), Image.Resampling.LANCZOS))
     return found

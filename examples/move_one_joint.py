@@ -17,7 +17,7 @@ def main() -> None:
     robot, clock = load_robot("op3"), VirtualClock()
     joints, gate = robot.joint_map, Gate(robot.joint_map, dt=DT)
     bus = emulated_bus(robot, clock, start=posture_ticks(robot), notify=print)
-    guard = Guard(bus=bus, joint_map=joints, limits=robot.profile.guard_limits())
+    guard = Guard(bus=bus, joint_map=joints, limits=robot.profile.safety.guard_limits())
     head, ticks = joints.joints.index("head_pan"), round(SECONDS / DT)
     bus.open()  # checks every servo and writes what the profile wants
     try:

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
-from hardware.errors import HardwareError, describe
+from hardware.errors import BusError, HardwareError, describe
 from hardware.servo import ServoSpec
 
 # Coupled pairs of servos, as a joint map needs them: ticks of two servos <-> angles of their two joints.
@@ -199,6 +199,12 @@ class JointMap:
         if beyond.any():
             raise HardwareError(self._complaint(positions, beyond, "a joint angle is beyond the servo's travel"))
         return rounded.astype(np.int64)
+
+    def check_goals(self, ticks: TickArray, *, where: str) -> None:
+        """Raise BusError unless goals (n,) are ticks that the servos have."""
+        if ticks.shape != self._lowest.shape or ((ticks < self._lowest) | (ticks > self._highest)).any():
+            allowed = f"{self._lowest} to {self._highest}"
+            raise BusError("goal ticks out of range", where=where, found=ticks, allowed=allowed)
 
     def to_radians(self, ticks: TickArray) -> FloatArray:
         """Return joint positions (..., n) in rad for shaft `ticks` (..., n)."""

@@ -252,7 +252,7 @@ class ServoSpec:
     joint turn. With a `coupling` the servo turns two joints together with another one: then `gear` is 1, and q in this
     formula is the shaft angle of the coupling. `lower`, `upper` rad, `max_velocity` rad/s and `max_acceleration`
     rad/s^2 are the joint's; `current_limit` in A, None: unlimited. `homing_offset`: what the servo's own register 20
-    holds, in ticks; it is part of every tick here, as the servo adds it to all that it reports.
+    holds, in ticks; it is part of every tick here, as the servo adds it to all that it reports. `protocol`: of its bus.
     """
 
     joint: str
@@ -271,6 +271,7 @@ class ServoSpec:
     mode: ServoMode = ServoMode.POSITION
     homing_offset: int = 0
     coupling: ServoCoupling | None = None
+    protocol: int = 2
 
     @property
     def label(self) -> str:
@@ -354,36 +355,36 @@ class ServoSpec:
 # speed.
 
 
-def loop_lag(servo: ServoSpec, *, protocol: int = 2) -> float:
+def loop_lag(servo: ServoSpec) -> float:
     """Time constant in s of the servo's position loop, from its P gain: drive = gain x error, full drive = no-load
     speed.
 
     Source: e-Manual, Position PID Gain (84, unit 1/128; MX with protocol 1: 28) and Goal PWM (100, full at 885).
     """
-    return lag_of_gain(servo.model, p_gain(servo, protocol))
+    return lag_of_gain(servo.model, p_gain(servo))
 
 
-def loop_stiffness(servo: ServoSpec, *, protocol: int = 2) -> float:
+def loop_stiffness(servo: ServoSpec) -> float:
     """Torque by which the servo's shaft holds against being turned off its goal, N m/rad, at its model's voltage: the
     nominal one of its model, with its P gain. Physics and the compensation of deflection both take it from here."""
-    return servo.model.stiffness.nominal * p_gain(servo, protocol) / DEFAULT_P_GAIN
+    return servo.model.stiffness.nominal * p_gain(servo) / DEFAULT_P_GAIN
 
 
-def integral_rate(servo: ServoSpec, *, protocol: int = 2) -> float:
+def integral_rate(servo: ServoSpec) -> float:
     """Share of its error that the servo's I gain adds to it in a second, 1/s: with it a shaft that is held off its goal
     by a load creeps towards it.
 
     Source: e-Manual, Position PID Gain (82, unit 1/65536 per ms; MX with protocol 1: 27, 1/2048).
     """
-    layout = servo.model.layout_in(protocol)
+    layout = servo.model.layout_in(servo.protocol)
     unit = 2048.0 / 8.0 if layout is Layout.OLDER else 65536.0 / GAIN_UNIT  # of the I gain, in units of the P gain
     gain = servo.gains.position_p or DEFAULT_P_GAINS[layout]
     return 1e3 * (servo.gains.position_i or 0) / (unit * gain)
 
 
-def p_gain(servo: ServoSpec, protocol: int) -> float:
+def p_gain(servo: ServoSpec) -> float:
     """The servo's P gain, or its default, in register counts of the X series."""
-    usual = DEFAULT_P_GAINS[servo.model.layout_in(protocol)]
+    usual = DEFAULT_P_GAINS[servo.model.layout_in(servo.protocol)]
     return DEFAULT_P_GAIN * (servo.gains.position_p or usual) / usual
 
 

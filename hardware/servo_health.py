@@ -434,7 +434,13 @@ class ServoHealth:
             return silence
         late = wrong[WatchedRow.AGE]
         if late.any() and not (late & ~self._limbs).any():
-            return self._give_up(states)
+            # Servos of limbs that are silent are given up: those on one cable fall silent within some cycles.
+            silent = self._limbs & ~self.lost & (states.age > 0.5 * self._max_age)
+            self.lost = self.buses.lost = self.lost | ~self._joint_map.known_joints(~silent)
+            row = self._rows[WatchedRow.AGE]
+            names = name_servos(self._joint_map.servos, row, silent, states.age)
+            reason = f"servo of a limb {row.text.format(*row.stop)} {names}"
+            return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.LIMB_LOST, reason)
         return next(self._faults(wrong), silence)
 
     def refuse_unhealthy(self, states: ServoStates) -> None:
@@ -451,16 +457,6 @@ class ServoHealth:
             raise GuardError(
                 "not every servo is well", where="arming", found="; ".join(problems), then="It was not armed"
             )
-
-    def _give_up(self, states: ServoStates) -> ServoFault:
-        """Give up the servos of limbs that are silent: those on one cable fall silent within some cycles."""
-        silent = self._limbs & ~self.lost & (states.age > 0.5 * self._max_age)
-        self.lost = self.lost | ~self._joint_map.known_joints(~silent)
-        self.buses.lost = self.lost
-        row = self._rows[WatchedRow.AGE]
-        names = name_servos(self._joint_map.servos, row, silent, states.age)
-        reason = f"servo of a limb {row.text.format(*row.stop)} {names}"
-        return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.LIMB_LOST, reason)
 
     def _aimed(self, sent: TickArray, held: FloatArray) -> TickArray:
         """Ticks (n,) at which the shafts are to be: `held`, or `sent` where both agree within a tick."""

@@ -1,13 +1,13 @@
 """A bus without wires: servos with speed limit, first-order lag and encoder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
-from hardware.errors import BusError, describe
+from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
 from sim.servo_model import saturated_lag
@@ -18,10 +18,9 @@ ALERT_BIT = np.uint8(0x80)  # of the error byte
 
 def mock_bus(robot: RobotBody, clock: Clock, *, start: TickArray | None = None) -> "MockBus":
     """The bus of a robot whose servos begin at `start`, ticks (n,); None: in its posture `stand`."""
-    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
     if start is None:
         start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
-    return MockBus(robot.joint_map.servos, clock, start=start, protocols=protocols)
+    return MockBus(robot.joint_map.servos, clock, start=start)
 
 
 class MockBus:
@@ -30,8 +29,7 @@ class MockBus:
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
     whose drive saturates at its no-load speed. The lag, s, follows from the model and its P gain (about 45 ms for an
     XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. Currents,
-    voltages and temperatures are unknown. `start` in ticks, (n,). protocols: of the buses, by name, for the unit of
-    their gains; 2 where it is not given.
+    voltages and temperatures are unknown. `start` in ticks, (n,).
     """
 
     def __init__(
@@ -40,18 +38,14 @@ class MockBus:
         clock: Clock,
         *,
         start: TickArray | None = None,
-        protocols: Mapping[str, int] | None = None,
     ) -> None:
         count = len(servos)
         self._clock = clock
-        self._servos = tuple(servos)
+        self._map = JointMap(servos)
         models = [servo.model for servo in servos]
         self._tick_rad = np.array([model.tick_rad for model in models])  # (n,) [rad]
         self._top = np.array([model.no_load_speed / model.tick_rad for model in models])  # (n,) [tick/s]
-        spoken = protocols or {}
-        self._lag = np.array([loop_lag(servo, protocol=spoken.get(servo.bus, 2)) for servo in servos])  # (n,) [s]
-        self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
-        self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)  # (n,) [tick]
+        self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
         zero = np.array([servo.zero_tick for servo in servos], dtype=np.int64)
         self._position: FloatArray = np.array(
             zero if start is None else start, dtype=np.float64
@@ -79,14 +73,14 @@ class MockBus:
         """Set the goal registers. Raises BusError when closed and on a goal that a servo does not have."""
         check_open(self._open, where="mock bus, write")
         self._catch_up()
-        check_goals(goals.ticks, self._first, self._last, where="mock bus, write")
+        self._map.check_goals(goals.ticks, where="mock bus, write")
         self._goal = goals.ticks.astype(np.float64)
 
     def torque(self, on: bool) -> None:
         """Switch torque. The goal registers keep what they had, so goals come first. Raises BusError when closed."""
         check_open(self._open, where="mock bus, torque")
         self._catch_up()
-        self._torque = np.full(len(self._servos), on)
+        self._torque = np.full(len(self._map), on)
 
     def close(self) -> None:
         """Switch torque off; no further call but `open`."""
@@ -98,7 +92,7 @@ class MockBus:
 
     @property
     def torque_on(self) -> bool:
-        """Whether any servo has torque: for tests and the emulated robot's lamp."""
+        """Whether any servo has torque."""
         return bool(self._torque.any())
 
     def _catch_up(self) -> None:
@@ -118,7 +112,7 @@ class MockBus:
 
     def _registers(self) -> ServoStates:
         """What the registers of all servos show now, rounded as they round."""
-        count = len(self._servos)
+        count = len(self._map)
         return ServoStates(
             time=self._time,
             position=np.rint(self._position).astype(np.int64),
@@ -132,10 +126,3 @@ class MockBus:
             valid=np.ones(count, dtype=np.bool_),
             driven=self._torque.copy(),
         )
-
-
-def check_goals(ticks: TickArray, first: TickArray, last: TickArray, *, where: str) -> None:
-    """Raise BusError unless goals (n,) lie from `first` to `last` (n,)."""
-    if ticks.shape != last.shape or ((ticks < first) | (ticks > last)).any():
-        text = describe(what="goal ticks out of range", where=where, found=ticks, allowed=f"{first} to {last}")
-        raise BusError(text)

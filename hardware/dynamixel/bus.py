@@ -57,8 +57,6 @@ class DynamixelBus:
         placed = [(bus, [(index, servo) for index, servo in servos if servo.bus == bus.name]) for bus in buses]
         self.lines = tuple(BusLine(bus, make_port(bus), own) for bus, own in placed if own)
         """Each bus with its port."""
-        self._lowest = np.array([servo.lowest_tick for servo in joint_map.servos])
-        self._highest = np.array([servo.highest_tick for servo in joint_map.servos])
         self._readings: Readings
         self._goals: TickArray | None = None
         self._noisy_cycles = 0  # cycles
@@ -81,7 +79,8 @@ class DynamixelBus:
             found = self._examine()
             problems = [problem for opening in found for problem in opening.problems]
             if problems:
-                raise BusError(_refusal(problems))
+                several = [f"the bus cannot be used, for {len(problems)} reasons:"] if len(problems) > 1 else []
+                raise BusError("\n  ".join([*several, *problems]))
             for note in [note for opening in found for note in opening.notes]:
                 self._notify(note)
             prepare(self.lines, self._notify, limp_only=True)
@@ -100,10 +99,7 @@ class DynamixelBus:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
         self._require_open("write")
         ticks = goals.ticks
-        if ticks.shape != self._lowest.shape or (ticks < self._lowest).any() or (ticks > self._highest).any():
-            raise BusError(
-                "goal ticks out of range", where="bus, write", found=ticks, allowed=f"{self._lowest} to {self._highest}"
-            )
+        self._map.check_goals(ticks, where="bus, write")
         self._goals = np.array(ticks)
         raw = ticks - self._readings.turns
         for line in self.lines:
@@ -268,13 +264,6 @@ class DynamixelBus:
     def _require_open(self, action: str) -> None:
         if self._state is BusState.CLOSED:
             raise BusError("the bus is closed", where=f"bus, {action}", then="Call open first")
-
-
-def _refusal(problems: Sequence[str]) -> str:
-    """All problems as one message."""
-    if len(problems) == 1:
-        return problems[0]
-    return "\n  ".join([f"the bus cannot be used, for {len(problems)} reasons:", *problems])
 
 
 # Reading servos without setting them up: no register is written, torque stays as it is.

@@ -28,17 +28,6 @@ def needed_ticks(joint_map: JointMap) -> dict[str, Span]:
     return dict(zip(joint_map.joints, spans, strict=True))
 
 
-def _limits_to_move(servo: ServoSpec, image: ServoImage, needed: Span) -> dict[str, int]:
-    """What the servo's own limits must become for those ticks, counts by register; empty where they are wide enough."""
-    names = _limits(servo, image)
-    if not names:
-        return {}
-    low, high = (image.value(name) for name in names)
-    other = bool(_other_mode(servo, image, low, high))
-    moved = {names[0]: needed.low} if other or low > needed.low else {}
-    return moved | ({names[1]: needed.high} if other or high < needed.high else {})
-
-
 def _other_mode(servo: ServoSpec, image: ServoImage, low: int, high: int) -> str:
     """Which mode the angle limits make that follows no position; "" for none, and where a register has the mode."""
     if image.has("cw_angle_limit") and not image.has("control_mode"):
@@ -88,12 +77,26 @@ def complaints(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) 
 
     needed: ticks that its joint needs, see `needed_ticks`.
     """
-    found = _supply(image) + _current(servo, image)
+    found, table = [], image.table
+    volts = image.value(names_of(table).voltage) / 10
+    low, high = image.value("min_voltage_limit") / 10, image.value("max_voltage_limit") / 10
+    if not low <= volts <= high:
+        found.append(f"has a supply of {volts:.1f} V, allowed {low:g} to {high:g} V: check battery, supply and fuse")
+    if servo.current_limit is not None and not table.has("current_limit"):
+        found.append(
+            f"is to draw {servo.current_limit:g} A at most, and {table.model} with protocol {table.protocol}.0 cannot "
+            "limit its current: remove `current` from the profile"
+        )
     found += [text + setup_command(bus, servo.id, counts) for text, counts in _corrections(servo, image, needed)]
-    found += _errors(image) + _firmware(bus, image)
+    bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
+    if bits:
+        found.append(
+            f"has latched {alert_text(bits)}: fix the cause, then `retarget servo reboot` (or switch its power)"
+        )
+    found += _firmware(bus, image)
     if image.has("lock") and image.value("lock"):
         found.append("has its EEPROM locked (register lock): switch its power off and on, nothing else opens it")
-    due = differing(eeprom_settings(servo, bus, image.table), image)
+    due = differing(eeprom_settings(servo, bus, table), image)
     if due and image.value("torque_enable"):
         names = ", ".join(f"{setting.register.name} := {setting.value}" for setting in due)
         found.append(
@@ -117,15 +120,18 @@ def wishes(servo: ServoSpec, bus: BusSpec, image: ServoImage, needed: Span) -> d
 def _corrections(servo: ServoSpec, image: ServoImage, needed: Span) -> list[tuple[str, dict[str, int]]]:
     """What is wrong in EEPROM, each in words that end before the command that corrects it; counts by register."""
     found: list[tuple[str, dict[str, int]]] = []
-    moved = _limits_to_move(servo, image, needed)
-    if moved:
-        low, high = (image.value(name) for name in _limits(servo, image))
+    names = _limits(servo, image)
+    if names:
+        low, high = (image.value(name) for name in names)
+        mode = _other_mode(servo, image, low, high)
+        # The servo's own limits become those ticks, where they are not wide enough.
+        moved = {names[0]: needed.low} if mode or low > needed.low else {}
+        moved |= {names[1]: needed.high} if mode or high < needed.high else {}
         narrow = (
             f"takes ticks {low} to {high} only, the joint needs {needed.low} to {needed.high}: narrow the limits of "
             "the profile, or "
         )
-        mode = _other_mode(servo, image, low, high)
-        found.append((f"{mode}: " if mode else narrow, moved))
+        found += [(f"{mode}: " if mode else narrow, moved)] if moved else []
     for name, bit, meaning in FORBIDDEN:  # firmware before 38 and most of protocol 1.0 have none of them
         if image.has(name) and image.value(name) & bit:
             kept = image.value(name) & ~sum(other for register, other, _ in FORBIDDEN if register == name)
@@ -158,30 +164,6 @@ def notes(servo: ServoSpec, image: ServoImage) -> list[str]:
         if highest is not None and image.value(name) < LOW_SHARE * highest:
             found.append(f"has {name} {image.value(name)}, the maximum is {highest}: it is weak, or slow")
     return found
-
-
-def _errors(image: ServoImage) -> list[str]:
-    bits = image.value("hardware_error_status") if image.has("hardware_error_status") else 0
-    if not bits:
-        return []
-    return [f"has latched {alert_text(bits)}: fix the cause, then `retarget servo reboot` (or switch its power)"]
-
-
-def _supply(image: ServoImage) -> list[str]:
-    volts = image.value(names_of(image.table).voltage) / 10
-    low, high = image.value("min_voltage_limit") / 10, image.value("max_voltage_limit") / 10
-    if low <= volts <= high:
-        return []
-    return [f"has a supply of {volts:.1f} V, allowed {low:g} to {high:g} V: check battery, supply and fuse"]
-
-
-def _current(servo: ServoSpec, image: ServoImage) -> list[str]:
-    if servo.current_limit is None or image.table.has("current_limit"):
-        return []
-    return [
-        f"is to draw {servo.current_limit:g} A at most, and {image.table.model} with protocol {image.table.protocol}.0 "
-        "cannot limit its current: remove `current` from the profile"
-    ]
 
 
 def _firmware(bus: BusSpec, image: ServoImage) -> list[str]:

@@ -143,10 +143,6 @@ class ControlTable:
     def _by_name(self) -> dict[str, Register]:
         return {register.name: register for register in self.registers}
 
-    @cached_property
-    def _by_address(self) -> dict[int, Register]:
-        return {address: one for one in self.registers for address in range(one.address, one.end)}
-
     def __getitem__(self, name: str) -> Register:
         register = self._by_name.get(name)
         if register is None:
@@ -166,10 +162,6 @@ class ControlTable:
     def p_gain(self) -> Register | None:
         """The register of the position loop's P gain; None for a loop without one (AX-12A)."""
         return self._by_name.get("p_gain" if self.layout is Layout.OLDER else "position_p_gain")
-
-    def at(self, address: int) -> Register | None:
-        """Return the register that covers `address`, None where the table has a hole or ends."""
-        return self._by_address.get(address)
 
 
 def rows_of(file: str) -> Iterator[dict[str, str]]:

@@ -87,13 +87,8 @@ class Ask:
             return protocol1.bulk_read((device, self.address, self.size) for device in self.ids)
         return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is ReadKind.FAST)
 
-    @property
-    def reply_bytes(self) -> int:
-        """Bytes of all answers together, but for what stuffing adds."""
-        return self.bytes_of(len(self.ids))
-
     def bytes_of(self, count: int) -> int:
-        """Bytes of the first `count` answers."""
+        """Bytes of the first `count` answers, but for what stuffing adds."""
         if self.kind is ReadKind.FAST:
             return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
         overhead = protocol2.STATUS_BYTES if self.kind is ReadKind.SYNC else protocol1.STATUS_BYTES
@@ -101,7 +96,7 @@ class Ask:
 
     def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
         """How long the answers may take; return_delay: of each servo, s."""
-        sending, coming = (10 * count / port.baud for count in (len(self.request()), self.reply_bytes))
+        sending, coming = (10 * count / port.baud for count in (len(self.request()), self.bytes_of(len(self.ids))))
         pause = return_delay + TURNAROUND
         # An adapter may hand over an answer in one piece, when it is whole.
         idle = pause + 10 * self.bytes_of(1) / port.baud + port.latency + SLACK
@@ -118,14 +113,12 @@ class Ask:
         # Frames inside one with a damaged length count as well.
         statuses = (codec.status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
         for status in statuses:
-            if status is not None and self._fits(status):
+            # An answer to this request is no refusal, no echo, and of no unknown id.
+            if status is None or len(status.data) != self.size or status.id not in self.ids:
+                continue
+            if self.kind is not ReadKind.SYNC or not _refused(status):
                 found.setdefault(status.id, status)
         return side_by_side(list(found.values()))
-
-    def _fits(self, status: Status) -> bool:
-        """Whether it is an answer to this request: no refusal, no echo, no unknown id."""
-        refused = self.kind is ReadKind.SYNC and _refused(status)
-        return len(status.data) == self.size and status.id in self.ids and not refused
 
     def _parts(self, received: bytes) -> list[Status]:
         """Valid parts of the fast reply, searched at every header: an echo or a stale answer may precede it.
@@ -159,7 +152,7 @@ def collect(port: BytePort, ask: Ask, sent: float, timeouts: Timeouts) -> Receiv
 
     Raises BusError when the port is gone.
     """
-    received, enough = b"", ask.reply_bytes
+    received, enough = b"", ask.bytes_of(len(ask.ids))
     end = sent + timeouts.whole
     deadline = min(sent + timeouts.first, end)
     while port.wait(deadline):
@@ -631,7 +624,8 @@ class BusLine:
         self.seen: dict[int, ControlTable] = {}
         """Tables of the servos that a look at the bus has found, by id, also of those that no profile has."""
         self._expected = {servo.id: find_table(servo.model.name, spec.protocol) for servo in self.servos.values()}
-        self._cyclic = self._wire(self._expected)
+        self.cyclic = self._wire(self._expected)
+        """The exchange of every cycle."""
 
     @property
     def where(self) -> str:
@@ -642,17 +636,12 @@ class BusLine:
         """The servo with this id, in messages."""
         return self.servos[device].label if device in self.servos else f"id {device}"
 
-    @property
-    def cyclic(self) -> CyclicPort:
-        """The exchange of every cycle."""
-        return self._cyclic
-
     def adopt(self, images: dict[int, ServoImage]) -> None:
         """Use the registers as read: the firmware of a servo chooses its table. Others keep the usual one."""
         before = self.tables, self.longest_delay
         self.images = images
         if (self.tables, self.longest_delay) != before:
-            self._cyclic = self._wire(self.tables)
+            self.cyclic = self._wire(self.tables)
 
     @property
     def tables(self) -> dict[int, ControlTable]:
@@ -673,7 +662,7 @@ class BusLine:
         items = [(device, register.encode(value)) for device, value in values]
         if not items:
             return
-        self._cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
+        self.cyclic.wire.post(CODECS[self.spec.protocol].sync_write(register.address, register.size, items))
 
     def read_all(self, register: Register, ids: Sequence[int]) -> dict[int, int]:
         """Counts of one register by id, of those that answer. Raises BusError when the port is gone."""
@@ -700,8 +689,8 @@ class BusLine:
         return found
 
     def _ask(self, ask: Ask) -> dict[int, bytes]:
-        self._cyclic.wire.ask(ask.request())
-        answers, _ = collect(self.port, ask, self._cyclic.wire.asked, ask.timeouts(self.port, self.longest_delay))
+        self.cyclic.wire.ask(ask.request())
+        answers, _ = collect(self.port, ask, self.cyclic.wire.asked, ask.timeouts(self.port, self.longest_delay))
         if len(answers) < len(ask.ids):
             settle(self.port)
         return {status.id: status.data for status in answers.statuses}

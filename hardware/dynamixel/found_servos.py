@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from hardware.bus import MAX_RETURN_DELAY, BusSpec, PowerSwitch
 from hardware.dynamixel.codec import BROADCAST, CODECS, MAX_ID
-from hardware.dynamixel.control_table import ControlTable, Register, usual_table
+from hardware.dynamixel.control_table import ControlTable, usual_table
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.line_scan import Sighting, Speed, elsewhere_texts, speed_refused
 from hardware.dynamixel.serial_port import ECHOES, BytePort
@@ -32,11 +32,6 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
     except ServoError:  # that is an answer
         return False
     return False
-
-
-def status_return_off_text(bus: BusSpec, device: int) -> str:
-    """The problem, and the command that fixes it."""
-    return f"{PINGS_ONLY}: {setup_command(bus, device, {LEVEL: ANSWER_ALL})}"
 
 
 CONTROLLERS = frozenset((0x7400,))
@@ -126,8 +121,13 @@ def look(line: BusLine, sightings: Sequence[Sighting]) -> Look:
         wrong.append(f"ids that are not in the profile: {', '.join(unknown_ids)}")
     named = {one.found.id for one in unknown}
     missing = tuple(device for device in line.servos if device not in images and device not in named)
-    if missing:
-        wrong += _power_note(line)
+    switch = line.spec.power
+    if missing and switch is not None:
+        try:
+            if not is_powered(line.client, switch):
+                wrong.append(f"device {switch.id} has the servos' power switched off")
+        except (NoAnswer, ServoError):
+            wrong.append(f"device {switch.id}, which switches the servos' power, does not answer")
     silent = tuple(device for device in line.spec.ids if device not in seen)
     notes = (ECHOES,) if line.client.echoes else ()
     return Look(line, silent, missing, unknown, tuple(wrong), notes)
@@ -147,7 +147,7 @@ def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoIma
         command = f"`retarget servo setup --port {line.spec.port} --id {servo.id} --new-id N`"
         wrong = f"gives several different answers: two servos have this id; connect one at a time: {command}"
     elif image is None and answers_pings_only(line.client, servo.id):
-        wrong = status_return_off_text(line.spec, servo.id)
+        wrong = f"{PINGS_ONLY}: {setup_command(line.spec, servo.id, {LEVEL: ANSWER_ALL})}"
     elif not wrong and one.model != servo.model.name:
         wrong = f"is {one.model}, the profile says {servo.model.name}"
     return wrong, image
@@ -198,19 +198,8 @@ def _servo(sighting: Sighting, bus: str) -> ServoSpec:
         upper=math.pi,
         max_velocity=model.no_load_speed,
         max_acceleration=model.no_load_speed,
+        protocol=table.protocol,
     )
-
-
-def _power_note(line: BusLine) -> list[str]:
-    """Whether a device has the servos' power switched off."""
-    switch = line.spec.power
-    if switch is None:
-        return []
-    try:
-        on = is_powered(line.client, switch)
-    except (NoAnswer, ServoError):
-        return [f"device {switch.id}, which switches the servos' power, does not answer"]
-    return [] if on else [f"device {switch.id} has the servos' power switched off"]
 
 
 def is_powered(client: OneOff, switch: PowerSwitch) -> bool:
@@ -239,12 +228,8 @@ def broadcast_torque_off(port: BytePort, speeds: Sequence[Speed], known: Sequenc
         if speed_refused(port, speed.baud):
             continue
         there = [usual_table(speed.protocol), *(table for table in known if table.protocol == speed.protocol)]
-        places = dict.fromkeys(table["torque_enable"] for table in there)
-        data = b"".join(_off(speed.protocol, register) for register in places) * TIMES
+        places, codec = dict.fromkeys(table["torque_enable"] for table in there), CODECS[speed.protocol]
+        data = b"".join(codec.write(BROADCAST, one.address, one.encode(0)) for one in places) * TIMES
         port.write(data)
         port.sleep_until(port.now() + 10 * len(data) / speed.baud + port.latency + MARGIN)
         port.drop()
-
-
-def _off(protocol: int, register: Register) -> bytes:
-    return CODECS[protocol].write(BROADCAST, register.address, register.encode(0))

@@ -187,22 +187,15 @@ class SerialPort:
     """A `BytePort` over a real tty. Every failure is a BusError; no method lets an OSError through."""
 
     def __init__(self, path: str, clock: Clock) -> None:
-        self._path, self._clock = path, clock
+        self._clock = clock
+        self.name = path
+        """The path it was made with."""
         self._serial: Serial | None = None
         self._fd = -1
-        self._baud = 0
+        self.baud = 0
+        """Bits per second; 0 before `open`."""
         self.latency_timer_ms: int | None = None
         """The adapter's latency timer as of `open`; None where there is none (not an FTDI)."""
-
-    @property
-    def name(self) -> str:
-        """The path it was made with."""
-        return self._path
-
-    @property
-    def baud(self) -> int:
-        """Bits per second; 0 before `open`."""
-        return self._baud
 
     @property
     def latency(self) -> float:
@@ -214,39 +207,43 @@ class SerialPort:
         """The command that sets the latency timer to 1 ms; None where that is not needed."""
         if self.latency_timer_ms is None or self.latency_timer_ms <= WANTED_MS:
             return None
-        return timer_command(self._path)
+        return timer_command(self.name)
 
     def open(self, baud: int) -> None:
         """Open it for this process alone; what had arrived is dropped. Raises BusError."""
         self.close()
         self._check_baud(baud)
         try:
-            self._serial = Serial(port=self._path, baudrate=baud, timeout=0, write_timeout=0, exclusive=True)
-            self._take_over(self._serial)
+            self._serial = Serial(port=self.name, baudrate=baud, timeout=0, write_timeout=0, exclusive=True)
+            self._fd = self._serial.fileno()
+            if not is_pseudo_terminal(self.name):
+                # pyserial's lock keeps out processes that lock too, the kernel's all but those of root. The emulator
+                # holds a pseudo-terminal open, so there the kernel's lock would outlive a client that was killed.
+                fcntl.ioctl(self._fd, termios.TIOCEXCL)
             self._verify_baud(baud)
             ask_low_latency(self._serial)
         except (OSError, termios.error, ValueError, OverflowError) as cause:
             self.close()
-            raise why_not_open(self._path, baud, _with_number(cause)) from cause
+            raise why_not_open(self.name, baud, _with_number(cause)) from cause
         except BusError:
             self.close()
             raise
-        self._baud = baud
-        self.latency_timer_ms = latency_timer_ms(self._path)
+        self.baud = baud
+        self.latency_timer_ms = latency_timer_ms(self.name)
 
     def set_baud(self, baud: int) -> None:
         """Change the speed; what had arrived is dropped. Raises BusError; a refused speed leaves the old one."""
         line = self._serial
         if line is None:
-            raise not_open(self._path)
+            raise not_open(self.name)
         self._check_baud(baud)
         try:
             self._change_baud(line, baud)
             self._verify_baud(baud)
         except BusError:
-            self._change_baud(line, self._baud)
+            self._change_baud(line, self.baud)
             raise
-        self._baud = baud
+        self.baud = baud
         self.drop()
 
     def write(self, data: bytes) -> None:
@@ -302,10 +299,10 @@ class SerialPort:
     def close(self) -> None:
         """Close it; twice is allowed, and so is closing what never was open."""
         line, fd = self._serial, self._fd
-        self._serial, self._fd, self._baud = None, -1, 0
+        self._serial, self._fd, self.baud = None, -1, 0
         if line is None:
             return
-        if fd >= 0 and not is_pseudo_terminal(self._path):
+        if fd >= 0 and not is_pseudo_terminal(self.name):
             with suppress(OSError):  # an adapter that is gone holds nothing
                 fcntl.ioctl(fd, termios.TIOCNXCL)
         with suppress(OSError):
@@ -313,28 +310,18 @@ class SerialPort:
 
     def _open_fd(self) -> int:
         if self._fd < 0:
-            raise not_open(self._path)
+            raise not_open(self.name)
         return self._fd
-
-    def _take_over(self, line: Serial) -> None:
-        """Lock the port: pyserial's lock keeps out processes that lock too, the kernel's all but those of root.
-
-        Not on a pseudo-terminal: the emulator holds it open, so the kernel's lock would outlive a client that was
-        killed.
-        """
-        self._fd = line.fileno()
-        if not is_pseudo_terminal(self._path):
-            fcntl.ioctl(self._fd, termios.TIOCEXCL)
 
     def _check_baud(self, baud: int) -> None:
         if not LOWEST_BAUD <= baud <= HIGHEST_BAUD:
-            raise wrong_baud(self._path, baud, f"{LOWEST_BAUD} to {HIGHEST_BAUD}")
+            raise wrong_baud(self.name, baud, f"{LOWEST_BAUD} to {HIGHEST_BAUD}")
 
     def _change_baud(self, line: Serial, baud: int) -> None:
         try:
             line.baudrate = baud
         except (ValueError, OverflowError) as cause:
-            raise wrong_baud(self._path, baud, "what the adapter can do") from cause
+            raise wrong_baud(self.name, baud, "what the adapter can do") from cause
         except (OSError, termios.error) as cause:
             raise self._gone(cause) from cause
 
@@ -342,11 +329,11 @@ class SerialPort:
         """Drivers silently fall back to a speed that they can do: ask which. Raises BusError."""
         real = real_baud(self._fd)
         if real and abs(real - baud) > BAUD_TOLERANCE * baud:
-            raise wrong_baud(self._path, baud, f"what the adapter can do; it fell back to {real}")
+            raise wrong_baud(self.name, baud, f"what the adapter can do; it fell back to {real}")
 
     def _write_rest(self, fd: int, data: bytes) -> None:
         """Send what the driver's buffer did not hold. Raises BusError when it takes nothing for too long."""
-        deadline = self.now() + STUCK + 10 * len(data) / self._baud
+        deadline = self.now() + STUCK + 10 * len(data) / self.baud
         while data:
             try:
                 _, ready, _ = select.select((), (fd,), (), max(0.0, deadline - self.now()))
@@ -365,7 +352,7 @@ class SerialPort:
         return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
 
     def _gone(self, cause: object) -> BusError:
-        return unplugged(self._path, _with_number(cause) if isinstance(cause, Exception) else cause)
+        return unplugged(self.name, _with_number(cause) if isinstance(cause, Exception) else cause)
 
 
 def _with_number(cause: Exception) -> Exception:

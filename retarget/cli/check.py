@@ -167,10 +167,9 @@ def _not_checked(dropped: tuple[DroppedPair, ...]) -> str:
 
 def _stiffness(robot: RobotBody) -> str:
     """How stiff shafts are taken to be, by model and P gain."""
-    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
     found: dict[str, None] = {}
     for servo in robot.joint_map.servos:
-        name, gain = servo.model.name, p_gain(servo, protocols[servo.bus]) / DEFAULT_P_GAIN
+        name, gain = servo.model.name, p_gain(servo) / DEFAULT_P_GAIN
         one = servo.model.stiffness.scaled(gain)
         gains = "" if servo.gains.position_p is None else f" at P {servo.gains.position_p}"
         found[f"{name}{gains} {one.nominal:.3g} (range {one.lowest:.3g} to {one.highest:.3g})"] = None

@@ -80,7 +80,11 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
         raise InputError.from_problems(
             [Problem(f"the skeleton is no body that stands and faces x: {fault}", source) for fault in faults]
         )
-    stature = _stature(known)
+    # Legs along the bones and trunk upward, between ankles and the middle of the head. Bones do not reach the ground or
+    # the crown: average shares of stature (`FRACTIONS`) fill in what is beyond them.
+    legs = [norm(known[f"{s}_knee"] - known[f"{s}_hip"]) + norm(known[f"{s}_ankle"] - known[f"{s}_knee"]) for s in "lr"]
+    trunk = known["head"][2] - 0.5 * (known["l_hip"][2] + known["r_hip"][2])
+    stature = float((np.mean(legs) + trunk) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
     usual = proportional_dimensions(stature)
     points = _completed(known, usual)
     offset = np.array([_offset(name, points) for name in POINTS])
@@ -95,14 +99,6 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
     )
     check_plausible(result, source=source)
     return result
-
-
-def _stature(known: dict[str, FloatArray]) -> float:
-    """Standing height (m): legs along the bones and trunk upward, between ankles and the middle of the head."""
-    legs = [norm(known[f"{s}_knee"] - known[f"{s}_hip"]) + norm(known[f"{s}_ankle"] - known[f"{s}_knee"]) for s in "lr"]
-    # Bones do not reach the ground or the crown: average shares of stature (`FRACTIONS`) fill in what is beyond them.
-    trunk = known["head"][2] - 0.5 * (known["l_hip"][2] + known["r_hip"][2])
-    return float((np.mean(legs) + trunk) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
 
 
 def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str, FloatArray]:

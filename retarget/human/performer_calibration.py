@@ -135,7 +135,8 @@ def write_person(person: Person) -> Path:
     Raises UsageError with the system's reason.
     """
     path = person_path(person.name)
-    write_own(path, _as_yaml(person).encode(), option=OPTION)
+    comment = "The size of one performer, m and kg: x forward, y left, z up. Written by: retarget run --person NAME"
+    write_own(path, dump(person.model_dump(exclude_defaults=True), comment=comment).encode(), option=OPTION)
     return path
 
 
@@ -190,9 +191,3 @@ def _inhuman(read: Person, document: Document) -> list[Problem]:
             shown = str([round(float(x), 3) for x in offset])
             found.append(document.problem(("offsets", name), what, found=shown, next_step=STEP))
     return found
-
-
-def _as_yaml(person: Person) -> str:
-    """The file's text."""
-    comment = "The size of one performer, m and kg: x forward, y left, z up. Written by: retarget run --person NAME"
-    return dump(person.model_dump(exclude_defaults=True), comment=comment)

@@ -12,8 +12,7 @@ import numpy as np
 
 from retarget.arithmetic import arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
-from retarget.human.heading import Heading
-from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, VirtualFeet
+from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
@@ -150,7 +149,11 @@ Points = dict[str, list[float]]
 
 
 class Reconstructor:
-    """Sensor samples in, human postures out: `start` with the first sample, then `step` with each further one."""
+    """Sensor samples in, human postures out: `start` with the first sample, then `step` with each further one.
+
+    sensors: their names, in the order of `HumanPosture.sensor_error`. hierarchy: the compiled priorities.
+    scene_obstacles: the scene of the human.
+    """
 
     def __init__(
         self,
@@ -166,11 +169,12 @@ class Reconstructor:
         Raises ConfigError: the priorities name what a human does not have."""
         self._human = human
         self._layout = SensorLayout(performer)
+        self.sensors = self._layout.names
         self._feet = None if set(_FEET) & set(self._layout.names) else VirtualFeet(human.dimensions)
         names = self._layout.names + (() if self._feet is None else _FEET)
         self._names, self._sensor_count = names, len(self._layout.names)
         sensor_frames = {name: human.body.frame(sensor.joint) for name, sensor in performer.sensors.items()}
-        self._obstacles = SceneObstacles(scene)
+        self.scene_obstacles = SceneObstacles(scene)
         self.observers = human_observers(human, priorities.observers)
         build = partial(
             Hierarchy,
@@ -183,16 +187,18 @@ class Reconstructor:
             locked=human.locked,
             iterations=iterations,
             observers=self.observers,
-            scene=self._obstacles.shapes,
+            scene=self.scene_obstacles.shapes,
         )
-        self._hierarchy, self._second_hierarchy = build(), build()
+        self.hierarchy, self._second_hierarchy = build(), build()
         self._reader = PostureReader(human)
         standing = dict(zip(POINTS, human.dimensions.standing().tolist(), strict=True))
         above = standing["head"][2] - standing["l_ankle"][2]
         self._heading = Heading(priorities.heading, above, feet=self._feet is None)
-        self._balance = _balance(priorities)
-        self._balance_error = next((i for i, slot in enumerate(self._hierarchy.slots) if slot.kind in _BALANCE), None)
-        self._carried = _carried(priorities)
+        tasks = [task for _, _, task in priorities.tasks()]
+        over_feet = [task for task in tasks if isinstance(task, CentreOfMassTask) and task.mode == "over_feet"]
+        self._balance = Balance(over_feet[0]) if over_feet else None
+        self._balance_error = next((i for i, slot in enumerate(self.hierarchy.slots) if slot.kind in _BALANCE), None)
+        self._carried = next((Carried(task.by) for task in tasks if isinstance(task, CarriedTask)), None)
         self._crouch = _crouch(priorities, human)
         self._depth = self._crouch or Crouch(human, upright="natural", lowered="crouch")
         joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
@@ -201,28 +207,13 @@ class Reconstructor:
         self._ankles = [POINTS.index(name) for name in _FEET]
         self._intake = SensorIntake(len(names), intake)
         self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
-        self._source, self._slots = self._hierarchy.position_slots(names)
+        self._source, self._slots = self.hierarchy.position_slots(names)
         self._block = np.zeros((len(names), 4))
-        self._targets = self._hierarchy.blank()
+        self._targets = self.hierarchy.blank()
         self._q = human.posture("natural")
         self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
         self._followed = np.array([name in _FOLLOWED for name in names])
         self._second = SecondPosture()
-
-    @property
-    def sensors(self) -> tuple[str, ...]:
-        """Names of the sensors, in the order of `HumanPosture.sensor_error`."""
-        return self._layout.names
-
-    @property
-    def hierarchy(self) -> Hierarchy:
-        """The compiled priorities, for reports."""
-        return self._hierarchy
-
-    @property
-    def scene_obstacles(self) -> SceneObstacles:
-        """The scene of the human."""
-        return self._obstacles
 
     def start(self, sample: SensorSample) -> HumanPosture:
         """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
@@ -241,21 +232,21 @@ class Reconstructor:
             self._balance.start()
         if self._carried is not None:
             self._carried.start()
-        self._obstacles.restart()
+        self.scene_obstacles.restart()
         self._q = self._placed()
-        self._obstacles.tick(self._hierarchy, 0.0)
+        self.scene_obstacles.tick(self.hierarchy, 0.0)
         points = self._present(self._intake.position)
         # Solve the first sample again and again from where the last solve ended, without the past of a motion.
         for _ in range(_SETTLING_FRAMES):
-            self._hierarchy.solver.reset(self._q)
+            self.hierarchy.solver.reset(self._q)
             before = self._q
             self._bear(points, _SETTLING_S)
             self._solve(points, turns, _SETTLING_S, self._intake.position)
             if float(np.abs(self._q - before).max()) < _SETTLED:
                 break
-        self._hierarchy.solver.reset(self._q)
+        self.hierarchy.solver.reset(self._q)
         self._second = SecondPosture()
-        self._obstacles.begin()
+        self.scene_obstacles.begin()
         # Virtual feet are made from the head, so they show nothing of what carries.
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
@@ -284,7 +275,7 @@ class Reconstructor:
             points = self._present(at)
             # Virtual feet count here: they steady the heading of a performer without ankle sensors, as planted feet do.
             self._heading.step(points, _facing(turns), dt=dt / parts)
-            self._obstacles.tick(self._hierarchy, dt / parts)
+            self.scene_obstacles.tick(self.hierarchy, dt / parts)
             self._bear(points, dt / parts)
             self._solve(points, turns, dt / parts, at)
         if self._second.is_due(missed, dt):
@@ -302,30 +293,26 @@ class Reconstructor:
         hierarchy, targets = self._second_hierarchy, self._targets
         begin = self._fitted() if self._second.q is None else self._second.q
         hierarchy.solver.reset(begin)
-        if self._obstacles.now is not None:
-            hierarchy.set_obstacles(self._obstacles.now)
+        if self.scene_obstacles.now is not None:
+            hierarchy.set_obstacles(self.scene_obstacles.now)
         # The pelvis stays carried from where the body has it, as its jump would be seen.
         hierarchy.set_previous(targets, begin, _SETTLING_S)
         q = hierarchy.solver.frame(targets, _SETTLING_S)
         away = self._missed(self._reader.joints(q[None])[0, self._joints_of])
-        if away < missed and self._touches_scene(q):
-            away = inf
+        scene, observers = self.scene_obstacles.scene, self.observers
+        if away < missed and scene is not None and observers is not None:
+            # An obstacle that the body touches may be what keeps it from its sensors.
+            without_self = replace(observers, pairs=np.zeros((0, 2), dtype=np.int64))
+            if contacts(self._human.body, without_self, scene, q, time=self.scene_obstacles.time):
+                away = inf
         if self._second.keep(q, away, by_body=missed):
             self._q = q
-            self._hierarchy.solver.reset(q)
-
-    def _touches_scene(self, q: FloatArray) -> bool:
-        """True if the body in posture q (nq,) touches an obstacle, which may be what keeps it from its sensors."""
-        scene, observers = self._obstacles.scene, self.observers
-        if scene is None or observers is None:
-            return False
-        without_self = replace(observers, pairs=np.zeros((0, 2), dtype=np.int64))
-        return bool(contacts(self._human.body, without_self, scene, q, time=self._obstacles.time))
+            self.hierarchy.solver.reset(q)
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
         """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that
         are there."""
-        hierarchy, targets = self._hierarchy, self._targets
+        hierarchy, targets = self.hierarchy, self._targets
         hierarchy.clear(targets)
         self._block[:, 0] = self._intake.present
         self._block[:, 1:] = at
@@ -360,7 +347,7 @@ class Reconstructor:
         distance = np.sqrt(squares(error))
         if not self._intake.all_present:
             distance[~self._intake.present[: self._sensor_count]] = np.nan
-        solver, balance, ankles = self._hierarchy.solver, self._balance_error, joints[self._ankles].tolist()
+        solver, balance, ankles = self.hierarchy.solver, self._balance_error, joints[self._ankles].tolist()
         return HumanPosture(
             q=self._q,
             joint_names=POINTS,
@@ -442,22 +429,6 @@ _BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
 def _facing(turns: list[SensorTurn]) -> dict[str, Ground]:
     """Forward axes of sensors with an orientation, on the ground."""
     return {turn.sensor: turn.forward for turn in turns}
-
-
-def _balance(priorities: Priorities) -> Balance | None:
-    """The balance over the feet; None where the priorities have no such task."""
-    for _, _, task in priorities.tasks():
-        if isinstance(task, CentreOfMassTask) and task.mode == "over_feet":
-            return Balance(task)
-    return None
-
-
-def _carried(priorities: Priorities) -> Carried | None:
-    """What carries the pelvis; None where the priorities have no such task."""
-    for _, _, task in priorities.tasks():
-        if isinstance(task, CarriedTask):
-            return Carried(task.by)
-    return None
 
 
 def _crouch(priorities: Priorities, human: Human) -> Crouch | None:

@@ -26,25 +26,20 @@ class Performing(Protocol):
     def settled(self) -> float:
         """How much of its speed the robot may use beyond that of its slow approach, 0 to 1; low after a hold, so that
         the robot returns to the performer slowly."""
-        ...
 
     @property
     def paused(self) -> bool:
         """Whether the operator pauses the robot: it then holds without a limit in time."""
-        ...
 
     def may_approach(self) -> bool:
         """Whether the robot is to go on with its approach; called in every tick of it."""
-        ...
 
     def sample(self, tick: int) -> SensorSample | None:
         """The sensors at a tick; None: they are not valid now, and the robot is to hold. Not None for tick 0."""
-        ...
 
     @property
     def hold_reason(self) -> str:
         """Why the robot holds, in a few words; of the last tick in which it did."""
-        ...
 
 
 class Samples(Performing, Protocol):
@@ -53,39 +48,31 @@ class Samples(Performing, Protocol):
     @property
     def ticks(self) -> int:
         """Ticks that are followed, at most."""
-        ...
 
     @property
     def kept(self) -> int:
         """Ticks of which a record is kept; what comes after them is not recorded."""
-        ...
 
     @property
     def dt(self) -> float:
         """Seconds between ticks."""
-        ...
 
     @property
     def motion_dt(self) -> float:
         """Seconds of the performer's time between ticks."""
-        ...
 
     @property
     def over(self) -> bool:
         """Whether the performance has ended before its last tick: a recorded stream is at its end."""
-        ...
 
     def poll(self) -> None:
         """Take in what a stream has sent. Called in every tick, also during a hold."""
-        ...
 
     def hold(self) -> None:
         """The robot holds though the sensors are valid: a stream is followed again as after any hold."""
-        ...
 
     def recorded(self) -> "Clip":
         """The samples of the ticks that were followed, for reports and recordings."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +296,10 @@ def lay_on_ticks(
 
 def _laid(frames: SensorFrames, playback: Playback, rate: float, pose: "CalibrationPose | None") -> Clip:
     step = playback.speed / rate  # [s] of the performer's time
-    played = _closed(frames, step) if playback.loop else frames
+    played = frames
+    if playback.loop:  # straight back to the beginning, in a whole number of ticks
+        end = _count(frames.duration_s + SEAM_S, step) * step
+        played = frames.at_rows([*range(len(frames)), 0], np.append(frames.time, end))
     lap = _count(played.duration_s, step) - playback.loop  # the last tick of a loop is its first one again
     ticks = round(LOOP_LIMIT_S * rate) if playback.loop else lap
     laid = played.resample(np.arange(min(lap, MAX_KEPT)) * step)
@@ -370,12 +360,6 @@ def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:
             next_step="Choose another --performer",
         )
     return frames.select(tuple(performer.sensors))
-
-
-def _closed(frames: SensorFrames, step: float) -> SensorFrames:
-    """One round of a loop: the motion, then straight back to its beginning, in a whole number of ticks of `step` s."""
-    count = _count(frames.duration_s + SEAM_S, step)
-    return frames.at_rows([*range(len(frames)), 0], np.append(frames.time, count * step))
 
 
 def _count(duration: float, step: float) -> int:

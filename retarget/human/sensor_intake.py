@@ -90,17 +90,32 @@ class SensorIntake:
         # NaN compares false: an invalid sensor never counts as a calm one.
         calm = squares(moved) <= np.square(FASTEST_M_S * since)
         # A jump is looked at below; without a velocity any way is possible.
-        on_way = _on_way(moved, self._velocity, since) | ~self.present | ~calm | np.isnan(self._velocity[:, 0])
+        most = SPIKE_M + 0.5 * HARDEST_M_S2 * since * since
+        on_way = (
+            (squares(moved - self._velocity * since[:, None]) <= most * most)
+            | ~self.present
+            | ~calm
+            | np.isnan(self._velocity[:, 0])
+        )
         believed = valid
         if self._has_lost or np.count_nonzero(calm & on_way & valid) != len(calm):
             believed = self._believed(position, valid, dt) & on_way
             self._take_irregular(position, believed, calm, reached=reached, dt=dt)
-            if weight is not None:
-                self._begin_return(weight)
+            if weight is not None:  # a sensor that has just come back by a weight gets no offset that fades
+                slowly = self._back & (weight < 1.0)
+                self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
+                self._offset[slowly] = 0.0
+                self._left[self._back & ~slowly] = 0.0
+                self._is_returning = bool(self._left.any())
         else:
             self.measured[:] = position
         self._sent[valid] = position[valid]
-        self._follow_velocity(moved / since[:, None], believed, calm, since > dt, dt)
+        # The velocity of a believed sensor is low-passed; of one that was away it is the mean on its way, and of one
+        # that has jumped it is not known.
+        now, anew = moved / since[:, None], (since > dt) | np.isnan(self._velocity[:, 0])
+        old = np.where(anew[:, None], now, self._velocity)
+        smooth = old + (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * (now - old)
+        self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
         if self._is_fading:
             self._offset *= exp(-dt / self._times.fade)
             self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
@@ -108,33 +123,12 @@ class SensorIntake:
         else:
             self.position[:] = self.measured
         if self._is_returning:
-            self._return(np.ones_like(self._left) if weight is None else weight, dt)
-
-    def _follow_velocity(
-        self, now: FloatArray, believed: BoolArray, calm: BoolArray, back: BoolArray, dt: float
-    ) -> None:
-        """Low-pass the velocities (k, 3) m/s of believed sensors; of one that was away it is the mean on its way, and
-        of one that has jumped it is not known."""
-        anew = back | np.isnan(self._velocity[:, 0])
-        old = np.where(anew[:, None], now, self._velocity)
-        smooth = old + (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * (now - old)
-        self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
-
-    def _begin_return(self, weight: FloatArray) -> None:
-        """A sensor that has just come back by a weight gets no offset that fades."""
-        slowly = self._back & (weight < 1.0)
-        self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
-        self._offset[slowly] = 0.0
-        self._left[self._back & ~slowly] = 0.0
-        self._is_returning = bool(self._left.any())
-
-    def _return(self, weight: FloatArray, dt: float) -> None:
-        """Reduce what is left of the way back: it never grows, and falls no faster than the speed limit."""
-        far = norms(self._away)
-        fastest = self._times.speed * dt / np.maximum(far, self._times.speed * dt)
-        self._left = np.maximum(np.minimum(1.0 - weight, self._left), self._left - fastest)
-        self._is_returning = bool(self._left.any())
-        self.position += self._left[:, None] * self._away
+            # What is left of the way back never grows, and falls no faster than the speed limit.
+            way, far = self._times.speed * dt, norms(self._away)
+            left = np.zeros_like(self._left) if weight is None else 1.0 - weight
+            self._left = np.maximum(np.minimum(left, self._left), self._left - way / np.maximum(far, way))
+            self._is_returning = bool(self._left.any())
+            self.position += self._left[:, None] * self._away
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
         """Which valid sensors (k,) have not just jumped from their last valid place: not at all, back, or long ago."""
@@ -183,12 +177,6 @@ def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
     cleared = position.copy()
     cleared[1:-1][spike] = middle[spike]
     return cleared
-
-
-def _on_way(moved: FloatArray, velocity: FloatArray, since: FloatArray) -> BoolArray:
-    """Whether each of k sensors can have moved by (k, 3) m in (k,) s, from a velocity (k, 3) m/s."""
-    most = SPIKE_M + 0.5 * HARDEST_M_S2 * since * since
-    return np.asarray(squares(moved - velocity * since[:, None]) <= most * most)
 
 
 # Reach: sensors no further from each other than a body can be.

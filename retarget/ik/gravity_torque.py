@@ -17,7 +17,6 @@ from retarget import rotations
 from retarget._solver import Probe
 from retarget.arithmetic import dot, matmul
 from retarget.ik.support_polygon import Sole, Stance
-from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
@@ -56,13 +55,15 @@ class GravityTorque:
         force = self._mass * (UPWARD + acceleration)
         pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
         shares = self._shares(pressed)
-        if heights is not None:
-            shares = _on_the_floor(shares, heights)
+        if heights is not None:  # the lowest sole is on the floor, and takes what others cannot
+            shares = shares * np.clip(1.0 - heights / CARRIES_BELOW_M, 0.0, 1.0)
+            shares[int(heights.argmin())] += 1.0 - shares.sum()
         across = pressed - matmul(shares, self._middles)
         torque = matmul(force, self._body.centre_of_mass_jacobian(q))
         for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):
             point = matmul(turn, np.array([*(middle + across), 0.0])) + offset
-            torque -= matmul(share * force, self._jacobian(q, frame, point))
+            jacobian = self._body.frame_jacobian(q, frame.body, rotations.as_vector(point))[:3]  # (3, nv) of the point
+            torque -= matmul(share * force, jacobian)
         return np.asarray(torque)
 
     def _shares(self, pressed: FloatArray) -> FloatArray:
@@ -74,17 +75,6 @@ class GravityTorque:
         across = second - first
         share = min(max(dot(pressed - first, across) / dot(across, across), 0.0), 1.0)
         return np.array([1.0 - share, share])
-
-    def _jacobian(self, q: FloatArray, frame: Frame, point: FloatArray) -> FloatArray:
-        """Jacobian (3, nv) of a point (3,) m of a link."""
-        return self._body.frame_jacobian(q, frame.body, rotations.as_vector(point))[:3]
-
-
-def _on_the_floor(shares: FloatArray, heights: FloatArray) -> FloatArray:
-    """Shares (k,) of soles that are at heights (k,) m, the lowest on the floor: it takes what others cannot."""
-    kept = shares * np.clip(1.0 - heights / CARRIES_BELOW_M, 0.0, 1.0)
-    kept[int(heights.argmin())] += 1.0 - kept.sum()
-    return np.asarray(kept)
 
 
 def _from_ground(sole: Sole) -> tuple[FloatArray, FloatArray]:
@@ -125,8 +115,7 @@ def joint_compliance(robot: RobotBody) -> FloatArray:
     By the profile's gains, at the voltage of the maker's numbers. Coupled joints deflect together.
     """
     servos = robot.joint_map.servos
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    of_shaft = np.array([1.0 / loop_stiffness(servo, protocol=protocols[servo.bus]) for servo in servos])
+    of_shaft = np.array([1.0 / loop_stiffness(servo) for servo in servos])
     compliance = np.diag(of_shaft / np.square([servo.gear for servo in servos]))
     columns = {servo.joint: index for index, servo in enumerate(servos)}
     for coupling in {servo.coupling for servo in servos if servo.coupling is not None}:

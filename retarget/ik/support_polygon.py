@@ -119,35 +119,28 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
     feet = robot.profile.feet if robot.profile.root == "free" else {}
     frames = tuple(foot.frame for foot in feet.values())
     if frames:
-        _to_origin(q, robot.points(q[None], frames)[0], robot.orientations(q[None], frames)[0])
+        # The soles become level, with their middle at the origin: first the mean of their normals becomes the vertical,
+        # then their mean direction turns to x.
+        positions, orientations = robot.points(q[None], frames)[0], robot.orientations(q[None], frames)[0]
+        vertical, ahead = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+        level = rotations.shortest_arc(rotations.rotate(orientations, vertical).mean(axis=0), vertical)
+        forward = rotations.rotate(rotations.multiply(level, orientations), ahead).mean(axis=0)
+        turn = rotations.from_axis_angle(vertical, -arctan2(forward[1], forward[0]))
+        upright = rotations.multiply(turn, level)
+        q[:3] = rotations.rotate(upright, q[:3] - positions.mean(axis=0))
+        q[3:7] = rotations.normalise(rotations.multiply(upright, q[3:7]))
     names = tuple(robot.profile.frames)
     points = dict(zip(names, robot.points(q[None], names)[0], strict=True))
     soles = []
     for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0] if frames else (), strict=True):
         place = points[foot.frame] * np.array([1.0, 1.0, 0.0])
-        flat = _level(orientation)
+        # Made flat: only its turn about the vertical is kept.
+        forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
+        flat = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), arctan2(forward[1], forward[0]))
         frame, polygon = robot.frame(foot.frame), np.array(foot.polygon)
         corners = frame.position + rotations.rotate(frame.quat, np.column_stack([polygon, np.zeros(len(polygon))]))
         soles.append(Sole(frame, place, flat, sole_outline(place, flat, polygon), corners))
     return Stance(q, points, tuple(soles))
-
-
-def _to_origin(q: FloatArray, positions: FloatArray, orientations: FloatArray) -> None:
-    """Move the root of q (nq,) so that the soles (k, 3), (k, 4) are level, face x, with their middle at the origin."""
-    # First level the soles: the mean of their normals becomes the vertical. Then turn their mean direction to x.
-    up = rotations.rotate(orientations, np.array([0.0, 0.0, 1.0])).mean(axis=0)
-    level = rotations.shortest_arc(up, np.array([0.0, 0.0, 1.0]))
-    forward = rotations.rotate(rotations.multiply(level, orientations), np.array([1.0, 0.0, 0.0])).mean(axis=0)
-    turn = rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -arctan2(forward[1], forward[0]))
-    upright = rotations.multiply(turn, level)
-    q[:3] = rotations.rotate(upright, q[:3] - positions.mean(axis=0))
-    q[3:7] = rotations.normalise(rotations.multiply(upright, q[3:7]))
-
-
-def _level(orientation: FloatArray) -> FloatArray:
-    """The orientation (4,) made flat: only its turn about the vertical is kept."""
-    forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))
-    return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), arctan2(forward[1], forward[0]))
 
 
 # Whether a robot can stand in its posture `stand`: its centre of mass over the polygon of its soles.

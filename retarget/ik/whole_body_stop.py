@@ -48,7 +48,8 @@ class Stopping:
 
     All joints brake in proportion, so that the body goes on along its way, and soles and mass with it. Joints that each
     braked as hard as they can would come to rest one after the other: where the motions of trunk and legs had cancelled
-    out, the mass would be thrown.
+    out, the mass would be thrown. velocity (nv,): of the robot where it got last, per s; slip: most that a corner of a
+    sole is off its place there, m.
     """
 
     def __init__(
@@ -77,28 +78,18 @@ class Stopping:
     def begin(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
         """Start anew in posture q (nq,), moving at velocity (nv,) per s; no stop trajectory is known from there."""
         self._way, self._at, self._known = q[None], 0, velocity is None
-        self._velocity = np.zeros(self._body.nv) if velocity is None else velocity
-        self._slip, self._shortfall = self._losses(self._way)
+        self.velocity = np.zeros(self._body.nv) if velocity is None else velocity
+        self.slip, self._shortfall = self._losses(self._way)
 
     def rescale_time(self, change: float) -> None:
         """Let time go by slower from now on (change < 1), or faster (change > 1). Velocities change with it. The known
         stop trajectory stays valid, because it is followed row by row."""
-        self._velocity = self._velocity / change
+        self.velocity = self.velocity / change
 
     @property
     def stands(self) -> bool:
         """Whether the legs stand still where the robot got last."""
-        return float(np.abs(self._velocity[self._legs]).max(initial=0.0)) < STANDING
-
-    @property
-    def slip(self) -> float:
-        """Most that a corner of a sole is off its place there, m."""
-        return self._slip
-
-    @property
-    def velocity(self) -> FloatArray:
-        """Velocity (nv,) of the robot there, per s."""
-        return self._velocity
+        return float(np.abs(self.velocity[self._legs]).max(initial=0.0)) < STANDING
 
     def admits(self, q: FloatArray, velocity: FloatArray, dt: float) -> bool:
         """Return whether a robot that just got to posture q (nq,), moving at velocity (nv,) in rad/s and m/s, can stop
@@ -110,14 +101,14 @@ class Stopping:
         if way is None:
             return False
         slip, shortfall = self._losses(way)
-        if slip > max(SOLE_M, self._slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
+        if slip > max(SOLE_M, self.slip + NO_WORSE_M) or shortfall > max(0.0, self._shortfall + NO_WORSE_M):
             return False
-        self._way, self._at, self._known, self._velocity = way, 0, True, velocity
+        self._way, self._at, self._known, self.velocity = way, 0, True, velocity
         if slip > SOLE_M or shortfall > 0.0:
             # What is measured against only ever falls: many small steps may not add up.
             here = self._losses(q[None])
-            slip, shortfall = min(self._slip, here[0]), min(self._shortfall, here[1])
-        self._slip, self._shortfall = slip, shortfall
+            slip, shortfall = min(self.slip, here[0]), min(self._shortfall, here[1])
+        self.slip, self._shortfall = slip, shortfall
         return True
 
     def _in_proportion(self, q: FloatArray, velocity: FloatArray, dt: float) -> FloatArray | None:
@@ -148,19 +139,19 @@ class Stopping:
 
         None: no trajectory is known, and none is found now.
         """
-        if not (self._known or self.admits(self._way[0], self._velocity, dt)):
+        if not (self._known or self.admits(self._way[0], self.velocity, dt)):
             return None
         before = self._way[self._at]
         self._at = min(self._at + 1, len(self._way) - 1)
         now = self._way[self._at]
-        self._velocity = self._body.difference(before, now) / dt
-        return now, self._velocity
+        self.velocity = self._body.difference(before, now) / dt
+        return now, self.velocity
 
     def brake(self, dt: float) -> FloatArray:
         """The next posture (nq,) where no trajectory is known: all joints brake in proportion, whatever becomes of the
         soles. A caller that takes it calls `begin` from there."""
-        left = 1.0 - 1.0 / max(self._ticks(self._velocity, dt), 1.0)
-        return self._body.integrate(self._way[self._at], left * dt * self._velocity)
+        left = 1.0 - 1.0 / max(self._ticks(self.velocity, dt), 1.0)
+        return self._body.integrate(self._way[self._at], left * dt * self.velocity)
 
     def _losses(self, way: FloatArray) -> tuple[float, float]:
         """Most that a corner of a sole is off (m), and that the centre of mass falls short of its margin (m)."""

@@ -207,7 +207,13 @@ def body_from_file(file: BodyFile) -> BodyModel:
     model = file.model
     joint_type = _ints(model.jnt_type)
     joint_names = tuple(model.joint(i).name or f"joint_{i}" for i in range(model.njnt))
-    lower, upper = _limits(model, joint_type)
+    # Box limits of hinges and slides; infinite elsewhere.
+    limited = np.asarray(model.jnt_limited, dtype=bool)
+    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    boxed = np.isin(joint_type, (JointType.SLIDE, JointType.HINGE)) & limited
+    lower[model.jnt_dofadr[boxed]] = model.jnt_range[boxed, 0]
+    upper[model.jnt_dofadr[boxed]] = model.jnt_range[boxed, 1]
+    cones = [joint_names[i] for i in np.flatnonzero((joint_type == JointType.BALL) & limited)]
     return BodyModel(
         source=file.source,
         root=file.root,
@@ -234,7 +240,7 @@ def body_from_file(file: BodyFile) -> BodyModel:
         qpos0=np.array(model.qpos0, dtype=np.float64),
         lower=lower,
         upper=upper,
-        notes=file.notes + _unboxed(model, joint_type, joint_names),
+        notes=(*file.notes, *(f"limit of ball joint '{name}' not used: it is a cone, not a box" for name in cones)),
     )
 
 
@@ -266,21 +272,6 @@ def _geom(model: Any, index: int) -> Geom:
 def _triangles(model: Any, mesh: int) -> FloatArray:
     vertices, faces = (int(start[mesh]) for start in (model.mesh_vertadr, model.mesh_faceadr))
     return _floats(model.mesh_vert[vertices:][model.mesh_face[faces : faces + int(model.mesh_facenum[mesh])]])
-
-
-def _limits(model: Any, joint_type: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Box limits (nv,) of hinges and slides; infinite elsewhere."""
-    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
-    boxed = np.isin(joint_type, (JointType.SLIDE, JointType.HINGE)) & np.asarray(model.jnt_limited, dtype=bool)
-    lower[model.jnt_dofadr[boxed]] = model.jnt_range[boxed, 0]
-    upper[model.jnt_dofadr[boxed]] = model.jnt_range[boxed, 1]
-    return lower, upper
-
-
-def _unboxed(model: Any, joint_type: IntArray, names: tuple[str, ...]) -> tuple[str, ...]:
-    """A note for each ball joint whose limit, a cone, has no box."""
-    cones = (joint_type == JointType.BALL) & np.asarray(model.jnt_limited, dtype=bool)
-    return tuple(f"limit of ball joint '{names[i]}' not used: it is a cone, not a box" for i in np.flatnonzero(cones))
 
 
 DECIMALS = 9
@@ -380,12 +371,8 @@ def low_inertia_joints(body: BodyModel, frames: Mapping[str, Frame]) -> list[int
         most = np.maximum(most, norms(solver.centre_of_mass_jacobian(q).T))
     limbs = {link for name in LIMBS if name in frames for link in body.chain_to_root(frames[name].body)}
     links = body.joint_body[hinges].tolist()
-    light = most[dofs] < LIGHT * _size(body)
+    # The size: how far (m) the origins of links reach from lowest to highest, joints at 0.
+    every = np.arange(1, len(body.parent))
+    origins = solver.points(body.qpos0[None], every.tolist(), np.zeros((len(every), 3)))[0]
+    light = most[dofs] < LIGHT * float(np.ptp(origins[:, 2]))
     return [int(dof) for dof, link, is_light in zip(dofs, links, light, strict=True) if is_light and link not in limbs]
-
-
-def _size(body: BodyModel) -> float:
-    """How far (m) the origins of its links reach from lowest to highest, joints at 0."""
-    links = np.arange(1, len(body.parent))
-    height = body.solver_body().points(body.qpos0[None], links.tolist(), np.zeros((len(links), 3)))[0, :, 2]
-    return float(np.ptp(height))

@@ -112,7 +112,11 @@ def _compile(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root | 
             if not (urdf and _drop_meshes(spec, notes)):
                 raise refusal(source, error, spec) from error
     _check(model, source=source)
-    notes += _unused(spec)
+    for kind, parts in (("equality constraints", spec.equalities), ("tendons", spec.tendons)):
+        names = [part.name or "unnamed" for part in parts]  # a kinematic tree cannot hold them
+        if names:
+            shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+            notes.append(f"{len(names)} {kind} not used, their joints move independently: {shown}")
     return BodyFile(source=source, model=model, spec=spec, root=found, notes=tuple(notes))
 
 
@@ -121,7 +125,13 @@ def _prepared(parse: Callable[[], Any], *, urdf: bool, source: str, root: Root |
     notes: list[str] = []
     try:
         spec = parse()
-        _keep_every_link(spec, urdf=urdf)
+        spec.compiler.fusestatic = False  # every link is kept
+        if urdf:
+            # Kinematics needs masses, not inertias: dummy links without mass and inertias that break the triangle
+            # inequality are common in URDF files and harmless here.
+            spec.compiler.balanceinertia = True
+            spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
+            spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
         for key in list(spec.keys):  # keyframes have the size of the file's own root
             spec.delete(key)
         return spec, _set_root(spec, root, source=source, notes=notes), notes
@@ -154,16 +164,6 @@ def _line_of(link: str, urdf: Path) -> str:
     text = urdf.read_text(encoding="utf-8", errors="replace") if urdf.is_file() else ""
     begun = re.search(rf"<link\s[^>]*\bname\s*=\s*(['\"]){re.escape(link)}\1", text)
     return "" if begun is None else str(text.count("\n", 0, begun.start()) + 1)
-
-
-def _keep_every_link(spec: Any, *, urdf: bool) -> None:
-    spec.compiler.fusestatic = False
-    if urdf:
-        # Kinematics needs masses, not inertias: dummy links without mass and inertias that break the triangle
-        # inequality are common in URDF files and harmless here.
-        spec.compiler.balanceinertia = True
-        spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
-        spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
 
 
 def _set_root(spec: Any, root: Root | None, *, source: str, notes: list[str]) -> Root:
@@ -260,14 +260,3 @@ def _without_numbers(model: Any) -> list[str]:
     found = [("link", model.body(index)) for index in sorted({*placed, *shaped})]
     found += [("joint", model.joint(index)) for index in turned]
     return [f"{kind} {part.name or part.id}" for kind, part in found]
-
-
-def _unused(spec: Any) -> list[str]:
-    """Parts of the file that a kinematic tree cannot hold."""
-    notes = []
-    for kind, parts in (("equality constraints", spec.equalities), ("tendons", spec.tendons)):
-        names = [part.name or "unnamed" for part in parts]
-        if names:
-            shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-            notes.append(f"{len(names)} {kind} not used, their joints move independently: {shown}")
-    return notes

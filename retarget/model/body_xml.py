@@ -67,11 +67,10 @@ _UNITS = {letter: float(1 << 10 * power) for power, letter in enumerate(("", *"K
 
 @dataclass(frozen=True)
 class BodyXml:
-    """A body file as elements. kind: urdf or mjcf; included: True if it names other MJCF files."""
+    """A body file as elements. kind: urdf or mjcf."""
 
     root: Element
     kind: str
-    included: bool
 
 
 def read_body(path: Path) -> bytes:
@@ -123,7 +122,7 @@ def body_xml(content: bytes, *, source: str, folder: Path) -> BodyXml:
             allowed=f"at most {MAX_LINKS}",
             next_step="Give the body of one robot, without its surroundings",
         )
-    return BodyXml(root, kind, bool(seen))
+    return BodyXml(root, kind)
 
 
 @dataclass(frozen=True)

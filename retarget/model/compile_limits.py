@@ -105,7 +105,12 @@ def _work_and_leave(work: Callable[[], object], writing: int) -> NoReturn:
         sys.stdout = sys.stderr = nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
         for stream in (1, 2):
             os.dup2(nowhere.fileno(), stream)
-        _limit()
+        used = resource.getpagesize() * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        for kind, most in ((resource.RLIMIT_AS, used + MEMORY), (resource.RLIMIT_CPU, CPU_S)):
+            # At a hard limit of time the kernel kills, as it does without memory.
+            _, hard = resource.getrlimit(kind)
+            resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         work()
         code = DONE
     except RefusedError as error:
@@ -116,12 +121,3 @@ def _work_and_leave(work: Callable[[], object], writing: int) -> NoReturn:
         code = MEMORY_ERROR
     finally:
         os._exit(code)
-
-
-def _limit() -> None:
-    used = resource.getpagesize() * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    for kind, most in ((resource.RLIMIT_AS, used + MEMORY), (resource.RLIMIT_CPU, CPU_S)):
-        _, hard = resource.getrlimit(kind)
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (most, hard))  # at a hard limit of time the kernel kills, as it does without memory
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

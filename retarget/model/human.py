@@ -72,7 +72,11 @@ def _write_link(lines: list[str], joint: HumanJoint, dimensions: HumanDimensions
             f'range="{lower:g} {upper:g}"/>'
         )
     lines += [f"{indent}  {line}" for line in _inertial(joint, dimensions) + _shapes(joint, dimensions)]
-    lines += [f"{indent}  {line}" for line in _sites(joint, dimensions)]
+    sites = [(name, dimensions.of(name)) for name, parent in ENDS if parent == joint.name]
+    if kind_of(joint.name) == "ankle":
+        below = np.array([0.0, 0.0, -FRACTIONS.ankle_height * dimensions.stature])
+        sites.append((joint.name[:2] + "sole", below))
+    lines += [f'{indent}  <site name="{name}" pos="{_text(position)}"/>' for name, position in sites]
     for child in HUMAN_JOINTS:
         if child.parent == joint.name:
             _write_link(lines, child, dimensions, depth=depth + 1)
@@ -103,17 +107,12 @@ def _segment_point(name: str, joint: HumanJoint, dimensions: HumanDimensions) ->
     if name == kind_of(joint.name):
         return np.zeros(3)
     if name in TRUNK_LEVELS:
-        here = dimensions.standing()[POINTS.index(joint.name)]
-        return np.asarray(_trunk_point(TRUNK_LEVELS[name], dimensions) - here)
+        # At a share of the way from the middle of the hips to that of the shoulders.
+        at = dict(zip(POINTS, dimensions.standing(), strict=True))
+        hips, shoulders = (0.5 * (at[f"l_{part}"] + at[f"r_{part}"]) for part in ("hip", "shoulder"))
+        return np.asarray(hips + TRUNK_LEVELS[name] * (shoulders - hips) - at[joint.name])
     side = joint.name[:2] if joint.name[1] == "_" else ""
     return dimensions.of(side + name)
-
-
-def _trunk_point(share: float, dimensions: HumanDimensions) -> FloatArray:
-    """Point (3,) at a share of the way from the middle of the hips to that of the shoulders, from the pelvis."""
-    ends = dict(zip(POINTS, dimensions.standing(), strict=True))
-    hips, shoulders = (0.5 * (ends[f"l_{part}"] + ends[f"r_{part}"]) for part in ("hip", "shoulder"))
-    return np.asarray(hips + share * (shoulders - hips))
 
 
 def _shapes(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
@@ -155,14 +154,6 @@ def _capsule(name: str, start: FloatArray, end: FloatArray, radius: float) -> st
     return f'<geom name="{name}" fromto="{_text(start)} {_text(end)}" size="{radius:.6g}"/>'
 
 
-def _sites(joint: HumanJoint, dimensions: HumanDimensions) -> list[str]:
-    sites = [(name, dimensions.of(name)) for name, parent in ENDS if parent == joint.name]
-    if kind_of(joint.name) == "ankle":
-        below = np.array([0.0, 0.0, -FRACTIONS.ankle_height * dimensions.stature])
-        sites.append((joint.name[:2] + "sole", below))
-    return [f'<site name="{name}" pos="{_text(position)}"/>' for name, position in sites]
-
-
 def _text(values: FloatArray) -> str:
     return " ".join(f"{value:.12g}" for value in values)
 
@@ -202,7 +193,7 @@ class Human:
         q = self.body.qpos0.copy()
         single, address = self.body.scalar_joints()
         for motion, degrees in angles_deg:
-            for name in self._sided(motion):
+            for name in [motion] if motion in self.body.dof_names else [f"l_{motion}", f"r_{motion}"]:
                 dof = self.body.dof_index(name)
                 angle = np.deg2rad(degrees)
                 low, high = self.body.lower[dof], self.body.upper[dof]
@@ -211,9 +202,6 @@ class Human:
                     raise ConfigError("posture outside the joint's limits", where=name, found=degrees, allowed=allowed)
                 q[address[dof]] = angle
         return q
-
-    def _sided(self, motion: str) -> list[str]:
-        return [motion] if motion in self.body.dof_names else [f"{side}_{motion}" for side in ("l", "r")]
 
 
 def build_human(dimensions: HumanDimensions) -> Human:
@@ -259,7 +247,3 @@ class PostureReader:
     def orientations(self, q: FloatArray) -> FloatArray:
         """Orientations (T, 3, 4) wxyz of ORIENTED, for postures (T, nq)."""
         return self._body.orientations(q, self._oriented)
-
-    def centre_of_mass(self, q: FloatArray) -> FloatArray:
-        """Centres of mass (T, 3) m, for postures (T, nq)."""
-        return self._body.centre_of_mass(q)

@@ -15,7 +15,7 @@ from retarget.model.human import Human
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, canonical
 from retarget.model.scene_state import SceneState
-from retarget.rotations import arc
+from retarget.rotations import arc, as_vector
 from retarget.schema.priorities import ObserverSettings
 from retarget.schema.profile_parts import Observer
 from retarget.types import FloatArray, IntArray
@@ -81,7 +81,11 @@ def checked_pairs(
         names = observers.names[first], observers.names[second]
         steps = steps_between(body, int(observers.links[first]), int(observers.links[second]))
         if steps > NEAR_LINKS and not rules.given:
-            problems.append(_far_apart(names, steps, depth, rules.where))
+            what = "parts that are far apart along the body touch in the neutral posture"
+            found = f"{names[0]} and {names[1]}, {steps} joints apart, {1e3 * depth:.1f} mm deep"
+            allowed = f"a touch of parts at most {NEAR_LINKS} joints apart"
+            step = "Move the neutral posture, draw the shapes tighter, or ignore the pair with a reason"
+            problems.append(Problem(what, rules.where, found, allowed, step))
         dropped.append(DroppedPair(*names, f"touch by {1e3 * depth:.1f} mm in the neutral posture"))
     if problems:
         raise ConfigError.from_problems(problems)
@@ -112,16 +116,6 @@ def _distances(body: BodyModel, observers: "Observers", pairs: IntArray, q: Floa
 def steps_between(body: BodyModel, first: int, second: int) -> int:
     """How many links with joints lie on the way from one link to another: 0 for links that never move apart."""
     return len(body.links_between(first, second).intersection(body.joint_body.tolist()))
-
-
-def _far_apart(names: tuple[str, str], steps: int, depth: float, where: str) -> Problem:
-    return Problem(
-        "parts that are far apart along the body touch in the neutral posture",
-        where=where,
-        found=f"{names[0]} and {names[1]}, {steps} joints apart, {1e3 * depth:.1f} mm deep",
-        allowed=f"a touch of parts at most {NEAR_LINKS} joints apart",
-        next_step="Move the neutral posture, draw the shapes tighter, or ignore the pair with a reason",
-    )
 
 
 NO_SCENE = SceneShapes(
@@ -347,8 +341,11 @@ def human_observers(human: Human, settings: ObserverSettings) -> Observers | Non
     if chosen != "capsules":
         for near, far in LIMBS:
             for side in "lr":
-                link = human.body.body_index(f"{side}_{near}")
-                parts[f"{side}_{near}"] = Part(link, *_line(human, f"{side}_{far}"), *zone)
+                # A line from a link's joint to the next.
+                link, end = human.body.body_index(f"{side}_{near}"), human.dimensions.of(f"{side}_{far}")
+                turn = np.array(arc((0.0, 0.0, 1.0), as_vector(end)))
+                line = ShapeKind.CAPSULE, (0.0, 0.5 * norm(end), 0.0), 0.5 * end, turn
+                parts[f"{side}_{near}"] = Part(link, *line, *zone)
     if chosen != "lines":
         for geom in human.body.geoms:
             if chosen == "capsules" or geom.name == HEAD:
@@ -357,14 +354,6 @@ def human_observers(human: Human, settings: ObserverSettings) -> Observers | Non
                 parts[geom.name] = Part(geom.body, *row, *zone)
     rules = PairRules(neutral=human.posture(NEUTRAL), given=True)
     return assemble(human.body, parts, rules)
-
-
-def _line(human: Human, far: str) -> ShapeRow:
-    """Line from a link's joint to the next."""
-    end = human.dimensions.of(far)
-    half = 0.5 * norm(end)
-    x, y, z = end.tolist()
-    return ShapeKind.CAPSULE, (0.0, half, 0.0), 0.5 * end, np.array(arc((0.0, 0.0, 1.0), (x, y, z)))
 
 
 # Contacts: observers that touch each other, or an obstacle.

@@ -215,13 +215,18 @@ def _links(profile: RobotProfile, document: Document, links: tuple[str, ...]) ->
 
 
 def _joints(profile: RobotProfile, document: Document, body: BodyModel, file: BodyFile) -> Iterable[Problem]:
+    import mujoco
+
     named = keys_of(document, "servos")
     single = (JointType.SLIDE, JointType.HINGE)
     joints = {name: int(body.joint_dof[i]) for i, name in enumerate(body.joint_names) if body.joint_type[i] in single}
     for joint in named:
         if joint not in joints:
             yield unknown_name(document, ("servos", joint), "joint", joint, joints)
-    without = [joint for joint in _actuated(file) or joints if joint not in named]
+    # The joints that the file's own actuators drive.
+    model, on_joint = file.model, int(mujoco.mjtTrn.mjTRN_JOINT)
+    driven = [int(model.actuator_trnid[i, 0]) for i in range(model.nu) if int(model.actuator_trntype[i]) == on_joint]
+    without = [joint for joint in [model.joint(one).name for one in driven] or joints if joint not in named]
     if without and "servos" in document.data:
         step = "Give each joint that the body actuates a servo"
         yield document.problem(("servos",), "joints without a servo", found=", ".join(without), next_step=step)
@@ -236,15 +241,6 @@ def _joints(profile: RobotProfile, document: Document, body: BodyModel, file: Bo
                 found=f"{servo.limits[0]} to {servo.limits[1]} rad",
                 allowed=f"{lower:.4f} to {upper:.4f} rad",
             )
-
-
-def _actuated(file: BodyFile) -> list[str]:
-    """The joints that the file's own actuators drive."""
-    import mujoco
-
-    model, on_joint = file.model, int(mujoco.mjtTrn.mjTRN_JOINT)
-    driven = [int(model.actuator_trnid[i, 0]) for i in range(model.nu) if int(model.actuator_trntype[i]) == on_joint]
-    return [model.joint(joint).name for joint in driven]
 
 
 def _geoms(profile: RobotProfile, document: Document, body: BodyModel) -> Iterable[Problem]:

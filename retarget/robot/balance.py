@@ -78,7 +78,14 @@ class StandingBalance:
         """Half-spaces (k, 4) for the centre of mass after the next `dt` s, now at com (3,) m, moving at velocity (3,)
         m/s."""
         if self._room is None:
-            return _braked(self._drawn_in, com, dt)
+            # Edges are drawn in to what the centre of mass may do in one tick and still stop inside of them.
+            x, y, _ = com.tolist()
+            change, drawn = BRAKING * dt * dt, []
+            for nx, ny, offset in self._drawn_in:
+                # How far the mass may still go towards this edge, and be braked at BRAKING before it.
+                across = nx * x + ny * y
+                drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
+            return np.array(drawn)
         return moving_spaces(self._room, com, velocity, dt)
 
 
@@ -116,18 +123,6 @@ def shrunk(edges: FloatArray, share: float, stance: Stance) -> FloatArray:
     middle = np.concatenate([sole.outline for sole in stance.soles]).mean(axis=0)
     at = matmul(edges[:, :2], middle)
     return np.column_stack([edges[:, :2], at + share * (edges[:, 2] - at)])
-
-
-def _braked(edges: Edges, com: FloatArray, dt: float) -> FloatArray:
-    """Edges drawn in to what the centre of mass may do in one tick and still stop inside of them."""
-    x, y, _ = com.tolist()
-    change = BRAKING * dt * dt
-    drawn = []
-    for nx, ny, offset in edges:
-        # How far the mass may still go towards this edge, and be braked at BRAKING before it.
-        across = nx * x + ny * y
-        drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
-    return np.array(drawn)
 
 
 def moving_spaces(room: Room, com: FloatArray, velocity: FloatArray, dt: float) -> FloatArray:
@@ -215,7 +210,8 @@ class StandingStrength:
     def __init__(self, robot: RobotBody, stance: Stance, *, share: float) -> None:
         body = robot.body
         joints = leg_joints(robot)
-        self._names = tuple(joints)
+        self.names = tuple(joints)
+        """Names of the limited joints."""
         self._foot = np.array([foot for foot, _ in joints.values()], dtype=np.intp)
         frames = [frame for _, frame in joints.values()]
         rows = [body.joint_index(name) for name in joints]
@@ -234,11 +230,6 @@ class StandingStrength:
         self.most = np.maximum(share * self.stall, STANDING_SPARE * at_rest)
         """Greatest continuous torque of each joint (k,), N m."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the limited joints."""
-        return self._names
-
     def torques(self, q: FloatArray) -> FloatArray:
         """Torques of the joints (k,) at rest in posture q (nq,), N m."""
         return np.asarray(self._load.torques(q, np.zeros(3))[self.dofs])
@@ -255,8 +246,8 @@ class StandingStrength:
     ) -> None:
         """Write the half-spaces of the next `dt` s into the target vector, for a robot in posture q (nq,), with its
         centre of mass com (3,), m. keeps: False removes all limits, as on one leg, which has to carry more."""
-        spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self._names)
-        for name, edges in zip(self._names, spaces, strict=True):
+        spaces = self.spaces(q, com, dt) if keeps else [_FREE] * len(self.names)
+        for name, edges in zip(self.names, spaces, strict=True):
             hierarchy.set_strength(targets, name, edges)
 
     def spaces(self, q: FloatArray, com: FloatArray, dt: float) -> list[FloatArray]:
@@ -266,7 +257,7 @@ class StandingStrength:
         used = np.abs(torque) / self.most
         by_com, by_joint, places = self._gradients(q, com)
         lever = 2.0 / self._weight  # [m per N m]: half of the weight is on either leg
-        spaces = [_FREE] * len(self._names)
+        spaces = [_FREE] * len(self.names)
         for k in np.flatnonzero(used > WATCHED).tolist():
             sign = 1.0 if torque[k] > 0.0 else -1.0
             n, m = sign * lever * by_com[k], sign * lever * by_joint[k]

@@ -72,10 +72,15 @@ class DeflectionCompensation:
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
         self._rate = 1.0 / settle
-        self._loops = _loops(robot)
-        self._catch_up = dt / (
-            dt + _waits(robot, self._loops.lag)
-        )  # (n,) share of its lead that a joint loses in a tick
+        servos = robot.joint_map.servos
+        self._compliance = joint_compliance(robot)  # (n, n) [rad/(N m)]
+        self._lag = np.array([loop_lag(servo) for servo in servos])  # (n,) [s]
+        self._integral = np.array([integral_rate(servo) for servo in servos])  # (n,) [1/s] rate of the I gain
+        # Only joints between the root and the soles move the whole body when one of them is late: they wait for the
+        # slowest servo among them.
+        carrying = standing_dofs(robot)[self._dofs]
+        waits = np.where(carrying, self._lag.max(where=carrying, initial=0.0) - self._lag, 0.0)  # (n,) [s]
+        self._catch_up = dt / (dt + waits)  # (n,) share of its lead that a joint loses in a tick
 
     def begin(self, posture: FloatArray) -> _Compensated:
         """No offset, at rest in a posture, rad (n,)."""
@@ -120,9 +125,9 @@ class DeflectionCompensation:
         torque = self._load.torques(q, acceleration, moment=moment, heights=heights)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
-        wanted = np.clip(matmul(self._loops.compliance, torque) - last.integrated, -MOST_RAD, MOST_RAD)
-        lag = self._loops.lag / self._dt * (posture - last.posture)
-        integrated = last.integrated + self._loops.integral * self._dt * (wanted + lag)
+        wanted = np.clip(matmul(self._compliance, torque) - last.integrated, -MOST_RAD, MOST_RAD)
+        lag = self._lag / self._dt * (posture - last.posture)
+        integrated = last.integrated + self._integral * self._dt * (wanted + lag)
         speed = self._settled(last.compensated, last.moved / self._dt, wanted)
         most = min(last.ticks * self._dt / RISE_S, 1.0) * self._most
         moved = np.clip(self._dt * speed, -most, most)
@@ -133,7 +138,16 @@ class DeflectionCompensation:
         # both.
         behind = (1.0 - self._catch_up) * (last.posture + last.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
-        goal, compensated = self._within(posture + behind, last.compensated, compensated, nearest)
+        # The gate's bounds may shorten the offset, but not turn it into a motion of its own: then the gate is to refuse
+        # the goal.
+        target = posture + behind
+        goal = nearest(target + compensated)
+        kept, before = goal - target, last.compensated
+        lowest, highest = np.minimum(before, 0.0) - self._most, np.maximum(before, 0.0) + self._most
+        if ((kept < lowest) | (kept > highest)).any():
+            goal = target + compensated
+        else:
+            compensated = kept
         moved = compensated - last.compensated
         return goal, _Compensated(posture, compensated, moved, behind, integrated, masses, velocities, last.ticks + 1)
 
@@ -142,48 +156,3 @@ class DeflectionCompensation:
         # Backward Euler of x'' = r^2 (wanted - x) - 2 r x': stable for any r dt.
         gain = self._rate * self._dt
         return np.asarray((velocity + gain * self._rate * (wanted - at)) / (1.0 + 2.0 * gain + gain * gain))
-
-    def _within(
-        self,
-        target: FloatArray,
-        before: FloatArray,
-        compensated: FloatArray,
-        nearest: Callable[[FloatArray], FloatArray],
-    ) -> tuple[FloatArray, FloatArray]:
-        """The goal with the offset `compensated` (n,) rad from a target (n,), and its real offset: within the gate's
-        limits, if that does not push it away from the target. Else the gate is to refuse it. before (n,): the offset
-        of the goal sent last, rad."""
-        # The gate's bounds may shorten the offset, but not turn it into a motion of its own.
-        goal = nearest(target + compensated)
-        kept = goal - target
-        lowest, highest = np.minimum(before, 0.0) - self._most, np.maximum(before, 0.0) + self._most
-        if ((kept < lowest) | (kept > highest)).any():
-            return target + compensated, compensated
-        return goal, kept
-
-
-@dataclass(frozen=True, eq=False)
-class _Loops:
-    """The position loops of n servos. compliance (n, n): rad per N m; lag (n,): s; integral (n,): rate of the I gain,
-    1/s."""
-
-    compliance: FloatArray
-    lag: FloatArray
-    integral: FloatArray
-
-
-def _loops(robot: RobotBody) -> _Loops:
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    servos = [(servo, protocols[servo.bus]) for servo in robot.joint_map.servos]
-    lags = [loop_lag(servo, protocol=protocol) for servo, protocol in servos]
-    rates = [integral_rate(servo, protocol=protocol) for servo, protocol in servos]
-    return _Loops(joint_compliance(robot), np.array(lags), np.array(rates))
-
-
-def _waits(robot: RobotBody, lags: FloatArray) -> FloatArray:
-    """Time (n,) s that each joint that carries the robot waits for the slowest servo among them, of lags (n,) s; 0 for
-    all others."""
-    dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
-    # Only joints between the root and the soles move the whole body when one of them is late.
-    carrying = standing_dofs(robot)[dofs]
-    return np.where(carrying, lags.max(where=carrying, initial=0.0) - lags, 0.0)

@@ -373,7 +373,12 @@ class Follower:
             asked = soles.steps.aim(targets, q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
         elif soles.balance is not None:
             if soles.stop is not None:
-                self._plant(soles.stop.slip, dt)
+                # Soles that are off their places go back there no faster than legs can stop.
+                if (slip := soles.stop.slip) > SLIPPED_M:
+                    share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
+                    plant_back(hierarchy, targets, self.stance, self._robot.kinematics, q, share)
+                else:
+                    plant_soles(hierarchy, targets, self.stance)
             com = self._reached.centre_of_mass
             velocity = matmul(self._robot.kinematics.centre_of_mass_jacobian(q), hierarchy.solver.velocity)
             hierarchy.set_support(targets, soles.balance.spaces(com, velocity, dt))
@@ -390,15 +395,6 @@ class Follower:
         fallback = soles.fallback
         first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, q, dt)
         self._reached = self._reader.read(self._safe(first, q, dt))
-
-    def _plant(self, slip: float, dt: float) -> None:
-        """Ask the soles to stay in their places, or to go back there no faster than legs can stop. slip: m they are
-        off."""
-        if slip > SLIPPED_M:
-            share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
-            plant_back(self.hierarchy, self._targets, self.stance, self._robot.kinematics, self._q, share)
-        else:
-            plant_soles(self.hierarchy, self._targets, self.stance)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no
@@ -474,9 +470,12 @@ class Follower:
         stopping = self._soles.stopping
         if stopping is None or stopping.admits(q, self.hierarchy.solver.velocity, dt):
             return q
-        fallback = self._fall_back(stopping, before, dt)
-        if fallback is not None:
-            return fallback
+        assert self._soles.fallback is not None, "legs that move may fall back"
+        candidates = self._soles.fallback.after(self._targets, before, stopping.velocity, dt, stands=stopping.stands)
+        for q, velocity in candidates:
+            if stopping.admits(q, velocity, dt):
+                self.hierarchy.solver.reset(q, velocity)
+                return q
         step = stopping.follow(dt)
         if step is None:
             q = stopping.brake(dt)
@@ -487,16 +486,6 @@ class Follower:
             q, velocity = step
         self.hierarchy.solver.reset(q, velocity)
         return q
-
-    def _fall_back(self, stopping: Stopping, before: FloatArray, dt: float) -> FloatArray | None:
-        """The next posture (nq,) from a fallback hierarchy, where that of the first is not safe; None: no other is."""
-        assert self._soles.fallback is not None, "legs that move may fall back"
-        candidates = self._soles.fallback.after(self._targets, before, stopping.velocity, dt, stands=stopping.stands)
-        for q, velocity in candidates:
-            if stopping.admits(q, velocity, dt):
-                self.hierarchy.solver.reset(q, velocity)
-                return q
-        return None
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         robot, q, reached = self._robot, self._q, self._reached

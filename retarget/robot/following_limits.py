@@ -36,12 +36,11 @@ def followed_speed(robot: RobotBody, limits: JointLimits, *, tracking_delay: flo
         lag = SHARE * safety.following_error_sustained
     if lag is None:
         return limits
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
     speed = limits.max_velocity.copy()
     for servo in robot.joint_map.servos:
         if servo.coupling is not None:  # its lag is not that of one joint
             continue
-        behind = loop_lag(servo, protocol=protocols[servo.bus]) + 1.0 / safety.rate_hz + tracking_delay
+        behind = loop_lag(servo) + 1.0 / safety.rate_hz + tracking_delay
         dof = robot.body.dof_index(servo.joint)
         speed[dof] = min(speed[dof], lag / behind)
     return replace(limits, max_velocity=speed)

@@ -136,7 +136,10 @@ class FeetApart:
     def ask(self, landmarks: list[Vector]) -> None:
         """Move both feet of `landmarks`, m, x forward and y left, aside in place, each by half of what is missing."""
         (lx, ly, lz), (rx, ry, rz) = landmarks[self.left], landmarks[self.right]
-        half = 0.5 * (_at_least(ly - ry, self.least) - (ly - ry))
+        # From a knee above the least distance on nothing changes; below, the distance approaches it smoothly.
+        apart, room = ly - ry, KNEE * self.least
+        missing = self.least + room - apart
+        half = 0.5 * ((apart if missing <= 0.0 else self.least + room * exp(-missing / room)) - apart)
         landmarks[self.left], landmarks[self.right] = (lx, ly + half, lz), (rx, ry - half, rz)
 
 
@@ -150,13 +153,6 @@ def feet_apart(profile: RobotProfile, stance: Stance, rows: Sequence[str]) -> Fe
     left, right = sorted(feet, key=lambda row: -sideways[row])
     least = sideways[left] - sideways[right]
     return FeetApart(left, right, least) if least > 0.0 else None
-
-
-def _at_least(value: float, least: float) -> float:
-    """The value itself from a knee above `least` on; below, it approaches that smoothly."""
-    room = KNEE * least
-    missing = least + room - value
-    return value if missing <= 0.0 else least + room * exp(-missing / room)
 
 
 # The pelvis is as high as the leg that bears the performer is long, not as high as theirs is above the ground: in a

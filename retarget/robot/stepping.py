@@ -347,21 +347,18 @@ class Stepping:
         risen = at.landmarks[self._pelvis][2] > self._rise.lowest - RISEN_M
         self.plan.step(StepInput(FOOT.get(asked.carrying), (left, right), outside, settled, down, contact, risen), dt)
         if self.plan.single_support != before:
-            self._change_support(q, velocity)
+            # It stops on the soles that carry from now on; a swing foot begins in its place.
+            support = self.plan.single_support
+            self.stopping = self._stoppings[support]
+            self.stopping.begin(q, velocity)
+            if support is not None:
+                self._swings[1 - support].restart(self._stance.soles[1 - support].position.tolist())
         goal = self._aim_weight(targets, com, moving, dt, place=place)
         self._aim_soles(targets, q, dt, apart=asked.apart)
         self._whole += (1.0 - exp(-dt / LED_S)) * (float(self.plan.state in LED) - self._whole)
         x, y = (goal - standing).tolist()
         up = self._rise.step(asked.landmarks[self._pelvis][2], dt, due=self.plan.support is not None)
         return asked.led(self._pelvis, (x, y, up), self._whole)
-
-    def _change_support(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Stop on the soles that carry from now on; a swing foot begins in its place."""
-        support = self.plan.single_support
-        self.stopping = self._stoppings[support]
-        self.stopping.begin(q, velocity)
-        if support is not None:
-            self._swings[1 - support].restart(self._stance.soles[1 - support].position.tolist())
 
     def _aim_weight(
         self, targets: FloatArray, com: FloatArray, moving: FloatArray, dt: float, *, place: FloatArray

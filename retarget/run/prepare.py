@@ -405,7 +405,6 @@ def limbs_of(robot: RobotBody) -> tuple[bool, ...]:
 
 def _limits(robot: RobotBody, *, has_deadlines: bool) -> GuardLimits:
     """The limits of the guard, from the profile and the lags of its servos."""
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    lag = tuple(loop_lag(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos)
-    limits = replace(robot.profile.guard_limits(), lag=lag, limbs=limbs_of(robot))
+    lag = tuple(loop_lag(servo) for servo in robot.joint_map.servos)
+    limits = replace(robot.profile.safety.guard_limits(), lag=lag, limbs=limbs_of(robot))
     return limits if has_deadlines else replace(limits, max_pause=inf)

@@ -110,7 +110,7 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
         return path
     text = str(name_or_path)
     shown = text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."
-    if _looks_like_path(text):
+    if "/" in text or os.sep in text or text.endswith((".yaml", ".yml")):
         raise UsageError(
             f"there is no such {kind.label}",
             where=shown,
@@ -186,7 +186,3 @@ def is_file(path: Path) -> bool:
 
 def _inside(robot: Path) -> Path:
     return robot / "robot.yaml"
-
-
-def _looks_like_path(text: str) -> bool:
-    return "/" in text or os.sep in text or text.endswith((".yaml", ".yml"))

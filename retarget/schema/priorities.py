@@ -39,7 +39,7 @@ from retarget.schema.strict_models import (
     unknown_name,
     validated,
 )
-from retarget.schema.strict_yaml import Document, KeyPath, Node, read_text, scan
+from retarget.schema.strict_yaml import Document, KeyPath, read_text, scan
 
 # The tasks of a priority file: what each kind asks, and its keys. What `of` names depends on the stage: sensors for
 # `reconstruct`, landmarks or frames of the robot for `retarget`.
@@ -398,8 +398,15 @@ def _merged(path: Path, overlays: tuple[Path, ...] = ()) -> Document:
     own = {key: value for key, value in document.data.items() if key != "extends"}
     taken = {key: value for key, value in base.data.items() if key not in ("name", "description")}
     problems = list(document.problems)
-    if isinstance(own.get("levels"), list):
-        own["levels"] = _levels(document, base, problems)
+    entries, theirs = own.get("levels"), base.data["levels"]
+    if isinstance(entries, list) and isinstance(theirs, list):
+        # Levels that are only a name are those of the base.
+        by_name = {str(level["name"]): level for level in theirs if isinstance(level, dict)}
+        for index, entry in enumerate(entries):
+            if isinstance(entry, str) and entry not in by_name:
+                kind = f"level of {base.data['name']}"
+                problems.append(unknown_name(document, ("levels", index), kind, entry, by_name))
+        own["levels"] = [by_name.get(entry) if isinstance(entry, str) else entry for entry in entries]
     return replace(document, data=taken | own, problems=tuple(problems))
 
 
@@ -426,25 +433,13 @@ def _base(document: Document, overlays: tuple[Path, ...]) -> Path:
     return base
 
 
-def _levels(document: Document, base: Document, problems: list[Problem]) -> list[Node]:
-    """The levels of an overlay, those that are only a name from the base. Adds to `problems` names that it lacks."""
-    entries, theirs = document.data["levels"], base.data["levels"]
-    assert isinstance(entries, list) and isinstance(theirs, list), "the base is valid"
-    by_name = {str(level["name"]): level for level in theirs if isinstance(level, dict)}
-    for index, entry in enumerate(entries):
-        if isinstance(entry, str) and entry not in by_name:
-            kind = f"level of {base.data['name']}"
-            problems.append(unknown_name(document, ("levels", index), kind, entry, by_name))
-    return [by_name.get(entry) if isinstance(entry, str) else entry for entry in entries]
-
-
 def _check(priorities: Priorities, document: Document) -> list[Problem]:
     problems = []
     first: dict[str, int] = {}
     for index, level in enumerate(priorities.levels):
         earlier = first.setdefault(level.name, index)
         if earlier != index:
-            here = ("levels", index, "name")
+            here: KeyPath = ("levels", index, "name")
             found = f"{level.name!r}, also of level {earlier + 1}"
             problems.append(document.problem(here, "duplicate level name", found=found))
         for place, task in enumerate(level.tasks):
@@ -457,7 +452,12 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
                     at = ("levels", index, "tasks", place, "bent")
                     problems.append(document.problem(at, "two ways of one axis", allowed="lowered or bent"))
             if isinstance(task, CarriedTask):
-                problems += _carriers(task, ("levels", index, "tasks", place, "by"), document)
+                here = ("levels", index, "tasks", place, "by")
+                unknown = [name for name in task.by if name not in SENSORS]
+                problems += [unknown_name(document, (*here, name), "sensor", name, SENSORS) for name in unknown]
+                if not unknown and "head" not in task.by:
+                    found, step = listed(task.by), "Add head"
+                    problems.append(document.problem(here, "the head has no share", found=found, next_step=step))
     if priorities.levels and not any(level.tasks for level in priorities.levels):
         problems.append(document.problem(("levels",), "no level has a task", allowed="at least one task"))
     return problems
@@ -468,16 +468,6 @@ def _opposite(one: Direction, other: Direction) -> bool:
     (a, b, c), (x, y, z) = one, other
     lengths = sqrt(a * a + b * b + c * c) * sqrt(x * x + y * y + z * z)
     return a * x + b * y + c * z < -(1.0 - 1e-6) * lengths
-
-
-def _carriers(task: CarriedTask, here: KeyPath, document: Document) -> list[Problem]:
-    """What is wrong with the sensors that carry: a name that is none, or no head."""
-    unknown = [
-        unknown_name(document, (*here, name), "sensor", name, SENSORS) for name in task.by if name not in SENSORS
-    ]
-    if unknown or "head" in task.by:
-        return unknown
-    return [document.problem(here, "the head has no share", found=listed(task.by), next_step="Add head")]
 
 
 # Whether a priority file is for the body that it was given to: a robot's file moves no human, nor the other way.

@@ -1,12 +1,12 @@
 """A robot's profile: everything about the robot that its body file does not say. `configs/robots/<name>/robot.yaml`."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr
 
 from hardware.bus import BusSpec
-from hardware.guard_state import GuardLimits
 from hardware.servo import Layout, ServoSpec, find_model
 from retarget.schema.catalogue import Kind, read_as
 from retarget.schema.profile_parts import (
@@ -85,10 +85,8 @@ class RobotProfile(Schema):
         """The servos for the hardware side, in the profile's order. Raises HardwareError for an unknown model."""
         stiffness = {find_model(name).name: entry for name, entry in self.stiffness.items()}
         specs = servo_specs(self.servos, self.couplings)
-        protocols = {name: bus.protocol for name, bus in self.buses.items()}
-        return tuple(
-            with_stiffness(spec, stiffness.get(spec.model.name), protocol=protocols[spec.bus]) for spec in specs
-        )
+        placed = [replace(spec, protocol=self.buses[spec.bus].protocol) for spec in specs]
+        return tuple(with_stiffness(spec, stiffness.get(spec.model.name)) for spec in placed)
 
     def bus_specs(self) -> tuple[BusSpec, ...]:
         """The buses for the hardware side, in the profile's order. Raises HardwareError for an unknown model."""
@@ -102,10 +100,6 @@ class RobotProfile(Schema):
             name: bus.layout(find_model(servo.model) for servo in servos if servo.bus == name)
             for name, bus in self.buses.items()
         }
-
-    def guard_limits(self) -> GuardLimits:
-        """What the guard tolerates, by the profile's `safety`."""
-        return self.safety.guard_limits()
 
 
 def read_profile(path_or_name: str | Path, *, check: Check[RobotProfile] | None = None) -> RobotProfile:

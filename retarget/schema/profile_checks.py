@@ -5,6 +5,7 @@ up among the keys of the document, so that an entry with an error of its own is 
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from math import pi, radians
 
 from hardware.bus import BAUDS, WATCHDOG_STEP
@@ -21,7 +22,7 @@ from hardware.servo import (
 from retarget.errors import Problem
 from retarget.frames import JOINTS
 from retarget.schema.profile import RobotProfile
-from retarget.schema.profile_parts import Bus, Landmark, Point2, Postures, Safety, Servo, servo_specs
+from retarget.schema.profile_parts import Bus, Point2, Postures, Safety, Servo, servo_specs
 from retarget.schema.strict_models import keys_of, listed, unknown_name
 from retarget.schema.strict_yaml import Document, KeyPath
 
@@ -51,17 +52,11 @@ def check_servos(profile: RobotProfile, document: Document) -> Iterable[Problem]
             yield from _protocol(here, servo, model, bus, document)
         if not unfit:
             (spec,) = servo_specs({joint: servo}, profile.couplings)
-            step = _in_radians(servo) or "Check limits, zero_tick, direction, gear and mode"
+            (low, high), step = servo.limits, "Check limits, zero_tick, direction, gear and mode"
+            if servo.mode == "position" and high - low > 2.0 * pi:  # as limits in degrees are
+                step = f"Limits are in rad: {low:g} to {high:g} degrees are [{radians(low):.5g}, {radians(high):.5g}]"
             for text in spec.problems():
                 yield document.problem(here, text.removeprefix(f"{joint}: "), next_step=step)
-
-
-def _in_radians(servo: Servo) -> str:
-    """The next step where limits of one turn are farther apart, as those in degrees are; else ""."""
-    low, high = servo.limits
-    if servo.mode != "position" or high - low <= 2.0 * pi:
-        return ""
-    return f"Limits are in rad: {low:g} to {high:g} degrees are [{radians(low):.5g}, {radians(high):.5g}]"
 
 
 def check_stiffness(profile: RobotProfile, document: Document) -> Iterable[Problem]:
@@ -321,15 +316,12 @@ def _landmarks(profile: RobotProfile, document: Document) -> Iterable[Problem]:
             ("landmarks",), "landmarks are missing", found=listed(present), allowed=listed(needed), next_step=step
         )
     for name, landmark in profile.landmarks.items():
-        for key, joint in _human_joints(landmark):
-            if joint not in JOINTS:
-                yield unknown_name(document, ("landmarks", name, key), "human joint", joint, JOINTS)
-
-
-def _human_joints(landmark: Landmark) -> Iterable[tuple[str, str]]:
-    yield from (("follows", joint) for joint in landmark.follows)
-    yield from (("from", joint) for joint in landmark.measured_from)
-    yield from (("human_length", joint) for point in landmark.human_length for joint in point)
+        joints = {"follows": landmark.follows, "from": landmark.measured_from}
+        joints["human_length"] = tuple(chain.from_iterable(landmark.human_length))
+        for key, named in joints.items():
+            for joint in named:
+                if joint not in JOINTS:
+                    yield unknown_name(document, ("landmarks", name, key), "human joint", joint, JOINTS)
 
 
 def _observers(profile: RobotProfile, document: Document) -> Iterable[Problem]:

@@ -394,12 +394,12 @@ def servo_specs(servos: Mapping[str, Servo], couplings: Sequence[Coupling]) -> t
     )
 
 
-def with_stiffness(spec: ServoSpec, stiffness: Stiffness | None, *, protocol: int) -> ServoSpec:
+def with_stiffness(spec: ServoSpec, stiffness: Stiffness | None) -> ServoSpec:
     """The servo with the stiffness that its profile gives its model, None: none."""
     if stiffness is None:
         return spec
     of = spec if stiffness.p is None else replace(spec, gains=ServoGains(stiffness.p))
-    usual = ServoStiffness(stiffness.nominal, *stiffness.range_).scaled(DEFAULT_P_GAIN / p_gain(of, protocol))
+    usual = ServoStiffness(stiffness.nominal, *stiffness.range_).scaled(DEFAULT_P_GAIN / p_gain(of))
     return replace(spec, model=replace(spec.model, stiffness=usual))
 
 

@@ -260,8 +260,13 @@ def _path(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Pro
                 found=f"{after.time} s after {before.time} s",
                 allowed=f"more than {before.time} s",
             )
-        else:
-            yield from _speeds(before, after, document, place)
+            continue
+        duration = after.time - before.time
+        way, turn = _apart(before, after)
+        for value, limit, unit_name in ((way / duration, MAX_SPEED, "m/s"), (turn / duration, MAX_TURN, "rad/s")):
+            if value > limit:
+                what, found = "the path is too fast", f"{value:.4g} {unit_name} since the point before"
+                yield document.problem(place, what, found=found, allowed=f"at most {limit:g} {unit_name}")
     if obstacle.loop and max(_apart(path[0], path[-1])) > SAME_POINT:
         yield document.problem(
             (*here, len(path) - 1),
@@ -269,15 +274,6 @@ def _path(obstacle: Obstacle, document: Document, here: KeyPath) -> Iterable[Pro
             found=f"pos {list(path[-1].pos)}, quat {list(path[-1].quat)}",
             allowed=f"the first pose: pos {list(path[0].pos)}, quat {list(path[0].quat)}",
         )
-
-
-def _speeds(before: PathPoint, after: PathPoint, document: Document, place: KeyPath) -> Iterable[Problem]:
-    step = after.time - before.time
-    way, turn = _apart(before, after)
-    for value, limit, unit_name in ((way / step, MAX_SPEED, "m/s"), (turn / step, MAX_TURN, "rad/s")):
-        if value > limit:
-            what, found = "the path is too fast", f"{value:.4g} {unit_name} since the point before"
-            yield document.problem(place, what, found=found, allowed=f"at most {limit:g} {unit_name}")
 
 
 def _apart(a: PathPoint, b: PathPoint) -> tuple[float, float]:

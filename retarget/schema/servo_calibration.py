@@ -79,7 +79,8 @@ def write_calibration(calibration: ServoCalibration, path: Path | None = None) -
 
     path: write this file instead, and no other. Raises UsageError with the system's reason.
     """
-    content = _as_yaml(calibration).encode()
+    comment = "Which tick each servo of this one robot reads at angle, rad. Written by: retarget servo home"
+    content = dump(calibration.model_dump(exclude_defaults=True), comment=comment).encode()
     if path is not None:
         write_atomic(path, content, option=OPTION)
         return path
@@ -115,13 +116,8 @@ def _problems(profile: RobotProfile, read: ServoCalibration, document: Document)
         if len(homed) == 1:
             what, allowed = "half of a coupled pair", " and ".join(coupling.joints) + ", or none of them"
             found.append(document.problem(("servos", homed[0]), what, found=homed[0], allowed=allowed, next_step=STEP))
-    return found or _beyond_the_servos(profile, read, document)
-
-
-def _beyond_the_servos(profile: RobotProfile, read: ServoCalibration, document: Document) -> list[Problem]:
-    """What the servos could not reach with these zero ticks."""
-    if document.problems or not read.servos:
-        return []
+    if found or document.problems or not read.servos:
+        return found
     return [
         document.problem(("servos", joint, "tick"), f"impossible zero: {text}", next_step=STEP)
         for joint, text in impossible_zeros(profile.servo_specs(), read)
@@ -144,9 +140,3 @@ def _model(name: str) -> str:
         return find_model(name).name
     except HardwareError:
         return name
-
-
-def _as_yaml(calibration: ServoCalibration) -> str:
-    """The file's text: one line for each servo."""
-    comment = "Which tick each servo of this one robot reads at angle, rad. Written by: retarget servo home"
-    return dump(calibration.model_dump(exclude_defaults=True), comment=comment)

@@ -98,7 +98,7 @@ def held_goals(robot: RobotBody, joint: str, hung: Hung | None, *, dt: float) ->
     goals = np.tile(stand[robot.servo_columns], (len(path), 1))
     goals[:, column] = path
     torque = load_torques(robot, column, goals, hung)
-    expected = loop_stiffness(servo, protocol=robot.profile.buses[servo.bus].protocol)
+    expected = loop_stiffness(servo)
     ticks = np.ptp(torque) / servo.gear / expected / servo.model.tick_rad
     if ticks < LEAST_TICKS:
         raise UsageError(

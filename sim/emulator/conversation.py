@@ -160,8 +160,9 @@ class Conversation:
         The watchdogs that the frame feeds are fed. silent: ids that do not answer group reads.
         """
         to_all = frame.id == BROADCAST or self._conduct.fed_by is FedBy.ANY
-        for device in listeners if to_all else _of_id(frame.id, listeners):
-            device.receive(now)
+        for device in listeners:
+            if to_all or frame.id in (device.id, device.secondary_id):
+                device.receive(now)
         if not listeners or (frame.code == STATUS and listeners[0].protocol == 2):
             return []
         if frame.id != BROADCAST:
@@ -175,7 +176,14 @@ class Conversation:
         if frame.code in GROUP_WRITES:
             _write(writes2(frame.code, frame.params) if second else writes1(frame.params), listeners, now)
             return []
-        return self._to_all(frame, listeners, now)
+        # Only a ping to all is answered, in order of ids.
+        replies: dict[int, list[tuple[Device, Answer]]] = {}
+        for device in listeners:
+            before = device.id
+            answer = device.execute(frame.code, frame.params, now, broadcast=True)
+            if answer is not None and frame.code == Instruction.PING:
+                replies.setdefault(before, []).append((device, answer))
+        return [reply for own in sorted(replies) for reply in self._together(own, replies[own])]
 
     def _addressed(self, frame: WireFrame, listeners: Sequence[Device], now: float) -> list[Reply]:
         """Carry out a frame for one id: its devices answer; those with this secondary id obey without an answer."""
@@ -188,16 +196,6 @@ class Conversation:
             elif device.secondary_id == frame.id:
                 device.execute(frame.code, frame.params, now, broadcast=False, secondary=True)
         return self._together(frame.id, replies)
-
-    def _to_all(self, frame: WireFrame, listeners: Sequence[Device], now: float) -> list[Reply]:
-        """Carry out a broadcast frame; only a ping is answered, in order of ids."""
-        replies: dict[int, list[tuple[Device, Answer]]] = {}
-        for device in listeners:
-            before = device.id
-            answer = device.execute(frame.code, frame.params, now, broadcast=True)
-            if answer is not None and frame.code == Instruction.PING:
-                replies.setdefault(before, []).append((device, answer))
-        return [reply for device in sorted(replies) for reply in self._together(device, replies[device])]
 
     def _together(self, device: int, replies: Sequence[tuple[Device, Answer]]) -> list[Reply]:
         """Return what the host receives from the devices of one id: nothing, a status, or the mix of several."""
@@ -261,11 +259,6 @@ def _able(listeners: Sequence[Device], code: int, silent: Collection[int]) -> li
     else:
         able = [device for device in listeners if device.fast_read] if code in FAST_READS else list(listeners)
     return [device for device in able if device.id not in silent] if silent else able
-
-
-def _of_id(own: int, listeners: Sequence[Device]) -> list[Device]:
-    """Return the devices that have an id as their first or secondary one."""
-    return [device for device in listeners if own in (device.id, device.secondary_id)]
 
 
 def _write(items: Sequence[WriteItem], listeners: Sequence[Device], now: float) -> None:

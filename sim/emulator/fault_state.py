@@ -248,20 +248,18 @@ def obey(line: str, states: dict[str, FaultState], buses: Buses, now: Callable[[
             case ["help" | "?"]:
                 return HELP
             case ["list"]:
-                return _shown(states)
+                active = [(name, fault) for name, state in states.items() for fault in state.active]
+                shown = [" ".join([f"{name}: {fault.kind.value}", *map(str, fault.ids)]) for name, fault in active]
+                return "\n".join(shown) or "no fault"
             case ["clear", *rest]:
-                return _clear(rest, states, now())
+                kinds: list[FaultKind | None] = [_kind(word) for word in rest]
+                for state in states.values():
+                    for kind in kinds or [None]:
+                        state.clear(now(), kind)
+                return f"cleared {' '.join(rest) or 'all faults'}"
         return _begin(words, states, buses, now())
     except (ConfigError, UsageError) as error:
         return f"{error} Type help for help."
-
-
-def _clear(words: Sequence[str], states: dict[str, FaultState], now: float) -> str:
-    kinds: list[FaultKind | None] = [_kind(word) for word in words]
-    for state in states.values():
-        for kind in kinds or [None]:
-            state.clear(now, kind)
-    return f"cleared {' '.join(words) or 'all faults'}"
 
 
 def _begin(words: Sequence[str], states: dict[str, FaultState], buses: Buses, now: float) -> str:
@@ -288,12 +286,3 @@ def _kind(word: str) -> FaultKind:
 def _scalar(text: str) -> Node:
     """A word as the strict reader of files understands it."""
     return scan(f"value: {text}", Path("faults")).data["value"] if text.isascii() else text
-
-
-def _shown(states: dict[str, FaultState]) -> str:
-    lines = [
-        f"{name}: {fault.kind.value}" + "".join(f" {device}" for device in fault.ids)
-        for name, state in states.items()
-        for fault in state.active
-    ]
-    return "\n".join(lines) or "no fault"

@@ -49,10 +49,6 @@ class LineTiming:
         """Time of `count` bytes in s."""
         return self.bits * count / baud
 
-    def before_status(self, return_delay: float) -> float:
-        """Time in s from the end of what a servo waits for to its first bit; `return_delay`: its own, s."""
-        return self.return_delay * return_delay + self.turnaround
-
 
 class Chunk(NamedTuple):
     """Bytes that reach the host at `due`, s."""
@@ -136,7 +132,10 @@ class Line:
             if self.faults.dead:
                 self._arrive(self.faults.garbage(), end + self.timing.latency)
             elif start < self.servos_free:
-                self._collide(start)
+                # The host sends while servos do: they do not receive it, and it gets noise from then on.
+                for index, chunk in enumerate(self._waiting):
+                    if chunk.due > start + self.timing.latency:
+                        self._waiting[index] = Chunk(chunk.due, self._noise.randbytes(len(chunk.data)))
             else:
                 end = max(end, self._carry(piece, start))
             start = end
@@ -171,7 +170,13 @@ class Line:
         return at
 
     def _execute(self, protocol: int, frame: WireFrame, end: float) -> None:
-        listeners = self._awake(protocol, end)
+        # Only devices that are awake, and at the speed of the host, receive what it sends.
+        lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
+        listeners = [
+            device
+            for device in self.devices
+            if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(end)
+        ]
         if frame.code in GROUP_READS2 and frame.id == BROADCAST:
             self.faults.count_cycle()
             self.faults.update(end)
@@ -181,15 +186,6 @@ class Line:
         replies = self._conversation.answers(frame, listeners, end, silent=self.faults.silent_tail)
         if replies:
             self._send_replies(replies, end)
-
-    def _awake(self, protocol: int, now: float) -> list[Device]:
-        """Return the devices of a protocol that receive what the host sends."""
-        lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
-        return [
-            device
-            for device in self.devices
-            if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(now)
-        ]
 
     def _send_replies(self, replies: Sequence[Reply], end: float) -> None:
         """Put answers on the wire, one after the other, from `end` of the instruction on."""
@@ -201,7 +197,7 @@ class Line:
             return
         for reply in replies:
             if reply.return_delay is not None:
-                at += timing.before_status(reply.return_delay)
+                at += timing.return_delay * reply.return_delay + timing.turnaround
             at += timing.on_wire(len(reply.data), self.baud)
             late = timing.latency
             if not faults.spoil:
@@ -220,13 +216,6 @@ class Line:
             due = max(due, self._waiting[-1].due)  # bytes never overtake
         self._waiting.append(Chunk(due, data))
         self._size += len(data)
-
-    def _collide(self, start: float) -> None:
-        """Let the host send from `start` while servos do: they do not receive it, and it gets noise from then on."""
-        seen = start + self.timing.latency
-        for index, chunk in enumerate(self._waiting):
-            if chunk.due > seen:
-                self._waiting[index] = Chunk(chunk.due, self._noise.randbytes(len(chunk.data)))
 
 
 def pieces(data: bytes) -> list[bytes]:

@@ -223,7 +223,10 @@ class PseudoTerminal:
             data = os.read(self.fd, CHUNK)
         except (BlockingIOError, InterruptedError):
             return
-        self.line.baud = self._baud()
+        # A lock that a client has set would outlive it, since this side stays open: it is undone.
+        fcntl.ioctl(self._client, termios.TIOCNXCL)
+        fcntl.ioctl(self._client, _TCGETS2, self._speed)
+        self.line.baud = self._speed[_SPEED_WORD] or 1
         for piece in pieces(data):
             if late > TOO_LATE and now < self.line.servos_free:
                 self.too_late = max(self.too_late, late)
@@ -257,13 +260,6 @@ class PseudoTerminal:
             self.close()
         elif not gone and self.fd < 0:
             self.open()
-
-    def _baud(self) -> int:
-        """The client's speed. Also undoes a lock that a client has set and, since this side stays open, would outlive
-        it."""
-        fcntl.ioctl(self._client, termios.TIOCNXCL)
-        fcntl.ioctl(self._client, _TCGETS2, self._speed)
-        return self._speed[_SPEED_WORD] or 1
 
 
 # Serving lines on pseudo-terminals until the caller stops it; it sleeps whenever nothing is due.

@@ -253,8 +253,13 @@ class EmulatedServo(ServoBody):
         deadline = self._watchdog.deadline
         if now > deadline:
             super().pass_events(deadline)
-            if self._watchdog.deadline == deadline:  # not switched off on the way
-                self._trip()
+            if self._watchdog.deadline == deadline:  # the bus has been silent for too long: it stops
+                self._watchdog.trip()
+                self.let_go(self.shaft.time)
+                for name, value in (("bus_watchdog", -1), ("profile_acceleration", 0), ("profile_velocity", 0)):
+                    self.memory.put(name, value)
+                self.shaft.hold()
+                self.tune()
         super().pass_events(now)
         self._eventless = min(self._eventless, self._watchdog.deadline)
 
@@ -302,16 +307,6 @@ class EmulatedServo(ServoBody):
         self.memory.put("hardware_error_status", self._latched)
         if self.barred:
             self._set_torque(False, self.shaft.time)
-
-    def _trip(self) -> None:
-        """Stop: the bus has been silent for too long."""
-        self._watchdog.trip()
-        self.let_go(self.shaft.time)
-        self.memory.put("bus_watchdog", -1)
-        self.memory.put("profile_acceleration", 0)
-        self.memory.put("profile_velocity", 0)
-        self.shaft.hold()
-        self.tune()
 
     def _set_torque(self, on: bool, now: float) -> None:
         """Switch torque; on, it goes to whatever the goal registers hold."""

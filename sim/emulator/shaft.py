@@ -163,11 +163,9 @@ class Mechanics(Protocol):
 
     def follow(self, shaft: "Shaft", now: float) -> tuple[float, float]:
         """Go on to `now` (s); return the position that the shaft has then, tick, and its velocity, tick/s."""
-        ...
 
     def effort(self, shaft: "Shaft") -> float:
         """Return the torque of the motor as a share of its stall torque, signed."""
-        ...
 
 
 class Shaft:
@@ -213,7 +211,9 @@ class Shaft:
 
     def refresh(self) -> None:
         """Take note of changed attributes."""
-        self._top = self.full * self.drive_limit * self._share_of_current()
+        # Friction takes all of the current limit at this share of the top speed.
+        share = min(max((self.current_limit - FRICTION_CURRENT) / SPEED_CURRENT, 0.0), 1.0)
+        self._top = self.full * self.drive_limit * share
         if self.law is not Law.VELOCITY or not self.torque:
             self._reference = self.velocity
         if not self.integral or not self.torque:
@@ -259,8 +259,7 @@ class Shaft:
             return 0.0
         if not self.stuck:
             return min(max(self.velocity / self.full, -self.drive_limit), self.drive_limit)
-        asked = self._push() / self.full if self.law is Law.POSITION else self._asked_speed() / self.full
-        return min(max(asked, -self.drive_limit), self.drive_limit)
+        return min(max(self._asked_speed() / self.full, -self.drive_limit), self.drive_limit)
 
     def trajectory(self) -> tuple[float, float]:
         """Position and speed of the motion profile, (tick, tick/s)."""
@@ -278,17 +277,11 @@ class Shaft:
         self.speed = 0.0
         self.refresh()
 
-    def _share_of_current(self) -> float:
-        """Share of the top speed at which friction takes all of the current limit."""
-        return min(max((self.current_limit - FRICTION_CURRENT) / SPEED_CURRENT, 0.0), 1.0)
-
-    def _push(self) -> float:
-        """Speed, tick/s, that the position loop asks for, before any limit."""
-        place, speed = self.trajectory()
-        return (place - self.position + self._bias + self.forward * speed) / self.lag
-
     def _asked_speed(self) -> float:
-        """Speed, tick/s, that the other laws ask for, before any limit."""
+        """Speed, tick/s, that the law asks for, before any limit."""
+        if self.law is Law.POSITION:
+            place, speed = self.trajectory()
+            return (place - self.position + self._bias + self.forward * speed) / self.lag
         if self.law is Law.VELOCITY:
             return self._reference
         if self.law is Law.PWM:

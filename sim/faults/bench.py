@@ -22,8 +22,7 @@ from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
 from retarget.live.stream import LiveStream
 from retarget.model.robot import RobotBody
-from retarget.run.loop import LiveInputs, Observer, Operator
-from retarget.run.loop import Tick as RunTick
+from retarget.run.loop import LiveInputs, Observer, Operator, Tick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, performance_of, prepare_for
 from retarget.run.supervisor import OperatorInput
@@ -50,7 +49,7 @@ STOPPED = (RunState.OFF, RunState.FAULT)
 
 
 @dataclass(frozen=True, slots=True)
-class Tick:
+class TickEnd:
     """The end of a tick, at `time`, s. latched: whether a stop is; slow: speed override of the robot."""
 
     time: float
@@ -73,7 +72,7 @@ class Trace:
     endless: it did not end.
     """
 
-    ticks: list[Tick] = field(default_factory=list)
+    ticks: list[TickEnd] = field(default_factory=list)
     out: list[tuple[float, frozenset[str]]] = field(default_factory=list)
     steps: list[tuple[float, float]] = field(default_factory=list)
     sent: list[Sent] = field(default_factory=list)
@@ -293,7 +292,7 @@ class Bench(Operator, Observer):
         """Stop the robot if that is asked for."""
         return OperatorInput(stop=STOP_ASKED if self.stop_asked else None)
 
-    def see(self, tick: RunTick) -> None:
+    def see(self, tick: Tick) -> None:
         """Keep what a tick has led to, and do what is due."""
         trace, guard, now = self.trace, self.guard, self.clock.now()
         state = self.machine.supervisor.state
@@ -307,10 +306,12 @@ class Bench(Operator, Observer):
         follows = self.recording is not None or "the performer is followed" in trace.said
         if trace.began is None and state is RunState.FOLLOW and follows:
             trace.began = now
-        trace.ticks.append(Tick(now, state, guard.stop is not None, guard.health.warnings.speed_override))
+        trace.ticks.append(TickEnd(now, state, guard.stop is not None, guard.health.warnings.speed_override))
         if trace.rebased is None and self.recording is None and self.stream.clock_map.jumps:
             trace.rebased = now
-        self._act(now)
+        since = trace.armed if self.approaching else trace.began
+        if since is not None:
+            self._act_until(now - since)
         if self.leaves and state in STOPPING and guard.stop is None:  # nothing is followed any more
             self.leave()
         if now > self._duration + ENDLESS_S:
@@ -329,12 +330,6 @@ class Bench(Operator, Observer):
         """End the observation after this tick."""
         self.trace.left = True
         self.kill()
-
-    def _act(self, now: float) -> None:
-        """Do what is due."""
-        since = self.trace.armed if self.approaching else self.trace.began
-        if since is not None and self._due:
-            self._act_until(now - since)
 
     def _perform(self, performer: Performer, robot: RobotBody | None) -> Performance:
         assert robot is not None

@@ -104,11 +104,6 @@ def _speeds(bench: Bench, trace: Trace, goal_tracks: list[Track], dt: float) -> 
     return wrong[:8]
 
 
-def _held_up(bench: Bench, trace: Trace, first: float, last: float) -> float:
-    """Return for how long, s, the faults that came between two times, s, may hold the robot before it goes on."""
-    return sum(limit for at, limit in bench.held_up if first <= at + (trace.began or 0.0) < last)
-
-
 def _stop_violations(
     bench: Bench, trace: Trace, goal_tracks: list[Track], writes: list[Written], dt: float
 ) -> list[str]:
@@ -121,12 +116,14 @@ def _stop_violations(
     before = max((tick.time for tick in trace.ticks if tick.time < begun), default=begun)
     wrong += torque_on_again(writes, before)
     off = torque_off(writes, before)
+    # Faults since the stop began may have held the robot for so long, s.
+    held_up = sum(limit for at, limit in bench.held_up if begun <= at + (trace.began or 0.0) < (off or begun))
     if since[-1].state is RunState.STANDING:
         wrong += ["torque went off though the robot stood"] if off is not None and off < since[-1].time else []
     elif off is None:
         if trace.gone is None and not trace.writes_fail:
             wrong.append("torque off was never commanded")
-    elif off - begun > (allowed := OFF_S / min(tick.slow for tick in since) + _held_up(bench, trace, begun, off)):
+    elif off - begun > (allowed := OFF_S / min(tick.slow for tick in since) + held_up):
         wrong.append(f"torque went off {off - begun:.2f} s after the stop began, allowed {allowed:g} s")
     ended = trace.first(STOPPED, begun)
     if ended is not None:
@@ -245,19 +242,11 @@ def reacted(row: Row, seen: Seen) -> Judged:
     if row.ends is not None and ended > row.ends:
         wrong.append(f"it ended after {ended:.1f} s, allowed {row.ends:g} s")
     since = None if took is None else took - seen.onset
-    wrong += _reason(row, seen.trace)
+    stop = seen.trace.stop
+    for wanted, cause in ((row.cause, stop.cause if stop else None), (row.then, stop.then if stop else None)):
+        if wanted is not None and cause is not wanted:
+            wrong.append(f"the reported cause is {'none' if cause is None else cause.value}, not {wanted.value}")
     return since, wrong + (let_go(seen.trace, seen.onset, row) if row.reaction is not Reaction.GONE else [])
-
-
-def _reason(row: Row, trace: Trace) -> list[str]:
-    """Return how the reported reason differs from the row's."""
-    stop = trace.stop
-    found = ((row.cause, stop.cause if stop else None), (row.then, stop.then if stop else None))
-    return [
-        f"the reported cause is {'none' if cause is None else cause.value}, not {wanted.value}"
-        for wanted, cause in found
-        if wanted is not None and cause is not wanted
-    ]
 
 
 def said(row: Row, trace: Trace) -> bool:

@@ -109,11 +109,6 @@ _FIRST_NUMBER = re.compile(rb'"p": \[[^,]+,')
 # Injections into a sender and its datagrams, besides those of `sender`.
 
 
-def _number(datagram: bytes, text: str) -> list[bytes]:
-    """Replace a number of every position."""
-    return [_FIRST_NUMBER.sub(b'"p": [' + text.encode() + b",", datagram)]
-
-
 def _no_rotation(datagram: bytes) -> list[bytes]:
     turned = datagram.replace(b"]}", b'], "q": [0.0, 0.0, 0.0, 0.0]}')
     return [turned.replace(b'"axes"', b'"quaternion": "wxyz", "axes"')]
@@ -301,7 +296,8 @@ SENDERS = (sender.silent, sender.flapping, sender.pausing, sender.lost, sender.f
 ACTS: dict[str, Act] = {
     **{make.__name__: _sender(make) for make in SENDERS},
     "moved": _sender(lambda name, by: sender.moved(name, 0.0, sender.EVER, by)),
-    "number": _garble(_number),
+    # The first number of every position becomes another text.
+    "number": _garble(lambda datagram, text: [_FIRST_NUMBER.sub(b'"p": [' + text.encode() + b",", datagram)]),
     "no_rotation": _garble(_no_rotation),
     "garbage_in_place": _garble(_garbage_in_place),
     "reordered": _reordered,

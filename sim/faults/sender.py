@@ -72,7 +72,10 @@ class FakeSender:
             time = self._sent / self.rate_hz
             payload = self.encoded(time)
             self._sent += 1
-            for datagram in self._garbled(time, payload):
+            garbled = [] if payload is None else [payload]
+            for garble in self.garbles:
+                garbled = [new for datagram in garbled for new in garble(time, datagram)]
+            for datagram in garbled:
                 arrival = min(due + self._chance.uniform(0.0, JITTER_S), now)
                 found.append(Datagram(arrival, self.source, datagram))
         for other in self.others:
@@ -99,12 +102,6 @@ class FakeSender:
         for fault in self.faults:
             poses = None if poses is None else fault(time, poses)
         return poses
-
-    def _garbled(self, time: float, payload: bytes | None) -> list[bytes]:
-        found = [] if payload is None else [payload]
-        for garble in self.garbles:
-            found = [new for datagram in found for new in garble(time, datagram)]
-        return found
 
 
 def encoded(stamp: float, poses: Poses) -> bytes:

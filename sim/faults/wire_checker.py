@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from hardware.servo import ServoSpec
-from retarget.model.body_file import BodyFile, compile_body
+from retarget.model.body_file import compile_body
 from retarget.model.robot import RobotBody
 from retarget.report.clearance import Clearance, PlacedBody
 from retarget.types import FloatArray
@@ -261,11 +261,7 @@ DEEPEST_M = 2e-4
 """Greatest depth of contact, m, by rounding to ticks: a tick of 1.5 mrad at an arm of 0.2 m moves it 0.3 mm."""
 
 
-@cache
-def _body(path: str, root: str) -> BodyFile:
-    from pathlib import Path
-
-    return compile_body(Path(path), root=root)  # type: ignore[arg-type]
+_compiled = cache(compile_body)
 
 
 def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
@@ -283,7 +279,7 @@ def postures_of(robot: RobotBody, goal_tracks: Sequence[Track]) -> FloatArray:
 
 def clearance_of(robot: RobotBody, postures: FloatArray) -> Clearance:
     """Return the clearance, m, of the body to itself in postures (T, nq), rad."""
-    file = _body(str(robot.profile.body_path), robot.profile.root)
+    file = _compiled(robot.profile.body_path, root=robot.profile.root)
     placed = PlacedBody(file, postures, np.arange(len(postures)))
     neutral = robot.posture(robot.profile.postures.neutral)
     return placed.to_itself(neutral=neutral, ignored=[entry.pair for entry in robot.profile.ignore_pairs])

@@ -12,7 +12,7 @@ from hardware.servo import ServoSpec
 from sim.emulator.line import Line
 from sim.emulator.servo_body import ServoBody
 from sim.emulator.shaft import Law, Shaft
-from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT, check_goals
+from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT
 from sim.physics.simulation import BATCH_S, Simulation
 
 
@@ -31,8 +31,6 @@ class PhysicsBus:
         self._servos = servos
         self._zero = np.array([servo.zero_tick for servo in servos], dtype=np.float64)
         self._tick_rad = np.array([servo.model.tick_rad for servo in servos])
-        self._first = np.array([servo.lowest_tick for servo in servos], dtype=np.int64)
-        self._last = np.array([servo.highest_tick for servo in servos], dtype=np.int64)
         self._unit = np.array([servo.model.current_unit or np.nan for servo in servos])
         self._origin = clock.now()
         self._open = False
@@ -54,7 +52,7 @@ class PhysicsBus:
         check_open(self._open, where="physics bus, write")
         self._catch_up()
         ticks = goals.ticks
-        check_goals(ticks, self._first, self._last, where="physics bus, write")
+        self.simulation.world.robot.joint_map.check_goals(ticks, where="physics bus, write")
         self.simulation.aim((ticks - self._zero) * self._tick_rad, self._now() + self._latency)
 
     def torque(self, on: bool) -> None:
@@ -121,7 +119,9 @@ class SimulatedShafts:
         self._tick_rad = np.array([drive.servo.model.tick_rad for drive in simulation.world.drives])
         stall = [drive.numbers.stall_torque(drive.servo.model.voltage) for drive in simulation.world.drives]
         self._stall = np.array(stall)
-        self._seen = self._ticks()  # (n,) position of each shaft at its last update
+        self._seen: FloatArray = (
+            simulation.motors.angle(simulation.data) / self._tick_rad
+        )  # (n,) position of each shaft at its last update
         self._sent = self._seen.copy()  # (n,) goals
         self._settings: tuple[tuple[float, float, bool], ...] = ()
         simulation.electrics.trips = False  # the emulated servo protects itself
@@ -131,9 +131,17 @@ class SimulatedShafts:
 
         The registers may count the turns anew (homing offset, one turn), so only the change of angle is added.
         """
-        self._advance(now - self._begun)
+        simulation, to = self._simulation, now - self._begun
+        while to - simulation.time >= simulation.world.step:
+            self._take_settings()
+            errors = [one.trajectory()[0] - one.position for one in self._shafts]
+            goals = self._seen + np.array(errors)
+            if np.abs(goals - self._sent).max() > SAME_TICK:
+                self._sent = goals
+                simulation.aim(goals * self._tick_rad, simulation.time)
+            simulation.advance(min(to, simulation.time + BATCH_S))
         row = self._row[id(shaft)]
-        angle, speed = self._simulation.motors.shaft(self._simulation.data, row)
+        angle, speed = simulation.motors.shaft(simulation.data, row)
         tick = angle / float(self._tick_rad[row])
         position = shaft.position + tick - float(self._seen[row])
         self._seen[row] = tick
@@ -145,16 +153,12 @@ class SimulatedShafts:
         simulation = self._simulation
         return float(simulation.motors.torque(simulation.data)[row] / self._stall[row])
 
-    def _advance(self, to: float) -> None:
-        simulation = self._simulation
-        while to - simulation.time >= simulation.world.step:
-            self._take_settings()
-            self._take_goals()
-            simulation.advance(min(to, simulation.time + BATCH_S))
-
     def _take_settings(self) -> None:
         """Take torque, gain and drive limit from the registers."""
-        settings = tuple((shaft.lag * shaft.full, shaft.drive_limit, _driven(shaft)) for shaft in self._shafts)
+        settings = tuple(
+            (shaft.lag * shaft.full, shaft.drive_limit, shaft.torque and shaft.law is Law.POSITION)
+            for shaft in self._shafts
+        )
         if settings == self._settings:
             return
         self._settings = settings
@@ -162,17 +166,6 @@ class SimulatedShafts:
         stiff = np.where((reach > 0.0) & (reach < inf), 1.0 / np.maximum(reach * self._tick_rad, 1e-9), 0.0)
         self._simulation.motors.tune(proportional=stiff, limit=limit)
         self._simulation.switch(driven.astype(np.bool_))
-
-    def _take_goals(self) -> None:
-        simulation = self._simulation
-        errors = [shaft.trajectory()[0] - shaft.position for shaft in self._shafts]
-        goals = self._seen + np.array(errors)
-        if np.abs(goals - self._sent).max() > SAME_TICK:
-            self._sent = goals
-            simulation.aim(goals * self._tick_rad, simulation.time)
-
-    def _ticks(self) -> FloatArray:
-        return np.asarray(self._simulation.motors.angle(self._simulation.data) / self._tick_rad)
 
 
 def drive_shafts(
@@ -187,7 +180,3 @@ def drive_shafts(
     for one in emulated:
         one.shaft.mechanics = shafts
     return shafts
-
-
-def _driven(shaft: Shaft) -> bool:
-    return shaft.torque and shaft.law is Law.POSITION

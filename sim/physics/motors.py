@@ -55,13 +55,11 @@ class PositionLoop:
     integral: float
 
 
-def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
+def position_loop(servo: ServoSpec) -> PositionLoop:
     """The loop of a servo with the profile's gains. A model without a P gain (AX-12A) has its default slope."""
     gains, model = servo.gains, servo.model
-    if model.layout_in(protocol) is Layout.OLDER:
-        return PositionLoop(
-            1.0 / full_drive_error(p_gain(servo, protocol)), 0.0, integral_rate(servo, protocol=protocol)
-        )
+    if model.layout_in(servo.protocol) is Layout.OLDER:
+        return PositionLoop(1.0 / full_drive_error(p_gain(servo)), 0.0, integral_rate(servo))
     register = gains.position_p
     if not register:
         return PositionLoop(0.0, 0.0, 0.0)
@@ -70,13 +68,13 @@ def position_loop(servo: ServoSpec, *, protocol: int) -> PositionLoop:
     return PositionLoop(
         proportional=1.0 / full_drive_error(float(register)),
         derivative=1e-3 * damping / FULL_PWM / model.tick_rad,
-        integral=integral_rate(servo, protocol=protocol),
+        integral=integral_rate(servo),
     )
 
 
-def gain_missing(servo: ServoSpec, *, protocol: int) -> bool:
+def gain_missing(servo: ServoSpec) -> bool:
     """Whether the profile does not have the P gain of this servo."""
-    return servo.gains.position_p is None and find_table(servo.model.name, protocol).p_gain is not None
+    return servo.gains.position_p is None and find_table(servo.model.name, servo.protocol).p_gain is not None
 
 
 # Measured motors and gears of servos, one row per model in `motors.yaml`. Values without a measurement are derived, as
@@ -239,7 +237,13 @@ def add_motors(spec: Any, drives: Sequence[Drive]) -> None:
         numbers, joint = drive.numbers, spec.joint(drive.servo.joint)
         if drive.coupled:
             joint.armature = joint.frictionloss = 0.0
-            _add_shaft(spec, drive)
+            # A tendon is as long as the shaft's angle.
+            name, armature, friction = SHAFT + drive.servo.joint, numbers.armature, numbers.friction
+            shaft = spec.add_tendon(name=name, armature=armature, frictionloss=friction)
+            shaft.actfrclimited = True
+            shaft.actfrcrange = drive.most_torque * np.array([-1.0, 1.0])
+            for part, turns in drive.turns:
+                shaft.wrap_joint(part, turns)
         else:
             ((_, turns),) = drive.turns
             joint.armature = turns**2 * numbers.armature
@@ -249,16 +253,6 @@ def add_motors(spec: Any, drives: Sequence[Drive]) -> None:
         _add_actuator(spec, drive, MOTOR)
     for drive in drives:
         _add_actuator(spec, drive, BACK_EMF)
-
-
-def _add_shaft(spec: Any, drive: Drive) -> None:
-    """Add a tendon that is as long as a coupled servo's shaft angle."""
-    numbers = drive.numbers
-    shaft = spec.add_tendon(name=SHAFT + drive.servo.joint, armature=numbers.armature, frictionloss=numbers.friction)
-    shaft.actfrclimited = True
-    shaft.actfrcrange = drive.most_torque * np.array([-1.0, 1.0])
-    for joint, turns in drive.turns:
-        shaft.wrap_joint(joint, turns)
 
 
 def _add_actuator(spec: Any, drive: Drive, part: str) -> None:
@@ -307,7 +301,14 @@ class Motors:
         """Goal angles, rad."""
         self.driven: BoolArray = np.zeros(len(names), dtype=np.bool_)
         """Which servos have torque."""
-        _set_viscous(model, drives)
+        # Viscous friction is set in the compiled model, whose arrays have one meaning in every version of the engine.
+        for drive in drives:
+            viscous, dof = drive.numbers.viscous, model.joint(drive.servo.joint).dofadr[0]
+            if drive.coupled:
+                model.dof_damping[dof] = 0.0
+                model.tendon_damping[model.tendon(SHAFT + drive.servo.joint).id] = viscous
+            else:
+                model.dof_damping[dof] = drive.turns[0][1] ** 2 * viscous
 
     def power(self, driven: BoolArray, voltage: FloatArray) -> None:
         """Give torque to the servos `driven` (n,), at supplies `voltage` (n,) V."""
@@ -374,17 +375,6 @@ def _transmission(drives: Sequence[Drive]) -> FloatArray:
         for joint, share in drive.turns:
             turns[row, column[joint]] = share
     return turns
-
-
-def _set_viscous(model: Any, drives: Sequence[Drive]) -> None:
-    """Set viscous friction in the compiled model, whose arrays have one meaning in every version of the engine."""
-    for drive in drives:
-        viscous, dof = drive.numbers.viscous, model.joint(drive.servo.joint).dofadr[0]
-        if drive.coupled:
-            model.dof_damping[dof] = 0.0
-            model.tendon_damping[model.tendon(SHAFT + drive.servo.joint).id] = viscous
-        else:
-            model.dof_damping[dof] = drive.turns[0][1] ** 2 * viscous
 
 
 # Current, supply and heat of simulated servos: a stated model, calibrated on no hardware.

@@ -210,8 +210,7 @@ def check_masses(robot: RobotBody, spec: Any) -> None:
 
 def check_gains(robot: RobotBody) -> None:
     """Raise ConfigError for servos without a P gain in the profile."""
-    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
-    unknown = [s.joint for s in robot.joint_map.servos if gain_missing(s, protocol=protocols[s.bus])]
+    unknown = [servo.joint for servo in robot.joint_map.servos if gain_missing(servo)]
     if unknown:
         raise ConfigError(
             f"{counted(len(unknown), 'servo')} without a P gain",

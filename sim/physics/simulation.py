@@ -132,7 +132,12 @@ class Simulation:
         self._model = model = world.model
         chance = np.random.default_rng(seed)
         self.motors = Motors(model, world.drives)
-        self._vary(chance)
+        factors = 1.0 + FRICTION_SPREAD * chance.uniform(-1.0, 1.0, len(world.drives))
+        for drive, factor in zip(world.drives, factors, strict=True):
+            if drive.servo.coupling is None:
+                model.dof_frictionloss[model.joint(drive.servo.joint).dofadr[0]] *= factor
+            else:
+                model.tendon_frictionloss[model.tendon(SHAFT + drive.servo.joint).id] *= factor
         _load(model, world, perturbation)
         self.data: Any = mujoco.MjData(model)
         if world.mount.support is Support.GANTRY:
@@ -140,7 +145,11 @@ class Simulation:
         mujoco.mj_setConst(model, self.data)
         mujoco.mj_resetData(model, self.data)
         self.data.qpos[:] = world.start
-        self._blur_start(chance)
+        within = chance.uniform(-0.5, 0.5, len(world.drives))  # where in its tick each shaft begins
+        for drive, share in zip(world.drives, within, strict=True):
+            if drive.servo.coupling is None:
+                address = model.joint(drive.servo.joint).qposadr[0]
+                self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
         mujoco.mj_forward(model, self.data)
         self._steps = SoleSteps(model, self.data)
         self.hand = Hand(model, self.data, world.root) if world.mount.support is Support.FLOOR else None
@@ -189,7 +198,8 @@ class Simulation:
         if end - self._done > self._count(LONGEST_S):
             self._done = end - self._count(LONGEST_S)
         while self._done < end:
-            self._take_due()
+            while self._waiting and self._waiting[0][0] <= self._done:
+                self.motors.goal = self._waiting.popleft()[1]
             steps = min(self._next_event(), end) - self._done
             elapsed = steps * self.world.step
             if self.moves:
@@ -233,10 +243,6 @@ class Simulation:
         """Steps of the engine in a time, s."""
         return floor(time / self.world.step + ROUND_OFF)
 
-    def _take_due(self) -> None:
-        while self._waiting and self._waiting[0][0] <= self._done:
-            self.motors.goal = self._waiting.popleft()[1]
-
     def _next_event(self) -> int:
         """Step at which the engine has to stop for something, or for the end of a batch."""
         event = self._done + max(self._count(BATCH_S), 1)
@@ -252,35 +258,16 @@ class Simulation:
         """Forces of the pushes that last now, on the engine's bodies."""
         self.data.xfrc_applied[:] = 0.0
         for start, end, push in self._pushes:
-            if start <= self._done < end:
-                self._apply(push)
-
-    def _apply(self, push: Push) -> None:
-        force, link, data = np.array(push.force), self.world.root, self.data
-        point = data.xipos[link]
-        if push.frame is not None:
-            frame = self.world.robot.frame(push.frame)
-            link = self._model.body(self.world.robot.body.body_names[frame.body]).id
-            point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ frame.position
-        data.xfrc_applied[link, :3] += force
-        data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
-
-    def _vary(self, chance: np.random.Generator) -> None:
-        """Vary the friction of each servo by the seed."""
-        factors = 1.0 + FRICTION_SPREAD * chance.uniform(-1.0, 1.0, len(self.world.drives))
-        for drive, factor in zip(self.world.drives, factors, strict=True):
-            if drive.servo.coupling is None:
-                self._model.dof_frictionloss[self._model.joint(drive.servo.joint).dofadr[0]] *= factor
-            else:
-                self._model.tendon_frictionloss[self._model.tendon(SHAFT + drive.servo.joint).id] *= factor
-
-    def _blur_start(self, chance: np.random.Generator) -> None:
-        """Draw where in its tick each shaft begins."""
-        within = chance.uniform(-0.5, 0.5, len(self.world.drives))
-        for drive, share in zip(self.world.drives, within, strict=True):
-            if drive.servo.coupling is None:
-                address = self._model.joint(drive.servo.joint).qposadr[0]
-                self.data.qpos[address] += share * drive.servo.model.tick_rad / drive.servo.gear
+            if not start <= self._done < end:
+                continue
+            force, link, data = np.array(push.force), self.world.root, self.data
+            point = data.xipos[link]
+            if push.frame is not None:
+                frame = self.world.robot.frame(push.frame)
+                link = self._model.body(self.world.robot.body.body_names[frame.body]).id
+                point = data.xpos[link] + data.xmat[link].reshape(3, 3) @ frame.position
+            data.xfrc_applied[link, :3] += force
+            data.xfrc_applied[link, 3:] += np.cross(point - data.xipos[link], force)
 
 
 def _load(model: Any, world: World, perturbation: Perturbation) -> None:

@@ -54,7 +54,8 @@ class StateReader:
         self._simulation, self._world = simulation, world
         self._least = LOADED_SHARE * world.weight
         self._owners = world.owners.tolist()
-        self._feet = np.array([_link(world, sole.body) for sole in world.soles], dtype=np.intp)
+        links = world.robot.body.body_names
+        self._feet = np.array([world.model.body(links[sole.body]).id for sole in world.soles], dtype=np.intp)
         self._places = np.array([sole.position for sole in world.soles]).reshape(-1, 3, 1)
         self._ups = np.array([rotations.rotate(sole.quat, np.array([0.0, 0.0, 1.0])) for sole in world.soles])
         self._ups = self._ups.reshape(-1, 3, 1)
@@ -77,7 +78,9 @@ class StateReader:
         corner = data.xpos[self._feet[of]] + (turns[of] @ self._corners)[:, :, 0]
         # The vertical part of each sole's normal is the cosine of its tilt; rounding may lift it above 1.
         up = np.minimum((turns @ self._ups)[:, 2, 0], 1.0)
-        root = self._root(data)
+        link = self._world.root
+        free = self._world.free
+        root = np.array(data.qpos[:7]) if free else np.concatenate([data.xpos[link], data.xquat[link]])
         self._q[self._joints] = data.qpos[self._world.columns]
         if self._own_root:
             self._q[:7] = root
@@ -143,14 +146,3 @@ class StateReader:
         carried = total > self._least and not self._simulation.held
         zmp = (moment_x / total, moment_y / total) if carried else (nan, nan)
         return np.array(load), np.array(pressed), np.array(zmp), (own, fixtures, touching)
-
-    def _root(self, data: Any) -> FloatArray:
-        """Place and turn of the root link (7,)."""
-        if self._world.free:
-            return np.array(data.qpos[:7])
-        return np.concatenate([data.xpos[self._world.root], data.xquat[self._world.root]])
-
-
-def _link(world: World, body: int) -> int:
-    """The engine's index of a link of the robot's body."""
-    return int(world.model.body(world.robot.body.body_names[body]).id)

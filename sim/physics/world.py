@@ -125,13 +125,12 @@ def build_world(
 def robot_drives(robot: RobotBody, *, stiffness_scale: float = 1.0) -> tuple[Drive, ...]:
     """The servos of a robot with their motors and loops, in servo order, by `stiffness_scale` as stiff as the profile
     says."""
-    protocols = {bus.name: bus.protocol for bus in robot.profile.bus_specs()}
     return tuple(
         Drive(
             servo,
             drive_numbers(servo.model),
-            position_loop(servo, protocol=protocols[servo.bus]),
-            stiffness_scale * loop_stiffness(servo, protocol=protocols[servo.bus]),
+            position_loop(servo),
+            stiffness_scale * loop_stiffness(servo),
         )
         for servo in robot.joint_map.servos
     )

@@ -200,7 +200,7 @@ def test_coupled_joints_strain_the_shafts_by_what_they_are_strained_by() -> None
     pair = [row for row, servo in enumerate(servos) if servo.coupling is not None]
     coupling = servos[pair[0]].coupling
     assert coupling is not None and [servos[row].joint for row in pair] == list(coupling.joints)
-    stiffness = np.array([loop_stiffness(servos[row], protocol=2) for row in pair])
+    stiffness = np.array([loop_stiffness(servos[row]) for row in pair])
     joints = np.array([0.3, -0.7])  # [N m]
     shafts = np.array(coupling.matrix).T @ joints  # of equal power
     energy = joints @ joint_compliance(robot)[np.ix_(pair, pair)] @ joints

@@ -130,7 +130,7 @@ def test_reads_what_the_body_has() -> None:
     assert reader.joints(rows)[0] == pytest.approx(people.place(human, q, POINTS))
     assert reader.orientations(rows)[0, ORIENTED.index("pelvis")] == pytest.approx(q[3:7])
     assert reader.orientations(rows)[1] == pytest.approx(np.tile(rotations.IDENTITY, (3, 1)))
-    assert reader.centre_of_mass(rows)[0, :2] == pytest.approx([1.0, 2.0], abs=0.1)
+    assert reader.read(q)[2][:2] == pytest.approx([1.0, 2.0], abs=0.1)
 
 
 @pytest.mark.parametrize("name", list(POSTURES))

@@ -142,8 +142,7 @@ def test_what_i_gains_add_in_time_is_left_out() -> None:
     state = compensation.begin(posture)
     torque = GravityTorque(robot, stance).torques(stance.q, np.zeros(3))
     deflection = joint_compliance(robot) @ torque[[robot.body.dof_index(joint) for joint in robot.joint_map.joints]]
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    rate = np.array([integral_rate(servo, protocol=protocols[servo.bus]) for servo in robot.joint_map.servos])
+    rate = np.array([integral_rate(servo) for servo in robot.joint_map.servos])
     added, off = np.zeros_like(posture), list[float]()
     for _ in range(round(20.0 / dt)):
         goal, state = compensation.propose(state, posture, lambda near: near)
@@ -227,8 +226,7 @@ def test_legs_wait_for_their_slowest_servo() -> None:
     robot = load_robot("wolfgang")
     stance = plant(robot, robot.profile.postures.stand)
     joints = robot.joint_map
-    protocols = {line.name: line.protocol for line in robot.profile.bus_specs()}
-    lag = {servo.joint: loop_lag(servo, protocol=protocols[servo.bus]) for servo in joints.servos}
+    lag = {servo.joint: loop_lag(servo) for servo in joints.servos}
     compensation = DeflectionCompensation(robot, stance, dt=DT, settle=0.02)
     posture, speed = stance.q[robot.servo_columns].copy(), np.zeros(len(joints))
     gate = DrivenGate(Gate(joints, dt=DT, compensation=compensation), posture)

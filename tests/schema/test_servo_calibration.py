@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from unittest.mock import Mock
 
 import numpy as np
@@ -28,6 +29,7 @@ from retarget.schema.servo_calibration import (
     read_calibration,
     write_calibration,
 )
+from retarget.schema.strict_yaml import read_text, scan
 
 
 @pytest.fixture(autouse=True)
@@ -68,11 +70,10 @@ def test_what_is_written_is_read(op3: RobotProfile) -> None:
     tick=st.integers(-20000, 20000),
 )
 def test_any_name_and_number_survives_the_file(joint: str, angle: float, tick: int) -> None:
-    from retarget.schema.servo_calibration import _as_yaml
-    from retarget.schema.strict_yaml import scan
-
     calibration = ServoCalibration(robot="op3", servos={joint: entry(3, tick, angle=angle, homing_offset=-7)})
-    document = scan(_as_yaml(calibration), Path("calibration.yaml"))
+    with TemporaryDirectory() as folder:
+        path = write_calibration(calibration, Path(folder) / "zeros.yaml")
+        document = scan(read_text(path), path)
     assert not document.problems and ServoCalibration.model_validate(document.data) == calibration
 
 

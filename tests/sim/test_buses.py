@@ -77,7 +77,7 @@ def test_it_stands_with_its_own_gains_and_its_feet_stay() -> None:
 
 def test_the_guard_leads_it_from_arming_to_release() -> None:
     rig, joints = PhysicsRig(), op3().joint_map
-    guard = Guard(bus=rig.bus, joint_map=joints, limits=op3().profile.guard_limits())
+    guard = Guard(bus=rig.bus, joint_map=joints, limits=op3().profile.safety.guard_limits())
     present, gate = guard.present(), Gate(joints, dt=DT)
     goal = gate.begin(present)
     guard.arm(goal)

@@ -154,7 +154,7 @@ def test_the_lag_of_a_loop() -> None:
     servo = four_servos()[0]
 
     def lag(protocol: int = 2, **gains: int) -> float:
-        return loop_lag(replace(servo, gains=ServoGains(**gains)), protocol=protocol)
+        return loop_lag(replace(servo, gains=ServoGains(**gains), protocol=protocol))
 
     # 885 PWM at 885 * 128 / 800 = 141.6 ticks of error, 0.2172 rad; at 4.817 rad/s that is 45 ms.
     assert loop_lag(servo) == pytest.approx(0.0451, abs=1e-4)

@@ -1,6 +1,6 @@
 """A mock bus with faults: servos that are silent, hot, stuck or alarmed, and a port that fails."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import compress
@@ -64,9 +64,8 @@ class FaultyBus(MockBus):
         start: TickArray | None = None,
         lag: float | None = None,
         faults: Sequence[MockFault] = (),
-        protocols: Mapping[str, int] | None = None,
     ) -> None:
-        super().__init__(servos, clock, start=start, protocols=protocols)
+        super().__init__(servos, clock, start=start)
         if lag is not None:
             self._lag = np.full(len(servos), lag)
         models = [servo.model for servo in servos]
@@ -117,7 +116,7 @@ class FaultyBus(MockBus):
         super().torque(on)
         self._torque = np.where(silent, before, self._torque & (self._alert == 0))
         if silent.any():
-            names = ", ".join(f"{servo.joint} (id {servo.id})" for servo in compress(self._servos, silent))
+            names = ", ".join(f"{servo.joint} (id {servo.id})" for servo in compress(self._map.servos, silent))
             raise BusError(describe(what=f"no answer from {names}", where=f"mock bus, torque {'on' if on else 'off'}"))
 
     def _catch_up(self) -> None:
@@ -138,7 +137,7 @@ class FaultyBus(MockBus):
             super()._registers(),
             current=self._current.copy(),
             voltage=self._voltage.copy(),
-            temperature=np.full(len(self._servos), AMBIENT),
+            temperature=np.full(len(self._map.servos), AMBIENT),
         )
 
     def _merged(self, fresh: ServoStates, missing: BoolArray) -> ServoStates:
@@ -150,7 +149,7 @@ class FaultyBus(MockBus):
 
     def _struck(self, kind: FaultKind) -> BoolArray:
         """Mask (n,) of servos that have such a fault in this cycle."""
-        mask = np.zeros(len(self._servos), dtype=np.bool_)
+        mask = np.zeros(len(self._map.servos), dtype=np.bool_)
         for fault in self._faults:
             if fault.kind is kind and fault.lasts(self._cycle):
                 mask[fault.servo] = True

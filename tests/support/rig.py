@@ -58,17 +58,7 @@ class StubReconstructor(Reconstructor):
     def _made(self, sample: SensorSample) -> HumanPosture:
         q = self.human.body.qpos0.copy()
         q[:3] = sample.position[sample.names.index("head")]
-        row = q[None]
-        return HumanPosture(
-            q,
-            POINTS,
-            self._reader.joints(row)[0],
-            self._reader.orientations(row)[0],
-            self._reader.centre_of_mass(row)[0],
-            np.zeros(len(sample.names)),
-            0.0,
-            (1.0, 0.0),
-        )
+        return HumanPosture(q, POINTS, *self._reader.read(q), np.zeros(len(sample.names)), 0.0, (1.0, 0.0))
 
 
 class StubFollower(Follower):

@@ -137,9 +137,8 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
 def _result(body: RobotBody, held: HeldGoals, found: MeasuredStiffness, voltage: float) -> list[str]:
     """What was found, and what to write into the profile."""
     servo, planned = held.servo, body.profile
-    (protocol,) = (bus.protocol for bus in planned.bus_specs() if bus.name == servo.bus)
     table, gain = servo.model.stiffness, servo.gains.position_p
-    of_gain = table.scaled(p_gain(servo, protocol) / DEFAULT_P_GAIN)
+    of_gain = table.scaled(p_gain(servo) / DEFAULT_P_GAIN)
     within = "within" if of_gain.lowest <= found.value <= of_gain.highest else "outside of"
     p = "" if gain is None else f", p: {gain}"
     entry = f"{{nominal: {found.value:.3g}, range: [{found.lowest:.3g}, {found.highest:.3g}]{p}}}"

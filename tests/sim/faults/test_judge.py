@@ -13,7 +13,7 @@ from messages import shows
 from retarget.live.performer import LivePerformer
 from retarget.types import RunState
 from row_runs import always, forked, pair_wrongs, row
-from sim.faults.bench import Bench, Tick, Trace
+from sim.faults.bench import Bench, TickEnd, Trace
 from sim.faults.cases import judged_seed
 from sim.faults.judge import ONSET, least, outdone, reached, violations
 from sim.faults.rows import Reaction
@@ -95,7 +95,7 @@ def goes_on(trace: Trace) -> Trace:
 def holds_while_it_moves(trace: Trace) -> Trace:
     begun = (trace.began or 0.0) + 0.2
     ticks = [replace(one, state=RunState.HOLD) if one.time > begun else one for one in trace.ticks]
-    return replace(trace, ticks=[*ticks, Tick(ticks[-1].time + 0.01, RunState.FOLLOW, True, 1.0)])
+    return replace(trace, ticks=[*ticks, TickEnd(ticks[-1].time + 0.01, RunState.FOLLOW, True, 1.0)])
 
 
 def hurries(trace: Trace) -> Trace:
@@ -152,7 +152,7 @@ def test_what_ended_before_the_stop_did_is_no_tick_after_it(bench: Bench) -> Non
     """A tick that fails at once ends when the one before did."""
     trace = bench.trace
     at = next(row for row, tick in enumerate(trace.ticks) if tick.latched)
-    held = Tick(trace.ticks[at].time, RunState.HOLD, False, 1.0)
+    held = TickEnd(trace.ticks[at].time, RunState.HOLD, False, 1.0)
     sound = replace(trace, ticks=[*trace.ticks[:at], held, *trace.ticks[at:]])
     assert not any("after a stop" in text for text in violations(bench, sound))
 
@@ -267,7 +267,7 @@ def test_the_stronger_of_two_is_asked_for(first: str, second: str, reaction: Rea
 
 def seen(*states: tuple[float, RunState, bool]) -> Trace:
     """Ticks: time (s), state, whether a stop is latched."""
-    return Trace(ticks=[Tick(time, state, latched, 1.0) for time, state, latched in states], torque=[1, 1])
+    return Trace(ticks=[TickEnd(time, state, latched, 1.0) for time, state, latched in states], torque=[1, 1])
 
 
 MOVING, HOLDING, STOPPING = RunState.FOLLOW, RunState.HOLD, RunState.STOPPING

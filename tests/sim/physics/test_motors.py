@@ -123,7 +123,7 @@ WAIST = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator
 class Bench:
     def __init__(self, text: str, servos: tuple[ServoSpec, ...], scale: float = 1.0) -> None:
         self.drives = tuple(
-            Drive(s, drive_numbers(s.model), position_loop(s, protocol=2), scale * loop_stiffness(s)) for s in servos
+            Drive(s, drive_numbers(s.model), position_loop(s), scale * loop_stiffness(s)) for s in servos
         )
         spec: Any = mujoco.MjSpec.from_string(text)
         add_motors(spec, self.drives)
@@ -199,7 +199,7 @@ def servo(model: str = "XM430-W350", **gains: int) -> ServoSpec:
 
 
 def loop(model: str = "XM430-W350", protocol: int = 2, **gains: int) -> PositionLoop:
-    return position_loop(servo(model, **gains), protocol=protocol)
+    return position_loop(replace(servo(model, **gains), protocol=protocol))
 
 
 def test_an_xm430_at_800_is_as_stiff_as_the_public_model_of_op3() -> None:
