@@ -227,9 +227,8 @@ class Pipeline:
                 allowed=f"at least {', '.join(base_sensors(self._sensors.names))}",
                 next_step="Wait for a sample in which they are valid",
             )
-        sizes = HumanDimensions | Person | None
         allowed = "HumanDimensions, what `read_person` returns, or None"
-        _check_type("calibration", calibration, sizes, allowed, "Pipeline.start")
+        _check_type("calibration", calibration, HumanDimensions | Person | None, allowed, "Pipeline.start")
         human = build_human(_dimensions(first, calibration))
         for_human, for_robot = self._priorities
         reconstructor = Reconstructor(human, for_human, self._performer)

@@ -124,7 +124,8 @@ def _spread(track: FloatArray) -> float:
 def _correlation(asked: FloatArray, reached: FloatArray, step: int) -> float:
     """Normalised correlation of what was asked with what was reached `step` ticks later."""
     both, a, b = _inner(asked[: len(asked) - step], reached[step:])
-    return both / float(np.sqrt(a * b))
+    size = float(np.sqrt(a * b))
+    return both / size if size > 0.0 else 0.0
 
 
 def _inner(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:

@@ -265,14 +265,14 @@ class Loop:
         with caught(failures, StopCause.SOURCE):
             self._recorder.begin()
         given = self._inputs.gather(self._state.tick, machine.supervisor.state, approached=motion.approach.arrived)
-        given = replace(given, failures=(*failures, *given.failures))
+        if failures:
+            given = replace(given, failures=(*failures, *given.failures))
         self._now, tried, times = given.now, None, dict[str, float]()
         for attempt in (brake,) if given.failed else (step, brake):
-            failures, output = list[Failure](), TickOutput(self._state, machine.supervisor.state)
-            begun = thread_cpu()
+            failures, output, begun = list[Failure](), None, thread_cpu()
             with caught(failures, StopCause.FILTER):
                 output = attempt(machine, motion, self._state, given)
-            if output.goal is not None:
+            if output is not None and output.goal is not None:
                 tried, times["time_gate"] = output.goal, given.now + thread_cpu() - begun
                 with caught(failures, StopCause.BUS):
                     machine.guard.write(output.goal)
@@ -281,8 +281,10 @@ class Loop:
                 break
             given = replace(given, failures=(*given.failures, *failures))
         else:  # the robot cannot brake either
-            cannot, output = failures[0], replace(output, goal=None)
+            cannot, output = failures[0], None
             machine.supervisor.fail(given.now, cannot.reason, cannot.cause, machine.guard, may_brake=False)
+        if output is None:
+            output = TickOutput(self._state, machine.supervisor.state)
         self._state = output.state
         self._keep(given, output, tried, times)
 
@@ -299,15 +301,16 @@ class Loop:
                 seen = Tick(self._recorder.record, None, given, output, tried)
                 show(self._observers, lambda observer: observer.see(seen))
             else:
-                self._recorder.keep_times(times)
-                self._keep_row(given, output, tried)
+                self._keep_row(given, output, tried, times)
         if output.lost:
             with caught(failures, StopCause.SOURCE):
                 self._samples.hold()
         for failure in failures:
             machine.guard.latch(failure.cause, failure.reason)
 
-    def _keep_row(self, given: TickInput, output: TickOutput, tried: CheckedGoal | None) -> None:
+    def _keep_row(
+        self, given: TickInput, output: TickOutput, tried: CheckedGoal | None, times: dict[str, float]
+    ) -> None:
         motion, recorder, state = self._motion, self._recorder, output.run_state
         assert output.goal is not None
         recorder.keep_human(motion.follow.human, output.state.sample, error=output.followed is not None)
@@ -319,9 +322,10 @@ class Loop:
             gated=output.gated,
             followed=output.followed,
         )
-        recorder.keep_times(_times_of(given, motion.follow.costs if output.followed is not None else None))
-        if output.followed is not None:
-            recorder.keep_costs(*motion.follow.costs)
+        costs = None if output.followed is None else motion.follow.costs
+        recorder.keep_times(times | _times_of(given, costs))
+        if costs is not None:
+            recorder.keep_costs(*costs)
         approaches = state in AT_RISK and not motion.approach.arrived
         phase = Phase.FOLLOW if state in AT_RISK else Phase.BRAKE  # a hold belongs to what it holds up
         phase = Phase.APPROACH if approaches or state is RunState.APPROACH else phase

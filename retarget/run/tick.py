@@ -8,6 +8,7 @@ the replay of a recording gather a `TickInput`, call it, and write the goal.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -173,20 +174,19 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     _look_at_servos(machine, state, given)
     news = tuple(guard.health.warnings.take_news())
     hold_reason, lost = _hold_reason(machine, motion, state, given)
-    state = _with_sample(state, given)
     situation = _situation(machine, motion, state, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
     news += supervisor.take_news()
     state, standing = _standing(machine, state)
     if supervisor.over:
-        return TickOutput(state, run_state, lost=lost, news=news + standing)
+        return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost, news=news + standing)
     wanted = _target(machine, motion, state, given)
     goal, target = motion.check(run_state, state.commanded, wanted)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
         refused = machine.refused or "the gate refuses the goal"
         news += () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
         state = replace(state, refused=refused)
-    state = replace(state, commanded=motion.next(state.commanded, goal, target))
+    state = replace(state, commanded=motion.next(state.commanded, goal, target), **_sampled(given))
     motion.lead_from(state.commanded)
     return TickOutput(
         state,
@@ -212,7 +212,7 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
         if supervisor.state is before:  # a stop that goes on failing has its limits, too
             situation = _situation(machine, motion, state, "")
             supervisor.step(given.now, OperatorInput(), PerformerInput(), situation, guard)
-    state, news = _standing(machine, _with_sample(state, given))
+    state, news = _standing(machine, replace(state, **_sampled(given)))
     news = supervisor.take_news() + news
     if supervisor.over:
         return TickOutput(state, supervisor.state, news=news)
@@ -235,10 +235,10 @@ def _look_at_servos(machine: Machine, state: TickState, given: TickInput) -> Non
         clearance.measure(machine.robot.joint_map.to_radians(given.servos.position), state.commanded.joints)
 
 
-def _with_sample(state: TickState, given: TickInput) -> TickState:
-    """The state with the sample of this tick, if following has begun."""
+def _sampled(given: TickInput) -> dict[str, Any]:
+    """What the sample of this tick changes in the state, if following has begun."""
     tick = given.performer.tick
-    return state if tick is None else replace(state, sample=given.performer.sample, tick=tick + 1)
+    return {} if tick is None else {"sample": given.performer.sample, "tick": tick + 1}
 
 
 def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> tuple[str, bool]:
