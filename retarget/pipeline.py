@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hardware.clock import VirtualClock
-from hardware.guard import Guard, text_of
+from hardware.guard import Guard
 from hardware.guard_state import GuardLimits, StopCause
 from hardware.no_bus import NoBus
 from retarget.errors import InputError, RefusedError, UsageError
@@ -40,7 +40,7 @@ from retarget.run.options import RunOptions
 from retarget.run.performers import SteppedPerformer
 from retarget.run.prepare import robot_stage, scene_of, stage_priorities
 from retarget.run.supervisor import AT_RISK, Event, OperatorInput, Supervisor
-from retarget.run.tick import Machine, TickInput, TickState, look_at, step
+from retarget.run.tick import Failure, Machine, TickInput, TickState, caught, look_at, perform
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.performer import Performer, load_performer
 from retarget.sources.stream_frame import unusable
@@ -55,7 +55,7 @@ class Goal:
     """The result of one tick.
 
     joint_positions (n,): rad, by joint_names, to be sent now. gated: something else than following asked for, because
-    that was refused. hold_reason: why the robot holds; "" in another state. human: the reconstructed performer.
+    that was refused. hold_reason: why the robot holds, or has failed and brakes; else "". human: the performer.
     landmarks_asked, landmarks_reached (k, 3): m, by landmark_names, in the robot's world; NaN in a tick in which the
     robot does not follow. Without a robot n and k are 0.
     """
@@ -269,8 +269,8 @@ class Pipeline:
         """The goal of the next tick. sample: the newest; None, or one without valid base sensors: the robot brakes on
         its soles, holds, and comes back slowly, as it does for sensors that move as no person can. A hold has no limit
         in time: you end it, by `stop`. dt: s, the period of your loop. Raises UsageError for another dt, other sensors,
-        or before `start`; then nothing has changed. After any other exception, which would be a defect, there is no new
-        goal: send none, and the robot brakes from the next `step` on, as after `stop`."""
+        or before `start`; then nothing has changed. Where anything else fails, which would be a defect, the robot
+        brakes as after `stop`, and `hold_reason` of the goals says why."""
         if self._reconstructor is None:
             raise UsageError("no performer yet", where="Pipeline.step", next_step="Call start(sample) first")
         _check_type("dt", dt, Real, f"{self.dt:g} s", "Pipeline.step")
@@ -296,28 +296,24 @@ class Pipeline:
         self._operator = OperatorInput(stop="Pipeline.stop")
 
     def _moved(self, machine: Machine, motion: RobotMotion) -> Goal:
-        guard, performer = machine.guard, PerformerInput()
-        try:
-            if self.state in AT_RISK:
+        guard, performer, failures = machine.guard, PerformerInput(), list[Failure]()
+        if self.state in AT_RISK:
+            with caught(failures, StopCause.SOURCE):
                 performer = look_at(self._samples, self._state.tick, approached=motion.approach.arrived)
-            given = TickInput(self._now, servos=guard.read(), performer=performer, operator=self._operator)
-            output = step(machine, motion, self._state, given)
-            if output.goal is not None:
-                guard.write(output.goal)
-        except Exception as error:
-            guard.latch(StopCause.FILTER, text_of(error))
-            raise
-        self._state = output.state
+        given = TickInput(self._now, 0.0, guard.read(), performer, self._operator, tuple(failures))
+        output = perform(machine, motion, self._state, given).output
+        self._state, stop = output.state, guard.stop
         if output.lost:
             self._samples.hold()
         assert guard.goal is not None, "the guard is armed"
+        failed = "" if stop is None or stop.cause is StopCause.REQUESTED else stop.reason
         names = motion.approach.first.landmark_names
         unknown = np.full((len(names), 3), np.nan)
         return Goal(
             joint_names=self.joint_names,
             joint_positions=guard.goal.joints,
             gated=output.gated,
-            hold_reason=machine.supervisor.hold_reason if output.run_state is RunState.HOLD else "",
+            hold_reason=machine.supervisor.hold_reason if output.run_state is RunState.HOLD else failed,
             human=motion.follow.human,
             landmark_names=names,
             landmarks_asked=unknown if output.followed is None else output.followed.landmarks_asked,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import inf
 
 from hardware.guard import Torque
-from hardware.guard_state import Stop
+from hardware.guard_state import Stop, StopCause
 from retarget.cli.application import console
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import Asked, Control, LiveStatus
@@ -16,7 +16,7 @@ from retarget.live.performer import LivePerformer
 from retarget.run.loop import Observer, Operator, Tick
 from retarget.run.prepare import Prepared
 from retarget.run.supervisor import AT_RISK, OperatorInput
-from retarget.run.tick import Machine
+from retarget.run.tick import Failure, Machine, caught
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
 
@@ -58,16 +58,20 @@ class RunOperator(Operator):
 
     def ask(self, state: RunState | None) -> OperatorInput:
         """What is asked for now, as `Operator.ask` says."""
-        now, fault = self._clock.now(), None
-        if self._page is not None and self._page.stop_asked():
-            self.stop.ask(ON_THE_PAGE)
-        for control in self._controls:
-            for asked, reason in control.poll(now):
-                self._carry_out(asked, reason)
+        now, fault, failures = self._clock.now(), None, list[Failure]()
+        with caught(failures, StopCause.SOURCE):
+            if self._page is not None and self._page.stop_asked():
+                self.stop.ask(ON_THE_PAGE)
+        for control in self._controls:  # one that fails stops the robot, and hides no other
+            with caught(failures, StopCause.SOURCE):
+                for asked, reason in control.poll(now):
+                    self._carry_out(asked, reason)
         if self._since is not None and now - self._since > LONGEST_S:
             self.stop.ask(f"paused by the operator for {LONGEST_S:g} s")
         if self._bench is not None and self._machine is not None:
             fault = self._bench.look(self._machine, self._samples)
+        if failures and fault is None:
+            fault = StopCause.SOURCE, failures[0].reason
         return replace(self.asked(), fault=fault)
 
     def asked(self) -> OperatorInput:
@@ -174,18 +178,22 @@ class Announcer(Observer):
             return
         if self._stop.too_soon and not (self._ignored or forced):
             self._ignored = True
-            self._notify(TOO_SOON)
+            self._say(TOO_SOON)
         if stop is not None and not self.reason:
             self.reason = stop.reason
             then = machine.end_plan.end.value if machine.guard.may_go_to_rest else "it brakes, and torque goes off"
             next_step = "torque goes off at once" if forced else f"{then} (Ctrl-C {_again(stop)}: torque off at once)"
-            self._notify(f"stopping: {stop.reason}: {next_step}")
+            self._say(f"stopping: {stop.reason}: {next_step}")
         if self._topples:
             self._topples = False
-            self._notify(HOLD_IT)
+            self._say(HOLD_IT)
         if state is RunState.STANDING and machine.waits and tick.given.now - self._reminded >= REMINDER_S:
             self._reminded = tick.given.now
-            self._notify(f"torque is on: hold the robot, then press Ctrl-C {_again(stop)} (or: {TORQUE_OFF_COMMAND})")
+            self._say(f"torque is on: hold the robot, then press Ctrl-C {_again(stop)} (or: {TORQUE_OFF_COMMAND})")
+
+    def _say(self, text: str) -> None:
+        with caught([], StopCause.SOURCE):  # a terminal that is lost for a moment is spoken to again
+            self._notify(text)
 
     def ended(self) -> str:
         """What is said when the run has ended: of the torque, and the reason of a stop that was not said before."""

@@ -185,7 +185,7 @@ class RecordedInputs:
 
     def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
         samples = self._samples
-        if self._asked(Asked.OVER) or tick >= samples.ticks:
+        if self._asked(Asked.OVER) or tick >= samples.ticks or self._cycle > self._last:
             return PerformerInput(over=True)
         paused, words = self._asked(Asked.PAUSED), "as recorded"
         if not approached:

@@ -17,7 +17,7 @@ from retarget.human.samples import PerformerInput, Samples
 from retarget.run.controllers import RobotMotion
 from retarget.run.record import Phase, Record, TickRecorder
 from retarget.run.supervisor import AT_RISK, LONGEST_BRAKE_S, LONGEST_STOP_S, End, Event, OperatorInput
-from retarget.run.tick import Failure, Machine, TickInput, TickOutput, TickState, brake, caught, look_at, step
+from retarget.run.tick import Failure, Machine, TickDone, TickInput, TickOutput, TickState, caught, look_at, perform
 from retarget.types import RunState
 
 LATE, MANY_LATE = 0.35, 0.01
@@ -267,30 +267,15 @@ class Loop:
         given = self._inputs.gather(self._state.tick, machine.supervisor.state, approached=motion.approach.arrived)
         if failures:
             given = replace(given, failures=(*failures, *given.failures))
-        self._now, tried, times = given.now, None, dict[str, float]()
-        for attempt in (brake,) if given.failed else (step, brake):
-            failures, output, begun = list[Failure](), None, thread_cpu()
-            with caught(failures, StopCause.FILTER):
-                output = attempt(machine, motion, self._state, given)
-            if output is not None and output.goal is not None:
-                tried, times["time_gate"] = output.goal, given.now + thread_cpu() - begun
-                with caught(failures, StopCause.BUS):
-                    machine.guard.write(output.goal)
-                times["time_written"] = max(machine.clock.now(), times["time_gate"])
-            if not failures:
-                break
-            given = replace(given, failures=(*given.failures, *failures))
-        else:  # the robot cannot brake either
-            cannot, output = failures[0], None
-            machine.supervisor.fail(given.now, cannot.reason, cannot.cause, machine.guard, may_brake=False)
-        if output is None:
-            output = TickOutput(self._state, machine.supervisor.state)
-        self._state = output.state
-        self._keep(given, output, tried, times)
+        self._now = given.now
+        done = perform(machine, motion, self._state, given)
+        self._state = done.output.state
+        self._keep(done)
 
-    def _keep(self, given: TickInput, output: TickOutput, tried: CheckedGoal | None, times: dict[str, float]) -> None:
-        """Fill the row of this tick, and show it to who looks on. What fails here stops the robot in the next tick."""
-        machine, failures = self._machine, list[Failure]()
+    def _keep(self, done: TickDone) -> None:
+        """Fill the row of this tick, and show it to the observers. A failure to do so stops the robot in the next tick;
+        that of an observer does not."""
+        machine, failures, given, output = self._machine, list[Failure](), done.given, done.output
         for text in output.news:
             with caught([], StopCause.SOURCE):  # a lost terminal must not keep the robot from a stop
                 machine.notify(text)
@@ -298,19 +283,18 @@ class Loop:
             if given.performer.tick == self._samples.kept:
                 self._recorder.close()
             if output.goal is None:
-                seen = Tick(self._recorder.record, None, given, output, tried)
+                seen = Tick(self._recorder.record, None, given, output, done.tried)
                 show(self._observers, lambda observer: observer.see(seen))
             else:
-                self._keep_row(given, output, tried, times)
+                self._keep_row(done)
         if output.lost:
             with caught(failures, StopCause.SOURCE):
                 self._samples.hold()
         for failure in failures:
             machine.guard.latch(failure.cause, failure.reason)
 
-    def _keep_row(
-        self, given: TickInput, output: TickOutput, tried: CheckedGoal | None, times: dict[str, float]
-    ) -> None:
+    def _keep_row(self, done: TickDone) -> None:
+        given, output = done.given, done.output
         motion, recorder, state = self._motion, self._recorder, output.run_state
         assert output.goal is not None
         recorder.keep_human(motion.follow.human, output.state.sample, error=output.followed is not None)
@@ -323,18 +307,18 @@ class Loop:
             followed=output.followed,
         )
         costs = None if output.followed is None else motion.follow.costs
-        recorder.keep_times(times | _times_of(given, costs))
+        recorder.keep_times(done.times | _times_of(given, costs))
         if costs is not None:
             recorder.keep_costs(*costs)
         approaches = state in AT_RISK and not motion.approach.arrived
         phase = Phase.FOLLOW if state in AT_RISK else Phase.BRAKE  # a hold belongs to what it holds up
         phase = Phase.APPROACH if approaches or state is RunState.APPROACH else phase
 
-        def done(record: Record, row: int) -> None:
-            seen = Tick(record, row, given, output, tried)
+        def kept(record: Record, row: int) -> None:
+            seen = Tick(record, row, given, output, done.tried)
             show(self._observers, lambda observer: observer.see(seen))
 
-        recorder.keep(phase, done, approaches=approaches)
+        recorder.keep(phase, kept, approaches=approaches)
 
     # The beginning and the end of a run.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hardware.bus import ServoStates
-from hardware.clock import Clock
+from hardware.clock import Clock, thread_cpu
 from hardware.errors import BusError
 from hardware.guard import CheckedGoal, Guard, text_of
 from hardware.guard_state import StopCause
@@ -97,8 +97,7 @@ class TickState:
 class TickOutput:
     """What a tick leads to. goal: to be written now, None once torque is off; target: what it is for, None where there
     was none. gated: the gate refused what was asked. followed: the robot's posture for the performer, where it follows.
-    lost: no posture was found, and the performer is to be told that the robot holds. news: sentences for the
-    operator."""
+    lost: no posture was found for the performer, so the robot holds. news: sentences for the operator."""
 
     state: TickState
     run_state: RunState
@@ -172,14 +171,12 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     given."""
     guard, supervisor = machine.guard, machine.supervisor
     _look_at_servos(machine, state, given)
-    news = tuple(guard.health.warnings.take_news())
     hold_reason, lost = _hold_reason(machine, motion, state, given)
     situation = _situation(machine, motion, state, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
-    news += supervisor.take_news()
-    state, standing = _standing(machine, state)
+    state, news = _standing(machine, state)
     if supervisor.over:
-        return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost, news=news + standing)
+        return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost, news=news)
     wanted = _target(machine, motion, state, given)
     goal, target = motion.check(run_state, state.commanded, wanted)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
@@ -196,30 +193,70 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
         gated=wanted is not None and not (goal.passed and target is wanted),
         followed=motion.follow.posture if run_state is RunState.FOLLOW else None,
         lost=lost,
-        news=news + standing,
+        news=news,
     )
 
 
 def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickOutput:
     """The tick after a failure: the robot brakes, or torque goes off. Without the bus no robot brakes."""
     supervisor, guard = machine.supervisor, machine.guard
+    if given.operator.fault is not None:
+        guard.latch(*given.operator.fault)
     for failure in given.failures:
         if failure.cause is StopCause.SOURCE:
             guard.latch(failure.cause, failure.reason)
             continue
         before, may_brake = supervisor.state, failure.cause is not StopCause.BUS
         supervisor.fail(given.now, failure.reason, failure.cause, guard, may_brake=may_brake)
-        if supervisor.state is before:  # a stop that goes on failing has its limits, too
+        if supervisor.state is before:  # a stop that goes on failing has its limits and its operator, too
             situation = _situation(machine, motion, state, "")
-            supervisor.step(given.now, OperatorInput(), PerformerInput(), situation, guard)
+            supervisor.step(given.now, given.operator, PerformerInput(), situation, guard)
     state, news = _standing(machine, replace(state, **_sampled(given)))
-    news = supervisor.take_news() + news
     if supervisor.over:
         return TickOutput(state, supervisor.state, news=news)
     assert guard.goal is not None, "the robot is armed"
     goal = machine.gate.brake(guard.goal)  # from what the servos have, whatever has failed
     state = replace(state, commanded=motion.next(state.commanded, goal, None))
+    with caught([], StopCause.FILTER):  # a follower that fails does not keep the robot from braking
+        motion.lead_from(state.commanded)
     return TickOutput(state, supervisor.state, goal, news=news)
+
+
+@dataclass(frozen=True, eq=False)
+class TickDone:
+    """A tick that is done. given: with all that has failed. tried: the goal that was last given to the bus, whether
+    that failed or not. times: of its stages, s, by the names of their fields."""
+
+    given: TickInput
+    output: TickOutput
+    tried: CheckedGoal | None
+    times: dict[str, float]
+
+
+def perform(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> TickDone:
+    """A whole tick: `step`, else `brake`, and the goal is written. Raises nothing: where the robot cannot brake either,
+    its torque is off."""
+    guard, supervisor, tried, times = machine.guard, machine.supervisor, None, dict[str, float]()
+    if guard.goal is not None and guard.goal is not state.commanded.goal:  # an interrupt came between write and state
+        state = replace(state, commanded=motion.next(state.commanded, guard.goal, None))
+    for attempt in (brake,) if given.failed else (step, brake):
+        failures, output, begun = list[Failure](), None, thread_cpu()
+        with caught(failures, StopCause.FILTER):
+            output = attempt(machine, motion, state, given)
+        if output is not None and output.goal is not None:
+            tried, times["time_gate"] = output.goal, given.now + thread_cpu() - begun
+            with caught(failures, StopCause.BUS):
+                guard.write(output.goal)
+            times["time_written"] = max(machine.clock.now(), times["time_gate"])
+        if not failures:
+            break
+        given = replace(given, failures=(*given.failures, *failures))
+    else:  # the robot cannot brake either
+        cannot, output = failures[0], None
+        supervisor.fail(given.now, cannot.reason, cannot.cause, guard, may_brake=False)
+    output = output or TickOutput(state, supervisor.state)
+    news = (*guard.health.warnings.take_news(), *supervisor.take_news(), *output.news)
+    return TickDone(given, replace(output, news=news) if news else output, tried, times)
 
 
 def _look_at_servos(machine: Machine, state: TickState, given: TickInput) -> None:

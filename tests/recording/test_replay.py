@@ -293,6 +293,14 @@ def test_a_run_whose_robot_still_stood_on_a_real_bus_is_over_with_its_last_cycle
     assert again.difference.none and len(again.result.record) - len(run.result.record) in (0, 1)
 
 
+def test_a_recording_that_breaks_off_while_paused_is_over_with_its_last_cycle(plain: Recorded) -> None:
+    found = plain.read()
+    cycles = found.cycles[np.arange(60)]
+    cycles.asked[-1] = Asked.PAUSED
+    again = replay(with_cycles(found, cycles))
+    assert len(again.result.record) < 200 and not again.difference.absent
+
+
 def test_a_recording_of_before_ends_were_planned_goes_to_rest_untried(tmp_path: Path) -> None:
     """Its session has no plan, and its profile does not say that the robot stays at rest."""
     options = RunOptions(robot="toddlerbot", torque_off_at_end=True)

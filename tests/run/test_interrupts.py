@@ -81,6 +81,7 @@ def test_an_interrupt_beside_a_write_doubles_no_step(where: str, monkeypatch: py
     with pytest.raises(KeyboardInterrupt):
         play(rig)
     assert not displacement(rig.guard).any() and not rig.bus.torque_on
+    assert rig.guard.stop is not None and rig.guard.stop.reason == "KeyboardInterrupt", "nothing else has failed"
     fastest = np.abs(np.diff(swing(), axis=0)).max()
     assert fastest / 2.0 < np.abs(np.diff(goals, axis=0)).max() < fastest + 1.5 / COUNT
 
@@ -347,6 +348,22 @@ def test_a_control_that_fails_for_ever_does_not_hide_that_torque_is_to_go_off() 
     ending = play(rig, BrokenControl())
     assert ending.state is RunState.FAULT and not rig.bus.torque_on and ending.reason is not None
     assert ending.reason.startswith("no such pedal") and FORCED_STOP in ending.reason
+
+
+def test_torque_goes_off_where_it_is_asked_for_though_every_tick_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, asked = Rig(still(), goes_to_rest=True), 0
+    rig.machine = replace(rig.machine, waits=True)
+    monkeypatch.setattr(rig.bus, "read", failing(rig.bus.read, ValueError("no number"), range(120, FOR_EVER)))
+
+    def is_asked() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked > 3100:
+            raise GeneratorExit("the request was not heard")
+        return asked > 3000
+
+    ending = play(rig, Asks(torque_off=is_asked))
+    assert not rig.bus.torque_on and ending.reason is not None and ending.reason.startswith("no number")
 
 
 @pytest.mark.parametrize("kind", [Progress, RowObserver])

@@ -84,8 +84,8 @@ ON_ITS_WAY = [
     ROOT / "retarget/pipeline.py",
 ]
 """Where the way of a tick leads, from sample to goal."""
-OUTSIDE = {"loop.py: run", "loop.py: _give_up", "loop.py: _release", "prepare.py: _open", "pipeline.py: _moved"}
-"""What catches any exception before the first tick of a run or after the last, or raises it to the caller's loop."""
+OUTSIDE = {"loop.py: run", "loop.py: _give_up", "loop.py: _release", "prepare.py: _open"}
+"""What catches any exception before the first tick of a run or after the last."""
 ANY = {"Exception", "BaseException"}
 
 
