@@ -39,11 +39,6 @@ class Measured:
     report: Latency
     apart: Floats
 
-    @property
-    def sum_ms(self) -> float:
-        """The medians of all stages together, ms."""
-        return sum(spread.p50 for spread in self.report.stages.values())
-
 
 def measure(bus: str, seconds: float) -> Measured:
     """A live run on a bus, so many s of following. Raises RuntimeError where no hand has moved for long enough."""
@@ -64,7 +59,7 @@ def measure(bus: str, seconds: float) -> Measured:
         run = prepared.run()
         run = replace(run, live=prepared.samples.report(address="json://", person=None))  # type: ignore[attr-defined]
     found = latency_of(run)
-    if found is None:
+    if found is None or found.hand_to_shaft is None:
         raise RuntimeError("no hand has moved for long enough")
     return Measured(found, apart(run, sender, begun[0]))
 
@@ -88,10 +83,11 @@ def main() -> None:
     for stage in STAGES:
         spreads = [one.report.stages.get(stage) for one in found.values()]
         rows.append([stage, *("" if one is None else f"{one.p50:.1f} ({one.p99:.1f})" for one in spreads)])
-    rows.append(["sum of the medians", *(f"{one.sum_ms:.1f}" for one in found.values())])
-    rows.append(
-        ["hand to shaft", *(f"{(s := one.report.hand_to_shaft).p50:.1f} ({s.p99:.1f})" for one in found.values())]
-    )
+    for name, whole in (
+        ("stages together", [one.report.together for one in found.values()]),
+        ("hand to shaft", [one.report.hand_to_shaft for one in found.values()]),
+    ):
+        rows.append([name, *("" if one is None else f"{one.p50:.1f} ({one.p99:.1f})" for one in whole)])
     rows.append(["measured apart", *(f"{1e3 * np.median(one.apart):.1f}" for one in found.values())])
     show_table("latency", ["ms, median (p99)", *BUSES], rows, docs=wanted.docs)
 

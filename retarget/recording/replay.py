@@ -13,7 +13,7 @@ from hardware.clock import VirtualClock
 from hardware.errors import BusError, counted
 from hardware.guard_state import StopCause
 from retarget.errors import InputError
-from retarget.frames import SensorSample
+from retarget.frames import SampleTimes, SensorSample
 from retarget.human.samples import MAX_KEPT, Clip, Performance, PerformerInput
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import Configs, as_recorded
@@ -190,7 +190,11 @@ class RecordedInputs:
         paused, words = self._asked(Asked.PAUSED), "as recorded"
         if not approached:
             return PerformerInput(may_go_on=self._asked(Asked.APPROACH), hold_reason=words, paused=paused)
-        sample, settled = samples.sample(tick), float(self._cycles.settled[samples.rows[tick]])
+        cycles, row, sample = self._cycles, samples.rows[tick], samples.sample(tick)
+        if sample is not None:
+            stamps = (cycles.time_captured[row], cycles.time_arrived[row], cycles.time_shown[row])
+            sample = replace(sample, times=SampleTimes(*(float(stamp) - self._clock_lead for stamp in stamps)))
+        settled = float(cycles.settled[row])
         return PerformerInput(tick, sample, sample is not None, words, paused, settled)
 
 

@@ -34,36 +34,49 @@ with its gate; bus: until the goal is written; servo: from there to the shafts."
 
 @dataclass(frozen=True)
 class Latency:
-    """stages: ms, by name, those that are known. hand_to_shaft: ms, the whole way. Over ticks, or over windows."""
+    """stages: ms, by name, those that are known. hand_to_shaft: ms, the whole way, and together: the
+    stages that lead there, window by window; None: not known."""
 
     stages: dict[str, TimePercentiles]
-    hand_to_shaft: TimePercentiles
+    hand_to_shaft: TimePercentiles | None
+    together: TimePercentiles | None
 
 
 def latency_of(run: RunResult) -> Latency | None:
-    """The latency of a run; None without a robot whose servos answer, and where no hand has moved for long enough."""
-    record, following = run.record, run.record.following
-    known = record.robot is not None and run.setup.has_bus and following.stop > following.start
-    windows = [*_windows(run)] if known else []
-    if not windows:
+    """The latency of a run; None without a robot whose servos answer, or if it did not follow.
+
+    The lags of human, robot and servo, and the whole way, are known where a hand has moved and was followed for
+    WINDOW_S. The whole way from a stream is not known without its smoothing, which a recording does not hold.
+    """
+    following = run.record.following
+    if run.record.robot is None or not run.setup.has_bus or following.stop <= following.start:
         return None
-    rows = record[following]
-    ends = (rows.time_captured, rows.time_arrived, rows.time_used, rows.time_human, rows.time_gate, rows.time_written)
-    captured, arrived, used, human, gate, written = ends
+    rows, windows = run.record[following], [*_windows(run)]
+    captured, arrived, used = rows.time_captured, rows.time_arrived, rows.time_used
     ticks = {"capture": arrived - captured, "arrival": used - arrived, "playout": captured - rows.time_shown}
-    ticks |= {"human": human - used, "robot": gate - human, "bus": written - gate}
-    medians = {stage: float(np.nanmedian(times)) for stage, times in ticks.items() if np.isfinite(times).any()}
-    waits = sum(medians.get(stage, 0.0) for stage in ("capture", "arrival", "playout"))
-    # A lag between what is sent and the shafts begins with the tick in which it is sent.
-    sent = sum(medians.get(stage, 0.0) for stage in ("human", "robot", "bus"))
-    stages = {stage: times[np.isfinite(times)] for stage, times in ticks.items() if stage in medians}
-    for stage in ("human", "robot"):
-        stages[stage] = medians.get(stage, 0.0) + np.array([window.lags[stage] for window in windows])
-    stages["servo"] = np.array([window.lags["servo"] for window in windows]) - sent
-    if medians.keys() & {"playout"}:
-        stages["filter"] = np.array([window.filter for window in windows])
+    ticks |= {"human": rows.time_human - used, "robot": rows.time_gate - rows.time_human}
+    ticks |= {"bus": rows.time_written - rows.time_gate}
+    stages = {stage: times[np.isfinite(times)] for stage, times in ticks.items() if np.isfinite(times).any()}
+    is_live = "playout" in stages
+    median = {stage: float(np.median(stages[stage])) if stage in stages else 0.0 for stage in STAGES}
+    waits = median["capture"] + median["arrival"] + median["playout"]
+    lags = {stage: np.array([window.lags[stage] for window in windows]) for stage in ("human", "robot", "servo")}
+    for stage in ("human", "robot") if windows else ():
+        # Each tick and each window once: quantiles of the ticks, so that a long run is no large table.
+        spread = np.quantile(stages.get(stage, np.zeros(1)), np.linspace(0.0, 1.0, 101))
+        stages[stage] = np.add.outer(spread, lags[stage]).ravel()
+    if windows:  # a lag between what is sent and the shafts begins with the tick in which it is sent
+        stages["servo"] = lags["servo"] - (median["human"] + median["robot"] + median["bus"])
+    else:
+        stages = {stage: times for stage, times in stages.items() if stage not in ("human", "robot")}
     whole = [waits + window.filter + window.whole for window in windows]
-    return Latency({stage: spread_of(stages[stage].tolist()) for stage in STAGES if stage in stages}, spread_of(whole))
+    if is_live and run.live is not None and windows:
+        stages["filter"] = np.array([window.filter for window in windows])
+    is_known = windows and (run.live is not None or not is_live)
+    found = {stage: spread_of(stages[stage].tolist()) for stage in STAGES if stage in stages}
+    if not is_known:
+        return Latency(found, None, None)
+    return Latency(found, spread_of(whole), spread_of([waits + one.filter + sum(one.lags.values()) for one in windows]))
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
 
-FOLLOWED = (NOT_FOLLOWED, "likeness", "over the ground", "foot path")
+FOLLOWED = (NOT_FOLLOWED, "likeness", "over the ground", "foot path", "latency")
 """Findings on what a person sees that stand in the head of the page."""
 
 

@@ -170,7 +170,7 @@ class Report:
     is known; null of a robot that does not stand on planted soles, or whose legs do not follow.
     fallen, physics: as the simulation saw it; null without.
     steps: null of a robot that makes none. live: of the stream, null of a file. latency_ms: by stage, and
-    hand_to_shaft_ms: of the whole way, see `retarget.report.latency`; null where no hand has moved for long enough.
+    hand_to_shaft_ms: of the whole way, see `retarget.report.latency`.
     """
 
     frames: int

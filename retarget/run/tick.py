@@ -62,8 +62,7 @@ def caught(failures: list[Failure], cause: StopCause) -> Iterator[None]:
 class TickInput:
     """All that a tick is given. now: s, on the run's clock, when its inputs were there; idle: s, see `Clock.idle`.
 
-    servos: their states; None: they could not be read.
-    failures: of what gathered all this, and of an attempt before at this tick.
+    servos: their states; None: they could not be read. failures: while this was gathered, or while `step` ran.
     """
 
     now: float
@@ -75,16 +74,15 @@ class TickInput:
 
     @property
     def failed(self) -> bool:
-        """Whether the tick is to brake: what asks for a stop, or looks on, may fail without that."""
+        """Whether the tick is to brake. A stop source or an observer that fails stops the robot as a request does."""
         return any(failure.cause is not StopCause.SOURCE for failure in self.failures)
 
 
 @dataclass(frozen=True, eq=False)
 class TickState:
     """What a tick hands to the next one. commanded: where the robot was commanded to. tick: of the performance, the
-    next. sample: the last of the performer, or the
-    one that the robot approaches; None: it was not valid. refused: why goals on the way to rest were refused; standing:
-    why the robot stands at the end."""
+    next. sample: the last of the performer, or the one that the robot approaches; None: it was not valid. refused: why
+    goals on the way to rest were refused; standing: why the robot stands at the end."""
 
     commanded: Commanded
     tick: int = 0

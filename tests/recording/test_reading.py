@@ -20,6 +20,7 @@ from messages import refuses, shows
 from recordings import Recorded, record
 from retarget.errors import InputError, RefusedError
 from retarget.recording import read_run
+from retarget.recording.cdr import schema
 from retarget.recording.cycles import Done
 from retarget.recording.mcap_writer import METADATA
 from retarget.recording.reading import MAGIC, Recording, TopicRows, read_recording
@@ -279,3 +280,8 @@ def test_ticks_that_cannot_be_are_refused(content: bytes, tmp_path: Path) -> Non
         topics = recording.topics | {TICK: TopicRows(recording.topic(TICK).cycles, rows)}
         with refuses(InputError):
             _ = replace(recording, topics=topics).cycles
+
+
+def test_the_message_of_a_tick_has_the_times_of_all_stages() -> None:
+    lines = schema("retarget_msgs/msg/Tick").splitlines()
+    assert {f"float64 {stage}" for stage in STAGES} <= set(lines)
