@@ -349,12 +349,12 @@ STAGES = {"page": "from picture to page", "network": "from page to run", "goal":
 
 
 def latency_line(report: Report) -> str:
-    """The way from the performer's hand to the robot's shafts, with the stages that take a millisecond; "" where it is
-    not known."""
-    whole, stages = report.hand_to_shaft_ms, report.latency_ms
-    if whole is None or stages is None:
-        return ""
+    """The way from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where nothing
+    is known."""
+    whole, stages = report.hand_to_shaft_ms, report.latency_ms or {}
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
+    if whole is None:
+        return taken and f"{taken} ms; from hand to shaft it is not known"
     return f"{whole.p50:.0f} ms from hand to shaft (p99 {whole.p99:.0f}): {taken}"
 
 

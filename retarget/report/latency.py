@@ -34,8 +34,8 @@ with its gate; bus: until the goal is written; servo: from there to the shafts."
 
 @dataclass(frozen=True)
 class Latency:
-    """stages: ms, by name, those that are known. hand_to_shaft: ms, the whole way, and together: the
-    stages that lead there, window by window; None: not known."""
+    """stages: ms, by name, those that are known. hand_to_shaft: ms, the whole way; together: ms, the sum of the stages,
+    window by window; None: not known."""
 
     stages: dict[str, TimePercentiles]
     hand_to_shaft: TimePercentiles | None

@@ -1,4 +1,4 @@
-"""The loop of a run: gather the input of a tick, call `retarget.run.tick.step`, write the goal, keep the row."""
+"""The loop of a run: gather the input of a tick, call `retarget.run.tick.perform`, keep the row."""
 
 import gc
 from collections.abc import Callable, Iterator, Sequence
@@ -177,8 +177,8 @@ class LiveInputs:
 
 
 def _times_of(given: TickInput, costs: tuple[float, float] | None) -> dict[str, float]:
-    """Times of the stages of a tick up to the robot's posture. A stage takes its thread CPU, so that they
-    are known where time is virtual, too. costs: of both stages, s, where they ran."""
+    """Times of the stages of a tick up to the robot's posture. A stage takes its thread CPU, so that they are known
+    where time is virtual, too. costs: of both stages, s, where they ran."""
     sample, times = given.performer.sample, {"time_used": given.now}
     if given.servos is not None:
         times["time_read"] = given.servos.time
@@ -192,7 +192,7 @@ def _times_of(given: TickInput, costs: tuple[float, float] | None) -> dict[str, 
 
 
 class Loop:
-    """One run of one robot; call `run` once. `tick` gathers the input of a tick, calls `step`, writes and keeps."""
+    """One run of one robot; call `run` once. `tick` gathers the input of a tick, calls `perform`, and keeps the row."""
 
     def __init__(
         self,

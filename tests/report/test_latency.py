@@ -9,7 +9,10 @@ from benchmarks.latency import measure
 from hardware.clock import VirtualClock
 from retarget.human.samples import Playback
 from retarget.live.playout import LIGHT, OFF, smoothing_delay
+from retarget.live.stream_report import TimePercentiles
+from retarget.report.findings import latency_line
 from retarget.report.latency import latency_of
+from retarget.report.measure import measure as measure_run
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
@@ -43,6 +46,17 @@ def test_a_hand_that_stands_still_shows_none(run: RunResult) -> None:
     still = replace(run.record, sensors=np.zeros_like(run.record.sensors))
     found = latency_of(replace(run, record=still))
     assert found is not None and found.hand_to_shaft is None and list(found.stages) == ["bus"]
+
+
+def test_the_summary_names_the_stages_also_where_the_whole_way_is_not_known(run: RunResult) -> None:
+    report = replace(
+        measure_run(run),
+        latency_ms={"arrival": TimePercentiles(13.8, 26.8), "bus": TimePercentiles(0.4, 0.9)},
+        hand_to_shaft_ms=TimePercentiles(96.3, 138.8),
+    )
+    assert latency_line(report) == "96 ms from hand to shaft (p99 139): arrival 14"
+    assert latency_line(replace(report, hand_to_shaft_ms=None)) == "arrival 14 ms; from hand to shaft it is not known"
+    assert latency_line(replace(report, hand_to_shaft_ms=None, latency_ms=None)) == ""
 
 
 def test_smoothing_delays_a_slow_motion_more() -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from followers import op3
 from messages import Facts, refuses, shows
 from recordings import recorded, saved_run
 from retarget.errors import InputError
@@ -15,7 +14,6 @@ from retarget.recording.motion import Motion
 from retarget.recording.read_run import read_recorded
 from retarget.run.record import Phase
 from retarget.schema.catalogue import Kind, find
-from retarget.types import FloatArray
 from retarget.viewer.joint_plot import curves
 from retarget.viewer.recorded import ShownRun, open_recorded, recorded_obstacles
 from viewed import shown
@@ -149,28 +147,3 @@ def test_what_is_no_run_is_refused(path: Path, tmp_path: Path, change: Any, foun
     with refuses(InputError, found) as refused:
         open_recorded(changed)
     assert str(changed) in str(refused.value)
-
-
-# A recording of a simulated body.
-
-
-@pytest.mark.long
-def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
-    """Fallen, say, with bent knees; until that is known, it is where its servos have it."""
-    path, ticks, robot = tmp_path / "run.mcap", 0, op3()
-    truth = np.concatenate([[0.5, 0.25, 0.125, 0.0, 1.0, 0.0, 0.0], np.linspace(-0.5, 0.5, 20), [0.0625, -0.25]])
-
-    def late_truth() -> FloatArray | None:
-        nonlocal ticks
-        ticks += 1
-        return truth if ticks > 100 else None
-
-    run = recorded(path, robot="op3", truth=late_truth)
-    seen = open_recorded(path)
-    assert run.record.robot is not None
-    before, after = shown(seen, 50), shown(seen, len(seen.time) - 1)
-    assert np.isnan(before.pressure).all()
-    np.testing.assert_allclose(before.robot[robot.servo_columns], run.record.robot.present[50], atol=1e-9)
-    np.testing.assert_array_equal(after.robot[:7], truth[:7])
-    np.testing.assert_allclose(after.robot[7:], truth[7:-2], atol=1e-6)
-    assert after.pressure.tolist() == [0.0625, -0.25]
