@@ -1,7 +1,9 @@
 """How a command ends: detached screens, signals, forced stops, exit codes."""
 
+import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -16,13 +18,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.clock import MonotonicClock, VirtualClock
-from live_processes import PATIENCE_S
+from live_processes import PATIENCE_S, Performer, _free_port
 from messages import shows
 from retarget.cli import exit
 from retarget.cli.application import progress_bar
 from retarget.cli.exit import (
     MOST,
     REASONS,
+    STOPPED,
     ForcedStopKey,
     Press,
     Screen,
@@ -102,6 +105,48 @@ def test_the_end_of_a_run_waits_for_both_at_once(full_pipe: tuple[int, int], mon
             sys.stderr.write("text")
     assert exit.PATIENCE_S <= CLOCK.now() - begun < 2.0 * exit.PATIENCE_S
     os.read(full_pipe[0], 1 << 20)
+
+
+def asked(path: Path, word: str) -> dict[str, object] | str:
+    """What the run answers, or "" while it does not listen."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client, suppress(OSError):
+        client.settimeout(1.0)
+        client.connect(str(path))
+        client.sendall(f"{word}\n".encode())
+        answer = client.recv(500).decode()
+        return json.loads(answer) if answer.startswith("{") else answer
+    return ""
+
+
+@pytest.mark.long
+def test_a_live_run_whose_terminal_takes_nothing_is_stopped_and_leaves_its_report(
+    full_pipe: tuple[int, int], tmp_path: Path
+) -> None:
+    port, control, report = _free_port(), tmp_path / "control", tmp_path / "report.json"
+    performer = Performer(port)
+    performer.start()
+    words = ["--robot", "op3", "--source", f"json://127.0.0.1:{port}", "--bus", "mock", "--yes", "--countdown", "0.2"]
+    words += ["--control-socket", str(control), "--report", str(report)]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "retarget", "run", *words],
+        stdin=subprocess.DEVNULL,
+        stdout=full_pipe[1],
+        stderr=full_pipe[1],
+    )
+    try:
+        end = CLOCK.now() + PATIENCE_S
+        while CLOCK.now() < end and run.poll() is None:
+            status = asked(control, "status")
+            if isinstance(status, dict) and status["followed"]:
+                break
+            CLOCK.sleep_until(CLOCK.now() + 0.1)
+        assert asked(control, "stop") == "ok stopping\n"
+        assert run.wait(8.0) == STOPPED
+        assert json.loads(report.read_text())["stop"]["state"] == "off"
+    finally:
+        performer.done.set()
+        run.kill()
+        run.wait()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
