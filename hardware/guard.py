@@ -45,6 +45,7 @@ class CheckedGoal:
     joints: FloatArray
     posture: FloatArray
     displacement: FloatArray
+    stop: FloatArray
     passed: bool
     compensated: Any = field(repr=False)
     seal: _Seal = field(repr=False)
@@ -52,7 +53,7 @@ class CheckedGoal:
     def __post_init__(self) -> None:
         if type(self.seal) is not _Seal:
             raise TypeError("a CheckedGoal is made by a gate alone: call Gate.check, Gate.brake or Gate.begin")
-        for values in (self.joints, self.posture, self.displacement):
+        for values in (self.joints, self.posture, self.displacement, self.stop):
             values.setflags(write=False)
 
 

@@ -279,10 +279,11 @@ class Solver:
         """Start from posture q (nq,), moving at velocity (nv,) per second."""
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
-    def brake(self, ticks: float, dt: float, frames: int) -> Floats:
-        """Postures (frames, nq), dt seconds each, on the way to rest: coordinates and the centre of mass go on by less
-        and less of the velocity that they have, in proportion, and by none after so many ticks (> 0, else
-        ValueError); points and frames that have a task stay."""
+    def brake(self, ticks: float, dt: float, most: int) -> Floats:
+        """Postures (k, nq), dt seconds each and `most` of them, on the way to rest: coordinates and the centre of mass
+        go on by less and less of the velocity that they have, in proportion, and by none after so many ticks (> 0, else
+        ValueError); points and frames that have a task stay. After the last row all may stop at once, if fewer than
+        `most` were needed."""
     def set_obstacles(
         self,
         position: Floats,
@@ -357,14 +358,14 @@ class Braking:
         """Least and largest displacements (n,) that leave a way to brake; to go on braking is always among them."""
     def ticks(self, displacement: Floats) -> float:
         """Ticks of braking until all joints rest, 1 at least: as many as the slowest needs at its full deceleration."""
-    def braked(self, position: Floats, displacement: Floats) -> Floats:
-        """The next displacement (n,) of braking in so many ticks. A joint that would leave its range so brakes
-        earlier."""
     def admitted(self, position: Floats, displacement: Floats, goal: Floats, *, tolerance: float) -> Floats | None:
         """Displacement (n,) to a goal that misses no bound by more than `tolerance`, laid within them; else None."""
-    def paths(self, position: Floats, before: Floats, displacement: Floats) -> tuple[Floats, Floats]:
-        """Postures (k, n) from the present one, tick by tick, through `displacement` to rest, and those of braking from
-        `before`; the last rows may repeat."""
+    def stop(self, position: Floats, displacement: Floats) -> Floats:
+        """Postures (k, n) tick by tick to rest, of joints that got to `position` by `displacement`: they brake in as
+        many ticks as the slowest needs, and one that would leave its range so brakes earlier."""
+    def keeps(self, position: Floats, displacement: Floats, path: Floats, *, tolerance: float) -> bool:
+        """Whether joints that got to `position` by `displacement` keep every limit on `path` (k, n), tick by tick, to
+        within `tolerance`, and may stop at its end at once."""
 
 @final
 class TrajectoryGenerator:

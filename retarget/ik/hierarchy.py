@@ -5,7 +5,7 @@ The target vector is flat and belongs to the caller: `blank` makes one, the sett
 more than the priorities use.
 """
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
 
@@ -21,12 +21,7 @@ from retarget.model.observers import NO_SCENE, Observers
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses, SceneState
 from retarget.schema.priorities import (
-    Level,
-    OrientationTask,
-    PositionTask,
-    PreventiveTask,
     Priorities,
-    ReactiveTask,
 )
 from retarget.types import BoolArray, FloatArray, IntArray
 
@@ -287,6 +282,10 @@ def body_frames(body: BodyModel) -> dict[str, Frame]:
     return {name: body.frame(name) for name in (*body.body_names[1:], *(frame.name for frame in body.frames))}
 
 
+Build = Callable[[Priorities, BoolArray], Hierarchy]
+"""From priorities and locked DoFs (nv,) to a hierarchy."""
+
+
 # The scene over time, handed to the hierarchy tick by tick.
 
 
@@ -338,93 +337,3 @@ class SceneObstacles:
             hierarchy.set_obstacles(self.now if time_scale == 1.0 else self.now.seen_at(time_scale))
         if self._runs:
             self.time += dt
-
-
-Build = Callable[[Priorities, BoolArray], Hierarchy]
-"""From priorities and locked DoFs (nv,) to a hierarchy."""
-
-
-# Fallback hierarchies of a robot on its soles, for a first posture that is not safe: soles first, then arms alone.
-#
-# Where limbs meet, the tasks that separate them come before the soles, and may ask for more than legs can do with
-# planted soles. Then the same targets are solved with the level of the soles first; the gate keeps limbs apart that
-# this does not separate. Where legs may not move at all, the parts above them go on, and separate limbs before all
-# else. Else a robot whose limbs meet could stand still for ever.
-#
-# A robot that stands still because a goal was refused is solved once with the separation of limbs before all else: with
-# its legs, and where that is not safe with the parts above them alone. What soles, balance or strength ask for first,
-# and cannot have at once, may be what brings limbs together, tick after tick: so soles first is not tried then.
-
-
-class FallbackHierarchy:
-    """More hierarchies for the targets of a first one. obstacles: where they are now, as the first has them. separate:
-    whether the next call of `first` separates limbs before all else."""
-
-    def __init__(
-        self, build: Build, priorities: Priorities, first: Hierarchy, *, soles: frozenset[str], carrying: BoolArray
-    ) -> None:
-        """soles: names of their frames. carrying (nv,): root and legs."""
-        every, self._first = np.arange(first.solver.target_size), first
-
-        def in_order(order: list[int], locked: BoolArray) -> tuple[Hierarchy, IntArray]:
-            levels = tuple(priorities.levels[k] for k in order)
-            hierarchy = build(priorities.model_copy(update={"levels": levels}), locked)
-            return hierarchy, np.concatenate([every[first.spans[k]] for k in order])
-
-        free, apart = np.zeros_like(carrying), separated_first(priorities.levels, soles)
-        planted = soles_first(priorities.levels, soles)
-        self._planted = in_order(planted, free) if planted != sorted(planted) else None  # None: the first one is that
-        self._separated, self._above = in_order(apart, free), in_order(apart, carrying)
-        self.obstacles: ObstaclePoses | None = None
-        self.separate = self._separates = False
-
-    def first(self, targets: FloatArray, q: FloatArray, dt: float) -> FloatArray:
-        """The first posture (nq,) to try, `dt` s after q (nq,); the first hierarchy is there from then on."""
-        solver = self._first.solver
-        self._separates, self.separate = self.separate, False
-        if not self._separates:
-            return solver.frame(targets, dt)
-        there, velocity = self._solve(self._separated, targets, q, solver.velocity, dt)
-        solver.reset(there, velocity)
-        return there
-
-    def after(
-        self, targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float, *, stands: bool
-    ) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Postures (nq,) with velocities (nv,) per s to try one after the other, `dt` s after q (nq,).
-
-        targets: of the first hierarchy. velocity (nv,): at q. stands: whether the legs stand still.
-        """
-        if self._planted is not None and not self._separates:
-            yield self._solve(self._planted, targets, q, velocity, dt)
-        if stands:
-            yield self._solve(self._above, targets, q, velocity, dt)
-
-    def _solve(
-        self, ordered: tuple[Hierarchy, IntArray], targets: FloatArray, q: FloatArray, velocity: FloatArray, dt: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """ordered: a hierarchy, and where its targets are among those of the first one."""
-        hierarchy, places = ordered
-        if self.obstacles is not None:
-            hierarchy.set_obstacles(self.obstacles)
-        hierarchy.solver.reset(q, velocity)
-        return hierarchy.solver.frame(targets[places], dt), hierarchy.solver.velocity
-
-
-def soles_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
-    """Indices of the levels, those that plant a sole first."""
-    return sorted(range(len(levels)), key=lambda k: not _plants(levels[k], soles))
-
-
-def separated_first(levels: tuple[Level, ...], soles: frozenset[str]) -> list[int]:
-    """Indices of the levels: first those that keep limbs and obstacles apart, then those that plant a sole."""
-
-    def rank(k: int) -> int:
-        separates = any(isinstance(task, ReactiveTask | PreventiveTask) for task in levels[k].tasks)
-        return 0 if separates else 1 if _plants(levels[k], soles) else 2
-
-    return sorted(range(len(levels)), key=rank)
-
-
-def _plants(level: Level, soles: frozenset[str]) -> bool:
-    return any(isinstance(task, PositionTask | OrientationTask) and soles & set(task.of) for task in level.tasks)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from retarget import rotations
+from retarget._solver import Body as SolverBody
+from retarget._solver import Footing
 from retarget.arithmetic import arctan2, hypot, matmul
 from retarget.errors import ConfigError
 from retarget.model.body import Frame
@@ -141,6 +143,21 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
         corners = frame.position + rotations.rotate(frame.quat, np.column_stack([polygon, np.zeros(len(polygon))]))
         soles.append(Sole(frame, place, flat, sole_outline(place, flat, polygon), corners))
     return Stance(q, points, tuple(soles))
+
+
+def footing(body: SolverBody, soles: Sequence[Sole]) -> Footing:
+    """Measures how far these soles are off their places, and how far the centre of mass is inside their outline."""
+    spread = [(sole, _spread(sole.outline)) for sole in soles]
+    links = [sole.frame.body for sole, few in spread for _ in few]
+    local = np.concatenate([sole.corners[few] for sole, few in spread])
+    planted = np.concatenate([sole.outline[few] for sole, few in spread])
+    edges = support_edges([sole.outline for sole in soles])
+    return Footing(body, links, local, np.insert(planted, 2, 0.0, axis=1), edges)
+
+
+def _spread(outline: FloatArray) -> list[int]:
+    """The corners of an outline (c, 2) that are farthest along its diagonals: enough to see a sole move or tilt."""
+    return sorted({int(np.argmax(outline[:, 0] * x + outline[:, 1] * y)) for x in (-1, 1) for y in (-1, 1)})
 
 
 # Whether a robot can stand in its posture `stand`: its centre of mass over the polygon of its soles.

@@ -12,7 +12,7 @@ joints that carry the robot wait for the slowest of them.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class _Compensated:
     """For a posture (n,) rad: its offsets are `compensated` (n,) rad, which holds against the load and has moved by
     `moved` (n,) in the last tick, and `behind` (n,) rad, by which it waits for slower joints. integrated (n,): rad that
     the servos' I gains have added to the goal. masses, velocities (k, 3): of the links' masses, m and m/s, smoothed.
-    ticks: that passed the gate since torque came on."""
+    ticks: since torque came on. forced: the gate's limits have made of the offset a motion of its own."""
 
     posture: FloatArray
     compensated: FloatArray
@@ -54,11 +54,7 @@ class _Compensated:
     masses: FloatArray
     velocities: FloatArray
     ticks: int
-
-    @property
-    def offset(self) -> FloatArray:
-        """Offset of the goal from the posture, rad (n,)."""
-        return self.compensated + self.behind
+    forced: bool = False
 
 
 class DeflectionCompensation:
@@ -86,15 +82,6 @@ class DeflectionCompensation:
         """No offset, at rest in a posture, rad (n,)."""
         none, masses = np.zeros_like(posture), self._masses.places(self._standing(posture)[0])
         return _Compensated(posture, none, none, none, none, masses, np.zeros_like(masses), 0)
-
-    def brake(self, last: _Compensated, goal: FloatArray, moved: FloatArray) -> _Compensated:
-        """The posture (n,) that a goal holds, rad, of a robot that brakes: what holds against the load changes by
-        `moved` (n,)."""
-        posture, compensated = goal - last.offset - moved, last.compensated + moved
-        masses, velocities, _ = self._smoothed(last, self._standing(posture)[0])
-        return replace(
-            last, posture=posture, compensated=compensated, moved=moved, masses=masses, velocities=velocities
-        )
 
     def _standing(self, posture: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """A posture (n,) as the robot stands in it (nq,), and the heights (k,) m of soles that may be lifted."""
@@ -138,18 +125,15 @@ class DeflectionCompensation:
         # both.
         behind = (1.0 - self._catch_up) * (last.posture + last.behind - posture)
         behind[np.abs(behind) < STILL_RAD] = 0.0
-        # The gate's bounds may shorten the offset, but not turn it into a motion of its own: then the gate is to refuse
-        # the goal.
+        # The gate's bounds may shorten the offset, but not turn it into a motion of its own: then the gate refuses the
+        # goal, if it can.
         target = posture + behind
         goal = nearest(target + compensated)
         kept, before = goal - target, last.compensated
         lowest, highest = np.minimum(before, 0.0) - self._most, np.maximum(before, 0.0) + self._most
-        if ((kept < lowest) | (kept > highest)).any():
-            goal = target + compensated
-        else:
-            compensated = kept
-        moved = compensated - last.compensated
-        return goal, _Compensated(posture, compensated, moved, behind, integrated, masses, velocities, last.ticks + 1)
+        forced = bool(((kept < lowest) | (kept > highest)).any())
+        moved, ticks = kept - before, last.ticks + 1
+        return goal, _Compensated(posture, kept, moved, behind, integrated, masses, velocities, ticks, forced)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of a critically damped second-order filter towards `wanted`, implicit in time."""

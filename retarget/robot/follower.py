@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from retarget._solver import TrajectoryGenerator, braking_displacement
+from retarget._solver import Footing, TrajectoryGenerator, braking_displacement
 from retarget.arithmetic import matmul
 from retarget.human.samples import Parts
-from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GRAVITY
-from retarget.ik.hierarchy import FallbackHierarchy, Hierarchy, SceneObstacles
-from retarget.ik.support_polygon import Stance, plant
-from retarget.ik.whole_body_stop import Stopping
+from retarget.ik.hierarchy import Hierarchy, SceneObstacles
+from retarget.ik.support_polygon import Stance, footing, plant
+from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop
 from retarget.model.body import BodyModel, JointLimits
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
@@ -203,20 +202,15 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnSoles:
-    """What a robot that stands on its soles has besides; each part may be missing. stop: the whole-body stop of a robot
-    that does not step. to_stance: the return to stance."""
+    """What a robot that stands on its soles has besides; each part may be missing. footing: of all
+    soles. to_stance: the return to stance."""
 
     balance: StandingBalance | None = None
     strength: StandingStrength | None = None
-    fallback: FallbackHierarchy | None = None
-    stop: Stopping | None = None
+    footing: Footing | None = None
+    stop: WholeBodyStop | None = None
     steps: Stepping | None = None
     to_stance: StanceTrajectory | None = None
-
-    @property
-    def stopping(self) -> Stopping | None:
-        """Stop trajectories on the soles that carry."""
-        return self.stop if self.steps is None else self.steps.stopping
 
 
 class Follower:
@@ -259,17 +253,15 @@ class Follower:
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
         self._soles, still = OnSoles(balance), frozenset(soles)
         if legs_move:
-            stopping = partial(Stopping, robot.body, limits, servo_limits(robot), carrying=carrying)
             stepping = None
             if steps and envelope is not None:
-                highest = envelope.highest
-                stepping = Stepping(robot, priorities, stance, self.hierarchy, stopping=stopping, highest=highest)
+                stepping = Stepping(robot, priorities, stance, self.hierarchy, highest=envelope.highest)
             returns = "pelvis" in robot.profile.landmarks
             self._soles = OnSoles(
                 balance,
                 standing_strength(robot, priorities, stance),
-                FallbackHierarchy(build, priorities, self.hierarchy, soles=still, carrying=carrying),
-                stopping(stance) if stepping is None else None,
+                footing(robot.kinematics, stance.soles),
+                WholeBodyStop(robot.body, limits, servo_limits(robot), stance, carrying),
                 stepping,
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
@@ -335,8 +327,6 @@ class Follower:
         self.hierarchy.solver.reset(self.stance.q)
         if self.steps is not None:
             self.steps.restart()
-        if self._soles.stopping is not None:
-            self._soles.stopping.begin(self._q)
         self._reached = self._reader.read(self._q)
         return self._posture(self.landmark_map.ask(human, 0.0))
 
@@ -364,17 +354,16 @@ class Follower:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, scale, q = self._targets, self.hierarchy, self._time.scale, self._q
         self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
-        if self._soles.fallback is not None:
-            self._soles.fallback.obstacles = self.scene_obstacles.now
         dt *= scale  # from here on the robot's own time
         soles = self._soles
         if soles.steps is not None:
             velocity, at = hierarchy.solver.velocity, self._reached
             asked = soles.steps.aim(targets, q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
         elif soles.balance is not None:
-            if soles.stop is not None:
+            if soles.footing is not None and soles.steps is None:
                 # Soles that are off their places go back there no faster than legs can stop.
-                if (slip := soles.stop.slip) > SLIPPED_M:
+                slip, _ = soles.footing.losses(q[None])
+                if slip > SLIPPED_M:
                     share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
                     plant_back(hierarchy, targets, self.stance, self._robot.kinematics, q, share)
                 else:
@@ -392,9 +381,7 @@ class Follower:
             self._governor.aim(targets, asked, self._reached, dt)
             is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
-        fallback = soles.fallback
-        first = hierarchy.solver.frame(targets, dt) if fallback is None else fallback.first(targets, q, dt)
-        self._reached = self._reader.read(self._safe(first, q, dt))
+        self._reached = self._reader.read(hierarchy.solver.frame(targets, dt))
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no
@@ -420,28 +407,13 @@ class Follower:
         solver = self.hierarchy.solver
         change = self._time.change(override, self._q, solver.velocity)
         solver.reset(self._q, solver.velocity / change)
-        if self._soles.stopping is not None:
-            self._soles.stopping.rescale_time(change)
 
-    def halt(self, dt: float) -> FloatArray | None:
-        """Return the next posture (nq,), m, wxyz and rad, of the stop on the soles; None: no stop trajectory is known,
-        or no soles carry it."""
-        self.scene_obstacles.tick(None, dt)
-        stopping = self._soles.stopping
-        if stopping is None:
+    def stop(self, dt: float) -> StopPath | None:
+        """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
+        if self._soles.stop is None:
             return None
-        if self._time.scale < 1.0:  # not as slowly as on a slow clock
-            self.set_speed_override(1.0)
-            stopping.begin(self._q, self.hierarchy.solver.velocity)
-        step = stopping.follow(dt)
-        if step is None:
-            return None
-        if self._soles.fallback is not None:  # where it stands because a goal was refused, limbs part before all else
-            self._soles.fallback.separate = stopping.stands
-        q, velocity = step
-        self.hierarchy.solver.reset(q, velocity)
-        self._reached = self._reader.read(q)
-        return q
+        velocity = self._time.scale * self.hierarchy.solver.velocity
+        return self._soles.stop.path(self._q, velocity, dt, contact=self._contact)
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
@@ -452,40 +424,21 @@ class Follower:
         if self.steps is not None:
             self.steps.contact = soles
 
-    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
-        """Go on from posture q (nq,), moving at velocity (nv,) per s: the goal that was sent is another one."""
-        velocity = velocity / self._time.scale
-        self.hierarchy.solver.reset(q, velocity)
-        if self._soles.stopping is not None:
-            self._soles.stopping.begin(q, velocity)
-        if self._soles.to_stance is not None:
-            self._soles.to_stance.reset(q)
-        self._arms.reset(q)
+    def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
+        """Go on from posture q (nq,), moving at velocity (nv,) per s: another goal was sent than was planned. rests:
+        what is led joint by joint begins at rest there."""
+        self.hierarchy.solver.reset(q, velocity / self._time.scale)
         self._reached = self._reader.read(q)
+        if rests:
+            self._arms.reset(q)
+            if self._soles.to_stance is not None:
+                self._soles.to_stance.reset(q)
 
-    def _safe(self, q: FloatArray, before: FloatArray, dt: float) -> FloatArray:
-        """The posture q (nq,) if the robot can stop from it on its soles, else that of a fallback hierarchy, else the
-        next one of its stop. Where no stop trajectory is known, all joints brake in proportion. before (nq,): the
-        posture `dt` s ago."""
-        stopping = self._soles.stopping
-        if stopping is None or stopping.admits(q, self.hierarchy.solver.velocity, dt):
-            return q
-        assert self._soles.fallback is not None, "legs that move may fall back"
-        candidates = self._soles.fallback.after(self._targets, before, stopping.velocity, dt, stands=stopping.stands)
-        for q, velocity in candidates:
-            if stopping.admits(q, velocity, dt):
-                self.hierarchy.solver.reset(q, velocity)
-                return q
-        step = stopping.follow(dt)
-        if step is None:
-            q = stopping.brake(dt)
-            plant_root(self._robot, before, q)
-            velocity = self._robot.kinematics.difference(before, q) / dt
-            stopping.begin(q, velocity)
-        else:
-            q, velocity = step
-        self.hierarchy.solver.reset(q, velocity)
-        return q
+    @property
+    def _contact(self) -> Contact:
+        """Which soles carry."""
+        support = None if self.steps is None else self.steps.plan.single_support
+        return tuple(support in (None, foot) for foot in range(len(self.stance.soles)))
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         robot, q, reached = self._robot, self._q, self._reached

@@ -1,6 +1,6 @@
 """Steps in place: goals for a follower's swing foot, weight and support, tick by tick, as `StepPlan` decides."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
@@ -9,7 +9,6 @@ from retarget.arithmetic import exp, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
-from retarget.ik.whole_body_stop import Stopping
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import (
     HEAVE_ROWS,
@@ -253,8 +252,6 @@ LED_S = 0.15
 goals."""
 LED = (StepState.SHIFT_WEIGHT, StepState.RETURN_WEIGHT)
 """States in which the whole body is led aside."""
-StoppingOn = Callable[[Stance], Stopping]
-"""From a stance to the stop trajectories in it."""
 
 
 def reaching_aside(envelope: Envelope | None, robot: RobotBody, stance: Stance) -> Envelope | None:
@@ -269,8 +266,8 @@ def reaching_aside(envelope: Envelope | None, robot: RobotBody, stance: Stance) 
 
 
 class Stepping:
-    """The feet of one robot. `stopping`: stop trajectories on the soles that carry now. `plan`: what the feet do, and
-    how often. `contact`: which soles (2,) press on the floor, left and right; None where it is not measured."""
+    """The feet of one robot. `plan`: what the feet do, and how often. `contact`: which soles (2,) press on the floor,
+    left and right; None where it is not measured."""
 
     def __init__(
         self,
@@ -279,7 +276,6 @@ class Stepping:
         stance: Stance,
         hierarchy: Hierarchy,
         *,
-        stopping: StoppingOn,
         highest: float,
     ) -> None:
         """hierarchy: of these priorities, which are `stepping_priorities`. highest: of the pelvis, m."""
@@ -287,8 +283,6 @@ class Stepping:
         assert share is not None, "checked with the levels"
         self._body, self._stance, self._hierarchy = robot.body.solver_body(), stance, hierarchy
         self._balance = StepBalance(stance, share)
-        alone = {foot: Stance(stance.q, stance.points, (sole,)) for foot, sole in enumerate(stance.soles)}
-        self._stoppings = {foot: stopping(on) for foot, on in ({None: stance} | alone).items()}
         self._swings = [
             SwingFoot(sole.position, outward=outward, leg=leg)
             for sole, outward in zip(stance.soles, (1.0, -1.0), strict=True)
@@ -307,7 +301,6 @@ class Stepping:
     def restart(self) -> None:
         """Planted on both soles, at rest."""
         self.plan.restart()
-        self.stopping = self._stoppings[None]
         self._velocity: FloatArray | None = None
         self._rise.restart()
         self._whole = 1.0  # share of the way of the pelvis aside that the whole body goes: hands would hold it up
@@ -346,13 +339,9 @@ class Stepping:
         contact = (True, True) if self.contact is None else (bool(self.contact[0]), bool(self.contact[1]))
         risen = at.landmarks[self._pelvis][2] > self._rise.lowest - RISEN_M
         self.plan.step(StepInput(FOOT.get(asked.carrying), (left, right), outside, settled, down, contact, risen), dt)
-        if self.plan.single_support != before:
-            # It stops on the soles that carry from now on; a swing foot begins in its place.
-            support = self.plan.single_support
-            self.stopping = self._stoppings[support]
-            self.stopping.begin(q, velocity)
-            if support is not None:
-                self._swings[1 - support].restart(self._stance.soles[1 - support].position.tolist())
+        support = self.plan.single_support
+        if support is not None and support != before:  # a swing foot begins in its place
+            self._swings[1 - support].restart(self._stance.soles[1 - support].position.tolist())
         goal = self._aim_weight(targets, com, moving, dt, place=place)
         self._aim_soles(targets, q, dt, apart=asked.apart)
         self._whole += (1.0 - exp(-dt / LED_S)) * (float(self.plan.state in LED) - self._whole)

@@ -18,19 +18,24 @@ from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import PerformerInput
 from retarget.ik.base_pose import plant_root
+from retarget.ik.whole_body_stop import StopPath
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
+from retarget.robot.landmarks import standing_dofs
 from retarget.safety.gate import Gate
+from retarget.safety.governor import CommandGovernor
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
     """What a controller asks for. joints (n,): rad, servo order. q (nq,): the same with the root; None: the root
-    follows from the soles that are planted."""
+    follows from the soles that are planted. stop: how the robot stops from there on its soles; None: its joints brake
+    in proportion."""
 
     joints: FloatArray
     q: FloatArray | None = None
+    stop: StopPath | None = None
 
 
 class Controller(ABC):
@@ -234,7 +239,7 @@ class Approach(Controller):
         if posture is None:
             self.part = ApproachPart.ARRIVED
             return commanded.target
-        return Target(posture.q[self._columns], posture.q)
+        return Target(posture.q[self._columns], posture.q, self._follower.stop(self._dt))
 
     def brake(self, commanded: Commanded) -> Target | None:
         """The target of the next tick while the robot brakes on the straight part."""
@@ -289,7 +294,7 @@ class Follow(Controller):
         self._follower.set_speed_override(min(speed_override, settled))
         self.posture = posture = self._follower.step(self.human, self._dt)
         self.costs = (reconstructed - begun, thread_cpu() - reconstructed)
-        return None if self.lost else Target(posture.joint_positions, posture.q)
+        return None if self.lost else Target(posture.joint_positions, posture.q, self._follower.stop(self._dt))
 
 
 REGAIN_S = 0.4
@@ -344,28 +349,20 @@ class GoalPlayback(Controller):
         return self._last is None or commanded.target is self._last
 
 
-class WholeBodyStop(Controller):
-    """Brakes on the soles, as a whole; on the straight part of the approach along its line. Then the robot stands."""
+class Stop(Controller):
+    """Leaves the robot to the stop that was verified last; on the straight part of the approach it brakes more gently,
+    along its line. Then the robot stands."""
 
-    def __init__(self, robot: RobotBody, follower: Follower, approach: Approach, *, dt: float) -> None:
+    def __init__(self, follower: Follower, approach: Approach, *, dt: float) -> None:
         self._follower, self._approach, self._dt = follower, approach, dt
-        self._columns = robot.servo_columns
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
-        """Return the next target of the stop trajectory, which of a robot that stands is the one to which it was
-        commanded; None: there is none, and the gate brakes."""
+        """The target of a robot that stands, which is the one to which it was commanded, or that brakes on its line;
+        None: the gate follows the stop."""
+        self._follower.pass_time(self._dt)
         if commanded.stands:
-            self._follower.pass_time(self._dt)
             return commanded.target
-        if self._approach.part is ApproachPart.STRAIGHT:
-            self._follower.pass_time(self._dt)
-            return self._approach.brake(commanded)
-        return self.halt()
-
-    def halt(self) -> Target | None:
-        """The next target of the follower's stop trajectory, of a robot that may stand already; None: there is none."""
-        q = self._follower.halt(self._dt)
-        return None if q is None else Target(q[self._columns], q)
+        return self._approach.brake(commanded) if self._approach.part is ApproachPart.STRAIGHT else None
 
 
 class ReturnToStance(Controller):
@@ -389,7 +386,7 @@ class ReturnToStance(Controller):
         """The target of the next tick; None: the return is over."""
         self._follower.set_speed_override(speed_override)
         self._next = q = self._follower.return_to_stance(self._dt)
-        return None if q is None else Target(q[self._columns], q)
+        return None if q is None else Target(q[self._columns], q, self._follower.stop(self._dt))
 
 
 def rest_joints(robot: RobotBody) -> FloatArray:
@@ -489,17 +486,19 @@ class RobotMotion:
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals[0])
         self.follow = Follow(reconstructor, follower, human, dt=dt, motion_dt=motion_dt, slow=slow)
         self._playback = None if goals is None else GoalPlayback(robot, goals, dt=dt)
-        self._stop = WholeBodyStop(robot, follower, self.approach, dt=dt)
+        stop = Stop(follower, self.approach, dt=dt)
+        standing = gate.standing
+        self._governor = None if standing is None else CommandGovernor(robot, gate, standing, standing_dofs(robot))
         keyframes = robot.profile.postures.to_rest if keyframes is None else keyframes
         self._to_rest = GoToRest(robot, keyframes, dt=dt, pass_time=follower.pass_time)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
             RunState.FOLLOW: self._playback or self.follow,
-            RunState.HOLD: self._stop,
-            RunState.STOPPING: self._stop,
+            RunState.HOLD: stop,
+            RunState.STOPPING: stop,
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, dt=dt),
             RunState.GO_TO_REST: self._to_rest,
-            RunState.STANDING: self._stop,
+            RunState.STANDING: stop,
         }
         self._state = RunState.OFF  # of the last target
 
@@ -548,36 +547,30 @@ class RobotMotion:
 
     def brake(self, state: RunState, commanded: Commanded) -> Target | None:
         """The target of the next tick of a robot that brakes in a state: on its line on the way to rest; else None, and
-        it brakes as `check` says."""
+        it goes on with its stop."""
         return self._to_rest.brake(commanded) if state is RunState.GO_TO_REST else None
 
-    def check(self, state: RunState, commanded: Commanded, target: Target | None) -> tuple[CheckedGoal, Target | None]:
-        """The goal for a target, and the target that it is for. Of a refused target, and where there is none, the robot
-        stops on its soles where the follower leads it, else the gate brakes."""
-        goal = self._passed(commanded, target)
-        if goal is None and self._is_led_on_soles(state):
-            self._follower.reseed(commanded.q, commanded.velocity)
-            alternative = self._stop.halt()
-            goal, target = self._passed(commanded, alternative), alternative or target
-        return goal or self._gate.brake(commanded.goal), target
+    def check(self, commanded: Commanded, target: Target | None) -> tuple[CheckedGoal, Target | None]:
+        """The goal for a target, and the target that it is for: the whole of it, or as much as the robot can do now on
+        its soles. Where the gate refuses all, or there is no target, the robot goes on with its stop."""
+        goal, last, standing = None, commanded.goal, commanded.standing
+        if target is not None and target.stop is not None and self._governor is not None:
+            governed = self._governor.check(last, target.stop, standing)
+            if governed is not None:
+                goal, stop = governed
+                target = target if stop is target.stop else Target(goal.posture, stop.postures[0], stop)
+        elif target is not None:
+            goal = self._gate.check(last, target.joints, standing=standing)
+        return goal or self._gate.brake(last), target
 
     def next(self, commanded: Commanded, goal: CheckedGoal, target: Target | None) -> Commanded:
         """Where the robot is commanded to by a goal for a target."""
         on_soles = not self.on_approach
         return next_commanded(self._robot, commanded, goal, target, dt=self._dt, on_soles=on_soles)
 
-    def lead_from(self, commanded: Commanded) -> None:
-        """Let the follower go on from where the robot is commanded to, if that is not what the follower asked for."""
-        plays = self._playback is not None and self._state is RunState.FOLLOW
-        if not self.on_approach and (plays or not commanded.goal.passed):
-            self._follower.reseed(commanded.q, commanded.velocity)
-
-    def _passed(self, commanded: Commanded, target: Target | None) -> CheckedGoal | None:
-        joints = None if target is None else target.joints
-        return self._gate.check(commanded.goal, joints, standing=commanded.standing)
-
-    def _is_led_on_soles(self, state: RunState) -> bool:
-        """Whether the follower leads the robot in a state, on its soles."""
-        if state is RunState.APPROACH:
-            return not self.on_approach
-        return state in (RunState.FOLLOW, RunState.RETURN_TO_STANCE)
+    def lead_from(self, commanded: Commanded, wanted: Target | None) -> None:
+        """Let the follower go on from where the robot is commanded to, where that is not what it asked for: all of
+        `wanted`."""
+        asked = wanted is not None and wanted.q is not None and commanded.target is wanted
+        if not (self.on_approach or asked):
+            self._follower.reseed(commanded.q, commanded.velocity, rests=not commanded.goal.passed)

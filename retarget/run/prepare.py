@@ -39,6 +39,7 @@ from retarget.run.supervisor import Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
+from retarget.safety.standing import StandingCheck
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
@@ -58,7 +59,8 @@ def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, c
         steps = follower.steps is not None
         compensation = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle, steps=steps)
     speed = max(caps.follow, caps.approach)
-    return Gate(servos, dt=dt, speed=speed, clearance=clearance, compensation=compensation)
+    standing = StandingCheck(robot, follower.stance)
+    return Gate(servos, dt=dt, speed=speed, clearance=clearance, standing=standing, compensation=compensation)
 
 
 def robot_stage(

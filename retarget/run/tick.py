@@ -176,13 +176,13 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     if supervisor.over:
         return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost, news=news)
     wanted = _target(machine, motion, state, given)
-    goal, target = motion.check(run_state, state.commanded, wanted)
+    goal, target = motion.check(state.commanded, wanted)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
         refused = machine.refused or "the gate refuses the goal"
         news += () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
         state = replace(state, refused=refused)
     state = replace(state, commanded=motion.next(state.commanded, goal, target), **_sampled(given))
-    motion.lead_from(state.commanded)
+    motion.lead_from(state.commanded, wanted)
     return TickOutput(
         state,
         run_state,
@@ -216,7 +216,7 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
     goal = machine.gate.brake(guard.goal)  # from what the servos have, whatever has failed
     state = replace(state, commanded=motion.next(state.commanded, goal, None))
     with caught([], StopCause.FILTER):  # a follower that fails does not keep the robot from braking
-        motion.lead_from(state.commanded)
+        motion.lead_from(state.commanded, None)
     return TickOutput(state, supervisor.state, goal, news=news)
 
 

@@ -1,4 +1,5 @@
-"""The gate: the last check of a goal. A goal passes if it is finite, within every limit, and can stop within them."""
+"""The gate: the last check of a goal. A goal passes if it is finite and within every limit, and if from there the robot
+can stop: within its limits, clear of collision, on its soles."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +12,9 @@ from hardware.errors import HardwareError, describe
 from hardware.guard import CheckedGoal, _Seal
 from hardware.joint_map import JointMap
 from retarget._solver import Braking
+from retarget.ik.whole_body_stop import StopPath
 from retarget.safety.clearance import PathClearance
+from retarget.safety.standing import StandingCheck
 
 ROUND_OFF = 1e-9
 """Angle, rad, by which a goal may miss a bound before the gate refuses it: rounding of two programs that agree is
@@ -19,21 +22,11 @@ less."""
 
 
 class Compensated(Protocol):
-    """The offset of a goal from the posture in which it holds the joints; (n,) rad."""
+    """The offset of a goal from the posture in which it holds the joints."""
 
     @property
-    def posture(self) -> FloatArray:
-        """The posture."""
-        ...
-
-    @property
-    def offset(self) -> FloatArray:
-        """The offset of the goal."""
-        ...
-
-    @property
-    def moved(self) -> FloatArray:
-        """The change of the offset in this tick, as far as it goes on in braking."""
+    def forced(self) -> bool:
+        """Whether the gate's limits have made of the offset a motion of its own."""
         ...
 
 
@@ -52,23 +45,19 @@ class Compensation(Protocol):
         one."""
         ...
 
-    def brake(self, last: Any, goal: FloatArray, moved: FloatArray) -> Compensated:
-        """A goal, rad (n,), of a robot that brakes, whose offset changes by `moved`, (n,)."""
-        ...
-
 
 class Gate:
     """Makes every `CheckedGoal` of a robot. Postures are joint radians (n,) in the profile's servo order; one goal per
     tick of `dt` s. The gate keeps nothing between two goals: each is made from the one that was sent last.
 
-    A target passes whole or not at all: no caller has asked for a posture in which some joints brake and others go on.
-    Limits are checked on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be
-    24 rad/s^2). clearance: checks paths for collision; None: it is not checked. With `compensation`, limits are
-    checked on the goal, and clearance on the posture that it holds.
+    A target passes whole or not at all, with the path of its stop: that of its planner, else one on which all joints
+    brake in proportion, in as many ticks as the slowest needs. Where no target passes, the next posture of the stop
+    that was verified last is sent, so the robot can always stop.
 
-    All joints brake in proportion, in as many ticks as the slowest needs, so that the robot goes on along its way. The
-    braking trajectory follows from positions, velocities and the change of the offset alone: what was verified when a
-    goal passed is what `brake` follows.
+    Limits are checked on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be
+    24 rad/s^2). clearance: checks paths for collision; None: it is not checked. standing: checks soles and balance on
+    the stops of a planner. With `compensation`, goals are offset from postures: the limits of this tick are checked on
+    the goal, and all else on postures; an offset changes only as far as the limits let it.
     """
 
     def __init__(
@@ -78,6 +67,7 @@ class Gate:
         dt: float,
         speed: float = 1.0,
         clearance: PathClearance | None = None,
+        standing: StandingCheck | None = None,
         compensation: Compensation | None = None,
     ) -> None:
         """joint_map: of the profile's servos, with their limits. speed: share of their greatest velocities that passes.
@@ -92,7 +82,7 @@ class Gate:
                     then="Correct the profile",
                 )
             )
-        self.clearance, self._compensation = clearance, compensation
+        self.clearance, self.standing, self._compensation = clearance, standing, compensation
         self._size, self._braking = len(joint_map), Braking(*limits, dt=float(dt))
         self._seal = _Seal()
 
@@ -111,46 +101,57 @@ class Gate:
                 )
             )
         compensated = None if self._compensation is None else self._compensation.begin(start)
-        return self._made(CheckedGoal(start, start, np.zeros_like(start), True, compensated, self._seal), None)
+        still, stop = np.zeros_like(start), np.zeros((0, self._size))
+        return self._made(CheckedGoal(start, start, still, stop, True, compensated, self._seal), None)
 
     def check(
-        self, last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
+        self,
+        last: CheckedGoal,
+        target: FloatArray | None,
+        *,
+        stop: StopPath | None = None,
+        standing: FloatArray | None = None,
     ) -> CheckedGoal | None:
         """The goal for a target posture, rad (n,), after the goal sent last; None: it is refused, or there is none.
-        standing (nq,): as the robot stands, where clearance is checked."""
+        stop: how the robot stops from there. standing (nq,): as the robot stands, where more than limits is checked."""
         if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
             return None
         target = np.array(target, dtype=np.float64, order="C")
-        # First the limits, which cost microseconds, then the sweep for collision, which costs most of a check.
+        # First the limits, which cost microseconds, then soles and balance, then the sweep, which costs most.
         goal, compensated = target, None
         if self._compensation is not None:
             goal, compensated = self._compensation.propose(last.compensated, target, partial(self._nearest, last))
+            if compensated.forced:
+                return None
         displacement = self._admitted(last, goal)
-        if displacement is None:
+        rows = None if displacement is None else self._stop(last, target, stop)
+        if displacement is None or rows is None:
             return None
+        if stop is not None and self.standing is not None:
+            assert standing is not None, "soles and balance depend on where the robot stands"
+            if not self.standing.holds(stop, last.stop, standing):
+                return None
         if self.clearance is not None:
             assert standing is not None, "collision depends on where the robot stands"
-            path, instead = self._paths(last, displacement, goal - target, compensated)
+            path, instead = np.vstack([last.posture, target, rows]), np.vstack([last.posture, last.stop])
             if not self.clearance(path, instead, standing):
                 return None
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
-        return self._made(CheckedGoal(goal, target, displacement, True, compensated, self._seal), last)
+        return self._made(CheckedGoal(goal, target, displacement, rows, True, compensated, self._seal), last)
 
     def at_rest(self, goal: CheckedGoal) -> bool:
-        """Return whether a goal can be the last: the joints may stop at it at once."""
-        return bool(self._braking.ticks(goal.displacement) <= 1.0)
+        """Return whether a goal can be the last: its stop is over, and the joints may rest at it at once."""
+        return not len(goal.stop) and bool(self._braking.ticks(goal.displacement) <= 1.0)
 
     def brake(self, last: CheckedGoal) -> CheckedGoal:
-        """The next goal of the braking trajectory that was verified with the goal sent last; once at rest, the same
-        goal for ever."""
-        displacement = self._braking.braked(last.joints, last.displacement)
-        posture = goal = last.joints + displacement
-        compensated = None
+        """The next goal of the stop that was verified with the goal sent last; once at rest, the same posture for
+        ever."""
+        posture, stop = (last.stop[0], last.stop[1:]) if len(last.stop) else (last.posture, last.stop)
+        goal, compensated = posture, None
         if self._compensation is not None:
-            moved = (1.0 - 1.0 / self._braking.ticks(last.displacement)) * last.compensated.moved
-            compensated = self._compensation.brake(last.compensated, goal, moved)
-            posture = compensated.posture
-        return self._made(CheckedGoal(goal, posture, displacement, False, compensated, self._seal), last)
+            goal, compensated = self._compensation.propose(last.compensated, posture, partial(self._nearest, last))
+        displacement = goal - last.joints
+        return self._made(CheckedGoal(goal, posture, displacement, stop, False, compensated, self._seal), last)
 
     def _admitted(self, last: CheckedGoal, goal: FloatArray) -> FloatArray | None:
         """The displacement (n,) to a goal that keeps the limits; None: it does not."""
@@ -162,28 +163,17 @@ class Gate:
         lo, hi = self._braking.bounds(last.joints, last.displacement)
         return np.asarray(np.minimum(np.maximum(goal, last.joints + lo), last.joints + hi))
 
-    def _paths(
-        self, last: CheckedGoal, displacement: FloatArray, offset: FloatArray, compensated: Compensated | None
-    ) -> tuple[FloatArray, FloatArray]:
-        """The postures (k, n), rad, on the way to a goal and from there to rest, and those of braking instead. offset
-        (n,): of the goal."""
-        # Collision is a matter of postures, not of goals: the offset that holds a joint against its load is taken off,
-        # which goes on as the joints brake.
-        path, instead = self._braking.paths(last.joints, last.displacement, displacement)
-        if compensated is not None:
-            before = last.compensated.offset
-            path[0] -= before
-            path[1:] -= offset + self._going_on(displacement, compensated.moved, len(path) - 1)
-            instead -= before + self._going_on(last.displacement, last.compensated.moved, len(instead))
-        return path, instead
-
-    def _going_on(self, displacement: FloatArray, moved: FloatArray, rows: int) -> FloatArray:
-        """How far (rows, n) the offset goes on, tick by tick, beside joints that brake from a displacement (n,): its
-        last change was `moved` (n,), rad."""
-        left = np.maximum(1.0 - np.arange(rows) / self._braking.ticks(displacement), 0.0)
-        left[0] = 0.0
-        gone: FloatArray = np.multiply.outer(np.cumsum(left), moved)
-        return gone
+    def _stop(self, last: CheckedGoal, target: FloatArray, stop: StopPath | None) -> FloatArray | None:
+        """The postures (k, n) after the target on the way to rest, rad; None: they do not keep the limits."""
+        displacement = target - last.posture
+        if stop is None:
+            return self._braking.stop(target, displacement)
+        assert self.standing is not None, "a gate that takes a planner's stops knows the robot"
+        joints = self.standing.joints(stop.postures)
+        if not np.array_equal(joints[0], target):
+            return None
+        rows = joints[1:]
+        return rows if self._braking.keeps(target, displacement, rows, tolerance=ROUND_OFF) else None
 
     def _made(self, goal: CheckedGoal, last: CheckedGoal | None) -> CheckedGoal:
         self._seal.last, self._seal.before = goal, last
@@ -194,6 +184,17 @@ class PassThroughGate(Gate):
     """A gate without limits: every finite goal passes. For servos that do not exist, to see what a gate would have held
     back. It still brakes within the servos' accelerations."""
 
-    def _admitted(self, last: CheckedGoal, goal: FloatArray) -> FloatArray:
-        displacement: FloatArray = goal - last.joints
-        return displacement
+    def check(
+        self,
+        last: CheckedGoal,
+        target: FloatArray | None,
+        *,
+        stop: StopPath | None = None,
+        standing: FloatArray | None = None,
+    ) -> CheckedGoal | None:
+        """The goal for a target posture, rad (n,); None: it is not finite, or there is none."""
+        if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
+            return None
+        displacement = target - last.joints
+        rows = self._braking.stop(target, displacement)
+        return self._made(CheckedGoal(target, target, displacement, rows, True, None, self._seal), last)

@@ -84,14 +84,17 @@ pub fn iteration_bounds(frame: &FrameBox, done: f64, step: f64) -> (f64, f64) {
     }
 }
 
+/// Rows of a stop after which joints that are still faster than their limits are given up.
+const MOST_ROWS: usize = 1000;
+
 /// What a gate lets pass in a tick, and how joints that brake come to rest together.
 pub struct Braking {
     limits: Vec<Limit>,
     dt: f64,
     /// Largest change of displacement between ticks (rad or m).
     change: Vec<f64>,
-    /// Postures of a path: the present one, the goal, and those of the ticks that the slowest joint needs to stand.
-    pub rows: usize,
+    /// Ticks that the slowest joint needs from its greatest speed, and one for rounding.
+    longest: usize,
 }
 
 impl Braking {
@@ -99,7 +102,7 @@ impl Braking {
     pub fn new(limits: Vec<Limit>, dt: f64) -> Self {
         let change: Vec<f64> = limits.iter().map(|l| l.acceleration * (dt * dt)).collect();
         let ticks = limits.iter().zip(&change).map(|(l, change)| l.velocity * dt / change).fold(0.0, f64::max);
-        Self { limits, dt, change, rows: 3 + ticks.ceil() as usize }
+        Self { limits, dt, change, longest: 1 + ticks.ceil() as usize }
     }
 
     pub fn joints(&self) -> usize {
@@ -116,7 +119,7 @@ impl Braking {
     /// Ticks that the slowest joint needs to come to rest at its full deceleration, 1 at least.
     pub fn ticks(&self, displacement: &[f64]) -> f64 {
         let slowest = displacement.iter().zip(&self.change).map(|(d, change)| d.abs() / change).fold(1.0, f64::max);
-        slowest.min(self.rows as f64) // one that is too fast brakes by itself
+        slowest.min(self.longest as f64) // one that is too fast brakes by itself
     }
 
     /// The next displacement of all joints that brake in proportion, so that they go on along their way and come to rest together; one
@@ -136,17 +139,33 @@ impl Braking {
         (lo - asked <= tolerance && asked - hi <= tolerance).then(|| asked.max(lo).min(hi))
     }
 
-    /// Postures (rows, n) from `position` through `displacement` to rest; the last may repeat.
-    pub fn path(&self, position: &[f64], displacement: &[f64]) -> Vec<f64> {
-        let n = self.joints();
-        let mut path = Vec::with_capacity(self.rows * n);
-        path.extend_from_slice(position);
-        let (mut at, mut moved) = (position.to_vec(), displacement.to_vec());
-        for _ in 1..self.rows {
+    /// Postures (rows, n) tick by tick to rest, of joints that got to `position` by `displacement`. None are left where they may stop there
+    /// at once.
+    pub fn stop(&self, position: &[f64], displacement: &[f64]) -> Vec<f64> {
+        let (mut path, mut at, mut moved) = (vec![], position.to_vec(), displacement.to_vec());
+        for _ in 0..MOST_ROWS {
+            self.brake(&at, &mut moved);
+            if moved.iter().all(|d| *d == 0.0) {
+                break;
+            }
             at.iter_mut().zip(&moved).for_each(|(at, moved)| *at += moved);
             path.extend_from_slice(&at);
-            self.brake(&at, &mut moved);
         }
         path
+    }
+
+    /// Whether joints that got to `position` by `displacement` keep every limit on `path` (rows, n), and may stop at its end at once.
+    pub fn keeps(&self, position: &[f64], displacement: &[f64], path: &[f64], tolerance: f64) -> bool {
+        let (mut at, mut moved) = (position.to_vec(), displacement.to_vec());
+        for row in path.chunks_exact(self.joints()) {
+            for i in 0..row.len() {
+                match self.admitted(i, at[i], moved[i], row[i], tolerance) {
+                    Some(displacement) => moved[i] = displacement,
+                    None => return false,
+                }
+                at[i] = row[i];
+            }
+        }
+        moved.iter().zip(&self.change).all(|(moved, change)| moved.abs() <= change + tolerance)
     }
 }

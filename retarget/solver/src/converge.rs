@@ -3,7 +3,7 @@
 //! The linear problem of one iteration is metric, rows and box, in the variables z = (dq - reference) / scale. Observers add their rows,
 //! and ask for a second solve after a trial.
 
-use crate::braking::{frame_bounds, iteration_bounds};
+use crate::braking::{frame_bounds, iteration_bounds, Limit};
 use crate::frame::FrameSolver;
 use crate::hierarchy::{Problem, BUDGET};
 use crate::level_rows::Placed;
@@ -97,12 +97,19 @@ impl FrameSolver {
         self.body.integrate(&mut self.q, &self.step);
     }
 
-    /// Come to rest, a row of `postures` (nq) for each frame of `dt` seconds: coordinates and the centre of mass go on by less and less
-    /// of the velocity with which they began, by none after so many `ticks`, as far as limits let them, and points and
-    /// frames that have a task, which stay.
-    pub fn brake(&mut self, ticks: f64, dt: f64, postures: &mut [f64]) {
+    /// The postures (rows, nq) of coming to rest, a row for each frame of `dt` seconds and `most` of them: coordinates and the centre of
+    /// mass go on by less and less of the velocity with which they began, by none after so many `ticks`, as far as limits let them, and
+    /// points and frames that have a task, which stay. After the last row the body may stop at once. A coordinate that begins beyond the
+    /// end of its range goes no farther than it must.
+    pub fn brake(&mut self, ticks: f64, dt: f64, most: usize) -> Vec<f64> {
         self.pose_body();
         let began = self.velocity.clone();
+        let limits = self.limits.clone();
+        for i in 0..self.body.nv {
+            let at = self.coordinate(i);
+            self.limits[i].lower = self.limits[i].lower.min(at);
+            self.limits[i].upper = self.limits[i].upper.max(at);
+        }
         let mass = (0..self.body.nv)
             .fold([0.0; 3], |mass, dof| add_scaled(mass, self.body.com_column(&self.pose, dof), began[dof]));
         let mut targets = vec![0.0; self.target_size];
@@ -119,8 +126,9 @@ impl FrameSolver {
                 _ => {}
             }
         }
-        for (t, posture) in postures.chunks_exact_mut(self.body.nq).enumerate() {
-            let left = (1.0 - (t + 1) as f64 / ticks).max(0.0) * dt;
+        let mut postures = vec![];
+        for t in 1..=most {
+            let left = (1.0 - t as f64 / ticks).max(0.0) * dt;
             self.step.iter_mut().zip(&began).for_each(|(step, began)| *step = left * began);
             for p in &self.placed {
                 let target = &mut targets[p.target.clone()][1..];
@@ -136,8 +144,14 @@ impl FrameSolver {
                 }
             }
             self.frame(&targets, dt);
-            posture.copy_from_slice(&self.q);
+            postures.extend_from_slice(&self.q);
+            let stops = |(done, limit): (&f64, &Limit)| done.abs() <= limit.acceleration * dt * dt;
+            if left == 0.0 && self.done.iter().zip(&self.limits).all(stops) {
+                break;
+            }
         }
+        self.limits = limits;
+        postures
     }
 
     /// Value of a hinge or slide coordinate; 0 for others (they have no position limit).

@@ -293,7 +293,7 @@ impl PathChecker {
         if !may_flee || self.stage.moving(pair).is_none() {
             return false;
         }
-        let rows = self.way.rows.min(self.instead.rows);
+        let rows = self.way.rows.max(self.instead.rows);
         let looks = self.stage.looks;
         let mut least = f64::INFINITY;
         self.excused[pair] = (1..rows).all(|row| {

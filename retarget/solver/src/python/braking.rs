@@ -1,8 +1,8 @@
 //! Limits and braking for Python: the gate and the solver share one rule.
 
-use super::arrays::{bad, entries, time_step, vector, Matrix, Numbers, Vector};
+use super::arrays::{bad, entries, table, time_step, vector, Matrix, Numbers, Table, Vector};
 use crate::braking::{self, Braking, Limit};
-use numpy::{PyArray1, PyArrayMethods};
+use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// Limits of every coordinate; raises on NaN, on negative speeds and on lower > upper.
@@ -72,17 +72,6 @@ impl PyBraking {
         Ok(self.braking.ticks(self.joints(&displacement)?))
     }
 
-    fn braked<'py>(
-        &self,
-        py: Python<'py>,
-        position: Numbers<'py>,
-        displacement: Numbers<'py>,
-    ) -> PyResult<Vector<'py>> {
-        let mut braked = self.joints(&displacement)?.to_vec();
-        self.braking.brake(self.joints(&position)?, &mut braked);
-        Ok(PyArray1::from_vec(py, braked))
-    }
-
     #[pyo3(signature = (position, displacement, goal, *, tolerance))]
     fn admitted<'py>(
         &self,
@@ -102,22 +91,28 @@ impl PyBraking {
         Ok(admitted.map(|all| PyArray1::from_vec(py, all)))
     }
 
-    /// The path of a displacement, and that of braking from the one before.
-    fn paths<'py>(
+    fn stop<'py>(
         &self,
         py: Python<'py>,
         position: Numbers<'py>,
-        before: Numbers<'py>,
         displacement: Numbers<'py>,
-    ) -> PyResult<(Matrix<'py>, Matrix<'py>)> {
+    ) -> PyResult<Matrix<'py>> {
+        let path = self.braking.stop(self.joints(&position)?, self.joints(&displacement)?);
+        let rows = path.len() / self.braking.joints();
+        PyArray1::from_vec(py, path).reshape([rows, self.braking.joints()])
+    }
+
+    #[pyo3(signature = (position, displacement, path, *, tolerance))]
+    fn keeps(
+        &self,
+        position: Numbers<'_>,
+        displacement: Numbers<'_>,
+        path: Table<'_>,
+        tolerance: f64,
+    ) -> PyResult<bool> {
+        let rows = table(&path, path.shape()[0], self.braking.joints(), "path")?;
         let (position, displacement) = (self.joints(&position)?, self.joints(&displacement)?);
-        let mut braked = self.joints(&before)?.to_vec();
-        self.braking.brake(position, &mut braked);
-        let path = |displacement: &[f64]| {
-            let path = self.braking.path(position, displacement);
-            PyArray1::from_vec(py, path).reshape([self.braking.rows, self.braking.joints()])
-        };
-        Ok((path(displacement)?, path(&braked)?))
+        Ok(rows.iter().all(|v| v.is_finite()) && self.braking.keeps(position, displacement, rows, tolerance))
     }
 }
 

@@ -126,14 +126,14 @@ impl PySolver {
         Ok(PyArray1::from_slice(py, &self.solver.q))
     }
 
-    fn brake<'py>(&mut self, py: Python<'py>, ticks: f64, dt: f64, frames: usize) -> PyResult<Matrix<'py>> {
+    fn brake<'py>(&mut self, py: Python<'py>, ticks: f64, dt: f64, most: usize) -> PyResult<Matrix<'py>> {
         let (solver, dt) = (&mut self.solver, time_step(dt)?);
         if !(ticks > 0.0 && ticks.is_finite()) {
             return Err(bad(format!("ticks is {ticks}, expected a positive number")));
         }
-        let mut out = vec![0.0; frames * solver.body.nq];
-        py.detach(|| solver.brake(ticks, dt, &mut out));
-        PyArray1::from_vec(py, out).reshape([frames, solver.body.nq])
+        let postures = py.detach(|| solver.brake(ticks, dt, most));
+        let rows = postures.len() / solver.body.nq;
+        PyArray1::from_vec(py, postures).reshape([rows, solver.body.nq])
     }
 
     #[pyo3(signature = (position, quat, linear=None, angular=None, present=None))]

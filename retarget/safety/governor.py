@@ -1,0 +1,98 @@
+"""Command governor: how much of what is asked the robot can do now, and still stop.
+
+A goal that the gate refuses as a whole is not dropped: the robot goes as far as it can from the stop that was verified
+last towards it, with the legs and with the rest of the body. Goal and stop are blended row by row: a blend of two paths
+within limits is within limits, and soles and balance change evenly with the share.
+
+Source: Garone, Di Cairano and Kolmanovsky, "Reference and command governors for systems with constraints", Automatica
+75, 2017, with the stop in place of the predicted response.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hardware.guard import CheckedGoal
+from retarget.ik.whole_body_stop import StopPath
+from retarget.model.robot import RobotBody
+from retarget.safety.gate import Gate
+from retarget.safety.standing import StandingCheck
+from retarget.types import BoolArray, FloatArray
+
+SHARES = (1.0, 0.5, 0.25)
+"""Shares of the way that are tried one after the other."""
+LEAST = 1e-3
+"""A smaller share is none."""
+LOOKS = 3
+"""Times that the share at which soles and balance are just kept is looked for: each time by the secant."""
+SPARE = 0.98
+"""Share of that share which is taken, as losses do not change quite evenly with it."""
+
+
+class CommandGovernor:
+    """Checks the goals of one robot with their stops, as a whole or in part."""
+
+    def __init__(self, robot: RobotBody, gate: Gate, standing: StandingCheck, carrying: BoolArray) -> None:
+        """carrying (nv,): the root and the joints of the legs."""
+        self._body, self._gate, self._standing, self._carrying = robot.kinematics, gate, standing, carrying
+
+    def check(self, last: CheckedGoal, stop: StopPath, standing: FloatArray) -> tuple[CheckedGoal, StopPath] | None:
+        """The goal that the robot can go to, after the goal sent last, with the path of its stop; None: none but on the
+        stop that was verified last. stop: from the posture that is asked; standing (nq,): as the robot stands."""
+        goal = self._passed(last, stop, standing)
+        if goal is not None:
+            return goal, stop
+        rows = last.stop if len(last.stop) else last.posture[None]
+        instead = StopPath(self._standing.postures(rows, standing), stop.contact)
+        for legs, others in self._shares(stop, instead):
+            part = self._blend(instead, stop, legs, others)
+            goal = self._passed(last, part, standing)
+            if goal is not None:
+                return goal, part
+        return None
+
+    def _passed(self, last: CheckedGoal, stop: StopPath, standing: FloatArray) -> CheckedGoal | None:
+        target = self._standing.joints(stop.postures[:1])[0]
+        return self._gate.check(last, target, stop=stop, standing=standing)
+
+    def _shares(self, stop: StopPath, instead: StopPath) -> Iterator[tuple[float, float]]:
+        """Shares of legs and of the rest of the body to try."""
+        legs = self._kept(stop, instead)
+        for share in SHARES:
+            if legs * share > LEAST and (legs < 1.0 or share < 1.0):
+                yield legs * share, share
+        for share in SHARES:
+            yield 0.0, share
+        if legs > LEAST:
+            yield legs, 0.0
+
+    def _kept(self, stop: StopPath, instead: StopPath) -> float:
+        """The share of the legs up to which soles and balance are kept."""
+        bounds = self._standing.bounds(instead)
+        lost, none = self._standing.losses(stop), self._standing.losses(self._blend(instead, stop, 0.0, 1.0))
+        share = 1.0
+        for _ in range(LOOKS):
+            if lost.within(bounds):
+                return share
+            slip = _secant(none.slip, lost.slip, bounds.slip)
+            share *= SPARE * min(slip, _secant(none.shortfall, lost.shortfall, bounds.shortfall))
+            if share < LEAST:
+                break
+            lost = self._standing.losses(self._blend(instead, stop, share, 1.0))
+        return share if lost.within(bounds) else 0.0
+
+    def _blend(self, instead: StopPath, stop: StopPath, legs: float, others: float) -> StopPath:
+        """The path at shares of the way from one stop to another."""
+        share = np.where(self._carrying, legs, others)
+        here, there, blended = instead.postures, stop.postures, list[FloatArray]()
+        for k in range(max(len(here), len(there))):
+            a, b = here[min(k, len(here) - 1)], there[min(k, len(there) - 1)]
+            blended.append(self._body.integrate(a, share * self._body.difference(a, b)))
+        return StopPath(np.array(blended), stop.contact)
+
+
+def _secant(none: float, lost: float, bound: float) -> float:
+    """The share at which a loss that goes from `none` to `lost` is at its bound."""
+    if lost <= bound:
+        return 1.0
+    return max(bound - none, 0.0) / (lost - none) if lost > none else 0.0
