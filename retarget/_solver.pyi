@@ -251,7 +251,8 @@ class Solver:
 
     The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see
     `Braking.bounds`). Locked coordinates (nv,) never move. A level is damped (m/rad) by the root of its error (m) times
-    the size of the body (m) times `damping`.
+    the size of the body (m) times `damping`. pendulum: s, sqrt(height of the centre of mass / g) of a body that stands
+    on its soles, whose mass is braked gently; 0 of another.
     """
 
     def __init__(
@@ -268,6 +269,7 @@ class Solver:
         max_step: float = 0.3,
         damping: float = 0.5,
         early_stop: bool = True,
+        pendulum: float = 0.0,
         observers: Observers | None = None,
         activation: Literal["closest", "all"] = "closest",
     ) -> None: ...
@@ -279,11 +281,11 @@ class Solver:
         """Start from posture q (nq,), moving at velocity (nv,) per second."""
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
-    def brake(self, ticks: float, dt: float, most: int) -> Floats:
+    def brake(self, dt: float, most: int) -> Floats:
         """Postures (k, nq), dt seconds each and `most` of them, on the way to rest: coordinates and the centre of mass
-        go on by less and less of the velocity that they have, in proportion, and by none after so many ticks (> 0, else
-        ValueError); points and frames that have a task stay. After the last row all may stop at once, if fewer than
-        `most` were needed."""
+        go on by less and less of the velocity that they have, in proportion; points and frames that have a task stay.
+        The slowest coordinate brakes at its full deceleration, a mass over a `pendulum` gently. After the last row all
+        may stop at once, if fewer than `most` were needed."""
     def set_obstacles(
         self,
         position: Floats,
@@ -339,6 +341,9 @@ def solve_hierarchy(
     nothing. budget: most steps.
 
     Returns z (n,), steps, and whether it was ended early."""
+
+MASS_BRAKING: float
+"""Deceleration (m/s^2) with which the centre of mass of a body that stands on its soles can surely be stopped."""
 
 def braking_displacement(gap: float, change: float) -> float:
     """Largest displacement x of a tick for which x + (x - change) + ... down to zero covers no more than `gap`.

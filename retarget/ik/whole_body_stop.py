@@ -12,7 +12,6 @@ from math import sqrt
 import numpy as np
 
 from retarget._solver import Solver, Task
-from retarget.arithmetic import matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Sole, Stance
 from retarget.model.body import BodyModel, JointLimits
@@ -32,8 +31,6 @@ class StopPath:
     contact: Contact
 
 
-BRAKING = 1.0
-"""Deceleration (m/s^2) with which the centre of mass can surely be stopped on its soles."""
 LONGEST = 100
 """Most ticks of a stop: a robot that takes longer is not at rest at the end of its path, and the gate refuses it."""
 MASS = 40.0
@@ -42,6 +39,13 @@ rad: where legs move the mass, it goes where it should."""
 OTHERS = 100.0
 """Weight of a joint that carries nothing beside one of a leg, in squares: arms brake in proportion, and do not swing to
 brake the mass. With 1, more stops are found, but Poppy, whose ankles do not roll, falls in 01_01 with mass."""
+
+
+def pendulum_time(body: BodyModel, stance: Stance) -> float:
+    """sqrt(height of the centre of mass / g) of a robot that stands so, s; 0 where it stands on no soles."""
+    if not stance.soles:
+        return 0.0
+    return sqrt(float(body.solver_body().centre_of_mass(stance.q[None])[0, 2]) / GRAVITY)
 
 
 class WholeBodyStop:
@@ -58,28 +62,18 @@ class WholeBodyStop:
         """limits (nv,): whose ranges a stop keeps. widest (nv,): of the servos, whose speeds and accelerations it may
         use. carrying (nv,): the root and the joints of the legs."""
         self._body, self._stance, self._carrying = body, stance, carrying
-        self._kinematics = body.solver_body()
-        self._joints = np.flatnonzero(body.scalar_joints()[0] & np.isfinite(widest.max_acceleration))
-        self._slowness = 1.0 / widest.max_acceleration[self._joints]
-        self._height = float(self._kinematics.centre_of_mass(stance.q[None])[0, 2])
+        self._height = float(body.solver_body().centre_of_mass(stance.q[None])[0, 2])
         self._limits = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
         self._solvers = dict[Contact, Solver]()
 
     def path(self, q: FloatArray, velocity: FloatArray, dt: float, *, contact: Contact) -> StopPath:
         """The path to rest from posture q (nq,), moving at velocity (nv,) in rad/s and m/s, in ticks of `dt` s: soles
         that carry stay where they are, and mass and all joints brake in proportion as nearly as they can."""
-        mass_velocity = matmul(self._kinematics.centre_of_mass_jacobian(q), velocity)
-        # The mass is braked by BRAKING; a fast one in such a time that its zero-moment point is at its capture point.
-        time = min(sqrt(self._height / GRAVITY), norm(mass_velocity) / BRAKING)
-        slowest = float(np.abs(velocity[self._joints] * self._slowness).max())  # [s] until the slowest joint rests
-        ticks = max(slowest, time) / dt
-        if ticks <= 1.0:
-            return StopPath(q[None], contact)
         if contact not in self._solvers:
             self._solvers[contact] = self._solver(contact)
         solver = self._solvers[contact]
         solver.reset(q, velocity)
-        return StopPath(np.concatenate([q[None], solver.brake(ticks, dt, LONGEST)]), contact)
+        return StopPath(np.concatenate([q[None], solver.brake(dt, LONGEST)]), contact)
 
     def _solver(self, contact: Contact) -> Solver:
         """Soles first, then the centre of mass beside joints."""
@@ -89,7 +83,7 @@ class WholeBodyStop:
         planted = places + [Task.orientation(frame.body) for frame in frames]
         weights = np.where(self._carrying, 1.0, OTHERS)
         return Solver(
-            self._kinematics,
+            body.solver_body(),
             [planted, [Task.centre_of_mass(weight=(MASS / self._height,) * 3), Task.posture(weights)]],
             lower=limits.lower,
             upper=limits.upper,
@@ -98,6 +92,7 @@ class WholeBodyStop:
             locked=np.zeros(body.nv, dtype=bool),
             n_ik=1,
             damping=0.0,
+            pendulum=pendulum_time(body, self._stance),
         )
 
 

@@ -22,14 +22,13 @@ from math import sqrt
 import numpy as np
 
 from retarget import rotations
-from retarget._solver import Probe, braking_displacement
+from retarget._solver import MASS_BRAKING, Probe, braking_displacement
 from retarget.arithmetic import dot, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY, GravityTorque
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.least_squares import least_squares
 from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.tasks import CARRIES
-from retarget.ik.whole_body_stop import BRAKING
 from retarget.model.body import Frame, JointType
 from retarget.model.robot import RobotBody
 from retarget.schema.priorities import CentreOfMassTask, Priorities, StrengthTask
@@ -80,9 +79,9 @@ class StandingBalance:
         if self._room is None:
             # Edges are drawn in to what the centre of mass may do in one tick and still stop inside of them.
             x, y, _ = com.tolist()
-            change, drawn = BRAKING * dt * dt, []
+            change, drawn = MASS_BRAKING * dt * dt, []
             for nx, ny, offset in self._drawn_in:
-                # How far the mass may still go towards this edge, and be braked at BRAKING before it.
+                # How far the mass may still go towards this edge, and be braked at MASS_BRAKING before it.
                 across = nx * x + ny * y
                 drawn.append((nx, ny, 0.0, across + braking_displacement(offset - across, change)))
             return np.array(drawn)

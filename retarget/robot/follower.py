@@ -16,7 +16,7 @@ from retarget.human.samples import Parts
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, footing, plant
-from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop
+from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop, pendulum_time
 from retarget.model.body import BodyModel, JointLimits
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
@@ -312,6 +312,7 @@ class Follower:
             locked=locked,
             iterations=iterations,
             damping=damping,
+            pendulum=pendulum_time(self._robot.body, self.stance),
             observers=self.observers,
             scene=self.scene_obstacles.shapes,
         )

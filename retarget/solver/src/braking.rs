@@ -1,6 +1,8 @@
 //! One model of braking, for solver, gate and stop: how far a coordinate may go in one frame, as a box on its displacement (position,
 //! velocity, acceleration and braking-distance limits), and how joints come to rest.
 
+use crate::math::{norm, Vec3};
+
 /// Limits of one velocity coordinate. Infinite where there is none.
 #[derive(Clone, Copy, Debug)]
 pub struct Limit {
@@ -61,14 +63,28 @@ pub fn frame_bounds(q: f64, before: f64, limit: &Limit, dt: f64) -> FrameBox {
     }
 }
 
-/// Seconds that a body needs to come to rest, at most, after a frame that begins at this velocity: as long as the slowest coordinate at
-/// its full deceleration. 0 for a body at rest, and for one that stops at once.
-pub fn stopping_time(velocity: &[f64], limits: &[Limit], dt: f64) -> f64 {
-    let now = velocity.iter().zip(limits).map(|(v, limit)| v.abs() / limit.acceleration).fold(0.0, f64::max);
-    if now > 0.0 {
-        now + dt
-    } else {
-        0.0
+/// Deceleration (m/s^2) with which the centre of mass of a body that stands on its soles can surely be stopped.
+pub const MASS_BRAKING: f64 = 1.0;
+
+/// How a body moves, and what its joints can do about it.
+pub struct Motion<'a> {
+    /// Of every coordinate, per second.
+    pub velocity: &'a [f64],
+    pub limits: &'a [Limit],
+    /// Of the centre of mass, m/s.
+    pub mass: Vec3,
+    /// s, sqrt(height of the centre of mass / g) of a body that stands on its soles; 0 of another.
+    pub pendulum: f64,
+}
+
+impl Motion<'_> {
+    /// Seconds in which the body comes to rest, all coordinates in proportion: as many as the slowest of them needs at its full
+    /// deceleration, and the centre of mass at MASS_BRAKING; a fast one is braked in the time in which its zero-moment point is at its
+    /// capture point. 0 for a body at rest, and for one that stops at once.
+    pub fn stopping_time(&self) -> f64 {
+        let joints = self.velocity.iter().zip(self.limits);
+        let slowest = joints.map(|(v, limit)| v.abs() / limit.acceleration).fold(0.0, f64::max);
+        slowest.max(self.pendulum.min(norm(self.mass) / MASS_BRAKING))
     }
 }
 

@@ -3,11 +3,11 @@
 //! The linear problem of one iteration is metric, rows and box, in the variables z = (dq - reference) / scale. Observers add their rows,
 //! and ask for a second solve after a trial.
 
-use crate::braking::{frame_bounds, iteration_bounds, Limit};
+use crate::braking::{frame_bounds, iteration_bounds, Limit, Motion};
 use crate::frame::FrameSolver;
 use crate::hierarchy::{Problem, BUDGET};
 use crate::level_rows::Placed;
-use crate::math::{add_scaled, quat_mul};
+use crate::math::{add_scaled, quat_mul, Vec3};
 use crate::observers::{Activation, Iteration};
 use crate::task::TaskKind;
 use crate::task_rows::{Columns, RowWriter};
@@ -47,6 +47,9 @@ impl FrameSolver {
     fn look(&mut self, targets: &[f64], done: usize, dt: f64) {
         self.posed &= done == 0;
         self.pose_body();
+        let mass = if done == 0 { self.mass_velocity() } else { [0.0; 3] };
+        let (velocity, limits, pendulum) = (&self.velocity[..], &self.limits[..], self.settings.pendulum);
+        let motion = Motion { velocity, limits, mass, pendulum };
         if let Some(watch) = &mut self.watch {
             if done == 0 {
                 for p in &self.placed {
@@ -54,8 +57,7 @@ impl FrameSolver {
                         watch.tasks[task.index].on = p.task.is_present(&targets[p.target.clone()]);
                     }
                 }
-                let motion = (self.velocity.as_slice(), self.limits.as_slice());
-                watch.begin(&self.body, (&self.q, &self.pose), motion, dt, self.settings.n_ik);
+                watch.begin(&self.body, (&self.q, &self.pose), &motion, dt, self.settings.n_ik);
             } else {
                 watch.look(&self.pose, done, &self.step);
             }
@@ -97,21 +99,30 @@ impl FrameSolver {
         self.body.integrate(&mut self.q, &self.step);
     }
 
+    /// Velocity (m/s) of the centre of mass of a body that stands on its soles, 0 of another; in a posture that is posed.
+    fn mass_velocity(&self) -> Vec3 {
+        let dofs = 0..if self.settings.pendulum > 0.0 { self.body.nv } else { 0 };
+        dofs.fold([0.0; 3], |v, dof| add_scaled(v, self.body.com_column(&self.pose, dof), self.velocity[dof]))
+    }
+
     /// The postures (rows, nq) of coming to rest, a row for each frame of `dt` seconds and `most` of them: coordinates and the centre of
-    /// mass go on by less and less of the velocity with which they began, by none after so many `ticks`, as far as limits let them, and
+    /// mass go on by less and less of the velocity with which they began, by none after the stopping time, as far as limits let them, and
     /// points and frames that have a task, which stay. After the last row the body may stop at once. A coordinate that begins beyond the
     /// end of its range goes no farther than it must.
-    pub fn brake(&mut self, ticks: f64, dt: f64, most: usize) -> Vec<f64> {
+    pub fn brake(&mut self, dt: f64, most: usize) -> Vec<f64> {
         self.pose_body();
-        let began = self.velocity.clone();
+        let (began, mass) = (self.velocity.clone(), self.mass_velocity());
+        let motion = Motion { velocity: &began, limits: &self.limits, mass, pendulum: self.settings.pendulum };
+        let ticks = motion.stopping_time() / dt;
+        if ticks <= 1.0 {
+            return vec![];
+        }
         let limits = self.limits.clone();
         for i in 0..self.body.nv {
             let at = self.coordinate(i);
             self.limits[i].lower = self.limits[i].lower.min(at);
             self.limits[i].upper = self.limits[i].upper.max(at);
         }
-        let mass = (0..self.body.nv)
-            .fold([0.0; 3], |mass, dof| add_scaled(mass, self.body.com_column(&self.pose, dof), began[dof]));
         let mut targets = vec![0.0; self.target_size];
         for p in &self.placed {
             let target = &mut targets[p.target.clone()];

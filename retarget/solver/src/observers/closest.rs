@@ -6,14 +6,14 @@ use super::set::{place_obstacles, Other};
 use super::task::Activation;
 use super::watch::{Approach, Watch};
 use crate::body::Body;
-use crate::braking::Limit;
+use crate::braking::Motion;
 use crate::geometry::{gap_at_least, nearest};
 use crate::hierarchy::Problem;
 use crate::kinematics::Pose;
 
 impl Watch {
-    /// A frame of `dt` s in `n_ik` iterations begins in this posture, of a body whose coordinates go by this velocity within limits.
-    pub fn begin(&mut self, body: &Body, (q, pose): (&[f64], &Pose), motion: (&[f64], &[Limit]), dt: f64, n_ik: usize) {
+    /// A frame of `dt` s in `n_ik` iterations begins in this posture, of a body that moves so.
+    pub fn begin(&mut self, body: &Body, (q, pose): (&[f64], &Pose), motion: &Motion, dt: f64, n_ik: usize) {
         (self.dt, self.iteration) = (dt, 1.0 / n_ik as f64);
         if self.activation == Activation::All {
             self.rest.foresee((body, &self.set), &self.obstacles, q, motion, dt);

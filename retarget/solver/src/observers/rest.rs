@@ -4,7 +4,7 @@
 
 use super::set::{place_obstacles, ObserverSet, ObstaclePose};
 use crate::body::Body;
-use crate::braking::{stopping_time, Limit};
+use crate::braking::Motion;
 use crate::geometry::Solid;
 use crate::kinematics::Pose;
 
@@ -14,7 +14,7 @@ pub struct Rest {
     pub solids: Vec<Solid>,
     pub fixtures: Vec<Solid>,
     q: Vec<f64>,
-    /// Seconds from the start of the frame until then, T + dt for a body that needs T s to stop; 0: it rests, stops at once or cannot
+    /// Seconds from the start of the frame until then, T + dt for a body that needs T s to stop after it; 0: it rests, stops at once or cannot
     /// brake, and nothing is foreseen.
     pub time: f64,
     /// Displacement in a frame for one until rest, 2 dt / (T + dt).
@@ -41,17 +41,17 @@ impl Rest {
         (body, set): (&Body, &ObserverSet),
         obstacles: &[ObstaclePose],
         q: &[f64],
-        (velocity, limits): (&[f64], &[Limit]),
+        motion: &Motion,
         dt: f64,
     ) {
-        let stopping = stopping_time(velocity, limits, dt);
+        let (stopping, limits) = (motion.stopping_time(), motion.limits);
         self.time = 0.0;
         if stopping == 0.0 || !stopping.is_finite() {
             return;
         }
-        self.time = stopping + dt;
+        self.time = stopping + 2.0 * dt;
         self.share = 2.0 * dt / self.time;
-        for (i, (v, limit)) in velocity.iter().zip(limits).enumerate() {
+        for (i, (v, limit)) in motion.velocity.iter().zip(limits).enumerate() {
             // What stops at once comes to rest with the others all the same, and is taken to speed up by no more than its speed.
             let change = if limit.acceleration.is_finite() { dt * limit.acceleration } else { v.abs() };
             self.way[i] = 0.5 * self.time * v;

@@ -91,12 +91,7 @@ impl PyBraking {
         Ok(admitted.map(|all| PyArray1::from_vec(py, all)))
     }
 
-    fn stop<'py>(
-        &self,
-        py: Python<'py>,
-        position: Numbers<'py>,
-        displacement: Numbers<'py>,
-    ) -> PyResult<Matrix<'py>> {
+    fn stop<'py>(&self, py: Python<'py>, position: Numbers<'py>, displacement: Numbers<'py>) -> PyResult<Matrix<'py>> {
         let path = self.braking.stop(self.joints(&position)?, self.joints(&displacement)?);
         let rows = path.len() / self.braking.joints();
         PyArray1::from_vec(py, path).reshape([rows, self.braking.joints()])

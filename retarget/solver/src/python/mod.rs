@@ -28,5 +28,6 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(braking::braking_displacement, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_distances, m)?)?;
     m.add_function(wrap_pyfunction!(shapes::shape_gaps_at_least, m)?)?;
+    m.add("MASS_BRAKING", crate::braking::MASS_BRAKING)?;
     arithmetic::register(m)
 }
