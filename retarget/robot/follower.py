@@ -274,6 +274,7 @@ class Follower:
             lead_time=priorities.lead_time,
         )
         self._time, self._settling = TimeScaling(robot.body, limits), Settling()
+        self._stop: StopPath | None = None  # from the posture that was planned last, once it is known
 
     @property
     def _q(self) -> FloatArray:
@@ -326,6 +327,7 @@ class Follower:
         self.scene_obstacles.restart()
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self.stance.q)
+        self._stop = None
         if self.steps is not None:
             self.steps.restart()
         self._reached = self._reader.read(self._q)
@@ -355,7 +357,7 @@ class Follower:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, scale, q = self._targets, self.hierarchy, self._time.scale, self._q
         self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
-        dt *= scale  # from here on the robot's own time
+        tick, dt = dt, dt * scale  # from here on the robot's own time
         soles = self._soles
         if soles.steps is not None:
             velocity, at = hierarchy.solver.velocity, self._reached
@@ -382,7 +384,10 @@ class Follower:
             self._governor.aim(targets, asked, self._reached, dt)
             is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
+        if (stop := self.stop(tick)) is not None:
+            hierarchy.solver.foresee(stop.postures[-1], dt * (len(stop.postures) - 1))
         self._reached = self._reader.read(hierarchy.solver.frame(targets, dt))
+        self._stop = None
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no
@@ -413,8 +418,10 @@ class Follower:
         """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
         if self._soles.stop is None:
             return None
-        velocity = self._time.scale * self.hierarchy.solver.velocity
-        return self._soles.stop.path(self._q, velocity, dt, contact=self._contact)
+        if self._stop is None or self._stop.contact != self._contact:
+            velocity = self._time.scale * self.hierarchy.solver.velocity
+            self._stop = self._soles.stop.path(self._q, velocity, dt, contact=self._contact)
+        return self._stop
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
@@ -429,7 +436,7 @@ class Follower:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: another goal was sent than was planned. rests:
         what is led joint by joint begins at rest there."""
         self.hierarchy.solver.reset(q, velocity / self._time.scale)
-        self._reached = self._reader.read(q)
+        self._reached, self._stop = self._reader.read(q), None
         if rests:
             self._arms.reset(q)
             if self._soles.to_stance is not None:

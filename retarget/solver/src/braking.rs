@@ -75,6 +75,9 @@ pub struct Motion<'a> {
     pub mass: Vec3,
     /// s, sqrt(height of the centre of mass / g) of a body that stands on its soles; 0 of another.
     pub pendulum: f64,
+    /// The posture (nq) in which it would come to rest, and in how many seconds, where its stop is planned; else joints are taken to brake
+    /// in proportion.
+    pub stop: Option<(&'a [f64], f64)>,
 }
 
 impl Motion<'_> {

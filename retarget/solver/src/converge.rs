@@ -41,6 +41,7 @@ impl FrameSolver {
         if let Some(watch) = &mut self.watch {
             watch.finish(&self.done);
         }
+        self.stop = None;
     }
 
     /// Kinematics and errors of the posture as it is, after so many iterations of a frame of `dt` s.
@@ -49,7 +50,8 @@ impl FrameSolver {
         self.pose_body();
         let mass = if done == 0 { self.mass_velocity() } else { [0.0; 3] };
         let (velocity, limits, pendulum) = (&self.velocity[..], &self.limits[..], self.settings.pendulum);
-        let motion = Motion { velocity, limits, mass, pendulum };
+        let stop = self.stop.as_ref().map(|stop| (&stop.0[..], stop.1));
+        let motion = Motion { velocity, limits, mass, pendulum, stop };
         if let Some(watch) = &mut self.watch {
             if done == 0 {
                 for p in &self.placed {
@@ -112,7 +114,8 @@ impl FrameSolver {
     pub fn brake(&mut self, dt: f64, most: usize) -> Vec<f64> {
         self.pose_body();
         let (began, mass) = (self.velocity.clone(), self.mass_velocity());
-        let motion = Motion { velocity: &began, limits: &self.limits, mass, pendulum: self.settings.pendulum };
+        let (limits, pendulum) = (&self.limits[..], self.settings.pendulum);
+        let motion = Motion { velocity: &began, limits, mass, pendulum, stop: None };
         let ticks = motion.stopping_time() / dt;
         if ticks <= 1.0 {
             return vec![];

@@ -45,6 +45,8 @@ pub struct FrameSolver {
     pub velocity: Vec<f64>,
     /// Per task (in order of levels): error norm at the posture that was reached.
     pub task_errors: Vec<f64>,
+    /// Where the body would come to rest from the posture at hand, and in how many seconds, as planned for the next frame alone.
+    pub stop: Option<(Vec<f64>, f64)>,
     pub(crate) placed: Vec<Placed>,
     /// Observers, where there are any.
     pub watch: Option<Watch>,
@@ -98,6 +100,7 @@ impl FrameSolver {
             q,
             velocity: vec![0.0; body.nv],
             task_errors: vec![f64::NAN; layout.placed.len()],
+            stop: None,
             placed: layout.placed,
             watch,
             columns,

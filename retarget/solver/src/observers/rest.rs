@@ -1,5 +1,5 @@
-//! Where the body would come to rest, were it braked after a frame like the last one, all joints in proportion, and where obstacles will be
-//! by then: there too pairs keep their margin, by a second row. What is nearest now need not be what is nearest then: a thigh that swings up
+//! Where the body would come to rest, were it braked after a frame like the last one, as its stop is planned or all joints in proportion, and
+//! where obstacles will be by then: there too pairs keep their margin, by a second row. What is nearest now need not be what is nearest then: a thigh that swings up
 //! meets the trunk with its far end.
 
 use super::set::{place_obstacles, ObserverSet, ObstaclePose};
@@ -44,7 +44,7 @@ impl Rest {
         motion: &Motion,
         dt: f64,
     ) {
-        let (stopping, limits) = (motion.stopping_time(), motion.limits);
+        let (stopping, limits) = (motion.stop.map_or_else(|| motion.stopping_time(), |stop| stop.1), motion.limits);
         self.time = 0.0;
         if stopping == 0.0 || !stopping.is_finite() {
             return;
@@ -56,6 +56,10 @@ impl Rest {
             let change = if limit.acceleration.is_finite() { dt * limit.acceleration } else { v.abs() };
             self.way[i] = 0.5 * self.time * v;
             self.change[i] = 0.5 * self.time * change;
+        }
+        if let Some((rest, _)) = motion.stop {
+            body.difference(q, rest, &mut self.way);
+            self.way.iter_mut().zip(motion.velocity).for_each(|(way, v)| *way += dt * v);
         }
         // Before the end of its range a joint brakes earlier.
         for joint in body.joints.iter().filter(|joint| joint.kind.size() == (1, 1)) {

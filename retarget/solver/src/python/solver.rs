@@ -123,6 +123,15 @@ impl PySolver {
         Ok(())
     }
 
+    fn foresee(&mut self, rest: Numbers<'_>, seconds: f64) -> PyResult<()> {
+        let rest = vector(&rest, self.solver.body.nq, "rest")?;
+        if !(seconds >= 0.0 && seconds.is_finite()) {
+            return Err(bad(format!("seconds is {seconds}, expected a number, not negative")));
+        }
+        self.solver.stop = Some((rest.to_vec(), seconds));
+        Ok(())
+    }
+
     fn frame<'py>(&mut self, py: Python<'py>, targets: Numbers<'py>, dt: f64) -> PyResult<Vector<'py>> {
         let (targets, dt) = (entries(&targets, self.solver.target_size, "targets")?, time_step(dt)?);
         let solver = &mut self.solver;
