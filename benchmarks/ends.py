@@ -32,10 +32,10 @@ MOST_MM = 2.0
 """How far a stop may lift or slide a sole, mm."""
 HEADS = (
     *("runs", "fell or toppled", "touched", "at rest, torque off", "standing, with torque", "other"),
-    *("most lifted by the stop, mm", "most slid by the stop, mm", "farther than 2 mm", "most tilt, degrees"),
-    *("most slid until the end, mm", "latest to stand, s", "latest end, s"),
+    *("most lifted by the stop, mm", "most slid by the stop, mm", "farther than 2 mm", "more than without the stop"),
+    *("most tilt, degrees", "most slid until the end, mm", "latest to stand, s", "latest end, s"),
 )
-DOCS = (0, 1, 2, 3, 4, 5, 6, 7, 12)
+DOCS = (0, 1, 2, 3, 4, 5, 6, 7, 13)
 """Columns of the table of the documentation."""
 
 
@@ -93,6 +93,7 @@ def cells(ends: Sequence[Ended]) -> list[str]:
         *map(str, (*counts, len(ends) - off - standing)),
         *(f"{mm:.1f}" for mm in moved),
         str(sum(_far(end) for end in ends)),
+        str(sum(_far(end, beside=True) for end in ends)),
         f"{max((end.tilt_deg for end in ends), default=0.0):.1f}",
         f"{max((end.rest_slid_mm for end in ends), default=0.0):.1f}",
         f"{max((end.stands_s or 0.0 for end in ends), default=0.0):.2f}",
@@ -100,8 +101,10 @@ def cells(ends: Sequence[Ended]) -> list[str]:
     ]
 
 
-def _far(end: Ended) -> bool:
-    return max(end.lifted_mm, end.slid_mm) > MOST_MM
+def _far(end: Ended, *, beside: bool = False) -> bool:
+    """True if a sole got too far; beside: farther by so much than it did in the run that went on."""
+    on = (end.on_lifted_mm or 0.0, end.on_slid_mm or 0.0) if beside else (0.0, 0.0)
+    return max(end.lifted_mm - on[0], end.slid_mm - on[1]) > MOST_MM
 
 
 if __name__ == "__main__":

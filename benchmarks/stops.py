@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import os
 import traceback
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -49,6 +48,8 @@ JUMP_M = 0.35
 """Standard deviation of a displacement of wrists and head, m on each axis."""
 SETTLED_S = 0.2
 """Servos still move for so long, s, when no motion is left in their goals."""
+ROUND_S = 1e-3
+"""Times are kept to a millisecond, s, which is less than a tick."""
 STOOD_S = 1.0
 """Time, s, that a loop of one's own is watched for when it stands."""
 
@@ -84,7 +85,8 @@ class Ended:
     state: of the run at its end. how: it fell or toppled, or was refused, else "". touched: ticks after the stop in
     which links touched each other or a fixture. tilt_deg: largest of a sole after the stop. lifted_mm, slid_mm: how far
     a corner of a sole got up, and sideways, from where it was at the stop, until the robot stands; rest_lifted_mm,
-    rest_slid_mm: until torque is off. stands_s, ends_s: times from the stop until then, None: it did not stand.
+    rest_slid_mm: until torque is off. on_lifted_mm, on_slid_mm: in the same time in the run that went on without the
+    stop, None of an end that is none. stands_s, ends_s: times from the stop until then, None: it did not stand.
     """
 
     kind: str
@@ -98,6 +100,8 @@ class Ended:
     slid_mm: float = 0.0
     rest_lifted_mm: float = 0.0
     rest_slid_mm: float = 0.0
+    on_lifted_mm: float | None = None
+    on_slid_mm: float | None = None
     stands_s: float | None = None
     ends_s: float = 0.0
 
@@ -197,13 +201,12 @@ class Fork:
         self.found.append(Ended(**json.loads(text)))
         return False
 
-    def ended(self, end: Callable[[], Ended]) -> list[Ended]:
-        """All that were found. A child does not come back: it answers how it ended. Raises RetargetError in the
-        parent."""
+    def ended(self, watch: StopWatch, robot: RobotBody, state: str) -> list[Ended]:
+        """All that were found, the run first. A child does not come back: it answers how it ended. state: of it."""
         if self.kind == MOTION:
-            return [end(), *self.found]
+            return [watch.ended(self.kind, robot, state), *(watch.beside(one, robot) for one in self.found)]
         try:
-            os.write(self._answer, json.dumps(asdict(end())).encode())
+            os.write(self._answer, json.dumps(asdict(watch.ended(self.kind, robot, state))).encode())
         except BaseException:  # noqa: BLE001 - a child is never to go on as its parent
             traceback.print_exc()
         finally:
@@ -228,29 +231,41 @@ class StopWatch:
 
     def ended(self, kind: str, robot: RobotBody, state: str) -> Ended:
         """How the run ended. state: of it."""
-        witness, log = self._witness, self._witness.log
-        fallen, time, end = witness.fall or witness.toppled, log.column("time"), self._witness.state.time
-        rows = (time >= self._begun) & (time <= end)
-        corners = 1e3 * standing_of(robot, log.column("q")[rows]).corners
-        moved = corners - corners[0]
+        witness, begun, end = self._witness, self._begun, self._witness.state.time
         stood = self._stood if self._stood is not None or state == RunState.FAULT.value else end
-        braking = slice(0, len(moved) if stood is None else int((time[rows] <= stood + SETTLED_S).sum()))
-        lifted, slid = moved[..., 2], np.linalg.norm(moved[..., :2], axis=2)
+        fallen, log = witness.fall or witness.toppled, witness.log
+        stopping = self._moved(robot, begun, end if stood is None else stood + SETTLED_S)
+        to_rest = self._moved(robot, begun, end)
         return Ended(
             kind=kind,
-            at=round(self._begun, 3),
+            at=round(begun, 3),
             before=self._before,
             state=state,
             how="" if fallen is None else f"at {fallen.time:.2f} s {fallen.how}",
             touched=self._contacts - self._touched,
-            tilt_deg=round(float(np.degrees(log.column("tilt")[rows].max(initial=0.0))), 2),
-            lifted_mm=round(float(lifted[braking].max()), 2),
-            slid_mm=round(float(slid[braking].max()), 2),
-            rest_lifted_mm=round(float(lifted.max()), 2),
-            rest_slid_mm=round(float(slid.max()), 2),
-            stands_s=None if stood is None else round(stood - self._begun, 3),
-            ends_s=round(end - self._begun, 3),
+            tilt_deg=round(float(np.degrees(log.column("tilt")[log.column("time") >= begun].max(initial=0.0))), 2),
+            lifted_mm=stopping[0],
+            slid_mm=stopping[1],
+            rest_lifted_mm=to_rest[0],
+            rest_slid_mm=to_rest[1],
+            stands_s=None if stood is None else round(stood - begun, 3),
+            ends_s=round(end - begun, 3),
         )
+
+    def beside(self, end: Ended, robot: RobotBody) -> Ended:
+        """The end of a child, with what the soles of this run did in the time of its stop."""
+        lifted, slid = self._moved(robot, end.at, end.at + (end.stands_s or end.ends_s) + SETTLED_S)
+        return replace(end, on_lifted_mm=lifted, on_slid_mm=slid)
+
+    def _moved(self, robot: RobotBody, begin: float, until: float) -> tuple[float, float]:
+        """How far, mm, a corner of a sole got up and sideways between two times, s."""
+        log = self._witness.log
+        time = log.column("time")
+        q = log.column("q")[(time >= begin - ROUND_S) & (time <= until + ROUND_S)]
+        corners = 1e3 * standing_of(robot, q).corners
+        moved = corners - corners[0]
+        slid = np.linalg.norm(moved[..., :2], axis=2)
+        return round(float(moved[..., 2].max()), 2), round(float(slid.max()), 2)
 
     @property
     def _contacts(self) -> int:
@@ -309,8 +324,7 @@ def whole_run(case: Case, frames: SensorFrames, found: list[Disturbance]) -> lis
         operator = ForkingOperator(prepared, seen, fork)
         run = prepared.run(operator)
     assert run.robot is not None, "the robot has mass"
-    robot = run.robot
-    return fork.ended(lambda: operator.watch.ended(fork.kind, robot, run.state or ""))
+    return fork.ended(operator.watch, run.robot, run.state or "")
 
 
 def own_loop(case: Case, frames: SensorFrames, found: list[Disturbance]) -> list[Ended]:
@@ -341,4 +355,4 @@ def own_loop(case: Case, frames: SensorFrames, found: list[Disturbance]) -> list
         bus.write(ServoGoals(robot.joint_map.to_ticks(goal.joint_positions)))
         stood += pipeline.state not in (*AT_RISK, RunState.STOPPING)
     state = RunState.STANDING if pipeline.state is RunState.OFF else pipeline.state
-    return fork.ended(lambda: watch.ended(fork.kind, robot, state.value))
+    return fork.ended(watch, robot, state.value)

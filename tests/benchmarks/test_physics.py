@@ -91,4 +91,5 @@ def test_each_stop_is_a_child_of_its_run(own_loop: bool) -> None:
         assert end.state == ("standing" if own_loop else "off") and not end.how and not end.touched
         assert end.stands_s is not None and 0.0 < end.stands_s < 0.5 < end.ends_s
         assert 0.0 <= end.slid_mm <= end.rest_slid_mm < 2.0 and end.lifted_mm < 2.0
+    assert motion.on_slid_mm is None and all(end.on_slid_mm is not None for end in ends)
     assert stops.run_case(case) == [motion, *ends]
