@@ -83,10 +83,11 @@ class Ended:
     """How a run ended. kind: of its stop; at: s of the simulation, before: state of the run, when the stop came.
 
     state: of the run at its end. how: it fell or toppled, or was refused, else "". touched: ticks after the stop in
-    which links touched each other or a fixture. tilt_deg: largest of a sole after the stop. lifted_mm, slid_mm: how far
-    a corner of a sole got up, and sideways, from where it was at the stop, until the robot stands; rest_lifted_mm,
-    rest_slid_mm: until torque is off. on_lifted_mm, on_slid_mm: in the same time in the run that went on without the
-    stop, None of an end that is none. stands_s, ends_s: times from the stop until then, None: it did not stand.
+    which links touched each other or a fixture. before_deg, tilt_deg: largest tilt of a sole when the stop came, and
+    after it. lifted_mm, slid_mm: how far a corner of a sole got up, and sideways, from where it was at the stop, until
+    the robot stands; rest_lifted_mm, rest_slid_mm: until torque is off. on_lifted_mm, on_slid_mm: in the same time in
+    the run that went on without the stop, None of an end that is none. stands_s, ends_s: times from the stop until
+    then, None: it did not stand.
     """
 
     kind: str
@@ -95,6 +96,7 @@ class Ended:
     state: str
     how: str
     touched: int = 0
+    before_deg: float = 0.0
     tilt_deg: float = 0.0
     lifted_mm: float = 0.0
     slid_mm: float = 0.0
@@ -236,6 +238,7 @@ class StopWatch:
         fallen, log = witness.fall or witness.toppled, witness.log
         stopping = self._moved(robot, begun, end if stood is None else stood + SETTLED_S)
         to_rest = self._moved(robot, begun, end)
+        tilts = np.degrees(log.column("tilt")[log.column("time") >= begun])
         return Ended(
             kind=kind,
             at=round(begun, 3),
@@ -243,7 +246,8 @@ class StopWatch:
             state=state,
             how="" if fallen is None else f"at {fallen.time:.2f} s {fallen.how}",
             touched=self._contacts - self._touched,
-            tilt_deg=round(float(np.degrees(log.column("tilt")[log.column("time") >= begun].max(initial=0.0))), 2),
+            before_deg=round(float(tilts[0].max()), 2),
+            tilt_deg=round(float(tilts.max()), 2),
             lifted_mm=stopping[0],
             slid_mm=stopping[1],
             rest_lifted_mm=to_rest[0],
