@@ -1,8 +1,11 @@
 """`python -m benchmarks.ends`: how runs of robots with mass end: after the motion, and by a stop at a random tick.
 
 Each robot follows a motion with and without the table: as planned, with masses, centre of mass, friction and latency
-drawn anew, and with servos 0.6 as stiff as planned. None may fall or topple: torque goes off at rest, or the robot
+drawn anew, and with servos 0.6 as stiff as planned. Each run gives one end after the motion, and so many stops. In
+none may the robot fall, topple or touch itself, or lift or slide a sole by the stop: torque goes off at rest, or it
 stands with torque.
+`--disturbed`: sensors are lost and jump. `--own-loop`: a loop over `retarget.Pipeline` instead of a run.
+`--keep FILE` keeps each run as it ends, a line of JSON, and goes on from what it holds.
 """
 
 from __future__ import annotations
@@ -13,117 +16,95 @@ import os
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import argparse
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import product
-from multiprocessing import get_context
+from pathlib import Path
 
-import numpy as np
-
-from benchmarks.physics_runs import play
-from benchmarks.robustness import motion
+from benchmarks.kept import run_cases
+from benchmarks.stops import CONDITIONS, Case, Ended, run_case
 from benchmarks.table import add_docs, print_table, show_table
-from retarget.errors import RetargetError
-from retarget.human.samples import Playback
-from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.sources.open import SAMPLE
 from retarget.types import RunState
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
-SCENES = (None, "table")
-DRAWN = ("mass", "centre_of_mass", "friction", "latency")
-CONDITIONS: dict[str, tuple[str, ...]] = {"planned": (), "drawn": DRAWN, "soft": ("stiffness=0.6",)}
-"""What is simulated otherwise than planned: perturbations, those without a number drawn."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """One run. stopped: by a stop at a tick that its seed draws; else by the end of the motion."""
-
-    robot: str
-    source: str
-    scene: str | None
-    condition: str
-    stopped: bool
-    seed: int
-    end: float
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How it ended. state: of the run; after_s: from the stop, or the end of the motion, to the end of the run; how: it
-    went down or why it was refused, "" where it did not."""
-
-    state: str
-    after_s: float
-    how: str
-
-
-def run_case(case: Case) -> Ended:
-    """Play one."""
-    physics = PhysicsOptions(seed=case.seed, perturbations=CONDITIONS[case.condition])
-    options = RunOptions(
-        robot=case.robot, bus="physics", scene=case.scene, physics=physics, playback=Playback(end=case.end)
-    )
-    stop_s = float(np.random.default_rng(case.seed).uniform(0.2, 0.95)) * case.end if case.stopped else None
-    try:
-        run = play(motion(case.source), options, stop_s=stop_s)
-    except RetargetError as error:
-        return Ended("refused", 0.0, str(error))
-    assert run.physics is not None, "the robot has mass"
-    following = run.record.time[run.record.following]
-    after = float(run.record.time[-1] - following[-1]) if following.size else 0.0
-    fallen = run.physics.fall or run.physics.toppled
-    return Ended(run.state or "", after, "" if fallen is None else f"at {fallen.time:.1f} s {fallen.how}")
-
-
-def cases(asked: argparse.Namespace) -> Iterator[Case]:
-    """All of them."""
-    for robot, scene, condition in product(asked.robot, SCENES, CONDITIONS):
-        for seed in range(asked.ends):
-            yield Case(robot, asked.source, scene, condition, stopped=False, seed=seed, end=asked.end)
-        for seed in range(asked.stops):
-            yield Case(robot, asked.source, scene, condition, stopped=True, seed=100 + seed, end=asked.end)
+SCENES = ("none", "table")
+MOST_MM = 2.0
+"""How far a stop may lift or slide a sole, mm."""
+HEADS = (
+    *("runs", "fell or toppled", "touched", "at rest, torque off", "standing, with torque", "other"),
+    *("most lifted by the stop, mm", "most slid by the stop, mm", "farther than 2 mm", "more than without the stop"),
+    *("most tilt, degrees", "most slid until the end, mm", "latest to stand, s", "latest end, s"),
+)
+DOCS = (0, 1, 2, 3, 4, 5, 6, 7, 13)
+"""Columns of the table of the documentation."""
 
 
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ends", description=__doc__)
     parser.add_argument("--robot", nargs="*", default=ROBOTS, help="by name or path")
-    parser.add_argument("--source", default=SAMPLE, help=f"a motion file [{SAMPLE}]")
+    parser.add_argument("--source", nargs="*", default=[SAMPLE], help=f"motion files [{SAMPLE}]")
+    parser.add_argument("--scene", nargs="*", default=SCENES, help="by name or path")
+    parser.add_argument("--condition", nargs="*", default=[*CONDITIONS], choices=[*CONDITIONS])
     parser.add_argument("--end", type=float, default=6.0, help="end of the motion, s")
-    parser.add_argument("--ends", type=int, default=1, help="runs of each kind that end with the motion")
-    parser.add_argument("--stops", type=int, default=2, help="runs of each kind that are stopped")
+    parser.add_argument("--seeds", type=int, default=1, help="runs of each kind")
+    parser.add_argument("--stops", type=int, default=2, help="stops of each run")
+    parser.add_argument("--disturbed", action="store_true", help="sensors are lost and jump")
+    parser.add_argument("--own-loop", action="store_true", help="a loop over Pipeline")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--keep", type=Path, help="file for every run; runs that are in it are not made again")
     add_docs(parser)
     asked = parser.parse_args()
-    todo = list(cases(asked))
-    with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn")) as pool:
-        ends = list(pool.map(run_case, todo))
-    for case, end in zip(todo, ends, strict=True):
-        if end.how:
-            print(f"{case}: {end.state}: {end.how}")
-    heads = [
-        "robot",
-        "runs",
-        "fell or toppled",
-        "at rest, torque off",
-        "standing, with torque",
-        "other",
-        "latest end, s",
+    kinds = product(range(asked.seeds), asked.source, asked.robot, asked.scene, asked.condition)
+    cases = [
+        Case(
+            robot=robot,
+            source=source,
+            scene=None if scene == "none" else scene,
+            condition=condition,
+            seed=seed,
+            end=asked.end,
+            stops=asked.stops,
+            disturbed=asked.disturbed,
+            own_loop=asked.own_loop,
+        )
+        for seed, source, robot, scene, condition in kinds
     ]
-    rows: list[list[str]] = []
-    for robot in asked.robot:
-        own = [end for case, end in zip(todo, ends, strict=True) if case.robot == robot]
-        states = [end.state for end in own]
-        off, standing = states.count(RunState.OFF.value), states.count(RunState.STANDING.value)
-        latest = max((end.after_s for end in own), default=0.0)
-        down = sum(bool(end.how) for end in own)
-        rows.append([robot, str(len(own)), str(down), str(off), str(standing), str(len(own) - off - standing)])
-        rows[-1].append(f"{latest:.1f}")
-    print_table(heads, rows, text=1)
-    show_table("ends", heads, rows, docs=asked.docs)
+    found = run_cases(cases, run_case, Ended, jobs=asked.jobs, keep=asked.keep)
+    ends = [(case, end) for case, ends in found.items() for end in ends]
+    for case, end in ends:
+        if end.how or end.touched or _far(end):
+            print(f"{case}:\n    {end}")
+    by_kind = {kind: [end for _, end in ends if end.kind == kind] for kind in sorted({end.kind for _, end in ends})}
+    print_table(["kind", *HEADS], [[kind, *cells(own)] for kind, own in by_kind.items()])
+    rows = [[robot, *cells([end for case, end in ends if case.robot == robot])] for robot in asked.robot]
+    print_table(["robot", *HEADS], rows)
+    shown = [[row[0], *(row[1 + column] for column in DOCS)] for row in rows]
+    show_table("ends", ["robot", *(HEADS[column] for column in DOCS)], shown, docs=asked.docs)
+
+
+def cells(ends: Sequence[Ended]) -> list[str]:
+    """The cells of a row, as HEADS names them."""
+    states = [end.state for end in ends]
+    off, standing = states.count(RunState.OFF.value), states.count(RunState.STANDING.value)
+    counts = (len(ends), sum(bool(end.how) for end in ends), sum(end.touched > 0 for end in ends), off, standing)
+    moved = (max(end.lifted_mm for end in ends), max(end.slid_mm for end in ends)) if ends else (0.0, 0.0)
+    return [
+        *map(str, (*counts, len(ends) - off - standing)),
+        *(f"{mm:.1f}" for mm in moved),
+        str(sum(_far(end) for end in ends)),
+        str(sum(_far(end, beside=True) for end in ends)),
+        f"{max((end.tilt_deg for end in ends), default=0.0):.1f}",
+        f"{max((end.rest_slid_mm for end in ends), default=0.0):.1f}",
+        f"{max((end.stands_s or 0.0 for end in ends), default=0.0):.2f}",
+        f"{max((end.ends_s for end in ends), default=0.0):.1f}",
+    ]
+
+
+def _far(end: Ended, *, beside: bool = False) -> bool:
+    """True if a sole got too far; beside: farther by so much than it did in the run that went on."""
+    on = (end.on_lifted_mm or 0.0, end.on_slid_mm or 0.0) if beside else (0.0, 0.0)
+    return max(end.lifted_mm - on[0], end.slid_mm - on[1]) > MOST_MM
 
 
 if __name__ == "__main__":

@@ -21,11 +21,6 @@ from retarget.report.motion_metrics import physics_report
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
-from retarget.run.supervisor import OperatorInput
-from retarget.types import RunState
-
-ASKED = "interrupted by the user"
-"""Why a run stops that is to."""
 
 
 def timed(bus: ServoBus, spent: list[float]) -> ServoBus:
@@ -83,23 +78,13 @@ class Stood:
     tilt_deg: float
 
 
-def play(frames: SensorFrames, options: RunOptions, *, stop_s: float | None = None) -> RunResult:
-    """Run it on a virtual clock; a fall ends it, and a stop so many s after it began to follow. Raises
-    RetargetError."""
-    bench, clock, began = PhysicsBench(options, lambda text: None), VirtualClock(), list[float]()
+def play(frames: SensorFrames, options: RunOptions) -> RunResult:
+    """Run it on a virtual clock; a fall ends it. Raises RetargetError."""
+    bench = PhysicsBench(options, lambda text: None)
     with prepare(
-        lambda: frames, options, clock=clock, make_bus=bench.make_bus, goes_to_rest=options.has_physics
+        lambda: frames, options, clock=VirtualClock(), make_bus=bench.make_bus, goes_to_rest=options.has_physics
     ) as prepared:
-
-        class StopsLater(RunOperator):
-            def ask(self, state: RunState | None) -> OperatorInput:
-                if not began and state is RunState.FOLLOW:
-                    began.append(clock.now())
-                if stop_s is not None and began and clock.now() - began[0] >= stop_s:
-                    self.stop.ask(ASKED)
-                return super().ask(state)
-
-        run = prepared.run(StopsLater(prepared, StopRequest(), bench=bench))
+        run = prepared.run(RunOperator(prepared, StopRequest(), bench=bench))
     return bench.seen(run)
 
 

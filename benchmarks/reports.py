@@ -1,6 +1,7 @@
 """`python -m benchmarks.reports --mocap DIR [NAME ...] [--docs]`: tables of docs/ that are made of reports of runs.
 
-Every row is one `retarget run ... --report` in a process of its own; NAME chooses tables.
+Every row is one `retarget run ... --report` in a process of its own; NAME chooses tables. `--keep FILE` keeps each
+report, a line of JSON, and goes on from what it holds.
 """
 
 from __future__ import annotations
@@ -10,27 +11,39 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.kept import run_cases
 from benchmarks.recording import SHARED
 from benchmarks.table import add_docs, show_table
 
 Report = dict[str, Any]
 """What `--report` writes; docs/results.md explains its keys."""
 LIKENESS = ("upper arms, mean; p95 (best mean), deg", "forearms", "trunk lean, mean; max", "worse hand, mm")
+MASS = (
+    *("robot, recording", "fallen", "soles tip, degrees", "slip of both soles, mm", "hand path", "lag, s"),
+    *("upper arms, deg", "forearms", "thighs", "shanks", "trunk lean", "worse hand, mm", "refused goals, %"),
+)
+IN_PLACE = (
+    *("02_04.amc", "02_05.amc", "02_06.amc", "02_10.amc", "49_18.amc"),
+    *("49_02.bvh", "sample.bvh", "test_mocapbank.bvh"),
+)
+"""Recordings whose performer stays within a metre."""
 WAYS = ("feet's path, %", "travelled, m", "turned, deg")
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table. rows: words of each, the recording, and its options of `retarget run`; cells: the numbers of a row."""
+    """A table. rows: words of each, the recording, and its options of `retarget run`; cells: the numbers of a row.
+    on_page: a page of docs/ shows it."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[tuple[str, ...], str, str], ...]
     cells: Callable[[Report], list[str]]
+    on_page: bool = True
 
 
 def likeness(report: Report) -> list[str]:
@@ -56,6 +69,14 @@ def standing(report: Report) -> list[str]:
     physics = report["physics"]
     feet = [f"{physics['sole_tilt_max_deg']:.1f}", f"{physics['foot_slip_mm']['total']:.1f}"]
     return ["yes" if report["fallen"] else "no", *feet, f"{report['hand_path_ratio']:.2f}", f"{report['lag_s']:.2f}"]
+
+
+def with_mass(report: Report) -> list[str]:
+    """How firmly a robot with mass stood, its likeness, degrees, and how much of what was asked it refused."""
+    limbs = [f"{report['likeness_deg'][limb]['mean']:.1f}" for limb in ("upper_arms", "forearms", "thighs", "shanks")]
+    lean, hand = report["trunk_lean_deg"]["mean"], report["reachable_hands_mm"]["worse"]
+    refused = 100.0 * report["gated_frames"] / report["ticks"]
+    return [*standing(report), *limbs, f"{lean:.1f}", f"{hand:.0f}", f"{refused:.2f}"]
 
 
 def stepping(report: Report) -> list[str]:
@@ -96,6 +117,16 @@ TABLES = {
         ),
         standing,
     ),
+    "robots": Table(
+        MASS,
+        tuple(
+            ((f"{robot}, {file}",), file, f"--robot {robot} --bus physics")
+            for robot in ("op3", "poppy", "toddlerbot", "wolfgang")
+            for file in IN_PLACE
+        ),
+        with_mass,
+        on_page=False,
+    ),
     "stepping": Table(
         ("OP3 with `shift`, speed", "steps made / asked", "fallen", "soles tip, degrees", "slip, mm"),
         tuple(
@@ -122,32 +153,50 @@ TABLES = {
 """Tables by name."""
 
 
-def report_of(recording: Path, options: Sequence[str]) -> Report:
+@dataclass(frozen=True)
+class ReportedRun:
+    """A recording, and the options of its run."""
+
+    recording: str
+    options: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """The report of a run."""
+
+    report: Report
+
+
+def report_of(run: ReportedRun) -> list[Found]:
     """Run it, and read its report. A run that ends early has one too. Raises SystemExit where there is none."""
+    recording, options = Path(run.recording), run.options.split()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.json"
-        run = [sys.executable, "-m", "retarget", "run", "--source", str(recording), "--report", str(path), *options]
-        done = subprocess.run(run, capture_output=True, text=True, check=False)
+        words = [sys.executable, "-m", "retarget", "run", "--source", str(recording), "--report", str(path), *options]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
         if not path.is_file():
             raise SystemExit(f"{recording.name}: {done.stderr}")
-        report: Report = json.loads(path.read_text(encoding="utf-8"))
-        return report
+        return [Found(json.loads(path.read_text(encoding="utf-8")))]
 
 
 def main() -> None:
     """Run and print the tables that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.reports", description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(TABLES)}; all if absent")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(TABLES)}; all of docs/ if absent")
     parser.add_argument("--mocap", type=Path, default=SHARED / "mocap", help="folder of recordings")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--keep", type=Path, help="file for every report; runs that are in it are not made again")
     add_docs(parser)
     asked = parser.parse_args()
-    for name in asked.names or TABLES:
-        table, rows = TABLES[name], []
-        for words, file, options in table.rows:
-            recording = min(asked.mocap.rglob(file))
-            rows.append([*words, *table.cells(report_of(recording, options.split()))])
-            print(f"{name}: {' | '.join(rows[-1])}", flush=True)
-        show_table(name, table.heads, rows, text=len(table.rows[0][0]), docs=asked.docs)
+    for name in asked.names or [name for name, table in TABLES.items() if table.on_page]:
+        table = TABLES[name]
+        runs = [ReportedRun(str(min(asked.mocap.rglob(file))), options) for _, file, options in table.rows]
+        found = run_cases(runs, report_of, Found, jobs=asked.jobs, keep=asked.keep)
+        rows = [
+            [*words, *table.cells(found[run][0].report)] for (words, _, _), run in zip(table.rows, runs, strict=True)
+        ]
+        show_table(name, table.heads, rows, text=len(table.rows[0][0]), docs=asked.docs and table.on_page)
 
 
 if __name__ == "__main__":

@@ -14,16 +14,14 @@ import os
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import argparse
-import dataclasses
-import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 
+from benchmarks.kept import run_cases
 from benchmarks.physics_runs import Stood, play, stood
 from benchmarks.recording import RECORDING
 from benchmarks.table import add_docs, print_table, show_table
@@ -39,7 +37,7 @@ NONE = "none"
 SYNTHETIC = "synthetic"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Case:
     """One run. source: a file, or SYNTHETIC."""
 
@@ -70,50 +68,25 @@ def main() -> None:
         for seed in range(asked.seeds)
         for perturbation in asked.perturb
     ]
-    kept = {} if asked.keep is None or not asked.keep.is_file() else read(asked.keep)
-    new = [case for case in cases if case not in kept]
-    for case, end in zip(new, run_all(new, jobs=asked.jobs), strict=True):
-        kept[case] = end
-        if asked.keep is not None:
-            append(asked.keep, case, end)
+    found = run_cases(cases, run_case, Stood, jobs=asked.jobs, keep=asked.keep)
     motion_name = Path(asked.source).stem
     print(f"{asked.robot}, {motion_name}, speed {asked.speed:g}, {asked.seeds} seeds; asked: {ASKED:.0%} stand")
-    show([kept[case] for case in cases], asked.perturb, docs=asked.docs)
+    show([end for ends in found.values() for end in ends], asked.perturb, docs=asked.docs)
 
 
-def read(path: Path) -> dict[Case, Stood]:
-    """The runs that a file holds."""
-    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {Case(**case): Stood(**end) for case, end in lines}
-
-
-def append(path: Path, case: Case, end: Stood) -> None:
-    """Add a run to a file."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps([dataclasses.asdict(case), dataclasses.asdict(end)]) + "\n")
-
-
-def run_all(cases: Iterable[Case], *, jobs: int) -> Iterator[Stood]:
-    """How each case ends, in their order."""
-    if jobs == 1:
-        yield from map(run_case, cases)
-        return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(run_case, cases)
-
-
-def run_case(case: Case) -> Stood:
+def run_case(case: Case) -> list[Stood]:
     """Play one."""
     physics = PhysicsOptions(seed=case.seed, perturbations=() if case.perturbation == NONE else (case.perturbation,))
     playback = Playback(speed=case.speed, end=case.end)
     options = RunOptions(robot=case.robot, bus="physics", physics=physics, playback=playback)
-    return stood(case.perturbation, case.seed, play(motion(case.source), options))
+    return [stood(case.perturbation, case.seed, play(motion(case.source), options))]
 
 
 @cache
 def motion(source: str) -> SensorFrames:
-    """What is followed, read once in each process."""
-    return synthetic_performer() if source == SYNTHETIC else open_source(source)
+    """What is followed, read once in each process. source: a file, of an AMC also FILE,SKELETON, or SYNTHETIC."""
+    path, _, skeleton = source.partition(",")
+    return synthetic_performer() if source == SYNTHETIC else open_source(path, skeleton=skeleton or None)
 
 
 def show(ends: list[Stood], perturbations: Iterable[str], *, docs: bool = False) -> None:
