@@ -97,7 +97,7 @@ def test_only_a_gate_makes_a_checked_goal() -> None:
     rig = moving()
     goal = rig.faster()
     with pytest.raises(TypeError, match="gate"):
-        CheckedGoal(goal.joints, goal.posture, goal.displacement, True, None, None)  # type: ignore[arg-type]
+        CheckedGoal(goal.joints, goal.posture, goal.displacement, goal.stop, True, None, None)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="gate"):
         replace(goal, seal=object())  # type: ignore[arg-type]
     for other in (goal.joints, None, rig.bus):

@@ -20,6 +20,12 @@ vectors = st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3).map(np.array)
 steps = st.lists(st.floats(-0.04, 0.04), min_size=3, max_size=3).map(np.array)
 
 
+def braked(position: FloatArray, step: FloatArray) -> FloatArray:
+    """The next displacement of joints that brake: none once their stop is over."""
+    rows = BRAKING.stop(position, step)
+    return np.asarray(rows[0] - position if len(rows) else np.zeros(3))
+
+
 def alone(step: FloatArray) -> FloatArray:
     """Joints that each brake as hard as they can."""
     return np.asarray(np.copysign(np.maximum(np.abs(step) - CHANGE, 0.0), step))
@@ -30,14 +36,14 @@ def test_joints_brake_in_proportion_as_hard_as_the_slowest_can(step: FloatArray)
     few = 0.1 * step  # ends of ranges are far
     ticks = max(1.0, float((np.abs(few) / CHANGE).max()))
     np.testing.assert_allclose(BRAKING.ticks(few), ticks)
-    np.testing.assert_allclose(BRAKING.braked(MIDDLE, few), (1.0 - 1.0 / ticks) * few, atol=1e-15)
+    np.testing.assert_allclose(braked(MIDDLE, few), (1.0 - 1.0 / ticks) * few, atol=1e-12)
 
 
 @given(vectors, steps)
 def test_a_joint_at_an_end_of_its_range_brakes_earlier(position: FloatArray, step: FloatArray) -> None:
     low, high = BRAKING.bounds(position, step)
     even = (1.0 - 1.0 / BRAKING.ticks(step)) * step
-    np.testing.assert_allclose(BRAKING.braked(position, step), np.minimum(np.maximum(even, low), high), atol=1e-12)
+    np.testing.assert_allclose(braked(position, step), np.minimum(np.maximum(even, low), high), atol=1e-12)
 
 
 @given(vectors, steps)
@@ -71,16 +77,32 @@ def test_what_is_not_finite_never_passes(bad: float) -> None:
 
 @settings(max_examples=50)
 @given(vectors, steps)
-def test_paths_are_what_braking_does_and_end_at_rest(position: FloatArray, seed: FloatArray) -> None:
+def test_a_stop_is_what_braking_does_and_ends_at_rest(position: FloatArray, seed: FloatArray) -> None:
     step = np.clip(seed, -SPEED * DT, SPEED * DT)
-    path, instead = BRAKING.paths(position, step, step)
-    at, moved = position, step
-    for row in path[1:]:
-        np.testing.assert_allclose(row - at, moved, atol=1e-12)
-        at, moved = row, BRAKING.braked(row, moved)
-    assert np.abs(moved).max() < 1e-12
-    np.testing.assert_allclose(instead[1] - position, BRAKING.braked(position, step), atol=1e-15)
-    np.testing.assert_array_equal(path.shape, instead.shape)
+    at, moved, rows = position, step, BRAKING.stop(position, step)
+    for row in rows:
+        np.testing.assert_allclose(row - at, braked(at, moved), atol=1e-12)
+        at, moved = row, row - at
+    assert (np.abs(moved) <= CHANGE + 1e-12).all()
+    assert not len(BRAKING.stop(at, np.zeros(3))) or (position < LOWER).any() or (position > UPPER).any()
+
+
+ranges = st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3).map(lambda share: LOWER + np.array(share) * (UPPER - LOWER))
+
+
+@given(ranges, steps)
+def test_a_stop_keeps_every_limit_and_one_that_breaks_a_limit_does_not(position: FloatArray, seed: FloatArray) -> None:
+    low, high = BRAKING.bounds(position, np.zeros(3))
+    step = np.clip(seed, low, high)
+    rows = BRAKING.stop(position + step, step)
+    assert BRAKING.keeps(position + step, step, rows, tolerance=1e-9)
+    fast = np.vstack([position + step, rows, rows[-1] if len(rows) else position + step])
+    fast[-1, 0] += 2.1 * CHANGE[0]
+    assert not BRAKING.keeps(position, np.zeros(3), fast, tolerance=1e-9), "it is not at rest at its end"
+    assert not BRAKING.keeps(position, step, np.full((1, 3), np.nan), tolerance=1e-9)
+    beyond = np.vstack([position + step, rows])
+    beyond[-1, 1] = UPPER[1] + 1e-3
+    assert not BRAKING.keeps(position, np.zeros(3), beyond, tolerance=1e-9)
 
 
 @given(
@@ -91,10 +113,10 @@ def test_no_joint_leaves_its_range_however_it_is_led_and_stopped(start: FloatArr
     position, moved = LOWER + start * (UPPER - LOWER), np.zeros(3)
     for tick, pull in enumerate(way):
         low, high = BRAKING.bounds(position, moved)
-        now = BRAKING.braked(position, moved) if tick % 7 == 6 else low + (0.5 + 0.5 * pull) * (high - low)
+        now = braked(position, moved) if tick % 7 == 6 else low + (0.5 + 0.5 * pull) * (high - low)
         assert (np.abs(now - moved) <= CHANGE + 1e-12).all() and (np.abs(now) <= SPEED * DT + 1e-12).all()
         position, moved = position + now, now
-        _, path = BRAKING.paths(position, moved, moved)
+        path = BRAKING.stop(position, moved)
         assert (path >= LOWER - 1e-9).all() and (path <= UPPER + 1e-9).all()
 
 

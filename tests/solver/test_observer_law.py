@@ -339,8 +339,8 @@ def test_modes_are_reported() -> None:
     assert seen == [0, 0, 1, 1, 2, 0]
 
 
-@pytest.mark.parametrize("ticks", [0.0, -3.0, np.nan, np.inf])
-def test_no_stop_takes_such_a_number_of_ticks(ticks: float) -> None:
+@pytest.mark.parametrize("seconds", [-3.0, np.nan, np.inf])
+def test_no_stop_takes_such_a_time(seconds: float) -> None:
     _, solver, _ = among_obstacles()
-    with pytest.raises(ValueError, match="ticks"):
-        solver.brake(ticks, DT, 5)
+    with pytest.raises(ValueError, match="seconds"):
+        solver.foresee(solver.q, seconds)
