@@ -1,0 +1,91 @@
+"""The check of soles and balance on the path of a stop."""
+
+import numpy as np
+import pytest
+
+from followers import op3
+from retarget.ik.support_polygon import Stance, plant
+from retarget.ik.whole_body_stop import Contact, StopPath
+from retarget.safety.standing import BALANCE_M, SOLE_M, StandingCheck
+from retarget.types import FloatArray
+
+BOTH: Contact = (True, True)
+NOTHING = np.zeros((0, 20))
+
+
+def stance() -> Stance:
+    return plant(op3(), op3().profile.postures.stand)
+
+
+def check() -> StandingCheck:
+    return StandingCheck(op3(), stance())
+
+
+def moved(axis: int, by: float) -> FloatArray:
+    """The standing posture, the whole robot moved by so many m."""
+    q = stance().q.copy()
+    q[axis] += by
+    return q
+
+
+def stop(*postures: FloatArray, contact: Contact = BOTH) -> StopPath:
+    return StopPath(np.array(postures), contact)
+
+
+def holds(path: StopPath, last: FloatArray = NOTHING, standing: FloatArray | None = None) -> bool:
+    return check().holds(path, last, stance().q if standing is None else standing)
+
+
+def test_a_robot_that_stands_holds() -> None:
+    lost = check().losses(stop(stance().q))
+    assert lost.slip < 1e-9 and lost.shortfall < 0.0
+    assert holds(stop(stance().q))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_soles_may_leave_their_places_by_a_millimetre_on_any_row(axis: int) -> None:
+    for by, passes in ((0.9 * SOLE_M, True), (1.1 * SOLE_M, False)):
+        assert holds(stop(stance().q, moved(axis, by), stance().q)) == passes
+        assert check().losses(stop(moved(axis, by))).slip == pytest.approx(by, rel=1e-3)
+
+
+def test_a_mass_beyond_the_edge_does_not_hold() -> None:
+    assert not holds(stop(moved(0, 0.2)))
+    lost, less = check().losses(stop(moved(0, 0.05))), check().losses(stop(moved(0, 0.04)))
+    assert lost.shortfall - less.shortfall == pytest.approx(0.01, abs=1e-3)
+    inside = BALANCE_M - check().losses(stop(stance().q)).shortfall
+    com = op3().kinematics.centre_of_mass(stance().q[None])[0, 0]
+    front = max(float(sole.outline[:, 0].max()) for sole in stance().soles)
+    assert 0.0 < inside <= front - com + 1e-9
+
+
+def test_only_soles_that_carry_count() -> None:
+    q = stance().q.copy()
+    q[op3().servo_columns[op3().joint_map.joints.index("r_knee")]] += 0.3
+    assert not holds(stop(q))
+    assert check().losses(stop(q, contact=(True, False))).slip < 1e-9
+    assert check().losses(stop(q, contact=(True, False))).shortfall > 0.0, "its mass is not over the left sole"
+    assert holds(stop(moved(2, 0.3), contact=(False, False))), "in the air it keeps nothing"
+
+
+def test_what_is_lost_already_may_go_on_if_it_gets_no_worse() -> None:
+    far = moved(2, 0.01)
+    assert holds(stop(far), standing=far)
+    assert not holds(stop(moved(2, 0.0101)), standing=far)
+    assert holds(stop(moved(2, 0.0099)), standing=far)
+
+
+def test_many_small_steps_off_the_ground_do_not_add_up() -> None:
+    q, rises = moved(2, SOLE_M), 0
+    while rises < 50 and holds(stop(q + np.eye(1, len(q), 2)[0] * 9e-6), standing=q):
+        q[2] += 9e-6
+        rises += 1
+    assert rises < 2
+
+
+def test_joints_and_postures_are_each_others() -> None:
+    rows = np.tile(check().joints(stance().q[None]), (3, 1))
+    rows[1:, 4] += 0.1
+    there = check().postures(rows, stance().q)
+    np.testing.assert_array_equal(check().joints(there), rows)
+    np.testing.assert_allclose(there[0], stance().q, atol=1e-9)
