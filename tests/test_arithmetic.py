@@ -19,7 +19,7 @@ WAY = (
         f"retarget/{folder}"
         for folder in ("schema", "sources", "live", "model", "ik", "human", "robot", "safety", "run")
     ),
-    *(f"retarget/{name}.py" for name in ("arithmetic", "rotations", "frames", "types", "pipeline")),
+    *(f"retarget/{name}.py" for name in ("arithmetic", "rotations", "frames", "timing", "types", "pipeline")),
     *("hardware", "sim/emulator", "sim/performer.py", "sim/servo_model.py", "retarget/recording/goal_playback.py"),
 )
 """What computes something between a file or packet and a goal, simulated servos without mass included. The files of a

@@ -43,6 +43,7 @@ from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
 from retarget.schema.priorities import Priorities
+from retarget.timing import Dwell
 from retarget.types import BoolArray, Carrying, FloatArray, RobotPosture
 
 if TYPE_CHECKING:
@@ -105,24 +106,6 @@ RESTING_S = 0.04
 """Time, s, of the robot: a few ticks, so that the turning point of a swing does not count."""
 
 
-class Settling:
-    """Whether a robot rests by now. seconds: since it began; rested: s of its own time that it has rested."""
-
-    def __init__(self) -> None:
-        self.seconds = self.rested = 0.0
-
-    @property
-    def over(self) -> bool:
-        """Whether the robot rests, or has taken long enough."""
-        return self.rested >= RESTING_S or self.seconds >= SETTLING_S
-
-    def step(self, moved: FloatArray, dt: float, *, time_scale: float) -> None:
-        """A tick of `dt` s in which the coordinates moved by `moved` (nq,). time_scale: of the robot."""
-        own = dt * time_scale
-        self.rested = self.rested + own if float(np.abs(moved).max()) < RESTING_SPEED * own else 0.0
-        self.seconds += dt
-
-
 # Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
 #
 # The rest trajectory is straight in joint space. From legs that lean or twist, it would tip two planted soles; from
@@ -159,7 +142,7 @@ class StanceTrajectory:
         """In which the joints are led there where the servos can, s."""
         self._posture = stance.q.copy()
         self._moves: TrajectoryGenerator | None = None
-        self._rested = 0.0
+        self._rest = Dwell()
 
     def begin(self, q: FloatArray, dt: float) -> None:
         """Begin in posture q (nq,), in ticks of `dt` s."""
@@ -181,8 +164,7 @@ class StanceTrajectory:
         assert self._moves is not None, "the return has begun"
         led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
         rests = led and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
-        self._rested = self._rested + dt if rests and stands else 0.0
-        return self._rested < RESTS_S
+        return self._rest.step(dt, holds=rests and stands) < RESTS_S
 
     def lead(self, speed_override: float) -> FloatArray:
         """The posture (nq,) in which joints are to be a tick later."""
@@ -281,7 +263,7 @@ class Follower:
             trunk_at_stance=self._reader.trunk_at_stance,
             lead_time=priorities.lead_time,
         )
-        self._time, self._settling = TimeScaling(robot.body, limits), Settling()
+        self._time, self._rest, self._settled_s = TimeScaling(robot.body, limits), Dwell(), 0.0
 
     @property
     def _q(self) -> FloatArray:
@@ -329,7 +311,7 @@ class Follower:
         self.landmark_map.restart()
         self._governor.restart()
         self._arms.restart()
-        self._settling, self._time.scale = Settling(), 1.0
+        self._rest, self._settled_s, self._time.scale = Dwell(), 0.0, 1.0
         self.scene_obstacles.restart()
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self.stance.q)
@@ -343,12 +325,14 @@ class Follower:
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
         """Return the next posture (nq,) on the way from `start` to what a performer who stands still asks for; None:
         the robot rests there. So a hand that is asked high up has been raised before the performer moves on."""
-        if self._settling.over:
+        if self._rest.held >= RESTING_S or self._settled_s >= SETTLING_S:
             self.scene_obstacles.begin()
             return None
         before = self._q
         posture = self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt)
-        self._settling.step(self._q - before, dt, time_scale=self._time.scale)
+        own = dt * self._time.scale
+        self._rest.step(own, holds=float(np.abs(self._q - before).max()) < RESTING_SPEED * own)
+        self._settled_s += dt
         return posture
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
-from math import copysign, fsum, sqrt
+from math import copysign, fsum, inf, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,6 +48,7 @@ from retarget.rotations import (
 )
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Landmark
+from retarget.timing import low_pass
 from retarget.types import BoolArray, Carrying, FloatArray
 
 if TYPE_CHECKING:
@@ -91,9 +92,8 @@ class Facing:
         length = hypot(x, y)
         if length > CLEAR:
             started = self._x != 0.0 or self._y != 0.0
-            share = 1.0 - exp(-dt / SETTLE_S) if started else 1.0
-            self._x += share * (x / length - self._x)
-            self._y += share * (y / length - self._y)
+            times = dt / SETTLE_S if started else inf
+            self._x, self._y = low_pass(self._x, x / length, times), low_pass(self._y, y / length, times)
         norm = hypot(self._x, self._y)
         return (self._x / norm, self._y / norm) if norm > 1e-9 else (1.0, 0.0)
 
@@ -206,7 +206,7 @@ class PelvisOverFeet:
         leg."""
         x, y, _ = hips
         if self._apart is not None:
-            self._side += (1.0 - exp(-dt / PELVIS_SETTLE_S)) * (_SIDE.get(carrying, 0.0) - self._side)
+            self._side = low_pass(self._side, _SIDE.get(carrying, 0.0), dt / PELVIS_SETTLE_S)
             half = 0.5 * self._side
             x, y = sorted((x, x - half * apart[0], 0.0))[1], y + half * (self._apart - apart[1])
         return x, y, self._on_bearing_leg(legs, apart[2], dt)
@@ -226,8 +226,8 @@ class PelvisOverFeet:
         asked = sqrt(max(length * length - x * x - y * y, 0.0))
         height = asked if self._height is None else self._height
         off = (asked - height) / (HEIGHT_BAND * self._leg)
-        self._height = height = height + (1.0 - exp(-dt / HEIGHT_SETTLE_S * (1.0 + off * off))) * (asked - height)
-        return height
+        self._height = low_pass(height, asked, dt / HEIGHT_SETTLE_S * (1.0 + off * off))
+        return self._height
 
 
 CROUCH_KNEE = 0.1

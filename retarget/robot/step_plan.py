@@ -22,6 +22,7 @@ from retarget.schema.priorities import (
     ReactiveTask,
     Steps,
 )
+from retarget.timing import Dwell
 from retarget.types import MM, Carrying
 
 OVER_M = 0.003
@@ -145,9 +146,8 @@ class StepPlan:
         if now.foot is not None and now.foot != self._asked:
             self.tally.asked += 1
         self._asked = now.foot
-        for row, transition in enumerate(self._leaving):
-            self._held[row] = self._held[row] + dt if transition.condition(now, self.support) else 0.0
-            if self._held[row] > transition.after:
+        for transition, dwell in self._leaving:
+            if dwell.step(dt, holds=transition.condition(now, self.support)) > transition.after:
                 self._enter(transition.end, now.foot)
                 return
 
@@ -159,8 +159,7 @@ class StepPlan:
         elif state in (StepState.RETURN_WEIGHT, StepState.DOUBLE_SUPPORT):
             self.support = None
         self.tally.made += state is StepState.SWING
-        self._leaving = [transition for transition in TRANSITIONS if transition.start is state]
-        self._held = [0.0] * len(self._leaving)  # s for which each condition has held
+        self._leaving = [(transition, Dwell()) for transition in TRANSITIONS if transition.start is state]
 
 
 # The levels of a robot that steps: what priorities ask of one that stands, and two more.

@@ -5,7 +5,7 @@ from math import sqrt
 
 import numpy as np
 
-from retarget.arithmetic import exp, matmul, norm
+from retarget.arithmetic import matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
@@ -28,6 +28,7 @@ from retarget.robot.reference_governor import Glide
 from retarget.robot.step_plan import FOOT, StepInput, StepPlan, StepState, swinging
 from retarget.rotations import Vector, as_vector, minus
 from retarget.schema.priorities import Priorities
+from retarget.timing import low_pass
 from retarget.types import BoolArray, FloatArray
 
 # Step balance: where capture point and zero-moment point of a stepping robot are to be: over both feet, over one, or on
@@ -355,7 +356,7 @@ class Stepping:
                 self._swings[1 - support].restart(self._stance.soles[1 - support].position.tolist())
         goal = self._aim_weight(targets, com, moving, dt, place=place)
         self._aim_soles(targets, q, dt, apart=asked.apart)
-        self._whole += (1.0 - exp(-dt / LED_S)) * (float(self.plan.state in LED) - self._whole)
+        self._whole = low_pass(self._whole, float(self.plan.state in LED), dt / LED_S)
         x, y = (goal - standing).tolist()
         up = self._rise.step(asked.landmarks[self._pelvis][2], dt, due=self.plan.support is not None)
         return asked.led(self._pelvis, (x, y, up), self._whole)
