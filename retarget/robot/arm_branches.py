@@ -126,7 +126,7 @@ class _Arm:
         self._goal: FloatArray | None = None
         self._moves: TrajectoryGenerator | None = None
         self._seen_at: FloatArray | None = None
-        self._unlike, self._looked_s, self._led_s = Dwell(), 0.0, 0.0
+        self._unlike, self._led, self._looked_s = Dwell(), Dwell(), 0.0
 
     @property
     def stray(self) -> float:
@@ -141,7 +141,7 @@ class _Arm:
     def look(self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached) -> bool:
         """Whether the arm of posture q (nq,) is led in the tick of `dt` s that comes. limbs: lines asked, m."""
         self._looked_s += dt
-        self._led_s += dt
+        self._led.step(dt, holds=self._moves is not None)
         if self._looked_s >= CHECK_S:
             passed, self._looked_s = self._looked_s, 0.0
             wanted = np.array([limbs[row] for row in self._descent.rows])
@@ -157,7 +157,7 @@ class _Arm:
         unlike = self._descent.unlike(lines, wanted) > CAUGHT
         self._unlike.step(passed, holds=unlike)
         self._stray_s = min(max(self._stray_s + (passed if unlike else -passed), 0.0), STRAY_S + RISE_S)
-        if self._moves is not None and self._led_s > MOST_LED_S:
+        if self._led.held > MOST_LED_S:
             self.release()
             self._seen_at, self._unlike.held = wanted, -inf  # not again until the performer's arm has moved
 
@@ -182,7 +182,7 @@ class _Arm:
             return
         self._goal = end[self._servos]
         if self._moves is None:
-            speed, self._led_s = self._descent.speed, 0.0
+            speed = self._descent.speed
             self._moves = TrajectoryGenerator(speed, speed / LED_RISE_S, speed / LED_RISE_S / LED_JERK_S, dt=dt)
             self._moves.reset(q[self._servos])
 

@@ -100,10 +100,9 @@ SOLE_BRAKING = 0.2
 
 SETTLING_S = 8.0
 """Longest duration, s."""
-RESTING_SPEED = 0.1
-"""A robot none of whose coordinates is faster (rad/s, m/s, of its own time) rests, after RESTING_S of it."""
-RESTING_S = 0.04
-"""Time, s, of the robot: a few ticks, so that the turning point of a swing does not count."""
+RESTING_SPEED, RESTING_S = 0.1, 0.04
+"""A robot none of whose coordinates is faster (rad/s, m/s, of its own time) for so long (s of it) rests: a few ticks,
+so that the turning point of a swing does not count."""
 
 
 # Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
@@ -119,8 +118,8 @@ RETURN_PENDULUM_TIMES = 7.5
 """Duration of a return to stance where the servos can, in time constants sqrt(height of the centre of mass / g) of the
 standing robot: the faster, the nearer its zero-moment point to the edge. 1.2 s for OP3, 1.6 s for Poppy, which fell in
 one of ten stops with 1.5 s."""
-STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.1
-"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
+RESTS_S = 0.1
+"""A robot that is no faster than RESTING_SPEED for so long (s) has returned. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
 LEAST_SHARE = 0.01
 """Share of the servos' speeds for a robot that stands already."""
@@ -163,7 +162,7 @@ class StanceTrajectory:
         floor and its weight between them."""
         assert self._moves is not None, "the return has begun"
         led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
-        rests = led and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
+        rests = led and float(np.abs(velocity).max()) < RESTING_SPEED
         return self._rest.step(dt, holds=rests and stands) < RESTS_S
 
     def lead(self, speed_override: float) -> FloatArray:

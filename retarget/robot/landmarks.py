@@ -32,6 +32,7 @@ from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.crouch_envelope import Envelope
 from retarget.rotations import (
+    NO_TURN,
     Quat,
     Vector,
     arc,
@@ -74,11 +75,11 @@ class Facing:
     """
 
     def __init__(self) -> None:
-        self._x, self._y = 0.0, 0.0  # zero: not started
+        self.restart()
 
     def restart(self) -> None:
         """Take the next direction as it is."""
-        self._x, self._y = 0.0, 0.0
+        self._mean = 0j  # x + i y; zero: not started
 
     def update(
         self, pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float], dt: float
@@ -91,11 +92,11 @@ class Facing:
         x, y = _seen(pelvis, left_foot, right_foot)
         length = hypot(x, y)
         if length > CLEAR:
-            started = self._x != 0.0 or self._y != 0.0
-            times = dt / SETTLE_S if started else inf
-            self._x, self._y = low_pass(self._x, x / length, times), low_pass(self._y, y / length, times)
-        norm = hypot(self._x, self._y)
-        return (self._x / norm, self._y / norm) if norm > 1e-9 else (1.0, 0.0)
+            times = dt / SETTLE_S if self._mean else inf
+            self._mean = low_pass(self._mean, complex(x / length, y / length), times)
+        x, y = self._mean.real, self._mean.imag
+        norm = hypot(x, y)
+        return (x / norm, y / norm) if norm > 1e-9 else (1.0, 0.0)
 
 
 def _seen(pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float]) -> tuple[float, float]:
@@ -246,8 +247,7 @@ HEAD_ALONE = ("head",)
 """What a landmark follows that no joint of a limb moves."""
 ANKLES, HIPS = ("l_ankle", "r_ankle"), ("l_hip", "r_hip")
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-IDENTITY = (1.0, 0.0, 0.0, 0.0)
-"""Unit vectors in the robot's world, and the quaternion wxyz of no rotation."""
+"""Unit vectors in the robot's world."""
 
 
 class Role(Enum):
@@ -364,7 +364,7 @@ class LandmarkMap:
         self._limbs = [self.names.index(name) for name in names if name != TRUNK]
         self._trunk_line = [as_vector(stance.points[TRUNK] - stance.points[PELVIS])] if TRUNK in names else []
         limbs = [minus(end, as_vector(begin)) for end, begin in zip(ends, anchors, strict=True)]
-        self.standing = AskedLandmarks(ends, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
+        self.standing = AskedLandmarks(ends, self._of_limbs(limbs, NO_TURN), NO_TURN, FORWARD)
         """What asks the robot to stand as in its stance."""
 
     @property
@@ -442,7 +442,7 @@ class LandmarkMap:
     def _trunk_asked(self, seen: Quat, height: float) -> Quat:
         """The trunk as seen on the performer, leaning no further than the robot can with its pelvis at `height`."""
         if self._envelope is None:
-            return IDENTITY
+            return NO_TURN
         x, y, z = rotated(seen, UP)
         across = hypot(x, y)
         if across < 1e-9:

@@ -12,6 +12,7 @@ from retarget.errors import ConfigError, UsageError
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import ENOUGH, moving_share, on_one_leg
+from retarget.robot.crouch_envelope import MISSED_M
 from retarget.schema.priorities import (
     CentreOfMassTask,
     Level,
@@ -240,8 +241,6 @@ def _refuse_unplanted(priorities: Priorities, soles: tuple[str, ...]) -> None:
 
 SOLES = 2
 """Soles of a robot that steps."""
-MISSED_M = 0.001
-"""Distance (m) of soles or mass from their places from which on a robot counts as unable to shift its weight."""
 
 
 def with_steps(
