@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from retarget.arithmetic import cos, exp, hypot, norm, norms, sin
+from retarget.arithmetic import Dwell, cos, exp, hypot, low_pass, norm, norms, sin
 from retarget.model.human import Human, PostureReader
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.schema import strict_yaml
 from retarget.schema.priorities import CentreOfMassTask, HeadingSettings
-from retarget.timing import Dwell, low_pass
 from retarget.types import Carrying, FloatArray
 
 Point = Sequence[float]

@@ -10,7 +10,7 @@ from math import ceil, fsum, inf, nan
 
 import numpy as np
 
-from retarget.arithmetic import arctan2, cos, hypot, sin, squares
+from retarget.arithmetic import Dwell, arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
 from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
@@ -23,7 +23,6 @@ from retarget.model.scene_state import SceneState
 from retarget.rotations import Quat, as_quat, best_turn
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import CarriedTask, CentreOfMassTask, PostureTask, Priorities
-from retarget.timing import Dwell
 from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 
 # Sensor layout: the performer's sensors, read out of a source's samples.

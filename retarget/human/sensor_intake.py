@@ -12,9 +12,8 @@ from math import fsum
 
 import numpy as np
 
-from retarget.arithmetic import exp, norm, norms, soft_cap, squares
+from retarget.arithmetic import exp, low_pass, norm, norms, soft_cap, squares
 from retarget.model.human_dimensions import POINTS, HumanDimensions
-from retarget.timing import low_pass
 from retarget.types import BoolArray, FloatArray
 
 FASTEST_M_S = 15.0

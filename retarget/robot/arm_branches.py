@@ -22,7 +22,7 @@ from math import inf
 import numpy as np
 
 from retarget._solver import TrajectoryGenerator
-from retarget.arithmetic import norm
+from retarget.arithmetic import Dwell, norm
 from retarget.ik.hierarchy import Build, Hierarchy
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import SlotKind
@@ -30,7 +30,6 @@ from retarget.model.robot import TRUNK, RobotBody
 from retarget.robot.landmarks import PELVIS, Reached, limb_names
 from retarget.rotations import Quat, Vector, as_vector, inverse, rotated
 from retarget.schema.priorities import LimbTask, PreventiveTask, Priorities, ReactiveTask, Task
-from retarget.timing import Dwell
 from retarget.types import FloatArray
 
 PARTS = ("hand", "upper_arm", "forearm")

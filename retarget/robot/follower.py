@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget._solver import TrajectoryGenerator, braking_displacement
-from retarget.arithmetic import matmul
+from retarget.arithmetic import Dwell, matmul
 from retarget.human.samples import Parts
 from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GRAVITY
@@ -43,7 +43,6 @@ from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
 from retarget.schema.priorities import Priorities
-from retarget.timing import Dwell
 from retarget.types import BoolArray, Carrying, FloatArray, RobotPosture
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ import numpy as np
 
 from retarget._solver import Body as SolverBody
 from retarget._solver import Probe
-from retarget.arithmetic import arctan2, exp, hypot, matmul, norm, soft_cap
+from retarget.arithmetic import arctan2, exp, hypot, low_pass, matmul, norm, soft_cap
 from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import Limb
@@ -49,7 +49,6 @@ from retarget.rotations import (
 )
 from retarget.schema.profile import RobotProfile
 from retarget.schema.profile_parts import Landmark
-from retarget.timing import low_pass
 from retarget.types import BoolArray, Carrying, FloatArray
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from retarget.arithmetic import Dwell
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
@@ -23,7 +24,6 @@ from retarget.schema.priorities import (
     ReactiveTask,
     Steps,
 )
-from retarget.timing import Dwell
 from retarget.types import MM, Carrying
 
 OVER_M = 0.003

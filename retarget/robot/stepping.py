@@ -5,7 +5,7 @@ from math import sqrt
 
 import numpy as np
 
-from retarget.arithmetic import matmul, norm
+from retarget.arithmetic import low_pass, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
@@ -28,7 +28,6 @@ from retarget.robot.reference_governor import Glide
 from retarget.robot.step_plan import FOOT, StepInput, StepPlan, StepState, swinging
 from retarget.rotations import Vector, as_vector, minus
 from retarget.schema.priorities import Priorities
-from retarget.timing import low_pass
 from retarget.types import BoolArray, FloatArray
 
 # Step balance: where capture point and zero-moment point of a stepping robot are to be: over both feet, over one, or on

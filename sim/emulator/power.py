@@ -1,7 +1,6 @@
 """Supply, current and heat of emulated servos: by the numbers of `sim.servo_model`, with overload."""
 
-from retarget.arithmetic import expm1
-from retarget.timing import Dwell
+from retarget.arithmetic import Dwell, expm1
 from sim.servo_model import (
     AMBIENT,
     FRICTION_CURRENT,
