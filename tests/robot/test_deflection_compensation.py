@@ -125,16 +125,17 @@ def test_a_robot_that_brakes_goes_through_the_postures_that_were_checked(name: s
     for tick in range(12):  # ever faster, so that fast servos wait for slow ones
         posture = posture + 0.4 * tick * robot.joint_map.max_acceleration.min() * dt * dt * ahead
         assert driven.check(posture) is not None
-    path, before, goals = paths[-1], driven.goal, list[FloatArray]()
+    path, before, goals, at_rest = paths[-1], driven.goal, list[FloatArray](), list[bool]()
     assert np.abs(np.diff(path, axis=0)[0]).max() > 1e-3
-    for row in [*path[2:], *[path[-1]] * round(4.0 / dt)]:
+    for row in [*path[2:], *[path[-1]] * round(1.0 / dt)]:
         np.testing.assert_array_equal(driven.brake().posture, row)
         goals.append(driven.goal.joints)
+        at_rest.append(gate.at_rest(driven.goal))
+    assert all(at_rest[round(0.35 / dt) :]) and not any(at_rest[: len(path) - 3])
     steps = np.diff(goals, axis=0, prepend=before.joints[None])
     changes = np.diff(steps, axis=0, prepend=before.displacement[None])
     assert (np.abs(changes) <= robot.joint_map.max_acceleration * dt**2 + TINY).all()
     assert (np.abs(steps) <= robot.joint_map.max_velocity * dt + TINY).all()
-    assert driven.gate.at_rest(driven.goal) and not steps[-1].any()
     assert np.abs(offset(driven) - before.joints + before.posture).max() > 1e-5
 
 
