@@ -254,6 +254,8 @@ def _axis_indices(axes: str | Sequence[int]) -> list[int]:
 
 Vector = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
+NO_TURN: Quat = (1.0, 0.0, 0.0, 0.0)
+"""The quaternion of no rotation."""
 
 
 def as_vector(array: FloatArray) -> Vector:

@@ -232,3 +232,47 @@ def test_arrays_of_any_layout_give_the_same() -> None:
     assert arithmetic.matmul(turned, turned.T).tolist() == arithmetic.matmul(a, np.ascontiguousarray(a.T)).tolist()
     assert arithmetic.norms(turned[::-1]).tolist() == arithmetic.norms(a)[::-1].tolist()
     assert arithmetic.sin(turned).tolist() == arithmetic.sin(a).tolist()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_dwell_is_the_time_since_the_condition_failed_last(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    steps, holds = random.uniform(1e-3, 0.02, 200), random.random(200) < 0.9
+    dwell = arithmetic.Dwell()
+    for tick in range(200):
+        held = dwell.step(float(steps[tick]), holds=bool(holds[tick]))
+        began = next((before + 1 for before in range(tick, -1, -1) if not holds[before]), 0)
+        assert held == dwell.held == pytest.approx(float(steps[began : tick + 1].sum()), abs=1e-12)
+
+
+def test_a_dwell_begins_anew_from_what_it_is_set_to() -> None:
+    dwell = arithmetic.Dwell()
+    dwell.step(1.0, holds=True)
+    dwell.held = 0.0
+    assert dwell.step(0.5, holds=True) == 0.5
+    dwell.held = -np.inf  # never, until it has failed once
+    assert dwell.step(1e9, holds=True) == -np.inf
+    assert [dwell.step(0.5, holds=holds) for holds in (False, True)] == [0.0, 0.5]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_low_pass_is_the_solution_of_its_equation_in_steps_of_any_length(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    start, to, settle = random.normal(), random.normal(), random.uniform(0.01, 2.0)
+    value, time = float(start), 0.0
+    for dt in random.uniform(0.0, 0.1, 100):
+        value, time = arithmetic.low_pass(value, float(to), dt / settle), time + dt
+        assert value == pytest.approx(to + (start - to) * np.exp(-time / settle), abs=1e-12)
+        assert min(start, to) - 1e-12 <= value <= max(start, to) + 1e-12, "it overshoots"
+
+
+def test_a_low_pass_stays_in_no_time_and_is_there_after_any_time() -> None:
+    assert arithmetic.low_pass(1.5, -2.25, 0.0) == 1.5
+    assert arithmetic.low_pass(1.5, -2.25, np.inf) == -2.25
+
+
+def test_a_low_pass_of_a_vector_is_that_of_each_part() -> None:
+    start, to = np.array([0.3, -1.7, 2.0]), np.array([1.1, 0.4, 2.0])
+    parts = [arithmetic.low_pass(a, b, 0.4) for a, b in zip(start.tolist(), to.tolist(), strict=True)]
+    assert arithmetic.low_pass(start, to, 0.4).tolist() == parts
+    assert arithmetic.low_pass(complex(*start[:2]), complex(*to[:2]), 0.4) == complex(*parts[:2])

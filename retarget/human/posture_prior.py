@@ -8,13 +8,13 @@ changes nothing here.
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from math import fsum, pi, sqrt
+from math import fsum, inf, pi, sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from retarget.arithmetic import cos, exp, hypot, norm, norms, sin
+from retarget.arithmetic import Dwell, cos, exp, hypot, low_pass, norm, norms, sin
 from retarget.model.human import Human, PostureReader
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.schema import strict_yaml
@@ -54,9 +54,8 @@ class Velocity:
         before, self._before = self._before, point
         if before is None or point is None:
             return
-        share = 1.0 - exp(-dt / self._settle)
-        for axis in range(self._axes):
-            self.now[axis] += share * ((point[axis] - before[axis]) / dt - self.now[axis])
+        for axis, now in enumerate(self.now):
+            self.now[axis] = low_pass(now, (point[axis] - before[axis]) / dt, dt / self._settle)
 
 
 class Balance:
@@ -247,7 +246,7 @@ class VirtualFeet:
         below, reach = self._below(head, forward, crouch), (1.0 - walks) * REACH_M
         dx, dy = below[0] - u, below[1] - v
         distance = hypot(dx, dy)
-        share = (1.0 - exp(-dt / GLIDE_S)) * max(distance - reach, 0.0) / max(distance, 1e-9)
+        share = low_pass(0.0, max(distance - reach, 0.0), dt / GLIDE_S) / max(distance, 1e-9)
         self._middle = (u + share * dx, v + share * dy)
         self._stride(head, self._beside(forward), walks * np.array([x, y]), dt)
 
@@ -327,17 +326,14 @@ class CarryingFeet:
     def __init__(self) -> None:
         self.carrying = Carrying.BOTH
         self._velocity: tuple[Velocity, ...] = ()
-        self._carries = [True, True]
-        self._dwelt = [0.0, 0.0]  # s for which each foot has seemed to be in the other state
-        self._floor, self._flown = 0.0, 0.0
 
     def start(self, ankles: Sequence[Point]) -> Carrying:
         """Begin at rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
-        self._floor, self._flown = min(ankle[2] for ankle in ankles), 0.0
+        self._floor, self._flight = min(ankle[2] for ankle in ankles), Dwell()
         self._velocity = (Velocity(FOOT_SPEED_SETTLE_S, 3), Velocity(FOOT_SPEED_SETTLE_S, 3))
         self._speeds(ankles, 0.0)
         self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
-        self._dwelt = [0.0, 0.0]
+        self._otherwise = Dwell(), Dwell()  # how long each foot has seemed to be in the other state
         return self._decide()
 
     def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
@@ -348,21 +344,20 @@ class CarryingFeet:
         for foot in (0, 1):
             carries = self._carries[foot]
             otherwise = self._leaves(foot, ankles, speeds) if carries else self._touches_down(foot, ankles, speeds)
-            self._dwelt[foot] = self._dwelt[foot] + dt if otherwise else 0.0
-            if self._dwelt[foot] > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
-                self._carries[foot], self._dwelt[foot] = not carries, 0.0
+            dwell = self._otherwise[foot]
+            if dwell.step(dt, holds=otherwise) > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
+                self._carries[foot], dwell.held = not carries, 0.0
         # A flight that is too long ends as soon as the lower foot is slow: it stands on another floor.
-        self._flown = 0.0 if any(self._carries) else self._flown + dt
+        flown = self._flight.step(dt, holds=not any(self._carries))
         lower = 0 if ankles[0][2] < ankles[1][2] else 1
-        if self._flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
-            self._floor, self._flown = ankles[lower][2], 0.0
+        if flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
+            self._floor, self._flight.held = ankles[lower][2], 0.0
             self._carries[lower] = True
         # The floor follows the feet that carry: up slowly, down at once, as no foot can be below it.
         down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
         if down:
             lowest = min(down)
-            share = 1.0 if lowest < self._floor else 1.0 - exp(-dt / FLOOR_SETTLE_S)
-            self._floor += share * (lowest - self._floor)
+            self._floor = low_pass(self._floor, lowest, inf if lowest < self._floor else dt / FLOOR_SETTLE_S)
         return self._decide()
 
     def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
@@ -482,7 +477,7 @@ class Heading:
         if self._stance is not None and self._settings.stance > 0.0:
             stance = self._settings.stance * self._stance.step(positions, moving, dt)
             now -= self._settings.stance * moving
-        self._sum += (1.0 - exp(-dt / self._settings.settle)) * (now - self._sum)
+        self._sum = low_pass(self._sum, now, dt / self._settings.settle)
         self._turn(self._sum + stance)
 
     def _moving(self, positions: Mapping[str, Point]) -> complex:
@@ -601,6 +596,6 @@ class _Stance:
                 turn = _times(self._line, before.conjugate())
                 self._mean = _times(self._mean, turn / hypot(turn.real, turn.imag))
         else:  # The mean of the stance before is forgotten as fast as any other.
-            self._age += (1.0 - exp(-dt / self._settle)) * (self._settle - self._age)
-        self._mean += (1.0 - exp(-dt / self._age)) * (hints - self._mean)
+            self._age = low_pass(self._age, self._settle, dt / self._settle)
+        self._mean = low_pass(self._mean, hints, dt / self._age)
         return self._mean

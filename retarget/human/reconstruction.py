@@ -4,13 +4,13 @@ Causal and one sample at a time, so that a live stream and a file go the same wa
 measure. The last level decides what no sensor measures: heading, balance, and stiffness towards a natural posture.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import ceil, fsum, inf, nan
 
 import numpy as np
 
-from retarget.arithmetic import arctan2, cos, hypot, sin, squares
+from retarget.arithmetic import Dwell, arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
 from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
@@ -100,23 +100,21 @@ _BETTER = 0.5
 class SecondPosture:
     """q (nq,): the second posture; None: none is tried. frames: solved of it.
 
-    missed_s: for how long the body has missed its sensors; patience_s: for how long it may, doubled by every try that
-    fails: a sensor can be where no body goes.
+    missed: how long the body has missed its sensors; patience_s: for how long it may, doubled by every try that fails:
+    a sensor can be where no body goes.
     """
 
     q: FloatArray | None = None
     frames: int = 0
-    missed_s: float = 0.0
+    missed: Dwell = field(default_factory=Dwell)
     patience_s: float = _MISSED_S
 
     def is_due(self, missed: float, dt: float) -> bool:
         """Whether a second posture is to be tried in this tick of `dt` s, in which the body misses a sensor by up to
         `missed` m."""
         if missed <= _MISSED_M:
-            self.q, self.frames, self.missed_s, self.patience_s = None, 0, 0.0, _MISSED_S
-        else:
-            self.missed_s += dt
-        return self.missed_s > self.patience_s
+            self.q, self.frames, self.patience_s = None, 0, _MISSED_S
+        return self.missed.step(dt, holds=missed > _MISSED_M) > self.patience_s
 
     def keep(self, q: FloatArray, missed: float, *, by_body: float) -> bool:
         """Keep q (nq,), one frame further on, which misses a sensor by up to `missed` m while the body does `by_body`.
@@ -125,7 +123,7 @@ class SecondPosture:
         last = self.frames == _TRIED_FRAMES
         reached = missed < (_BETTER * by_body if last else _REACHED_M)
         if reached or last:
-            self.q, self.frames, self.missed_s = None, 0, 0.0
+            self.q, self.frames, self.missed.held = None, 0, 0.0
             self.patience_s = _MISSED_S if reached else 2.0 * self.patience_s
         return reached
 

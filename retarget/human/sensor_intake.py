@@ -12,7 +12,7 @@ from math import fsum
 
 import numpy as np
 
-from retarget.arithmetic import exp, norm, norms, soft_cap, squares
+from retarget.arithmetic import exp, low_pass, norm, norms, soft_cap, squares
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.types import BoolArray, FloatArray
 
@@ -114,7 +114,7 @@ class SensorIntake:
         # that has jumped it is not known.
         now, anew = moved / since[:, None], (since > dt) | np.isnan(self._velocity[:, 0])
         old = np.where(anew[:, None], now, self._velocity)
-        smooth = old + (1.0 - exp(-dt / VELOCITY_SETTLE_S)) * (now - old)
+        smooth = low_pass(old, now, dt / VELOCITY_SETTLE_S)
         self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
         if self._is_fading:
             self._offset *= exp(-dt / self._times.fade)

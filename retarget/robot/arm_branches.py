@@ -22,7 +22,7 @@ from math import inf
 import numpy as np
 
 from retarget._solver import TrajectoryGenerator
-from retarget.arithmetic import norm
+from retarget.arithmetic import Dwell, norm
 from retarget.ik.hierarchy import Build, Hierarchy
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import SlotKind
@@ -125,7 +125,7 @@ class _Arm:
         self._goal: FloatArray | None = None
         self._moves: TrajectoryGenerator | None = None
         self._seen_at: FloatArray | None = None
-        self._unlike_s = self._looked_s = self._led_s = 0.0
+        self._unlike, self._led, self._looked_s = Dwell(), Dwell(), 0.0
 
     @property
     def stray(self) -> float:
@@ -140,26 +140,25 @@ class _Arm:
     def look(self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached) -> bool:
         """Whether the arm of posture q (nq,) is led in the tick of `dt` s that comes. limbs: lines asked, m."""
         self._looked_s += dt
-        self._led_s += dt
+        self._led.step(dt, holds=self._moves is not None)
         if self._looked_s >= CHECK_S:
             passed, self._looked_s = self._looked_s, 0.0
             wanted = np.array([limbs[row] for row in self._descent.rows])
             self._judge(wanted, np.array([reached.limbs[row] for row in self._descent.rows]), passed)
-            if self._unlike_s > UNLIKE_S or self._moves is not None:
+            if self._unlike.held > UNLIKE_S or self._moves is not None:
                 self._choose(q, wanted, reached.trunk, dt)
         return self._moves is not None
 
     def _judge(self, wanted: FloatArray, lines: FloatArray, passed: float) -> None:
         """Note for how long lines (k, 3) m have been unlike those wanted, `passed` s after the last time."""
         if self._seen_at is None or self._descent.unlike(wanted, self._seen_at) > STILL:
-            self._seen_at, self._unlike_s = wanted, 0.0
-        if self._descent.unlike(lines, wanted) > CAUGHT:
-            self._unlike_s, self._stray_s = self._unlike_s + passed, min(self._stray_s + passed, STRAY_S + RISE_S)
-        else:
-            self._unlike_s, self._stray_s = 0.0, max(self._stray_s - passed, 0.0)
-        if self._moves is not None and self._led_s > MOST_LED_S:
+            self._seen_at, self._unlike.held = wanted, 0.0
+        unlike = self._descent.unlike(lines, wanted) > CAUGHT
+        self._unlike.step(passed, holds=unlike)
+        self._stray_s = min(max(self._stray_s + (passed if unlike else -passed), 0.0), STRAY_S + RISE_S)
+        if self._led.held > MOST_LED_S:
             self.release()
-            self._seen_at, self._unlike_s = wanted, -inf  # not again until the performer's arm has moved
+            self._seen_at, self._unlike.held = wanted, -inf  # not again until the performer's arm has moved
 
     def lead(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
         """Go on with the way: no limb tasks for the arm, and its joints drawn to where they are to be."""
@@ -182,7 +181,7 @@ class _Arm:
             return
         self._goal = end[self._servos]
         if self._moves is None:
-            speed, self._led_s = self._descent.speed, 0.0
+            speed = self._descent.speed
             self._moves = TrajectoryGenerator(speed, speed / LED_RISE_S, speed / LED_RISE_S / LED_JERK_S, dt=dt)
             self._moves.reset(q[self._servos])
 

@@ -21,7 +21,7 @@ from retarget.ik.support_polygon import Stance, half_spaces, plant
 from retarget.model.body import Frame, JointLimits
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
-from retarget.rotations import Quat, as_quat, as_vector, product, rotated, turn
+from retarget.rotations import NO_TURN, Quat, as_quat, as_vector, product, rotated, turn
 from retarget.types import MM, FloatArray
 
 HEIGHTS = 9
@@ -40,7 +40,6 @@ SPARE = 0.05
 """Share of the crouch and of the lean that is not asked for: at its very end a leg has no room to brake."""
 LEAST_CROUCH_M, LEAST_SHARE = 0.01, 2.0 / 3.0
 """A crouch of less is none; one of a smaller share of what the joints allow is worth a note."""
-UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 ITERATIONS = 8
 """Most iterations of the solver, per step."""
 
@@ -222,7 +221,7 @@ class _Probe:
             self._solver.reset(reached[height])
             while abs(height - self.standing) < FARTHEST_M:
                 asked = height + sign * step
-                missed = abs(self._go(asked, UPRIGHT) - asked)
+                missed = abs(self._go(asked, NO_TURN) - asked)
                 if not (missed <= MISSED_M and self._leaned(FORWARD) >= -MISSED_RAD):
                     break
                 height, reached[asked] = asked, self._solver.q
@@ -232,7 +231,7 @@ class _Probe:
         """Lean (rad) reached towards each of DIRECTIONS with the pelvis at `height` m, from the upright posture (nq,)
         nearest to it by height."""
         self._solver.reset(postures[min(postures, key=lambda near: abs(near - height))])
-        self._go(height, UPRIGHT)
+        self._go(height, NO_TURN)
         upright = self._solver.q
         return [self._lean(upright, height, direction) for direction in DIRECTIONS]
 

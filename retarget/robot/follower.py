@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget._solver import Footing, TrajectoryGenerator, braking_displacement
-from retarget.arithmetic import matmul
+from retarget.arithmetic import Dwell, matmul
 from retarget.human.samples import Parts
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
@@ -98,28 +98,9 @@ SOLE_BRAKING = 0.2
 
 SETTLING_S = 8.0
 """Longest duration, s."""
-RESTING_SPEED = 0.1
-"""A robot none of whose coordinates is faster (rad/s, m/s, of its own time) rests, after RESTING_S of it."""
-RESTING_S = 0.04
-"""Time, s, of the robot: a few ticks, so that the turning point of a swing does not count."""
-
-
-class Settling:
-    """Whether a robot rests by now. seconds: since it began; rested: s of its own time that it has rested."""
-
-    def __init__(self) -> None:
-        self.seconds = self.rested = 0.0
-
-    @property
-    def over(self) -> bool:
-        """Whether the robot rests, or has taken long enough."""
-        return self.rested >= RESTING_S or self.seconds >= SETTLING_S
-
-    def step(self, moved: FloatArray, dt: float, *, time_scale: float) -> None:
-        """A tick of `dt` s in which the coordinates moved by `moved` (nq,). time_scale: of the robot."""
-        own = dt * time_scale
-        self.rested = self.rested + own if float(np.abs(moved).max()) < RESTING_SPEED * own else 0.0
-        self.seconds += dt
+RESTING_SPEED, RESTING_S = 0.1, 0.04
+"""A robot none of whose coordinates is faster (rad/s, m/s, of its own time) for so long (s of it) rests: a few ticks,
+so that the turning point of a swing does not count."""
 
 
 # Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.
@@ -135,8 +116,8 @@ RETURN_PENDULUM_TIMES = 7.5
 """Duration of a return to stance where the servos can, in time constants sqrt(height of the centre of mass / g) of the
 standing robot: the faster, the nearer its zero-moment point to the edge. 1.2 s for OP3, 1.6 s for Poppy, which fell in
 one of ten stops with 1.5 s."""
-STANCE_RESTING_SPEED, RESTS_S = 0.1, 0.1
-"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests. One tick is not enough: where limbs
+RESTS_S = 0.1
+"""A robot that is no faster than RESTING_SPEED for so long (s) has returned. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
 LEAST_SHARE = 0.01
 """Share of the servos' speeds for a robot that stands already."""
@@ -158,7 +139,7 @@ class StanceTrajectory:
         """In which the joints are led there where the servos can, s."""
         self._posture = stance.q.copy()
         self._moves: TrajectoryGenerator | None = None
-        self._rested = 0.0
+        self._rest = Dwell()
 
     def begin(self, q: FloatArray, dt: float) -> None:
         """Begin in posture q (nq,), in ticks of `dt` s."""
@@ -179,9 +160,8 @@ class StanceTrajectory:
         floor and its weight between them."""
         assert self._moves is not None, "the return has begun"
         led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
-        rests = led and float(np.abs(velocity).max()) < STANCE_RESTING_SPEED
-        self._rested = self._rested + dt if rests and stands else 0.0
-        return self._rested < RESTS_S
+        rests = led and float(np.abs(velocity).max()) < RESTING_SPEED
+        return self._rest.step(dt, holds=rests and stands) < RESTS_S
 
     def lead(self, speed_override: float) -> FloatArray:
         """The posture (nq,) in which joints are to be a tick later."""
@@ -273,7 +253,7 @@ class Follower:
             trunk_at_stance=self._reader.trunk_at_stance,
             lead_time=priorities.lead_time,
         )
-        self._time, self._settling = TimeScaling(robot.body, limits), Settling()
+        self._time, self._rest, self._settled_s = TimeScaling(robot.body, limits), Dwell(), 0.0
         self._stop: StopPath | None = None  # from the posture that was planned last, once it is known
 
     @property
@@ -323,7 +303,7 @@ class Follower:
         self.landmark_map.restart()
         self._governor.restart()
         self._arms.restart()
-        self._settling, self._time.scale = Settling(), 1.0
+        self._rest, self._settled_s, self._time.scale = Dwell(), 0.0, 1.0
         self.scene_obstacles.restart()
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self.stance.q)
@@ -336,12 +316,14 @@ class Follower:
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
         """Return the next posture (nq,) on the way from `start` to what a performer who stands still asks for; None:
         the robot rests there. So a hand that is asked high up has been raised before the performer moves on."""
-        if self._settling.over:
+        if self._rest.held >= RESTING_S or self._settled_s >= SETTLING_S:
             self.scene_obstacles.begin()
             return None
         before = self._q
         posture = self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt)
-        self._settling.step(self._q - before, dt, time_scale=self._time.scale)
+        own = dt * self._time.scale
+        self._rest.step(own, holds=float(np.abs(self._q - before).max()) < RESTING_SPEED * own)
+        self._settled_s += dt
         return posture
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:

@@ -16,14 +16,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
-from math import copysign, fsum, sqrt
+from math import copysign, fsum, inf, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from retarget._solver import Body as SolverBody
 from retarget._solver import Probe
-from retarget.arithmetic import arctan2, exp, hypot, matmul, norm, soft_cap
+from retarget.arithmetic import arctan2, exp, hypot, low_pass, matmul, norm, soft_cap
 from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import Limb
@@ -32,6 +32,7 @@ from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.crouch_envelope import Envelope
 from retarget.rotations import (
+    NO_TURN,
     Quat,
     Vector,
     arc,
@@ -73,11 +74,11 @@ class Facing:
     """
 
     def __init__(self) -> None:
-        self._x, self._y = 0.0, 0.0  # zero: not started
+        self.restart()
 
     def restart(self) -> None:
         """Take the next direction as it is."""
-        self._x, self._y = 0.0, 0.0
+        self._mean = 0j  # x + i y; zero: not started
 
     def update(
         self, pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float], dt: float
@@ -90,12 +91,11 @@ class Facing:
         x, y = _seen(pelvis, left_foot, right_foot)
         length = hypot(x, y)
         if length > CLEAR:
-            started = self._x != 0.0 or self._y != 0.0
-            share = 1.0 - exp(-dt / SETTLE_S) if started else 1.0
-            self._x += share * (x / length - self._x)
-            self._y += share * (y / length - self._y)
-        norm = hypot(self._x, self._y)
-        return (self._x / norm, self._y / norm) if norm > 1e-9 else (1.0, 0.0)
+            times = dt / SETTLE_S if self._mean else inf
+            self._mean = low_pass(self._mean, complex(x / length, y / length), times)
+        x, y = self._mean.real, self._mean.imag
+        norm = hypot(x, y)
+        return (x / norm, y / norm) if norm > 1e-9 else (1.0, 0.0)
 
 
 def _seen(pelvis: Quat, left_foot: Sequence[float], right_foot: Sequence[float]) -> tuple[float, float]:
@@ -206,7 +206,7 @@ class PelvisOverFeet:
         leg."""
         x, y, _ = hips
         if self._apart is not None:
-            self._side += (1.0 - exp(-dt / PELVIS_SETTLE_S)) * (_SIDE.get(carrying, 0.0) - self._side)
+            self._side = low_pass(self._side, _SIDE.get(carrying, 0.0), dt / PELVIS_SETTLE_S)
             half = 0.5 * self._side
             x, y = sorted((x, x - half * apart[0], 0.0))[1], y + half * (self._apart - apart[1])
         return x, y, self._on_bearing_leg(legs, apart[2], dt)
@@ -226,8 +226,8 @@ class PelvisOverFeet:
         asked = sqrt(max(length * length - x * x - y * y, 0.0))
         height = asked if self._height is None else self._height
         off = (asked - height) / (HEIGHT_BAND * self._leg)
-        self._height = height = height + (1.0 - exp(-dt / HEIGHT_SETTLE_S * (1.0 + off * off))) * (asked - height)
-        return height
+        self._height = low_pass(height, asked, dt / HEIGHT_SETTLE_S * (1.0 + off * off))
+        return self._height
 
 
 CROUCH_KNEE = 0.1
@@ -246,8 +246,7 @@ HEAD_ALONE = ("head",)
 """What a landmark follows that no joint of a limb moves."""
 ANKLES, HIPS = ("l_ankle", "r_ankle"), ("l_hip", "r_hip")
 UP, FORWARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-IDENTITY = (1.0, 0.0, 0.0, 0.0)
-"""Unit vectors in the robot's world, and the quaternion wxyz of no rotation."""
+"""Unit vectors in the robot's world."""
 
 
 class Role(Enum):
@@ -364,7 +363,7 @@ class LandmarkMap:
         self._limbs = [self.names.index(name) for name in names if name != TRUNK]
         self._trunk_line = [as_vector(stance.points[TRUNK] - stance.points[PELVIS])] if TRUNK in names else []
         limbs = [minus(end, as_vector(begin)) for end, begin in zip(ends, anchors, strict=True)]
-        self.standing = AskedLandmarks(ends, self._of_limbs(limbs, IDENTITY), IDENTITY, FORWARD)
+        self.standing = AskedLandmarks(ends, self._of_limbs(limbs, NO_TURN), NO_TURN, FORWARD)
         """What asks the robot to stand as in its stance."""
 
     @property
@@ -442,7 +441,7 @@ class LandmarkMap:
     def _trunk_asked(self, seen: Quat, height: float) -> Quat:
         """The trunk as seen on the performer, leaning no further than the robot can with its pelvis at `height`."""
         if self._envelope is None:
-            return IDENTITY
+            return NO_TURN
         x, y, z = rotated(seen, UP)
         across = hypot(x, y)
         if across < 1e-9:

@@ -8,10 +8,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from retarget.arithmetic import Dwell
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import Frame
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import ENOUGH, moving_share, on_one_leg
+from retarget.robot.crouch_envelope import MISSED_M
 from retarget.schema.priorities import (
     CentreOfMassTask,
     Level,
@@ -145,9 +147,8 @@ class StepPlan:
         if now.foot is not None and now.foot != self._asked:
             self.tally.asked += 1
         self._asked = now.foot
-        for row, transition in enumerate(self._leaving):
-            self._held[row] = self._held[row] + dt if transition.condition(now, self.support) else 0.0
-            if self._held[row] > transition.after:
+        for transition, dwell in self._leaving:
+            if dwell.step(dt, holds=transition.condition(now, self.support)) > transition.after:
                 self._enter(transition.end, now.foot)
                 return
 
@@ -159,8 +160,7 @@ class StepPlan:
         elif state in (StepState.RETURN_WEIGHT, StepState.DOUBLE_SUPPORT):
             self.support = None
         self.tally.made += state is StepState.SWING
-        self._leaving = [transition for transition in TRANSITIONS if transition.start is state]
-        self._held = [0.0] * len(self._leaving)  # s for which each condition has held
+        self._leaving = [(transition, Dwell()) for transition in TRANSITIONS if transition.start is state]
 
 
 # The levels of a robot that steps: what priorities ask of one that stands, and two more.
@@ -241,8 +241,6 @@ def _refuse_unplanted(priorities: Priorities, soles: tuple[str, ...]) -> None:
 
 SOLES = 2
 """Soles of a robot that steps."""
-MISSED_M = 0.001
-"""Distance (m) of soles or mass from their places from which on a robot counts as unable to shift its weight."""
 
 
 def with_steps(

@@ -5,7 +5,7 @@ from math import sqrt
 
 import numpy as np
 
-from retarget.arithmetic import exp, matmul, norm
+from retarget.arithmetic import low_pass, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, support_edges
@@ -344,7 +344,7 @@ class Stepping:
             self._swings[1 - support].restart(self._stance.soles[1 - support].position.tolist())
         goal = self._aim_weight(targets, com, moving, dt, place=place)
         self._aim_soles(targets, q, dt, apart=asked.apart)
-        self._whole += (1.0 - exp(-dt / LED_S)) * (float(self.plan.state in LED) - self._whole)
+        self._whole = low_pass(self._whole, float(self.plan.state in LED), dt / LED_S)
         x, y = (goal - standing).tolist()
         up = self._rise.step(asked.landmarks[self._pelvis][2], dt, due=self.plan.support is not None)
         return asked.led(self._pelvis, (x, y, up), self._whole)

@@ -15,7 +15,7 @@ import numpy as np
 
 from retarget.arithmetic import matmul, norms
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
-from retarget.rotations import Quat, Vector, axis_turn, plus, product, rotated
+from retarget.rotations import NO_TURN, Quat, Vector, axis_turn, plus, product, rotated
 from retarget.sources.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket, number_in
 from retarget.sources.skeletons import TABLES
 from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
@@ -72,8 +72,7 @@ _NAMES = tuple(_PARENT)
 BonePose = tuple[Vector, Quat]
 """Position m, NaN where not sent, and orientation wxyz, in the parent or in the world."""
 _ORIGIN: Vector = (0.0, 0.0, 0.0)
-_NOT_TURNED: Quat = (1.0, 0.0, 0.0, 0.0)
-_AT_ORIGIN: BonePose = (_ORIGIN, _NOT_TURNED)
+_AT_ORIGIN: BonePose = (_ORIGIN, NO_TURN)
 _UNKNOWN: BonePose = ((nan,) * 3, (nan,) * 4)
 """Position m and orientation wxyz of a bone at the origin, and of one that was not sent."""
 
@@ -96,7 +95,7 @@ def world_poses(local: Mapping[str, BonePose], lengths: Mapping[str, Vector]) ->
     """
     world = {_ROOT_NAME: local.get(_ROOT_NAME, _AT_ORIGIN)}
     for name, bone in zip(_NAMES, BODY_BONES, strict=True):
-        place, turn = local.get(name) or (_UNKNOWN[0], _NOT_TURNED if bone in OPTIONAL else _UNKNOWN[1])
+        place, turn = local.get(name) or (_UNKNOWN[0], NO_TURN if bone in OPTIONAL else _UNKNOWN[1])
         at, turned = world[_PARENT[name]]
         step = lengths[name] if isnan(place[0]) else place
         world[name] = plus(at, rotated(turned, step)), product(turned, turn)

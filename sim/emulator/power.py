@@ -1,6 +1,6 @@
 """Supply, current and heat of emulated servos: by the numbers of `sim.servo_model`, with overload."""
 
-from retarget.arithmetic import expm1
+from retarget.arithmetic import Dwell, expm1
 from sim.servo_model import (
     AMBIENT,
     FRICTION_CURRENT,
@@ -52,7 +52,7 @@ class ServoElectrics:
         self._turn = turn
         self._top = top
         self._velocity = 0.0
-        self._strained = 0.0  # [s] of overload so far
+        self._overload = Dwell()
         self.draw(IDLE_CURRENT)
 
     @property
@@ -68,7 +68,7 @@ class ServoElectrics:
     @property
     def overloaded(self) -> bool:
         """Whether the motor has held too much for too long."""
-        return self._strained >= OVERLOAD_TIME
+        return self._overload.held >= OVERLOAD_TIME
 
     @property
     def warmth(self) -> float:
@@ -84,7 +84,7 @@ class ServoElectrics:
         """Begin anew at `now` (s), without overload, after a start."""
         self.time = now
         self._velocity = 0.0
-        self._strained = 0.0
+        self._overload.held = 0.0
 
     def advance(self, now: float, velocity: float, *, effort: float, torque: bool) -> None:
         """Move on to `now` (s), where the shaft turns at `velocity` tick/s and the motor holds `effort` of its stall
@@ -105,4 +105,4 @@ class ServoElectrics:
             self.draw(current)
         final = AMBIENT + HEAT_PER_AMPERE2 * current * current
         self.temperature -= (final - self.temperature) * expm1(-elapsed / HEAT_TIME)
-        self._strained = self._strained + elapsed if torque and abs(effort) > OVERLOAD_EFFORT else 0.0
+        self._overload.step(elapsed, holds=torque and abs(effort) > OVERLOAD_EFFORT)

@@ -27,7 +27,6 @@ from retarget.robot.follower import (
     RESTING_SPEED,
     RESTS_S,
     SETTLING_S,
-    STANCE_RESTING_SPEED,
     Follower,
     StanceTrajectory,
     TimeScaling,
@@ -229,7 +228,7 @@ def test_the_return_to_stance_is_soon_over_and_ends_at_rest(override: float, lon
     limits = following_limits(op3(), robot.stance, load_priorities("balanced").deflection_compensation)
     most = limits.max_velocity[[op3().body.dof_index(joint) for joint in op3().joint_map.joints]]
     assert (speeds / most).max() < override + 1e-6
-    assert speeds[-10:].max() < STANCE_RESTING_SPEED
+    assert speeds[-10:].max() < RESTING_SPEED
 
 
 def test_a_robot_whose_legs_stay_still_has_no_return_to_stance() -> None:
