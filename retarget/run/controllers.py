@@ -360,8 +360,8 @@ class Stop(Controller):
         """The target of a robot that stands, which is the one to which it was commanded, or that brakes on its line;
         None: the gate follows the stop."""
         self._follower.pass_time(self._dt)
-        if commanded.stands:
-            return commanded.target
+        if commanded.stands:  # where it got by a part of a goal, the stop from there would lead on
+            return commanded.target if commanded.target.stop is None else replace(commanded.target, stop=None)
         return self._approach.brake(commanded) if self._approach.part is ApproachPart.STRAIGHT else None
 
 

@@ -211,8 +211,8 @@ class TickRecorder:
         gated: bool,
         followed: RobotPosture | None,
     ) -> None:
-        """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target; gated:
-        whether the gate refused what was asked; followed: for the performer."""
+        """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target, or
+        the robot was to stop; gated: whether the gate refused what was asked; followed: for the performer."""
         record, robot, row, states = self.record, self._robot, self._rows.row, guard.states
         assert robot is not None and states is not None and guard.sent is not None, "a goal was written"
         record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent

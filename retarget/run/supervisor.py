@@ -154,6 +154,8 @@ BUS_SILENT = "the bus is silent"
 """Why the robot holds for a cycle in which no servo of a bus has answered."""
 AT_RISK = (RunState.APPROACH, RunState.FOLLOW, RunState.HOLD)
 """States in which the robot moves with the performer."""
+STOPS = (RunState.HOLD, RunState.STOPPING, RunState.STANDING)
+"""States in which the robot comes to a stop, or stands."""
 
 
 class End(Enum):

@@ -172,7 +172,8 @@ class Gate:
         joints = self.standing.joints(stop.postures)
         if not np.array_equal(joints[0], target):
             return None
-        rows = joints[1:]
+        moves = np.flatnonzero((joints[1:] != joints[:-1]).any(axis=1))
+        rows = joints[1 : 2 + moves[-1]] if moves.size else joints[:0]  # a part of two stops ends with the shorter one
         return rows if self._braking.keeps(target, displacement, rows, tolerance=ROUND_OFF) else None
 
     def _made(self, goal: CheckedGoal, last: CheckedGoal | None) -> CheckedGoal:

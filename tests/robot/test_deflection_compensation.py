@@ -34,7 +34,7 @@ def make(
 
 def offset(gate: DrivenGate) -> FloatArray:
     """The offset of the goal sent last from the posture that it holds, rad (n,)."""
-    found: FloatArray = gate.goal.compensated.offset
+    found: FloatArray = gate.goal.compensated.compensated + gate.goal.compensated.behind
     return found
 
 
@@ -109,7 +109,7 @@ def test_for_any_goal_it_keeps_the_limits_and_position_plus_offset_is_the_goal(s
 
 @pytest.mark.parametrize("name", ["op3", "poppy", "toddlerbot", "wolfgang"])
 def test_a_robot_that_brakes_goes_through_the_postures_that_were_checked(name: str) -> None:
-    """Its offsets go on as they went, by as much less as its joints: no posture jumps where a goal is refused."""
+    """Its offsets go on to hold it there: no posture jumps where a goal is refused, and goals keep every limit."""
     robot, paths = load_robot(name), list[FloatArray]()
     stance, dt = plant(robot, robot.profile.postures.stand), 1.0 / robot.profile.safety.rate_hz
 
@@ -125,12 +125,18 @@ def test_a_robot_that_brakes_goes_through_the_postures_that_were_checked(name: s
     for tick in range(12):  # ever faster, so that fast servos wait for slow ones
         posture = posture + 0.4 * tick * robot.joint_map.max_acceleration.min() * dt * dt * ahead
         assert driven.check(posture) is not None
-    path, before = paths[-1], offset(driven)
+    path, before, goals, at_rest = paths[-1], driven.goal, list[FloatArray](), list[bool]()
     assert np.abs(np.diff(path, axis=0)[0]).max() > 1e-3
-    for row in path[2:]:
-        np.testing.assert_allclose(driven.brake().posture, row, atol=1e-12)
-    assert not driven.goal.displacement.any() and np.abs(offset(driven) - before).max() > 1e-5
-    assert np.array_equal(driven.brake().joints, driven.brake().joints)
+    for row in [*path[2:], *[path[-1]] * round(1.0 / dt)]:
+        np.testing.assert_array_equal(driven.brake().posture, row)
+        goals.append(driven.goal.joints)
+        at_rest.append(gate.at_rest(driven.goal))
+    assert all(at_rest[round(0.35 / dt) :]) and not any(at_rest[: len(path) - 3])
+    steps = np.diff(goals, axis=0, prepend=before.joints[None])
+    changes = np.diff(steps, axis=0, prepend=before.displacement[None])
+    assert (np.abs(changes) <= robot.joint_map.max_acceleration * dt**2 + TINY).all()
+    assert (np.abs(steps) <= robot.joint_map.max_velocity * dt + TINY).all()
+    assert np.abs(offset(driven) - before.joints + before.posture).max() > 1e-5
 
 
 def test_what_i_gains_add_in_time_is_left_out() -> None:
@@ -151,7 +157,7 @@ def test_what_i_gains_add_in_time_is_left_out() -> None:
         off.append(float(np.abs(shaft - posture).max()))
     assert np.abs(deflection).max() > 0.01 and rate.max() > 0.2
     assert max(off[150:]) < 0.05 * np.abs(deflection).max()
-    assert np.abs(state.offset[rate > 0.2]).max() < 0.1 * np.abs(deflection).max()
+    assert np.abs((state.compensated + state.behind)[rate > 0.2]).max() < 0.1 * np.abs(deflection).max()
 
 
 def test_with_a_constant_posture_it_is_soon_at_rest() -> None:

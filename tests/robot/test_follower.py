@@ -114,10 +114,15 @@ def crouched(name: str = "op3", ticks: int = 250) -> Follower:
     settled(robot, motion[0])
     for human in motion[1:ticks]:
         robot.step(human, DT)
-    for _ in range(100):
-        robot.halt(DT)
-    robot.begin_return_to_stance(robot._q.copy(), DT)
+    robot.begin_return_to_stance(stop_of(robot)[-1], DT)
     return robot
+
+
+def stop_of(robot: Follower) -> FloatArray:
+    """The postures (k, nq) of the stop from where it is."""
+    stop = robot.stop(DT)
+    assert stop is not None and np.array_equal(stop.postures[0], robot._q)
+    return stop.postures
 
 
 @pytest.mark.long
@@ -297,16 +302,12 @@ def test_a_stop_at_half_speed_goes_on_smoothly_on_the_soles() -> None:
         if tick == WARM.start + 118:
             rows = [reached.joint_positions]
     rows.append(reached.joint_positions)
-    for _ in range(60):
-        q = robot.halt(DT)
-        assert q is not None
-        rows.append(q[op3().servo_columns])
+    stop = stop_of(robot)
+    rows.extend([*stop[1:, op3().servo_columns], stop[-1, op3().servo_columns]])
     steps = np.diff(np.array(rows), axis=0)
     assert np.abs(steps[0]).max() / DT > 0.2
     assert (np.abs(np.diff(steps, axis=0)) <= op3().joint_map.max_acceleration * DT**2 + 1e-9).all()
-    assert not steps[-1].any()
-    still = int(np.argmax(~(np.abs(steps) > 0.0).any(axis=1)))
-    assert still * DT <= 0.35
+    assert len(stop) * DT <= 0.35
 
 
 @pytest.mark.parametrize("halts", [False, True])
@@ -318,8 +319,7 @@ def test_a_jump_of_the_speed_override_is_no_jump_of_the_robot(halts: bool) -> No
         rows += [robot.step(posture, DT).joint_positions for posture in human()[tick : tick + 10]]
         steps = np.diff(rows[-2:], axis=0)
         robot.set_speed_override(0.7)
-        q = robot.halt(DT) if halts else robot.step(human()[tick + 10], DT).q
-        assert q is not None
+        q = stop_of(robot)[1] if halts else robot.step(human()[tick + 10], DT).q
         steps = np.vstack([steps, q[op3().servo_columns] - rows[-1]])
         robot.set_speed_override(1.0)
         rows.append(q[op3().servo_columns])
@@ -349,7 +349,7 @@ def test_obstacles_get_the_time_scale(monkeypatch: pytest.MonkeyPatch) -> None:
     robot.set_speed_override(0.5)
     monkeypatch.setattr(robot.scene_obstacles, "tick", lambda who, dt, time_scale=1.0: ticks.append((dt, time_scale)))
     robot.step(human()[0], DT)
-    robot.halt(DT)
+    robot.pass_time(DT)
     assert ticks == [(DT, 0.5), (DT, 1.0)]
 
 

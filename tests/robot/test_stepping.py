@@ -129,13 +129,13 @@ def test_a_crouched_robot_rises_to_what_one_leg_can_carry() -> None:
 
 def test_a_stop_on_one_foot_keeps_it_and_the_return_to_stance_ends_on_both() -> None:
     robot = stepper()
-    played(robot, ((LEFT, 3.0),))
+    played(robot, ((LEFT, 1.0),))
     assert robot.steps is not None and robot.steps.plan.state is StepState.SWING
-    for _ in range(30):
-        q = robot.halt(DT)
-        assert q is not None and np.abs(soles(q[None])[0, 0] - robot.stance.soles[0].position).max() < 1e-3
+    stop = robot.stop(DT)
+    assert stop is not None and stop.contact == (True, False) and len(stop.postures) > 1
+    assert np.abs(soles(stop.postures)[:, 0] - robot.stance.soles[0].position).max() < 1e-3
     landed: list[FloatArray] = []
-    robot.begin_return_to_stance(robot._q.copy(), DT)
+    robot.begin_return_to_stance(stop.postures[-1], DT)
     while (q := robot.return_to_stance(DT)) is not None and len(landed) < 500:
         landed.append(q)
     assert len(landed) < 500 and robot.steps.stands

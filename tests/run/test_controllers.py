@@ -11,6 +11,7 @@ from hardware.errors import RetargetError
 from messages import refuses
 from retarget.human.samples import PerformerInput
 from retarget.ik.support_polygon import plant
+from retarget.ik.whole_body_stop import StopPath
 from retarget.report.motion_metrics import limit_violations
 from retarget.run.controllers import (
     REST_WITHIN_S,
@@ -21,8 +22,8 @@ from retarget.run.controllers import (
     GoToRest,
     ReturnToStance,
     SlowMove,
+    Stop,
     Target,
-    WholeBodyStop,
     first_commanded,
     next_commanded,
     require_finite,
@@ -207,11 +208,11 @@ def test_an_approach_that_is_not_finite_is_refused() -> None:
         require_finite(replace(posture, q=np.full_like(posture.q, np.nan)))
 
 
-def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_followers() -> None:
+def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_one_that_was_verified() -> None:
     present = stand() - 0.3
     driven = Driven(present=present)
     approach = approaching(driven)
-    stop = WholeBodyStop(op3(), driven.follower, approach, dt=DT)
+    stop = Stop(driven.follower, approach, dt=DT)
     for _ in range(60):
         driven.take(approach.target(driven.commanded, PerformerInput(), speed_override=1.0))
     while not driven.commanded.stands:
@@ -220,11 +221,15 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     stays = stop.target(driven.commanded, PerformerInput(), speed_override=1.0)
     assert stays is driven.commanded.target and np.array_equal(stays.joints, driven.commanded.joints)
     driven.assert_straight()
-    approach.part, halted = ApproachPart.SETTLING, standing() + 0.0
-    driven.follower.halt = lambda dt: halted  # type: ignore[method-assign]
+    moving = StopPath(np.array([standing(), standing() + 1e-3]), (True, True))
+    driven.commanded = replace(driven.commanded, target=Target(stays.joints, stop=moving))
+    assert driven.take(stop.target(driven.commanded, PerformerInput(), speed_override=1.0))
+    assert driven.commanded.target.stop is None, "where it stands nothing leads on"
+    approach.part = ApproachPart.SETTLING
     driven.commanded = replace(driven.commanded, stood_s=0.0, waited_s=0.0)
-    target = stop.target(driven.commanded, PerformerInput(), speed_override=1.0)
-    assert target is not None and target.q is halted
+    before = driven.follower.passed_s
+    assert stop.target(driven.commanded, PerformerInput(), speed_override=1.0) is None
+    assert driven.follower.passed_s == pytest.approx(before + DT), "obstacles move on"
 
 
 # Following.

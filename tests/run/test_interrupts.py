@@ -22,8 +22,9 @@ from retarget.run.loop import STOOD_S, Loop, Observer, Operator, Progress, RowOb
 from retarget.run.record import Phase
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.supervisor import FORCED_STOP, LONGEST_TO_REST_S, End, OperatorInput
+from retarget.safety.standing import StandingCheck
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, play, short_clip
+from rig import Rig, gentle_stop, play, short_clip
 
 FOR_EVER = 10**6
 COUNT = 4096 / (2.0 * np.pi)
@@ -462,40 +463,33 @@ def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_
     shows(note)
 
 
-def returning(rig: Rig, step: float) -> None:
-    """Let the stand-in lead the first joint by `step` rad a tick, without an end."""
-    turned = 0.0
+def returning(rig: Rig, step: float) -> list[FloatArray]:
+    """Let the stand-in lead the first joint by `step` rad a tick, without an end. Returns the stance twice, and the
+    postures (nq,) to which it will have been led."""
+    way = [rig.follower.stance.q] * 2
 
     def return_to_stance(dt: float) -> FloatArray | None:
-        nonlocal turned
-        turned += step
-        q = rig.follower.stance.q.copy()
-        q[rig.robot.servo_columns[0]] += turned
-        return q
+        way.append(way[-1].copy())
+        way[-1][rig.robot.servo_columns[0]] += step
+        return way[-1]
 
     rig.follower.return_to_stance = return_to_stance  # type: ignore[method-assign]
+    return way
 
 
 def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
-    """The follower brakes the whole body there: joints alone would move its soles."""
+    """By the path that was planned with the last goal: joints alone would move its soles."""
     fault = MockFault(FaultKind.ALERT, 220, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
     rig = Rig(still(), faults=(fault,), goes_to_rest=True)
-    returning(rig, 0.3 * rig.dt)
-    halts: list[float] = []
-
-    def halt(dt: float) -> FloatArray | None:
-        q = rig.follower.stance.q.copy()
-        q[rig.robot.servo_columns] = sent(rig.guard)
-        slower = 0.2 * rig.robot.joint_map.max_acceleration[0] * dt**2
-        halts.append(max(float(displacement(rig.guard)[0]) - slower, 0.0))
-        q[rig.robot.servo_columns[0]] += halts[-1]
-        return q
-
-    rig.follower.halt = halt  # type: ignore[method-assign]
+    way = returning(rig, 0.3 * rig.dt)
+    rig.gate.standing = StandingCheck(rig.robot, rig.follower.stance)
+    rig.follower.stop = lambda dt: gentle_stop(rig.robot, *way[-2:], dt)  # type: ignore[method-assign]
     ending = play(rig)
-    robot = ending.record.robot
+    robot, stop = ending.record.robot, rig.follower.stop(rig.dt)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_ALERT and robot is not None
-    assert 2 <= len(halts) < 50 and not displacement(rig.guard).any() and not robot.gated.any()
+    assert stop is not None and 2 <= len(stop.postures) < 50 and not robot.gated.any() and len(way) > 4
+    last = np.flatnonzero((robot.q == way[-1]).all(axis=1))[0]
+    np.testing.assert_array_equal(robot.q[last : last + len(stop.postures)], stop.postures)
     assert ending.state is RunState.FAULT and np.abs(sent(rig.guard) - rest_of(rig)).max() > 0.2
 
 
@@ -510,10 +504,16 @@ def test_a_return_to_stance_that_fails_is_reported_and_the_robot_goes_to_rest() 
 
 
 def test_a_failure_that_comes_back_while_the_robot_stops_does_not_keep_it_under_torque() -> None:
-    rig = Rig(still(), goes_to_rest=True)
-    rig.follower.halt = Mock(side_effect=ArithmeticError("no way to a stop"))  # type: ignore[method-assign]
+    rig, failed = Rig(swing(), goes_to_rest=True), list[float]()
+
+    def pass_time(dt: float) -> None:
+        if rig.supervisor.state is RunState.STOPPING:
+            failed.append(rig.clock.now())
+            raise ArithmeticError("no time passes")
+
+    rig.follower.pass_time = pass_time  # type: ignore[method-assign]
     ending = play(rig)
-    assert (ending.state, ending.reason) == (RunState.OFF, None) and len(rig.follower.returns) == 1
+    assert (ending.state, ending.reason) == (RunState.OFF, "no time passes") and len(failed) > 1
     np.testing.assert_allclose(sent(rig.guard), rest_of(rig), atol=1e-9)
 
 

@@ -23,6 +23,7 @@ from operators import ENOUGH, Asks
 from planted import failing
 from retarget.errors import UsageError
 from retarget.human.samples import Playback
+from retarget.ik.whole_body_stop import StopPath
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
 from retarget.model.robot import RobotBody, load_robot
@@ -36,9 +37,10 @@ from retarget.run.record import Phase, Record, RecordRows, TickRecorder
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import FORCED_STOP
 from retarget.safety.gate import Gate
+from retarget.safety.standing import StandingCheck
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
-from rig import Rig, StubFollower, StubReconstructor, person, play, short_clip
+from rig import Rig, StubFollower, StubReconstructor, gentle_stop, person, play, short_clip
 from sim.faults.sender import FakeSender
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
@@ -335,30 +337,31 @@ def test_a_late_tick_is_skipped_and_counted(monkeypatch: pytest.MonkeyPatch) -> 
     assert ending.late_ticks == 1 and between.max() == pytest.approx(2.5) and between.min() == pytest.approx(1.0)
 
 
-class HaltingFollower(StubFollower):
-    """Stops at once where it was reseeded last."""
+class PlanningFollower(StubFollower):
+    """Plans a gentle stop from each posture of its script."""
 
-    halts = 0
-
-    def halt(self, dt: float) -> FloatArray | None:
-        self.halts += 1
-        q = self.stance.q.copy()
-        q[self.robot.servo_columns] = self.reseeded[-1]
-        return q
+    def stop(self, dt: float) -> StopPath | None:
+        before, q = (self._made(max(tick, 0)).q for tick in (self.tick - 2, self.tick - 1))
+        return gentle_stop(self.robot, before, q, dt)
 
 
-def test_a_refused_goal_is_stopped_on_the_soles_from_where_the_robot_is() -> None:
-    script = still()
-    script[10:, 3] = 1.0
+def test_from_a_refused_goal_on_the_robot_goes_along_the_stop_that_was_planned_with_the_last_one() -> None:
+    script = swing(0.3)
+    script[12:, 3] = 1.0
     rig = Rig(script)
-    rig.follower = follower = HaltingFollower(rig.robot, script)
+    rig.follower = follower = PlanningFollower(rig.robot, script)
+    rig.gate.standing = StandingCheck(rig.robot, follower.stance)
     rig.machine = replace(rig.machine, follower=follower)
     ending = play(rig)
     robot = ending.record.robot
     assert (ending.state, ending.reason) == (RunState.OFF, None) and robot is not None
-    assert follower.halts == TICKS - 10
-    stood = robot.q[ending.record.following][:, rig.robot.servo_columns]
-    assert (stood == follower.stance.q[rig.robot.servo_columns]).all()
+    follower.tick = 12
+    stop = follower.stop(rig.dt)
+    assert stop is not None and 5 < len(stop.postures) < TICKS - 12
+    columns, last = rig.robot.servo_columns, ending.record.following.start + 11
+    assert not robot.gated[: last + 1].any() and robot.gated[last + 1 : ending.record.following.stop].all()
+    sent = robot.q[last : last + len(stop.postures), columns]
+    np.testing.assert_allclose(sent, stop.postures[:, columns], rtol=0.0, atol=1e-12)
 
 
 class RecallingFollower(StubFollower):

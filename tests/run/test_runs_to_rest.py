@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,14 +82,12 @@ def test_a_refused_return_to_stance_times_out_and_the_way_to_rest_keeps_the_sole
 
     def to_stance(self: Follower, dt: float) -> FloatArray | None:
         q = return_to_stance(self, dt)
-        returned.extend([] if q is None else [q[self._robot.servo_columns]])
+        returned.extend([] if q is None else [q])
         return q
 
-    def walled(
-        self: Gate, last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
-    ) -> CheckedGoal | None:
-        is_return = target is not None and bool(returned) and np.array_equal(target, returned[-1])
-        return None if is_return and len(returned) > passed else check(self, last, target, standing=standing)
+    def walled(self: Gate, last: CheckedGoal, target: FloatArray | None, **given: Any) -> CheckedGoal | None:
+        is_return = len(returned) > passed and given.get("stop") is not None  # whole or in part
+        return None if is_return else check(self, last, target, **given)
 
     monkeypatch.setattr(Follower, "return_to_stance", to_stance)
     monkeypatch.setattr(Gate, "check", walled)
@@ -218,11 +217,11 @@ def test_a_refusal_is_not_lost_in_closing_the_bus() -> None:
 
 @pytest.mark.long
 def test_without_the_way_the_same_stop_moves_the_soles_a_little(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What these tests can see: joints that brake in proportion, as the gate does, and no more."""
+    """What these tests can see: joints that brake in proportion, as they do where no stop is planned."""
     with prepared(synthetic_performer, 5.9) as ready:
         by_way = soles(stop_at(ready))
     with prepared(synthetic_performer, 5.9) as ready:
         assert ready.machine is not None
-        monkeypatch.setattr(ready.machine.follower, "halt", lambda dt: None)
+        monkeypatch.setattr(ready.machine.follower, "stop", lambda dt: None)
         by_gate = soles(stop_at(ready))
     assert by_way[0] < 1e-4 < by_gate[0] < 0.001

@@ -11,11 +11,13 @@ from bus_rig import four_servos
 from gates import DrivenGate, PathCheck, admit, as_clearance, sent
 from hardware.arrays import FloatArray
 from hardware.errors import HardwareError
+from hardware.guard import CheckedGoal
 from hardware.joint_map import JointMap
 from messages import refuses
 from oracles.frame_bounds import braking_displacement
 from oracles.frame_bounds import frame_bounds as bounds_oracle
 from retarget._solver import Braking
+from retarget.ik.whole_body_stop import StopPath
 from retarget.safety.gate import Compensated, Gate, PassThroughGate
 
 MAP = JointMap(four_servos())
@@ -234,6 +236,66 @@ def test_a_senseless_goal_reaches_no_compensation() -> None:
     for senseless in ([0.0, np.nan, 0.0, 0.0], [0.0, 0.0, 0.0]):
         assert gate.check(np.array(senseless)) is None and not compensation.asked
     assert gate.check(0.5 * CHANGE) is not None and len(compensation.asked) == 1
+
+
+def test_a_goal_that_an_offset_forces_is_refused() -> None:
+    compensation = NotedCompensation()
+    gate = DrivenGate(Gate(MAP, dt=DT, compensation=compensation), np.zeros(4))
+    compensation.forced = True
+    assert gate.check(np.zeros(4)) is None
+
+
+class NotedStanding:
+    """Soles and balance of a robot whose postures are its joints. held: whether it keeps them."""
+
+    held = True
+
+    def joints(self, postures: FloatArray) -> FloatArray:
+        return postures
+
+    def holds(self, stop: StopPath, last: FloatArray, standing: FloatArray) -> bool:
+        return self.held
+
+
+def planned(*steps: float) -> tuple[NotedStanding, Gate, CheckedGoal | None]:
+    """A gate, and its first goal for a stop with these displacements of all joints, in largest changes."""
+    standing = NotedStanding()
+    gate = Gate(MAP, dt=DT, standing=standing)  # type: ignore[arg-type]
+    path = np.cumsum(steps)[:, None] * CHANGE
+    return standing, gate, gate.check(gate.begin(np.zeros(4)), path[0], stop=StopPath(path, ()), standing=np.zeros(0))
+
+
+def test_a_planners_stop_is_followed_row_by_row() -> None:
+    _, gate, goal = planned(1.0, 1.5, 0.75, -0.25)
+    assert goal is not None and not gate.at_rest(goal)
+    for left, at in enumerate((2.5, 3.25, 3.0)):
+        goal = gate.brake(goal)
+        np.testing.assert_allclose(goal.joints, at * CHANGE, atol=TINY)
+        assert gate.at_rest(goal) == (left == 2)
+
+
+@pytest.mark.parametrize("steps", [(1.0, 2.5, 1.5, 0.5), (1.0, 1.8), (1.0, -0.5, np.nan)])
+def test_a_planners_stop_that_breaks_a_limit_is_refused(steps: tuple[float, ...]) -> None:
+    assert planned(*steps)[2] is None
+    gate = planned(1.0, 0.5)[1]
+    elsewhere = StopPath(np.array([0.2, 0.1])[:, None] * CHANGE, ())
+    assert gate.check(gate.begin(np.zeros(4)), 0.3 * CHANGE, stop=elsewhere, standing=np.zeros(0)) is None
+
+
+def test_soles_and_balance_are_checked_on_a_planners_stop() -> None:
+    standing, gate, goal = planned(1.0, 0.5)
+    assert goal is not None
+    standing.held = False
+    assert gate.check(goal, goal.joints + 0.1 * CHANGE, standing=np.zeros(0)) is not None, "not on one of joints alone"
+    stop = StopPath(goal.joints[None], ())
+    assert gate.check(goal, goal.joints, stop=stop, standing=np.zeros(0)) is None
+
+
+def test_a_stop_ends_where_its_joints_rest() -> None:
+    """A part of a long stop and a short one is as long as the long one."""
+    for steps in ((1.0, 0.5, 0.0, 0.0, 0.0), (0.5, 0.0)):
+        _, _, goal = planned(*steps)
+        assert goal is not None and len(goal.stop) == sum(step > 0.0 for step in steps[1:])
 
 
 def test_goals_belong_to_their_gate() -> None:

@@ -15,6 +15,7 @@ from retarget.frames import SensorSample
 from retarget.human.reconstruction import Reconstructor
 from retarget.human.samples import Clip, Playback, lay_on_ticks
 from retarget.ik.support_polygon import plant
+from retarget.ik.whole_body_stop import LONGEST, StopPath
 from retarget.model.human import Human, PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.model.robot import RobotBody
@@ -91,7 +92,7 @@ class StubFollower(Follower):
     def set_speed_override(self, override: float) -> None:
         self.overrides.append(override)
 
-    def halt(self, dt: float) -> FloatArray | None:
+    def stop(self, dt: float) -> StopPath | None:
         return None
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
@@ -106,7 +107,7 @@ class StubFollower(Follower):
     def set_contact_state(self, soles: BoolArray | None) -> None:
         self.contact_states.append(soles)
 
-    def reseed(self, q: FloatArray, velocity: FloatArray) -> None:
+    def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())
 
     def _made(self, tick: int) -> RobotPosture:
@@ -125,6 +126,19 @@ class StubFollower(Follower):
             centre_of_mass=np.zeros(3),
             observer_modes=np.zeros(0, dtype=np.uint8),
         )
+
+
+def gentle_stop(robot: RobotBody, before: FloatArray, q: FloatArray, dt: float) -> StopPath:
+    """From posture q (nq,), to which the robot got from `before` (nq,), all joints brake at a fifth of their
+    deceleration."""
+    columns, slower = robot.servo_columns, 0.2 * robot.joint_map.max_acceleration * dt**2
+    postures, moved = [q], (q - before)[columns]
+    while moved.any() and len(postures) <= LONGEST:
+        moved = np.copysign(np.maximum(np.abs(moved) - slower, 0.0), moved)
+        q = q.copy()
+        q[columns] += moved
+        postures.append(q)
+    return StopPath(np.array(postures), (True, True))
 
 
 class Rig:
