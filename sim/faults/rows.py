@@ -183,10 +183,8 @@ def _rest_refused(bench: Bench) -> None:
     gate, supervisor = bench.machine.gate, bench.machine.supervisor
     check = gate.check
 
-    def refusing(
-        last: CheckedGoal, target: FloatArray | None, *, standing: FloatArray | None = None
-    ) -> CheckedGoal | None:
-        return None if supervisor.state is RunState.GO_TO_REST else check(last, target, standing=standing)
+    def refusing(last: CheckedGoal, target: FloatArray | None, **given: Any) -> CheckedGoal | None:
+        return None if supervisor.state is RunState.GO_TO_REST else check(last, target, **given)
 
     gate.check = refusing  # type: ignore[method-assign]
 

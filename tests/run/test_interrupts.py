@@ -483,7 +483,7 @@ def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
     rig = Rig(still(), faults=(fault,), goes_to_rest=True)
     way = returning(rig, 0.3 * rig.dt)
     rig.gate.standing = StandingCheck(rig.robot, rig.follower.stance)
-    rig.follower.stop = lambda dt: gentle_stop(rig.robot, *way[-2:], dt)  # type: ignore[method-assign]
+    rig.follower.stop = lambda dt: gentle_stop(rig.robot, way[-2], way[-1], dt)  # type: ignore[method-assign]
     ending = play(rig)
     robot, stop = ending.record.robot, rig.follower.stop(rig.dt)
     assert rig.guard.stop is not None and rig.guard.stop.cause is StopCause.SERVO_ALERT and robot is not None

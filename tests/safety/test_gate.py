@@ -272,6 +272,7 @@ def test_a_planners_stop_is_followed_row_by_row() -> None:
         goal = gate.brake(goal)
         np.testing.assert_allclose(goal.joints, at * CHANGE, atol=TINY)
         assert gate.at_rest(goal) == (left == 2)
+    np.testing.assert_array_equal(gate.brake(goal).joints, goal.joints)
 
 
 @pytest.mark.parametrize("steps", [(1.0, 2.5, 1.5, 0.5), (1.0, 1.8), (1.0, -0.5, np.nan)])

@@ -11,6 +11,8 @@ from retarget.types import FloatArray
 
 BOTH: Contact = (True, True)
 NOTHING = np.zeros((0, 20))
+LEANS = {"l": 0.4, "r": -0.4}
+"""rad by which ankles pitch so that the robot leans forward."""
 
 
 def stance() -> Stance:
@@ -57,6 +59,14 @@ def test_a_mass_beyond_the_edge_does_not_hold() -> None:
     com = op3().kinematics.centre_of_mass(stance().q[None])[0, 0]
     front = max(float(sole.outline[:, 0].max()) for sole in stance().soles)
     assert 0.0 < inside <= front - com + 1e-9
+
+
+def test_a_mass_that_leans_beyond_the_edge_of_soles_in_place_does_not_hold() -> None:
+    stand = op3().profile.postures.stand
+    lean = plant(op3(), stand | {f"{side}_ank_pitch": stand[f"{side}_ank_pitch"] + by for side, by in LEANS.items()}).q
+    lean[:2] += (stance().soles[0].position - op3().points(lean[None], ("l_sole",))[0, 0])[:2]
+    assert check().losses(stop(lean)).slip < SOLE_M and check().losses(stop(lean)).shortfall > 0.0
+    assert not holds(stop(lean))
 
 
 def test_only_soles_that_carry_count() -> None:
