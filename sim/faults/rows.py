@@ -227,7 +227,7 @@ def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:
 
 
 def _leg_inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
-    """Act as a stage without observers that plans no stop: turn a leg into the other, within all limits of the joint."""
+    """Act as a stage without observers and stops: turn a leg into the other, within all limits of the joint."""
     joint, angle, speed = INWARDS
     servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
     if len(bench.trace.postures) < 2:
