@@ -227,7 +227,7 @@ def _not_finite(bench: Bench, posture: RobotPosture) -> RobotPosture:
 
 
 def _leg_inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
-    """Act as a stage without observers: turn a leg into the other, within all limits of the joint."""
+    """Act as a stage without observers and stops: turn a leg into the other, within all limits of the joint."""
     joint, angle, speed = INWARDS
     servos, dt = bench.robot.joint_map, 1.0 / bench.robot.profile.safety.rate_hz
     if len(bench.trace.postures) < 2:
@@ -237,6 +237,7 @@ def _leg_inwards(bench: Bench, posture: RobotPosture) -> RobotPosture:
     goal, moved = posture.joint_positions.copy(), sent - before
     change = 0.5 * float(servos.max_acceleration[column]) * dt * dt
     way = np.clip(angle - sent[column], -speed * dt, speed * dt)
+    bench.machine.follower.stop = lambda dt: None  # type: ignore[method-assign]
     goal[column] = sent[column] + np.clip(way, moved[column] - change, moved[column] + change)
     q = posture.q.copy()
     q[bench.robot.servo_columns] = goal

@@ -87,7 +87,9 @@ def test_a_stop_is_what_braking_does_and_ends_at_rest(position: FloatArray, seed
     assert not len(BRAKING.stop(at, np.zeros(3))) or (position < LOWER).any() or (position > UPPER).any()
 
 
-ranges = st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3).map(lambda share: LOWER + np.array(share) * (UPPER - LOWER))
+ranges = st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3).map(
+    lambda share: LOWER + np.array(share) * (UPPER - LOWER)
+)
 
 
 @given(ranges, steps)
