@@ -279,6 +279,9 @@ class Solver:
         """(start, stop) of a task in the target vector, its leading weight included."""
     def reset(self, q: Floats, velocity: Floats | None = None) -> None:
         """Start from posture q (nq,), moving at velocity (nv,) per second."""
+    def correct(self, q: Floats, velocity: Floats) -> None:
+        """Go on from posture q (nq,), near to the one that was reached, moving at velocity (nv,) per second. Unlike after
+        `reset`, what observers know of each other is kept."""
     def foresee(self, rest: Floats, seconds: float) -> None:
         """Where the body would come to rest, posture (nq,), and in how many seconds, if it were stopped now: in the
         next frame, observers keep their margins there too. Else joints are taken to brake in proportion."""

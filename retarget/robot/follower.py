@@ -394,7 +394,7 @@ class Follower:
             return
         solver = self.hierarchy.solver
         change = self._time.change(override, self._q, solver.velocity)
-        solver.reset(self._q, solver.velocity / change)
+        solver.correct(self._q, solver.velocity / change)
 
     def stop(self, dt: float) -> StopPath | None:
         """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
@@ -417,7 +417,7 @@ class Follower:
     def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: another goal was sent than was planned. rests:
         what is led joint by joint begins at rest there."""
-        self.hierarchy.solver.reset(q, velocity / self._time.scale)
+        self.hierarchy.solver.correct(q, velocity / self._time.scale)
         self._reached, self._stop = self._reader.read(q), None
         if rests:
             self._arms.reset(q)

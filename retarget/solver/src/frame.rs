@@ -131,13 +131,26 @@ impl FrameSolver {
 
     /// Start from posture `q`, moving at `velocity`.
     pub fn reset(&mut self, q: &[f64], velocity: &[f64]) {
+        self.go_on_from(q, velocity);
+        if let Some(watch) = &mut self.watch {
+            watch.reset();
+        }
+    }
+
+    /// The body got to posture `q`, near to the one that was reached, and moves at `velocity`: what is known of pairs is kept.
+    pub fn correct(&mut self, q: &[f64], velocity: &[f64]) {
+        self.body.difference(&self.q, q, &mut self.step);
+        if let Some(watch) = &mut self.watch {
+            watch.moved(&self.step);
+        }
+        self.go_on_from(q, velocity);
+    }
+
+    fn go_on_from(&mut self, q: &[f64], velocity: &[f64]) {
         self.q.copy_from_slice(q);
         self.posed = false;
         for &(dof, _) in &self.columns.all {
             self.velocity[dof] = velocity[dof]; // what is locked stays at rest
-        }
-        if let Some(watch) = &mut self.watch {
-            watch.reset();
         }
     }
 }

@@ -85,6 +85,18 @@ impl Watch {
         self.sum_violations();
     }
 
+    /// Coordinates went by `step` between two frames.
+    pub(crate) fn moved(&mut self, step: &[f64]) {
+        for (expected, step) in self.expected.iter_mut().zip(step) {
+            *expected += step;
+        }
+        for k in 0..self.pairs.len() {
+            let way = self.way(k, step);
+            (self.pairs[k].at_least, self.pairs[k].at_most) =
+                (self.pairs[k].at_least - way, self.pairs[k].at_most + way);
+        }
+    }
+
     /// Pairs that get rows before the first solve of an iteration: what held before, what a step like the last would spend, and what
     /// may meet before the body rests.
     pub(super) fn wake_expected(&mut self) {

@@ -123,6 +123,13 @@ impl PySolver {
         Ok(())
     }
 
+    fn correct(&mut self, q: Numbers<'_>, velocity: Numbers<'_>) -> PyResult<()> {
+        let (q, velocity) =
+            (vector(&q, self.solver.body.nq, "q")?, vector(&velocity, self.solver.body.nv, "velocity")?);
+        self.solver.correct(q, velocity);
+        Ok(())
+    }
+
     fn foresee(&mut self, rest: Numbers<'_>, seconds: f64) -> PyResult<()> {
         let rest = vector(&rest, self.solver.body.nq, "rest")?;
         if !(seconds >= 0.0 && seconds.is_finite()) {
