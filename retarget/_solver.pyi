@@ -251,8 +251,7 @@ class Solver:
 
     The box of a frame holds for the whole frame: position, velocity, acceleration and braking distance (see
     `Braking.bounds`). Locked coordinates (nv,) never move. A level is damped (m/rad) by the root of its error (m) times
-    the size of the body (m) times `damping`. pendulum: s, sqrt(height of the centre of mass / g) of a body that stands
-    on its soles, whose mass is braked gently; 0 of another.
+    the size of the body (m) times `damping`.
     """
 
     def __init__(
@@ -269,7 +268,6 @@ class Solver:
         max_step: float = 0.3,
         damping: float = 0.5,
         early_stop: bool = True,
-        pendulum: float = 0.0,
         observers: Observers | None = None,
         activation: Literal["closest", "all"] = "closest",
     ) -> None: ...
@@ -280,17 +278,18 @@ class Solver:
     def reset(self, q: Floats, velocity: Floats | None = None) -> None:
         """Start from posture q (nq,), moving at velocity (nv,) per second."""
     def correct(self, q: Floats, velocity: Floats) -> None:
-        """Go on from posture q (nq,), near to the one that was reached, moving at velocity (nv,) per second. Unlike after
-        `reset`, what observers know of each other is kept."""
+        """Go on from posture q (nq,), near to the one that was reached, moving at velocity (nv,) per second. Unlike
+        after `reset`, what observers know of each other is kept."""
     def foresee(self, rest: Floats, seconds: float) -> None:
         """Where the body would come to rest, posture (nq,), and in how many seconds, if it were stopped now: in the
         next frame, observers keep their margins there too. Else joints are taken to brake in proportion."""
     def frame(self, targets: Floats, dt: float) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
-    def brake(self, dt: float, most: int) -> Floats:
+    def brake(self, dt: float, most: int, *, pendulum: float = 0.0) -> Floats:
         """Postures (k, nq), dt seconds each and `most` of them, on the way to rest: coordinates and the centre of mass
         go on by less and less of the velocity that they have, in proportion; points and frames that have a task stay.
-        The slowest coordinate brakes at its full deceleration, a mass over a `pendulum` gently. After the last row all
+        The slowest coordinate brakes at its full deceleration. pendulum: s, sqrt(height of the centre of mass / g) of a
+        body that may tip over, whose mass brakes at MASS_BRAKING, or in that time; 0 of another. After the last row all
         may stop at once, if fewer than `most` were needed."""
     def set_obstacles(
         self,

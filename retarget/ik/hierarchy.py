@@ -59,7 +59,6 @@ class Hierarchy:
         locked: BoolArray | None = None,
         iterations: int | None = None,
         damping: float | None = None,
-        pendulum: float = 0.0,
         observers: Observers | None = None,
         scene: SceneShapes = NO_SCENE,
     ) -> None:
@@ -67,8 +66,7 @@ class Hierarchy:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
         limb tasks stand for. lengths: m, of landmarks, for weights per length. locked (nv,): DoFs that never move.
         iterations: instead of the file's. damping: of the solver; absent: `DAMPING` for each iteration, as every
-        iteration lowers the error and damping with it. pendulum: s, of a body on its soles, see `_solver.Solver`.
-        observers: what looks at itself and at the obstacles of `scene`.
+        iteration lowers the error and damping with it. observers: what looks at itself and at the obstacles of `scene`.
         Raises ConfigError: a name that the body does not have.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
@@ -96,7 +94,6 @@ class Hierarchy:
             locked=np.zeros(body.nv, dtype=bool) if locked is None else locked,
             n_ik=n_ik,
             damping=DAMPING * n_ik if damping is None else damping,
-            pendulum=pendulum,
             observers=self.observers,
             activation=priorities.activation,
         )

@@ -41,13 +41,6 @@ OTHERS = 100.0
 brake the mass. With 1, more stops are found, but Poppy, whose ankles do not roll, falls in 01_01 with mass."""
 
 
-def pendulum_time(body: BodyModel, stance: Stance) -> float:
-    """sqrt(height of the centre of mass / g) of a robot that stands so, s; 0 where it stands on no soles."""
-    if not stance.soles:
-        return 0.0
-    return sqrt(float(body.solver_body().centre_of_mass(stance.q[None])[0, 2]) / GRAVITY)
-
-
 class WholeBodyStop:
     """Plans the stops of a robot on its soles.
 
@@ -57,12 +50,21 @@ class WholeBodyStop:
     """
 
     def __init__(
-        self, body: BodyModel, limits: JointLimits, widest: JointLimits, stance: Stance, carrying: BoolArray
+        self,
+        body: BodyModel,
+        limits: JointLimits,
+        widest: JointLimits,
+        stance: Stance,
+        carrying: BoolArray,
+        *,
+        tips: bool = True,
     ) -> None:
         """limits (nv,): whose ranges a stop keeps. widest (nv,): of the servos, whose speeds and accelerations it may
-        use. carrying (nv,): the root and the joints of the legs."""
+        use. carrying (nv,): the root and the joints of the legs. tips: a robot whose mass in motion would tip it; the
+        mass of another brakes with its joints."""
         self._body, self._stance, self._carrying = body, stance, carrying
         self._height = float(body.solver_body().centre_of_mass(stance.q[None])[0, 2])
+        self._pendulum = sqrt(self._height / GRAVITY) if tips else 0.0
         self._limits = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
         self._solvers = dict[Contact, Solver]()
 
@@ -73,7 +75,7 @@ class WholeBodyStop:
             self._solvers[contact] = self._solver(contact)
         solver = self._solvers[contact]
         solver.reset(q, velocity)
-        return StopPath(np.concatenate([q[None], solver.brake(dt, LONGEST)]), contact)
+        return StopPath(np.concatenate([q[None], solver.brake(dt, LONGEST, pendulum=self._pendulum)]), contact)
 
     def _solver(self, contact: Contact) -> Solver:
         """Soles first, then the centre of mass beside joints."""
@@ -92,7 +94,6 @@ class WholeBodyStop:
             locked=np.zeros(body.nv, dtype=bool),
             n_ik=1,
             damping=0.0,
-            pendulum=pendulum_time(body, self._stance),
         )
 
 

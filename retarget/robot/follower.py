@@ -16,14 +16,14 @@ from retarget.human.samples import Parts
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, footing, plant
-from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop, pendulum_time
+from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop
 from retarget.model.body import BodyModel, JointLimits
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
-from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, standing_strength
+from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, moving_share, standing_strength
 from retarget.robot.crouch_envelope import robot_envelope
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import (
@@ -241,7 +241,9 @@ class Follower:
                 balance,
                 standing_strength(robot, priorities, stance),
                 footing(robot.kinematics, stance.soles),
-                WholeBodyStop(robot.body, limits, servo_limits(robot), stance, carrying),
+                WholeBodyStop(
+                    robot.body, limits, servo_limits(robot), stance, carrying, tips=moving_share(priorities) is not None
+                ),
                 stepping,
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
@@ -293,7 +295,6 @@ class Follower:
             locked=locked,
             iterations=iterations,
             damping=damping,
-            pendulum=pendulum_time(self._robot.body, self.stance),
             observers=self.observers,
             scene=self.scene_obstacles.shapes,
         )

@@ -349,7 +349,7 @@ class GoalPlayback(Controller):
         return self._last is None or commanded.target is self._last
 
 
-class Stop(Controller):
+class ComeToRest(Controller):
     """Leaves the robot to the stop that was verified last; on the straight part of the approach it brakes more gently,
     along its line. Then the robot stands."""
 
@@ -486,7 +486,7 @@ class RobotMotion:
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals[0])
         self.follow = Follow(reconstructor, follower, human, dt=dt, motion_dt=motion_dt, slow=slow)
         self._playback = None if goals is None else GoalPlayback(robot, goals, dt=dt)
-        stop = Stop(follower, self.approach, dt=dt)
+        stop = ComeToRest(follower, self.approach, dt=dt)
         standing = gate.standing
         self._governor = None if standing is None else CommandGovernor(robot, gate, standing, standing_dofs(robot))
         keyframes = robot.profile.postures.to_rest if keyframes is None else keyframes

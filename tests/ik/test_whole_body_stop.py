@@ -1,12 +1,15 @@
 """How a robot on its soles stops: within the limits of its servos, its mass braked evenly, its soles in place."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from followers import DT, follow, follower, op3, performer, postures
 from retarget._solver import MASS_BRAKING
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance, footing, plant
-from retarget.ik.whole_body_stop import LONGEST, StopPath, WholeBodyStop, pendulum_time
+from retarget.ik.whole_body_stop import LONGEST, StopPath, WholeBodyStop
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import standing_dofs
 from retarget.safety.standing import SOLE_M
@@ -19,9 +22,10 @@ def stance() -> Stance:
     return plant(op3(), op3().profile.postures.stand)
 
 
-def planner() -> WholeBodyStop:
-    where = stance()
-    return WholeBodyStop(op3().body, following_limits(op3(), where), servo_limits(op3()), where, standing_dofs(op3()))
+def planner(*, tips: bool = True) -> WholeBodyStop:
+    where, robot = stance(), op3()
+    limits = following_limits(robot, where), servo_limits(robot)
+    return WholeBodyStop(robot.body, *limits, where, standing_dofs(robot), tips=tips)
 
 
 def upward(speed: float) -> FloatArray:
@@ -42,7 +46,7 @@ def moving(q: FloatArray, root: FloatArray) -> FloatArray:
 def velocities(path: StopPath) -> FloatArray:
     """Velocities (k, nv) per s from row to row, and none at the end."""
     body, rows = op3().kinematics, path.postures
-    moved = [body.difference(a, b) / DT for a, b in zip(rows, rows[1:], strict=False)]
+    moved = [body.difference(a, b) / DT for a, b in pairwise(rows)]
     return np.array([*moved, np.zeros(op3().body.nv)])
 
 
@@ -78,6 +82,11 @@ def test_a_fast_crouch_comes_to_rest_whatever_arms_do() -> None:
         velocity = upward(-0.15)
         velocity[arms] = random.uniform(-4.0, 4.0, len(arms))
         assert len(plans.path(stance().q, velocity, DT, contact=BOTH).postures) < LONGEST
+
+
+def test_a_mass_that_nothing_tips_brakes_with_its_joints() -> None:
+    rows = [len(planner(tips=tips).path(stance().q, upward(0.15), DT, contact=BOTH).postures) for tips in (True, False)]
+    assert rows[1] < 0.7 * rows[0] and (rows[0] - 1) * DT == pytest.approx(0.15 / MASS_BRAKING, abs=2 * DT)
 
 
 def test_a_joint_beyond_its_range_goes_no_farther_than_it_must() -> None:
@@ -117,7 +126,8 @@ def test_the_mass_brakes_evenly_and_softly_whatever_the_limbs_do() -> None:
         speeds = np.diff(body.centre_of_mass(path.postures), axis=0) / DT
         first = body.centre_of_mass_jacobian(q) @ velocity
         changes = np.diff(speeds, axis=0, prepend=first[None])
-        soft = max(MASS_BRAKING, float(np.linalg.norm(first)) / pendulum_time(op3().body, stance())) * DT
+        pendulum = np.sqrt(body.centre_of_mass(stance().q[None])[0, 2] / GRAVITY)
+        soft = max(MASS_BRAKING, float(np.linalg.norm(first)) / pendulum) * DT
         assert np.linalg.norm(changes, axis=1).max() < 1.05 * soft + 1e-4
         across = speeds - np.outer(speeds @ first, first) / (first @ first)
         assert np.linalg.norm(across, axis=1).max() < 0.005

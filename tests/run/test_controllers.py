@@ -18,11 +18,11 @@ from retarget.run.controllers import (
     RETRY_S,
     Approach,
     ApproachPart,
+    ComeToRest,
     Follow,
     GoToRest,
     ReturnToStance,
     SlowMove,
-    Stop,
     Target,
     first_commanded,
     next_commanded,
@@ -212,7 +212,7 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     present = stand() - 0.3
     driven = Driven(present=present)
     approach = approaching(driven)
-    stop = Stop(driven.follower, approach, dt=DT)
+    stop = ComeToRest(driven.follower, approach, dt=DT)
     for _ in range(60):
         driven.take(approach.target(driven.commanded, PerformerInput(), speed_override=1.0))
     while not driven.commanded.stands:

@@ -100,7 +100,12 @@ def test_legs_go_on_where_the_way_of_the_arms_is_not_clear() -> None:
 
 def test_where_nothing_is_clear_nothing_passes_and_it_is_tried_only_so_often() -> None:
     looks = list[FloatArray]()
-    governed = Governed(lambda path, instead: bool(looks.append(path)))
+
+    def refuses(path: FloatArray, instead: FloatArray) -> bool:
+        looks.append(path)
+        return False
+
+    governed = Governed(refuses)
     assert governed.check(governed.asked(l_el=0.001)) is None
     assert 2 <= len(looks) <= 8
 

@@ -344,3 +344,5 @@ def test_no_stop_takes_such_a_time(seconds: float) -> None:
     _, solver, _ = among_obstacles()
     with pytest.raises(ValueError, match="seconds"):
         solver.foresee(solver.q, seconds)
+    with pytest.raises(ValueError, match="pendulum"):
+        solver.brake(DT, 5, pendulum=seconds)

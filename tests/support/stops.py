@@ -24,8 +24,8 @@ ROUND_OFF = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class SentGoal:
-    """A goal, from where the joints (n,) rad were, moved by `displacement` (n,) rad before. led: the robot stands, and a
-    planner leads it. contact: which soles carry it."""
+    """A goal, from where the joints (n,) rad were, moved by `displacement` (n,) rad before. led: the robot stands, and
+    a planner leads it. contact: which soles carry it."""
 
     goal: CheckedGoal
     before: FloatArray

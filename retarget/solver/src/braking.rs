@@ -71,24 +71,21 @@ pub struct Motion<'a> {
     /// Of every coordinate, per second.
     pub velocity: &'a [f64],
     pub limits: &'a [Limit],
-    /// Of the centre of mass, m/s.
-    pub mass: Vec3,
-    /// s, sqrt(height of the centre of mass / g) of a body that stands on its soles; 0 of another.
-    pub pendulum: f64,
     /// The posture (nq) in which it would come to rest, and in how many seconds, where its stop is planned; else joints are taken to brake
     /// in proportion.
     pub stop: Option<(&'a [f64], f64)>,
 }
 
-impl Motion<'_> {
-    /// Seconds in which the body comes to rest, all coordinates in proportion: as many as the slowest of them needs at its full
-    /// deceleration, and the centre of mass at MASS_BRAKING; a fast one is braked in the time in which its zero-moment point is at its
-    /// capture point. 0 for a body at rest, and for one that stops at once.
-    pub fn stopping_time(&self) -> f64 {
-        let joints = self.velocity.iter().zip(self.limits);
-        let slowest = joints.map(|(v, limit)| v.abs() / limit.acceleration).fold(0.0, f64::max);
-        slowest.max(self.pendulum.min(norm(self.mass) / MASS_BRAKING))
-    }
+/// Seconds in which a body comes to rest, all coordinates in proportion: as many as the slowest of them needs at its full deceleration. 0
+/// for a body at rest, and for one that stops at once.
+pub fn stopping_time(velocity: &[f64], limits: &[Limit]) -> f64 {
+    velocity.iter().zip(limits).map(|(v, limit)| v.abs() / limit.acceleration).fold(0.0, f64::max)
+}
+
+/// Seconds in which a centre of mass over soles, at this velocity (m/s), comes to rest: at MASS_BRAKING, and a fast one in the time
+/// `pendulum`, sqrt(height / g), in which its zero-moment point is at its capture point.
+pub fn mass_stopping_time(velocity: Vec3, pendulum: f64) -> f64 {
+    pendulum.min(norm(velocity) / MASS_BRAKING)
 }
 
 /// Part of the frame's box that is left for one iteration, with its step limit. Contains a point of the frame's box always.

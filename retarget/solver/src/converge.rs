@@ -3,11 +3,11 @@
 //! The linear problem of one iteration is metric, rows and box, in the variables z = (dq - reference) / scale. Observers add their rows,
 //! and ask for a second solve after a trial.
 
-use crate::braking::{frame_bounds, iteration_bounds, Limit, Motion};
+use crate::braking::{frame_bounds, iteration_bounds, mass_stopping_time, stopping_time, Limit, Motion};
 use crate::frame::FrameSolver;
 use crate::hierarchy::{Problem, BUDGET};
 use crate::level_rows::Placed;
-use crate::math::{add_scaled, quat_mul, Vec3};
+use crate::math::{add_scaled, quat_mul};
 use crate::observers::{Activation, Iteration};
 use crate::task::TaskKind;
 use crate::task_rows::{Columns, RowWriter};
@@ -48,10 +48,8 @@ impl FrameSolver {
     fn look(&mut self, targets: &[f64], done: usize, dt: f64) {
         self.posed &= done == 0;
         self.pose_body();
-        let mass = if done == 0 { self.mass_velocity() } else { [0.0; 3] };
-        let (velocity, limits, pendulum) = (&self.velocity[..], &self.limits[..], self.settings.pendulum);
         let stop = self.stop.as_ref().map(|stop| (&stop.0[..], stop.1));
-        let motion = Motion { velocity, limits, mass, pendulum, stop };
+        let motion = Motion { velocity: &self.velocity, limits: &self.limits, stop };
         if let Some(watch) = &mut self.watch {
             if done == 0 {
                 for p in &self.placed {
@@ -101,22 +99,16 @@ impl FrameSolver {
         self.body.integrate(&mut self.q, &self.step);
     }
 
-    /// Velocity (m/s) of the centre of mass of a body that stands on its soles, 0 of another; in a posture that is posed.
-    fn mass_velocity(&self) -> Vec3 {
-        let dofs = 0..if self.settings.pendulum > 0.0 { self.body.nv } else { 0 };
-        dofs.fold([0.0; 3], |v, dof| add_scaled(v, self.body.com_column(&self.pose, dof), self.velocity[dof]))
-    }
-
     /// The postures (rows, nq) of coming to rest, a row for each frame of `dt` seconds and `most` of them: coordinates and the centre of
-    /// mass go on by less and less of the velocity with which they began, by none after the stopping time, as far as limits let them, and
+    /// mass go on by less and less of the velocity with which they began, by none after their stopping time, as far as limits let them, and
     /// points and frames that have a task, which stay. After the last row the body may stop at once. A coordinate that begins beyond the
     /// end of its range goes no farther than it must.
-    pub fn brake(&mut self, dt: f64, most: usize) -> Vec<f64> {
+    pub fn brake(&mut self, dt: f64, most: usize, pendulum: f64) -> Vec<f64> {
         self.pose_body();
-        let (began, mass) = (self.velocity.clone(), self.mass_velocity());
-        let (limits, pendulum) = (&self.limits[..], self.settings.pendulum);
-        let motion = Motion { velocity: &began, limits, mass, pendulum, stop: None };
-        let ticks = motion.stopping_time() / dt;
+        let began = self.velocity.clone();
+        let mass =
+            (0..self.body.nv).fold([0.0; 3], |v, dof| add_scaled(v, self.body.com_column(&self.pose, dof), began[dof]));
+        let ticks = stopping_time(&began, &self.limits).max(mass_stopping_time(mass, pendulum)) / dt;
         if ticks <= 1.0 {
             return vec![];
         }

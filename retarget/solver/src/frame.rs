@@ -21,8 +21,6 @@ pub struct Settings {
     /// Squared damping of a level for each metre of the body's size and of its error (see `hierarchy`).
     pub damping: f64,
     pub early_stop: bool,
-    /// s, sqrt(height of the centre of mass / g) of a body that stands on its soles and brakes its mass gently; 0 of another.
-    pub pendulum: f64,
 }
 
 /// What happened, summed since the last reset.

@@ -4,7 +4,7 @@
 
 use super::set::{place_obstacles, ObserverSet, ObstaclePose};
 use crate::body::Body;
-use crate::braking::Motion;
+use crate::braking::{stopping_time, Motion};
 use crate::geometry::Solid;
 use crate::kinematics::Pose;
 
@@ -44,7 +44,8 @@ impl Rest {
         motion: &Motion,
         dt: f64,
     ) {
-        let (stopping, limits) = (motion.stop.map_or_else(|| motion.stopping_time(), |stop| stop.1), motion.limits);
+        let (stopping, limits) =
+            (motion.stop.map_or_else(|| stopping_time(motion.velocity, motion.limits), |stop| stop.1), motion.limits);
         self.time = 0.0;
         if stopping == 0.0 || !stopping.is_finite() {
             return;

@@ -64,7 +64,7 @@ fn check_observed(levels: &mut [Vec<Task>], count: usize) -> PyResult<()> {
 impl PySolver {
     #[new]
     #[pyo3(signature = (body, levels, *, lower, upper, max_velocity, max_acceleration, locked, n_ik=2, max_step=0.3,
-                        damping=0.5, early_stop=true, pendulum=0.0, observers=None, activation="closest"))]
+                        damping=0.5, early_stop=true, observers=None, activation="closest"))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         body: &PyBody,
@@ -78,7 +78,6 @@ impl PySolver {
         max_step: f64,
         damping: f64,
         early_stop: bool,
-        pendulum: f64,
         observers: Option<PyRef<'_, PyObservers>>,
         activation: &str,
     ) -> PyResult<Self> {
@@ -92,16 +91,13 @@ impl PySolver {
         if !(max_step > 0.0 && damping >= 0.0 && damping.is_finite()) {
             return Err(bad(format!("max_step {max_step} must be positive, damping {damping} not negative")));
         }
-        if !(pendulum >= 0.0 && pendulum.is_finite()) {
-            return Err(bad(format!("pendulum is {pendulum}, expected s, not negative")));
-        }
         levels.iter().flatten().try_for_each(|task| check_task(task, body.links.len(), nv))?;
         let mut levels: Vec<Vec<Task>> =
             levels.into_iter().map(|l| l.iter().map(|t| t.task.clone()).collect()).collect();
         check_observed(&mut levels, observers.as_ref().map_or(0, |o| o.set.observers.len()))?;
         let activation = activation_named(activation)?;
         let watched = observers.map(|observers| (observers.set.clone(), activation));
-        let settings = Settings { n_ik, max_step, damping, early_stop, pendulum };
+        let settings = Settings { n_ik, max_step, damping, early_stop };
         Ok(Self { solver: FrameSolver::new(body, levels, limits, locked, watched, settings) })
     }
 
@@ -146,9 +142,13 @@ impl PySolver {
         Ok(PyArray1::from_slice(py, &self.solver.q))
     }
 
-    fn brake<'py>(&mut self, py: Python<'py>, dt: f64, most: usize) -> PyResult<Matrix<'py>> {
+    #[pyo3(signature = (dt, most, *, pendulum=0.0))]
+    fn brake<'py>(&mut self, py: Python<'py>, dt: f64, most: usize, pendulum: f64) -> PyResult<Matrix<'py>> {
         let (solver, dt) = (&mut self.solver, time_step(dt)?);
-        let postures = py.detach(|| solver.brake(dt, most));
+        if !(pendulum >= 0.0 && pendulum.is_finite()) {
+            return Err(bad(format!("pendulum is {pendulum}, expected s, not negative")));
+        }
+        let postures = py.detach(|| solver.brake(dt, most, pendulum));
         let rows = postures.len() / solver.body.nq;
         PyArray1::from_vec(py, postures).reshape([rows, solver.body.nq])
     }
