@@ -22,8 +22,8 @@ DELAY_CAP_S = 0.040
 WINDOW_S, MOST_KEPT = 2.0, 512
 """Time, s, over which the lateness of frames is measured, and the most frames of it."""
 IN_TIME = 0.95
-"""Share of the frames that are to arrive in time. A rare one that is later is bridged by extrapolation, which costs less
-than to wait with all others for it."""
+"""Share of the frames that are to arrive in time. A rare one that is later is bridged by extrapolation, which costs
+less than to wait with all others for it."""
 SHRINK_S = 1.0
 """Time constant of shrinking. At the cap, time then plays 4 % fast, which is not visible."""
 GAP_SHARE = 0.1
