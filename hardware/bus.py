@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntFlag
+from functools import cached_property
 from typing import Protocol
 
 from hardware.arrays import BoolArray, ByteArray, FloatArray, TickArray
@@ -71,6 +72,11 @@ class ServoStates:
     """Share of the last cycles (0.05 s) in which answers came damaged and requests were repeated more than once."""
     soles: BoolArray | None = None
     """Which soles press on the floor, (k,) in the order of the profile's feet; None where nothing measures it."""
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether all servos answered in this cycle."""
+        return bool(self.valid.all())
 
 
 @dataclass(frozen=True)

@@ -380,7 +380,7 @@ class BusHealth:
     def quietest(self, states: ServoStates, buses: Collection[str] | None = None) -> tuple[float, str]:
         """The longest time, s, for which no servo of a bus has given a valid answer, and the name of the bus; 0: all
         answer. Of a bus that never answered it is infinite. buses: names of those that count; None: all."""
-        if states.valid.all():
+        if states.complete:
             return 0.0, ""
         ages = (
             (float(states.age[columns].min()), name)
@@ -479,7 +479,7 @@ class ServoHealth:
             return
         np.logical_not(states.driven, out=seen[WatchedRow.LIMP])
         far = np.abs(self._joint_map.turned(self._expected.error(states.time, sent, states.position)))
-        if states.valid.all():
+        if states.complete:
             seen[WatchedRow.FAR] = seen[WatchedRow.STILL_FAR] = far
         else:  # the position of a silent servo is out of date: its last known error stays
             known = self._joint_map.known_joints(states.valid)

@@ -93,6 +93,35 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
     """
     time = np.arange(round(DURATION_S * rate_hz)) / rate_hz
     paths = _paths(time, np.random.default_rng(seed))
+    return _performer(time, paths, rate_hz=rate_hz, source=f"synthetic performer, seed {seed}")
+
+
+GESTURES_S = 40.0
+GESTURES = {"shoulder": (45.0, 22.0), "elbow": (35.0, 20.0), "spread": (10.0, 6.0)}
+"""About which angle the arms of gestures move beside where they hang, and how far, degrees."""
+GESTURE_HZ, GESTURE_FALL = (0.21, 0.37, 0.55, 0.83), 0.7
+"""Frequencies of gestures, and the power with which their amplitude falls: hands are about as fast in each."""
+RAISED_S = 2.0
+"""Time, s, in which the arms are raised first."""
+
+
+def gesturing_performer(seed: int = 4, *, rate_hz: float = RATE_HZ) -> SensorFrames:
+    """Someone who stands and moves both hands before the chest for GESTURES_S, in reach of a robot and slowly enough
+    for it. seed: of the phases; otherwise as `synthetic_performer`."""
+    time, generator = np.arange(round(GESTURES_S * rate_hz)) / rate_hz, np.random.default_rng(seed)
+    raised = np.minimum(time / RAISED_S, 1.0)
+    paths = {name: np.full(len(time), path.standing) for name, path in _PATHS.items()}
+    for part, (middle, amplitude) in GESTURES.items():
+        for name in (part,) if part in paths else (f"l_{part}", f"r_{part}"):
+            turns = [hz * time + generator.uniform() for hz in GESTURE_HZ]
+            size = [(GESTURE_HZ[1] / hz) ** GESTURE_FALL for hz in GESTURE_HZ]
+            wave = np.sum([a * np.sin(2.0 * np.pi * turn) for a, turn in zip(size, turns, strict=True)], axis=0)
+            paths[name] += raised * (middle + 0.5 * amplitude * wave)
+    return _performer(time, paths, rate_hz=rate_hz, source=f"gesturing performer, seed {seed}")
+
+
+def _performer(time: FloatArray, paths: dict[str, FloatArray], *, rate_hz: float, source: str) -> SensorFrames:
+    """The sensors, joints and skeleton of a body that moves by the values (T,) of `_PATHS` at times (T,) s."""
     tree = upper_body()
     pose = _upper_pose(tree, paths)
     joints = {name: pose.position[:, i] for i, name in enumerate(tree.names)}
@@ -112,7 +141,7 @@ def synthetic_performer(seed: int = 0, *, rate_hz: float = RATE_HZ) -> SensorFra
         valid=np.ones((len(time), len(SENSORS)), bool),
         joints=JointTracks(names, np.stack([joints[name] for name in names], axis=1)),
         skeleton=skeleton,
-        source=f"synthetic performer, seed {seed}",
+        source=source,
         rate_hz=rate_hz,
     )
 

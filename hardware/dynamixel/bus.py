@@ -196,7 +196,7 @@ class DynamixelBus:
         """Run cycles until every servo has answered in one, FIRST_CYCLES at most. Returns the states of the last."""
         states = self._cycle()
         for _ in range(FIRST_CYCLES - 1):
-            if states.valid.all():
+            if states.complete:
                 break
             states = self._cycle()
         return states
@@ -222,7 +222,7 @@ class DynamixelBus:
         Raises BusError where they are not known, or have changed.
         """
         states = self._cycle_of_all()
-        if not states.valid.all():
+        if not states.complete:
             silent = [servo.label for servo, valid in zip(self._map.servos, states.valid, strict=True) if not valid]
             raise BusError(f"no answer from {', '.join(silent)}", where="bus, torque on")
         before = self._readings.turns

@@ -47,7 +47,7 @@ class Velocity:
     @property
     def speed(self) -> float:
         """m/s"""
-        return sqrt(fsum(part * part for part in self.now))
+        return sqrt(fsum([part * part for part in self.now]))
 
     def step(self, point: Point | None, dt: float) -> None:
         """Go on by `dt` s to a point; None: it is not known, and the velocity stays."""

@@ -2,8 +2,10 @@
 smoothing, a One-Euro filter chosen by name.
 """
 
+from bisect import bisect_left, insort
+from collections import deque
 from dataclasses import dataclass
-from math import inf, isfinite, pi
+from math import ceil, inf, isfinite, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +13,17 @@ from numpy.typing import NDArray
 from retarget._solver import PoseFilter, PoseRing
 from retarget.arithmetic import exp
 from retarget.errors import UsageError, suggest
-from retarget.live.clock_map import SlidingMinimum
 from retarget.sources.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
 # The playout delay: how far behind the present a stream is played, so that late frames still arrive in time.
 
 DELAY_CAP_S = 0.040
-WINDOW_S = 2.0
+WINDOW_S, MOST_KEPT = 2.0, 512
+"""Time, s, over which the lateness of frames is measured, and the most frames of it."""
+IN_TIME = 0.95
+"""Share of the frames that are to arrive in time. A rare one that is later is bridged by extrapolation, which costs
+less than to wait with all others for it."""
 SHRINK_S = 1.0
 """Time constant of shrinking. At the cap, time then plays 4 % fast, which is not visible."""
 GAP_SHARE = 0.1
@@ -26,19 +31,25 @@ GAP_SHARE = 0.1
 
 
 class PlayoutDelay:
-    """The worst lateness (arrival - capture) of the last 2 s and the typical time between two frames, s: so the later
-    neighbour of a time that is read has arrived. The delay grows at once and shrinks slowly, and is at most the cap.
+    """The lateness (arrival - capture) of the last 2 s, that of all but one frame in twenty, and the typical time
+    between two frames, s: so the later neighbour of a time that is read has arrived. The delay grows at once and
+    shrinks slowly, and is at most the cap.
     """
 
     def __init__(self) -> None:
-        self._earliness = SlidingMinimum(WINDOW_S)
+        self._arrived = deque[tuple[float, float]]()  # arrival and lateness, s
+        self._lateness: list[float] = []  # the same, the least first
         self._gap: float | None = None
         self._delay = 0.0
         self._now: float | None = None
 
     def note(self, arrival: float, *, lateness: float, gap: float) -> None:
         """Note that a frame arrived. gap: s since the frame before it was captured; infinity for the first one."""
-        self._earliness.add(arrival, -lateness)
+        arrived, ordered = self._arrived, self._lateness
+        arrived.append((arrival, lateness))
+        insort(ordered, lateness)
+        while arrived[0][0] < arrival - WINDOW_S or len(arrived) > MOST_KEPT:
+            del ordered[bisect_left(ordered, arrived.popleft()[1])]
         if gap < inf:
             gap = min(gap, DELAY_CAP_S)
             self._gap = gap if self._gap is None else self._gap + GAP_SHARE * (gap - self._gap)
@@ -47,9 +58,9 @@ class PlayoutDelay:
         """The delay at `now`, s. `now` must not fall from call to call."""
         elapsed = 0.0 if self._now is None else max(0.0, now - self._now)
         self._now = now if self._now is None else max(now, self._now)
-        earliness = self._earliness.at(self._now)
-        if earliness < inf:
-            wanted = min(DELAY_CAP_S, max(0.0, -earliness) + (self._gap or 0.0))
+        if self._lateness:
+            lateness = self._lateness[ceil(IN_TIME * len(self._lateness)) - 1]
+            wanted = min(DELAY_CAP_S, max(0.0, lateness) + (self._gap or 0.0))
             if wanted >= self._delay:
                 self._delay = wanted
             else:

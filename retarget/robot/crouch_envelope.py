@@ -11,7 +11,7 @@ lean that is asked too far costs no more than that lean.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -65,18 +65,15 @@ class Envelope:
 
     def most_lean(self, height: float, x: float, y: float) -> float:
         """Most lean (rad) towards the ground direction (x, y) with the pelvis at `height` m; quarters of ellipses."""
-        leans = self._leans(height)
-        a, b = leans[0 if x >= 0.0 else 2], leans[1 if y >= 0.0 else 3]
-        # Radius of the ellipse with half axes a (along) and b (across) in direction (x, y): a b / |(b x, a y)|, with
-        # |(x, y)| = 1.
-        length = hypot(x, y)
-        return a * b * length / max(hypot(b * x, a * y), 1e-12)
+        return _towards(self._leans(height), x, y)
 
     def highest_for(self, lean: float, x: float, y: float) -> float:
         """The greatest height (m) of the pelvis at which the robot leans by `lean` rad towards the ground direction
         (x, y): straight legs cannot tilt hips sideways. Where none suffices, the greatest of those with most lean."""
+        if _towards(self._nodes[-1], x, y) >= lean:
+            return self.highest
         heights: list[float] = self.heights.tolist()
-        leans = [self.most_lean(height, x, y) for height in heights]
+        leans = [_towards(node, x, y) for node in self._nodes]
         asked, above = min(lean, max(leans)), len(heights) - 1
         while leans[above] < asked:
             above -= 1
@@ -86,6 +83,11 @@ class Envelope:
         share = (leans[above] - asked) / (leans[above] - leans[above + 1])
         return heights[above] + share * (heights[above + 1] - heights[above])
 
+    @cached_property
+    def _nodes(self) -> list[list[float]]:
+        """Most lean (rad) forward, left, back and right at each of the heights."""
+        return [self._leans(height) for height in self.heights.tolist()]
+
     def below(self, top: float) -> "Envelope":
         """The part of it with the pelvis no higher than `top` m, where any is left."""
         heights = np.linspace(self.lowest, min(max(top, float(self.heights[1])), self.highest), HEIGHTS)
@@ -93,13 +95,22 @@ class Envelope:
 
     def _leans(self, height: float) -> list[float]:
         """Most lean (rad) forward, left, back and right at a height (m), between those of the two heights around it."""
-        span = float(self.heights[-1] - self.heights[0])
-        share = (height - float(self.heights[0])) / span if span > 0.0 else 0.0  # some robots cannot crouch at all
+        span = self.highest - self.lowest
+        share = (height - self.lowest) / span if span > 0.0 else 0.0  # some robots cannot crouch at all
         place = min(max(share, 0.0), 1.0) * (len(self.heights) - 1)
         below = min(int(place), len(self.heights) - 2)
         share = place - below
         rows = self.lean[below].tolist(), self.lean[below + 1].tolist()
         return [(1.0 - share) * low + share * high for low, high in zip(*rows, strict=True)]
+
+
+def _towards(leans: list[float], x: float, y: float) -> float:
+    """Most lean (rad) towards the ground direction (x, y), of the most forward, left, back and right."""
+    a, b = leans[0 if x >= 0.0 else 2], leans[1 if y >= 0.0 else 3]
+    # Radius of the ellipse with half axes a (along) and b (across) in direction (x, y): a b / |(b x, a y)|, with
+    # |(x, y)| = 1.
+    length = hypot(x, y)
+    return a * b * length / max(hypot(b * x, a * y), 1e-12)
 
 
 def robot_envelope(robot: RobotBody, limits: JointLimits, *, edges: FloatArray, margin: float | None) -> Envelope:

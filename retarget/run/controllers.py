@@ -269,17 +269,14 @@ class Follow(Controller):
         self._dt, self._motion_dt = dt, motion_dt
         self.human = human
         self.posture: RobotPosture | None = None
+        self.lost = False
+        """Whether no posture was found in the last tick."""
         self.costs = (np.nan, np.nan)
         self._ticks = 0
 
-    @property
-    def lost(self) -> bool:
-        """Whether no posture was found in the last tick."""
-        return self.posture is not None and not np.isfinite(self.posture.q).all()
-
     def begin(self, commanded: Commanded) -> None:
         """Follow from where the robot is."""
-        self.posture = None
+        self.posture, self.lost = None, False
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """Return the target for the sample of a performer; None: no posture was found."""
@@ -294,6 +291,7 @@ class Follow(Controller):
         self._follower.set_speed_override(min(speed_override, settled))
         self.posture = posture = self._follower.step(self.human, self._dt)
         self.costs = (reconstructed - begun, thread_cpu() - reconstructed)
+        self.lost = not np.isfinite(posture.q).all()
         return None if self.lost else Target(posture.joint_positions, posture.q, self._follower.stop(self._dt))
 
 

@@ -223,10 +223,7 @@ class TickRecorder:
         record.bus_time[row], record.retries[row] = states.time, states.retries
         record.present[row] = robot.joint_map.to_radians(states.position)
         record.temperature[row], record.voltage[row] = states.temperature, states.voltage
-        if states.alert.any() or not states.valid.all():
-            record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
-        else:
-            record.faults[row] = 0
+        record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
 
     def keep(self, phase: Phase, look: Callable[[Record, int], object], *, approaches: bool = False) -> None:
         """The tick is over. look: receives the record and the row. approaches: the next tick is still of the

@@ -226,16 +226,25 @@ def run(delay: PlayoutDelay, seconds: float, jitter: float, *, start: float, rat
     return found
 
 
-def test_it_grows_at_once_and_shrinks_slowly() -> None:
+def test_it_grows_within_moments_and_shrinks_slowly() -> None:
     delay = PlayoutDelay()
     calm = run(delay, 3.0, 0.002, start=10.0)
     assert calm[-1] == pytest.approx(0.012)
-    error_rate = run(delay, 3.0, 0.025, start=13.0)
-    assert error_rate[0] == pytest.approx(0.035)
+    late = run(delay, 3.0, 0.025, start=13.0)
+    assert max(late[30:]) == pytest.approx(late[-1], abs=1e-3) and late[30] > 0.03
     after = run(delay, 10.0, 0.002, start=16.0)
-    assert after[100] == pytest.approx(0.035)
+    assert after[100] > 0.03
     assert after[-1] == pytest.approx(0.012, abs=5e-4)
     assert np.diff(after).min() > -0.05 / 100.0
+
+
+def test_a_rare_late_frame_is_not_waited_for() -> None:
+    delay, found = PlayoutDelay(), list[float]()
+    for i in range(1000):
+        capture, lateness = 10.0 + 0.01 * i, 0.025 if i % 40 == 39 else 0.002
+        delay.note(capture + lateness, lateness=lateness, gap=0.01)
+        found.append(delay.at(capture + 0.01))
+    assert max(found[200:]) == pytest.approx(0.012)
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(-1.0, 10.0), st.floats(0.0, 10.0)), max_size=50))

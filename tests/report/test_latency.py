@@ -65,7 +65,7 @@ def test_smoothing_delays_a_slow_motion_more() -> None:
 
 @pytest.mark.long
 def test_the_stages_of_a_live_run_sum_up_to_the_way_that_is_measured_apart() -> None:
-    found = measure("emulator", 20.0)
+    found = measure("emulator", synthetic_performer(), 20.0)
     assert list(found.report.stages) == ["capture", "arrival", "playout", "filter", "human", "robot", "bus", "servo"]
     apart = 1e3 * float(np.median(found.apart))
     together, whole = found.report.together, found.report.hand_to_shaft
