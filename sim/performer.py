@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from retarget import rotations
-from retarget.arithmetic import norms
+from retarget.arithmetic import exp, log, norms, sin
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
 from retarget.model.rest_skeleton import limb_turns
 from retarget.sources.skeletons import JointPoses, JointTree, forward_kinematics
@@ -114,8 +114,8 @@ def gesturing_performer(seed: int = 4, *, rate_hz: float = RATE_HZ) -> SensorFra
     for part, (middle, amplitude) in GESTURES.items():
         for name in (part,) if part in paths else (f"l_{part}", f"r_{part}"):
             turns = [hz * time + generator.uniform() for hz in GESTURE_HZ]
-            size = [(GESTURE_HZ[1] / hz) ** GESTURE_FALL for hz in GESTURE_HZ]
-            wave = np.sum([a * np.sin(2.0 * np.pi * turn) for a, turn in zip(size, turns, strict=True)], axis=0)
+            size = [exp(GESTURE_FALL * log(GESTURE_HZ[1] / hz)) for hz in GESTURE_HZ]
+            wave = np.sum([a * sin(2.0 * np.pi * turn) for a, turn in zip(size, turns, strict=True)], axis=0)
             paths[name] += raised * (middle + 0.5 * amplitude * wave)
     return _performer(time, paths, rate_hz=rate_hz, source=f"gesturing performer, seed {seed}")
 

@@ -67,15 +67,23 @@ class WholeBodyStop:
         self._pendulum = sqrt(self._height / GRAVITY) if tips else 0.0
         self._limits = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
         self._solvers = dict[Contact, Solver]()
+        self._last: tuple[FloatArray, FloatArray, StopPath] | None = None
 
     def path(self, q: FloatArray, velocity: FloatArray, dt: float, *, contact: Contact) -> StopPath:
         """The path to rest from posture q (nq,), moving at velocity (nv,) in rad/s and m/s, in ticks of `dt` s: soles
         that carry stay where they are, and mass and all joints brake in proportion as nearly as they can."""
+        # It is asked for twice: with the goal, and for the observers of the next tick.
+        if self._last is not None and self._last[2].contact == contact:
+            at, moved, known = self._last
+            if np.array_equal(at, q) and np.array_equal(moved, velocity):
+                return known
         if contact not in self._solvers:
             self._solvers[contact] = self._solver(contact)
         solver = self._solvers[contact]
         solver.reset(q, velocity)
-        return StopPath(np.concatenate([q[None], solver.brake(dt, LONGEST, pendulum=self._pendulum)]), contact)
+        postures = np.concatenate([q[None], solver.brake(dt, LONGEST, pendulum=self._pendulum)])
+        self._last = q, velocity, StopPath(postures, contact)
+        return self._last[2]
 
     def _solver(self, contact: Contact) -> Solver:
         """Soles first, then the centre of mass beside joints."""

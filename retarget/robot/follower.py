@@ -256,7 +256,6 @@ class Follower:
             lead_time=priorities.lead_time,
         )
         self._time, self._rest, self._settled_s = TimeScaling(robot.body, limits), Dwell(), 0.0
-        self._stop: StopPath | None = None  # from the posture that was planned last, once it is known
 
     @property
     def _q(self) -> FloatArray:
@@ -308,7 +307,6 @@ class Follower:
         self.scene_obstacles.restart()
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self.stance.q)
-        self._stop = None
         if self.steps is not None:
             self.steps.restart()
         self._reached = self._reader.read(self._q)
@@ -370,7 +368,6 @@ class Follower:
         if (stop := self.stop(tick)) is not None:
             hierarchy.solver.foresee(stop.postures[-1], dt * (len(stop.postures) - 1))
         self._reached = self._reader.read(hierarchy.solver.frame(targets, dt))
-        self._stop = None
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no
@@ -401,10 +398,8 @@ class Follower:
         """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
         if self._soles.stop is None:
             return None
-        if self._stop is None or self._stop.contact != self._contact:
-            velocity = self._time.scale * self.hierarchy.solver.velocity
-            self._stop = self._soles.stop.path(self._q, velocity, dt, contact=self._contact)
-        return self._stop
+        velocity = self._time.scale * self.hierarchy.solver.velocity
+        return self._soles.stop.path(self._q, velocity, dt, contact=self._contact)
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
@@ -419,7 +414,7 @@ class Follower:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: another goal was sent than was planned. rests:
         what is led joint by joint begins at rest there."""
         self.hierarchy.solver.correct(q, velocity / self._time.scale)
-        self._reached, self._stop = self._reader.read(q), None
+        self._reached = self._reader.read(q)
         if rests:
             self._arms.reset(q)
             if self._soles.to_stance is not None:

@@ -5,6 +5,8 @@ the state, find a target, check it. It reads no clock, no bus and no stream. The
 the replay of a recording gather a `TickInput`, call it, and write the goal.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -44,22 +46,16 @@ class Failure:
     reason: str
 
 
-class caught:
+@contextmanager
+def caught(failures: list[Failure], cause: StopCause) -> Iterator[None]:
     """Append what fails to `failures`; no exception gets farther in a tick. Only a BusError is a failure of the bus:
     after any other the robot can still brake."""
-
-    def __init__(self, failures: list[Failure], cause: StopCause) -> None:
-        self._failures, self._cause = failures, cause
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> bool:
-        if not isinstance(error, Exception):
-            return False  # there is none, or it is an interrupt
-        bus = self._cause is not StopCause.BUS or isinstance(error, BusError)
-        self._failures.append(Failure(self._cause if bus else StopCause.FILTER, text_of(error)))
-        return True
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - nothing that fails in a tick may leave the robot moving
+        if cause is StopCause.BUS and not isinstance(error, BusError):
+            cause = StopCause.FILTER
+        failures.append(Failure(cause, text_of(error)))
 
 
 @dataclass(frozen=True, eq=False)

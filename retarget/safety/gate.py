@@ -84,6 +84,7 @@ class Gate:
             )
         self.clearance, self.standing, self._compensation = clearance, standing, compensation
         self._size, self._braking = len(joint_map), Braking(*limits, dt=float(dt))
+        self._fastest = velocity * float(dt) + ROUND_OFF  # (n,) [rad] in a tick
         self._seal = _Seal()
 
     def begin(self, position: FloatArray) -> CheckedGoal:
@@ -150,6 +151,7 @@ class Gate:
         goal, compensated = posture, None
         if self._compensation is not None:
             goal, compensated = self._compensation.propose(last.compensated, posture, partial(self._nearest, last))
+        goal = self._nearest(last, goal)
         displacement = goal - last.joints
         return self._made(CheckedGoal(goal, posture, displacement, stop, False, compensated, self._seal), last)
 
@@ -166,6 +168,8 @@ class Gate:
     def _stop(self, last: CheckedGoal, target: FloatArray, stop: StopPath | None) -> FloatArray | None:
         """The postures (k, n) after the target on the way to rest, rad; None: they do not keep the limits."""
         displacement = target - last.posture
+        if (np.abs(displacement) > self._fastest).any():
+            return None
         if stop is None:
             return self._braking.stop(target, displacement)
         assert self.standing is not None, "a gate that takes a planner's stops knows the robot"

@@ -37,19 +37,19 @@ class StandingCheck:
     """The check of soles and balance of one robot in its stance."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
-        self._robot, self._soles = robot, stance.soles
+        self._robot, self._soles, self._columns = robot, stance.soles, robot.servo_columns
         self._footings = dict[Contact, Footing]()
 
     def joints(self, postures: FloatArray) -> FloatArray:
         """The joints (k, n) rad, servo order, of postures (k, nq)."""
-        return np.ascontiguousarray(postures[:, self._robot.servo_columns])
+        return np.ascontiguousarray(postures[:, self._columns])
 
     def postures(self, joints: FloatArray, standing: FloatArray) -> FloatArray:
         """Postures (k, nq) with these joints (k, n) rad of a robot whose lower sole stays where it is in `standing`
         (nq,)."""
         before = np.tile(standing, (len(joints), 1))
         rows = before.copy()
-        rows[:, self._robot.servo_columns] = joints
+        rows[:, self._columns] = joints
         plant_roots(self._robot, before, rows)
         return rows
 

@@ -342,8 +342,12 @@ def test_the_guard_measures_errors_from_where_goals_hold_the_joints() -> None:
     off = np.array([round(0.3 / float(MAP.tick_rad[0])), 0, 0, 0])
 
     def loaded() -> CheckedGoal:
-        goal = rig.stand()
-        goal.seal.last = made = replace(goal, posture=MAP.to_radians(MAP.to_ticks(goal.joints) + off))
+        last = rig.guard.goal
+        assert last is not None
+        goal = rig.gate.check(replace(last, posture=last.joints), last.joints)
+        assert goal is not None
+        made = replace(goal, posture=MAP.to_radians(MAP.to_ticks(goal.joints) + off))
+        goal.seal.before, goal.seal.last = last, made
         return made
 
     displaced(rig, 0.3, 100, loaded)

@@ -29,17 +29,20 @@ def run() -> RunResult:
         return prepared.run()
 
 
-@pytest.mark.parametrize("ticks", [2, 10])
-def test_shafts_that_are_so_many_ticks_late_are_found_to_be(run: RunResult, ticks: int) -> None:
+def test_shafts_that_are_so_many_ticks_late_are_found_to_be(run: RunResult) -> None:
     assert run.robot is not None
-    late = run.record.q[:, run.robot.servo_columns].copy()
-    late[ticks:] = late[:-ticks]
-    found = latency_of(replace(run, record=replace(run.record, present=late)))
-    assert found is not None and list(found.stages) == ["human", "robot", "bus", "servo"]
-    sent = sum(found.stages[stage].p50 for stage in ("human", "robot", "bus"))
-    assert found.stages["servo"].p50 == pytest.approx(1e3 * ticks * DT, abs=2.0)
-    assert found.hand_to_shaft is not None
-    assert found.hand_to_shaft.p50 == pytest.approx(sent + 1e3 * ticks * DT, abs=1e3 * DT)
+    servo, whole = list[float](), list[float]()
+    for ticks in (2, 10):
+        late = run.record.q[:, run.robot.servo_columns].copy()
+        late[ticks:] = late[:-ticks]
+        found = latency_of(replace(run, record=replace(run.record, present=late)))
+        assert found is not None and list(found.stages) == ["human", "robot", "bus", "servo"]
+        assert found.hand_to_shaft is not None
+        servo.append(found.stages["servo"].p50)
+        whole.append(found.hand_to_shaft.p50)
+    # What the stages before took to compute depends on the machine, and is in both.
+    assert servo[1] - servo[0] == pytest.approx(8e3 * DT, abs=0.1)
+    assert whole[1] - whole[0] == pytest.approx(8e3 * DT, abs=1e3 * DT)
 
 
 def test_a_hand_that_stands_still_shows_none(run: RunResult) -> None:

@@ -319,7 +319,7 @@ def test_a_jump_of_the_speed_override_is_no_jump_of_the_robot(halts: bool) -> No
         rows += [robot.step(posture, DT).joint_positions for posture in human()[tick : tick + 10]]
         steps = np.diff(rows[-2:], axis=0)
         robot.set_speed_override(0.7)
-        q = stop_of(robot)[1] if halts else robot.step(human()[tick + 10], DT).q
+        q = stop_of(robot)[:2][-1] if halts else robot.step(human()[tick + 10], DT).q
         steps = np.vstack([steps, q[op3().servo_columns] - rows[-1]])
         robot.set_speed_override(1.0)
         rows.append(q[op3().servo_columns])

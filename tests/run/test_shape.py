@@ -13,7 +13,8 @@ from sim.faults.bench import Bench
 from sim.faults.sender import FakeSender
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST_MODULES = 44
+MOST_MODULES = 49
+"""With the check of standing and the governor of the stop; a tick in which a stop begins plants the root."""
 RECEIVER = {"retarget/live/receivers.py"}
 """What the simulated sender of the test stands for."""
 MOST_ATTRIBUTES = 15
