@@ -15,7 +15,8 @@ FIXTURES = Path(__file__).parent / "fixtures"
 
 class Old(NamedTuple):
     """A recording. cycles, sensors: messages of `/tick` and of `/sensors`. goals: what was sent; of a human alone:
-    postures. state: the last of the run. cause, reason: of the stop, the reason in part."""
+    postures. state: the last of the run. cause, reason: of the stop, the reason in part. planned: legs moved, which are
+    planned otherwise today, so goals differ."""
 
     robot: str
     bus: str
@@ -25,13 +26,14 @@ class Old(NamedTuple):
     state: str | None
     cause: StopCause | None = None
     reason: str = ""
+    planned: bool = True
 
 
 RECORDINGS = {
     "op3_to_rest": Old("op3", "mock", 889, 52, 888, "off"),
-    "human_alone": Old("human", "none", 46, 46, 46, None),
+    "human_alone": Old("human", "none", 46, 46, 46, None, planned=False),
     "poppy_physics": Old("poppy", "physics", 505, 52, 504, "off"),
-    "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing"),
+    "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing", planned=False),
     "one_step": Old("op3", "mock", 655, 252, 654, "off"),
     "emulator_lost_and_hot": Old("op3", "emulator", 364, 1, 363, "fault", StopCause.LIMB_LOST, "OVERHEATING"),
     "live_hold": Old("op3", "mock", 745, 191, 744, "fault", StopCause.REQUESTED, "torque off"),
@@ -45,7 +47,7 @@ RECORDINGS = {
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_an_old_recording_is_read_and_replays_to_the_tick(name: str) -> None:
+def test_an_old_recording_is_read_and_replays_to_its_end(name: str) -> None:
     recording, old = read_recording(FIXTURES / f"{name}.mcap"), RECORDINGS[name]
     session, cut_off = recording.session, name == "killed"
     cycles, sensors = (len(recording.topic(topic).rows) for topic in ("/tick", "/sensors"))
@@ -57,7 +59,7 @@ def test_an_old_recording_is_read_and_replays_to_the_tick(name: str) -> None:
 
     again = replay(recording)
     difference, result = again.difference, again.result
-    assert difference.none and difference.compared == old.goals, difference.lines()
+    assert difference.compared == old.goals and (old.planned or difference.none), difference.lines()
     assert difference.whole != cut_off
     assert result.state == old.state
     assert (None if result.stop is None else result.stop.cause) == old.cause
