@@ -380,11 +380,13 @@ class ReturnToStance(Controller):
         self._next = commanded.q
         self._follower.begin_return_to_stance(self._next, self._dt)
 
-    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
-        """The target of the next tick; None: the return is over."""
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target:
+        """The target of the next tick: where the robot stands once the return is over."""
         self._follower.set_speed_override(speed_override)
         self._next = q = self._follower.return_to_stance(self._dt)
-        return None if q is None else Target(q[self._columns], q, self._follower.stop(self._dt))
+        if q is None:
+            return Target(commanded.joints)
+        return Target(q[self._columns], q, self._follower.stop(self._dt))
 
 
 def rest_joints(robot: RobotBody) -> FloatArray:

@@ -267,15 +267,12 @@ def test_it_returns_to_stance_from_where_it_stands(warm: float) -> None:
     driven, robot = Driven(), ReturningFollower(op3(), np.zeros((1, 20)))
     to_stance = ReturnToStance(op3(), robot, dt=DT)
     to_stance.begin(driven.commanded)
-    targets = []
-    while (target := to_stance.target(driven.commanded, PerformerInput(), speed_override=warm)) is not None:
-        assert not to_stance.has_arrived(driven.commanded)
-        targets.append(target)
-    assert (
-        len(targets) == 20
-        and all(target.q is not None for target in targets)
-        and to_stance.has_arrived(driven.commanded)
-    )
+    targets = list[Target]()
+    while not to_stance.has_arrived(driven.commanded):
+        targets.append(to_stance.target(driven.commanded, PerformerInput(), speed_override=warm))
+    *led, last = targets
+    assert len(led) == 20 and all(target.q is not None for target in led)
+    assert last.q is None and np.array_equal(last.joints, driven.commanded.joints)
     assert set(robot.overrides) == {warm}
     assert len(robot.returns) == 1 and np.array_equal(robot.returns[0], stand())
 
