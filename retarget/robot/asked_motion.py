@@ -24,9 +24,9 @@ that a swing of 2 Hz goes 21 % too far. Two of 0.025 s as far behind let through
 RATE = 14.0
 """Share of the gap that is closed per s. The larger, the more noise and the harder braking; the smaller, the more lag
 of what is not even."""
-FAR_OFF = 0.1
+FAR_OFF = 0.15
 """Gap, rad, or of a limb and a point in lengths of the limb, beyond which it counts no more. Closing it takes RATE *
-FAR_OFF = 1.4 rad/s, and braking RATE^2 FAR_OFF = 20 rad/s^2, which most servos of a limb have."""
+FAR_OFF = 2.1 rad/s, and braking RATE^2 FAR_OFF = 29 rad/s^2, which most servos of an arm have."""
 SUDDEN = 40.0
 """Acceleration, rad/s^2, or in lengths of a limb, with which catching up begins, and up to which what is asked counts
 as motion: that of an arm that punches. A jump has more, and is caught up with."""
