@@ -23,7 +23,6 @@ from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
-from retarget.robot.asked_motion import AskedMotion
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, moving_share, standing_strength
 from retarget.robot.crouch_envelope import robot_envelope
 from retarget.robot.following_limits import following_limits, servo_limits
@@ -39,6 +38,7 @@ from retarget.robot.landmarks import (
     standing_dofs,
     standing_targets,
 )
+from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
 from retarget.schema.priorities import Priorities
@@ -248,7 +248,7 @@ class Follower:
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)
-        self._motion = AskedMotion(
+        self._governor = ReferenceGovernor(
             robot,
             self.hierarchy,
             still=still,
@@ -301,7 +301,7 @@ class Follower:
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
         self.landmark_map.restart()
-        self._motion.restart()
+        self._governor.restart()
         self._arms.restart()
         self._rest, self._settled_s, self._time.scale = Dwell(), 0.0, 1.0
         self.scene_obstacles.restart()
@@ -359,10 +359,10 @@ class Follower:
             keeps = soles.steps is None or soles.steps.plan.support is None
             soles.strength.aim(hierarchy, targets, q, self._reached.centre_of_mass, dt, keeps=keeps)
         if to_stance:
-            self._motion.ask_nothing(targets)
+            self._governor.ask_nothing(targets)
             is_led = True
         else:
-            self._motion.aim(targets, asked, self._reached, dt)
+            self._governor.aim(targets, asked, self._reached, dt)
             is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
         if (stop := self.stop(tick)) is not None:
