@@ -165,6 +165,8 @@ def bent_stream(data: bytes, rng: Random, *, folder: Path) -> bytes:
     return made.read_bytes()
 
 
+BALL = "<collision><geometry><sphere radius='0.04'/></geometry></collision>"
+"""The shape of every link of a URDF: a body without shapes is refused as a whole."""
 SIZED = b"""<mujoco><compiler angle="radian"/><size nkey="2" nuserdata="10" nuser_geom="2" memory="20M"/>
 <option timestep="0.002" iterations="10"/><custom><numeric name="n" size="5" data="1 2"/></custom>
 <default><geom type="capsule" size="0.04 0.1"/></default>
@@ -273,7 +275,8 @@ def corpus(folder: Path) -> list[Kind]:
         shutil.copyfile(configs / "robots/op3/body.xml", path.with_name("body.xml"))
         return load_profile(path)
 
-    mjcf, urdf = ((configs / "robots/op3/body.xml").read_bytes(), SIZED), write_urdf(bench_human()).encode()
+    mjcf, human = ((configs / "robots/op3/body.xml").read_bytes(), SIZED), bench_human()
+    urdf = write_urdf(human, dict.fromkeys(human.model.body_names, BALL)).encode()
     return [
         Kind(".mcap", 10, lambda path: read_recording(path).cycles, tuple(runs[".mcap"][:1]), bent_mcap),
         Kind(".mcap", 2, lambda path: read_recording(path).cycles, tuple(runs[".mcap"]), bent_mcap),
