@@ -182,8 +182,8 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnSoles:
-    """What a robot that stands on its soles has besides; each part may be missing. footing: of all
-    soles. to_stance: the return to stance."""
+    """The parts of a follower whose robot stands on its soles; each may be missing. footing: of all soles. to_stance:
+    the return to stance."""
 
     balance: StandingBalance | None = None
     strength: StandingStrength | None = None

@@ -50,8 +50,9 @@ from retarget.types import Notify
 def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float) -> Gate:
     """The gate of a robot in ticks of `dt` s. checks: whether goals are checked; else all of them pass."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
+    standing = StandingCheck(robot, follower.stance)
     if not checks:
-        return PassThroughGate(servos, dt=dt)
+        return PassThroughGate(servos, dt=dt, standing=standing)
     observers, settings = follower.hierarchy.observers, priorities.deflection_compensation
     clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
     compensation = None
@@ -59,7 +60,6 @@ def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, c
         steps = follower.steps is not None
         compensation = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle, steps=steps)
     speed = max(caps.follow, caps.approach)
-    standing = StandingCheck(robot, follower.stance)
     return Gate(servos, dt=dt, speed=speed, clearance=clearance, standing=standing, compensation=compensation)
 
 

@@ -115,9 +115,9 @@ class Gate:
     ) -> CheckedGoal | None:
         """The goal for a target posture, rad (n,), after the goal sent last; None: it is refused, or there is none.
         stop: how the robot stops from there. standing (nq,): as the robot stands, where more than limits is checked."""
-        if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
+        target = _finite(last, target)
+        if target is None:
             return None
-        target = np.array(target, dtype=np.float64, order="C")
         # First the limits, which cost microseconds, then soles and balance, then the sweep, which costs most.
         goal, compensated = target, None
         if self._compensation is not None:
@@ -197,9 +197,21 @@ class PassThroughGate(Gate):
         stop: StopPath | None = None,
         standing: FloatArray | None = None,
     ) -> CheckedGoal | None:
-        """The goal for a target posture, rad (n,); None: it is not finite, or there is none."""
-        if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
+        """The goal for a target posture, rad (n,), with its planner's stop; None: it is not finite, or there is
+        none."""
+        target = _finite(last, target)
+        if target is None:
             return None
         displacement = target - last.joints
-        rows = self._braking.stop(target, displacement)
+        if stop is None or self.standing is None:
+            rows = self._braking.stop(target, displacement)
+        else:
+            rows = self.standing.joints(stop.postures[1:])
         return self._made(CheckedGoal(target, target, displacement, rows, True, None, self._seal), last)
+
+
+def _finite(last: CheckedGoal, target: FloatArray | None) -> FloatArray | None:
+    """A target (n,) rad as the gate keeps it; None: it is none, of another shape, or not finite."""
+    if target is None or target.shape != last.joints.shape or not np.isfinite(target).all():
+        return None
+    return np.array(target, dtype=np.float64, order="C")

@@ -42,6 +42,7 @@ def test_shafts_that_are_so_many_ticks_late_are_found_to_be(run: RunResult) -> N
         whole.append(found.hand_to_shaft.p50)
     # What the stages before took to compute depends on the machine, and is in both.
     assert servo[1] - servo[0] == pytest.approx(8e3 * DT, abs=0.1)
+    assert servo[0] == pytest.approx(2e3 * DT, abs=1e3 * DT)
     assert whole[1] - whole[0] == pytest.approx(8e3 * DT, abs=1e3 * DT)
 
 

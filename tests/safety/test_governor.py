@@ -12,7 +12,7 @@ from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.whole_body_stop import StopPath, WholeBodyStop
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import standing_dofs
-from retarget.safety.gate import Gate
+from retarget.safety.gate import Gate, PassThroughGate
 from retarget.safety.governor import CommandGovernor
 from retarget.safety.standing import SOLE_M, StandingCheck
 from retarget.types import FloatArray
@@ -110,9 +110,18 @@ def test_where_nothing_is_clear_nothing_passes_and_it_is_tried_only_so_often() -
     assert 2 <= len(looks) <= 8
 
 
+def test_without_limits_a_robot_still_stops_as_its_planner_says() -> None:
+    governed = Governed()
+    gate = PassThroughGate(op3().joint_map, dt=DT, standing=governed.standing)
+    stop = governed.asked(l_sho_pitch=0.05, l_knee=0.02)  # faster than its servos
+    goal = gate.check(gate.begin(governed.goal.joints), governed.standing.joints(stop.postures)[0], stop=stop)
+    assert goal is not None and len(goal.stop) > 3
+    np.testing.assert_array_equal(goal.stop, governed.standing.joints(stop.postures[1:]))
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_every_goal_that_passes_is_the_gates_own_and_can_be_stopped(seed: int) -> None:
-    governed, random = Governed(), np.random.default_rng(seed)
+    governed, random, passed = Governed(), np.random.default_rng(seed), 0
     most = op3().joint_map.max_acceleration * DT**2
     for _ in range(15):
         joints = random.choice(len(JOINTS), 4, replace=False)
@@ -121,8 +130,9 @@ def test_every_goal_that_passes_is_the_gates_own_and_can_be_stopped(seed: int) -
         found = governed.check(stop)
         if found is None:
             continue
-        goal, path = found
+        (goal, path), passed = found, passed + 1
         rows = np.vstack([governed.goal.posture, goal.posture, goal.stop])
         moved = np.diff(rows, axis=0, append=rows[-1:])
         assert (np.abs(np.diff(moved, axis=0, prepend=0.0)) <= most + 1e-8).all()
         assert governed.standing.losses(path).slip <= SOLE_M and governed.standing.losses(path).shortfall <= 0.0
+    assert passed > 10
