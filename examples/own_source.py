@@ -7,7 +7,7 @@ from retarget import RunOptions, measure
 from retarget.live.begin import LiveOptions
 from retarget.run.own_source import performing
 from retarget.run.prepare import prepare_for
-from retarget.sources.stream_frame import StreamFrame
+from retarget.sources.streams.stream_frame import StreamFrame
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer
 

@@ -43,7 +43,7 @@ from retarget.run.supervisor import AT_RISK, Event, OperatorInput, Supervisor
 from retarget.run.tick import Failure, Machine, TickInput, TickState, caught, look_at, perform
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.performer import Performer, load_performer
-from retarget.sources.stream_frame import unusable
+from retarget.sources.streams.stream_frame import unusable
 from retarget.types import FloatArray, HumanPosture, RunState
 
 DT_TOLERANCE = 0.01

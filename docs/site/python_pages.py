@@ -46,7 +46,7 @@ PAGES = {
         (
             "retarget.frames",
             "retarget.sources.open",
-            "retarget.sources.stream_frame",
+            "retarget.sources.streams.stream_frame",
             "retarget.live.begin",
             "retarget.run.own_source",
             "retarget.live.open_stream",

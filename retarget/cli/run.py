@@ -76,7 +76,7 @@ from retarget.run.run_result import RunResult
 from retarget.run.supervisor import Supervisor
 from retarget.schema.files import remove
 from retarget.schema.performer import Performer
-from retarget.sources.raw_record import RawWriter
+from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import Notify, RunState
 from retarget.viewer.feed import ViewFeed
 from retarget.web.link import PoseReceiver

@@ -10,7 +10,7 @@ from socket import inet_aton
 from typing import Literal, NamedTuple, Protocol
 
 from retarget.live.address import ANY_ADDRESS, StreamAddress
-from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
 
 # One datagram of a live stream, and the protocol of its receivers: sockets and recordings alike.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import frexp, inf, isfinite, ldexp
 
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.stream_frame import Dropped
 
 # Jumps of a sender's clock: their direction, and how many datagrams must agree before one is accepted.
 

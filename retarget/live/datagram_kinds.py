@@ -9,10 +9,10 @@ import struct
 from dataclasses import dataclass
 
 from retarget.live.address import KINDS
-from retarget.sources.mvn import QUATERNION, TYPES, read_header
-from retarget.sources.natnet_wire import MessageId, split
-from retarget.sources.osc import OscPacket, read_osc
-from retarget.sources.stream_frame import CONVENTIONS
+from retarget.sources.streams.mvn import QUATERNION, TYPES, read_header
+from retarget.sources.streams.natnet_wire import MessageId, split
+from retarget.sources.streams.osc import OscPacket, read_osc
+from retarget.sources.streams.stream_frame import CONVENTIONS
 
 LONGEST_NAME = 60
 """Characters of a text of the sender that are shown."""

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from math import inf
 
 from retarget.errors import Problem
-from retarget.sources.natnet_wire import (
+from retarget.sources.streams.natnet_wire import (
     COMMAND_PORT,
     DATA_PORT,
     OLDEST,

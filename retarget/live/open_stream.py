@@ -17,14 +17,14 @@ from retarget.live.roles import roles_of
 from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.schema.performer import Performer
-from retarget.sources.camera import WebDecoder
-from retarget.sources.json_pose import JsonPoseDecoder
-from retarget.sources.mvn import MvnDecoder
-from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.raw_record import RawReader
-from retarget.sources.stream_frame import StreamDecoder, StreamFrame
-from retarget.sources.vmc import VmcBodyDecoder, VmcDecoder
-from retarget.sources.vrchat import VrchatDecoder
+from retarget.sources.streams.camera import WebDecoder
+from retarget.sources.streams.json_pose import JsonPoseDecoder
+from retarget.sources.streams.mvn import MvnDecoder
+from retarget.sources.streams.natnet_decoder import NatnetDecoder
+from retarget.sources.streams.raw_record import RawReader
+from retarget.sources.streams.stream_frame import StreamDecoder, StreamFrame
+from retarget.sources.streams.vmc import VmcBodyDecoder, VmcDecoder
+from retarget.sources.streams.vrchat import VrchatDecoder
 
 # The receiver of an address: a UDP socket, the sockets of NatNet, or a recording.
 

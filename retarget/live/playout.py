@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from retarget._solver import PoseFilter, PoseRing
 from retarget.arithmetic import exp
 from retarget.errors import UsageError, suggest
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
 # The playout delay: how far behind the present a stream is played, so that late frames still arrive in time.

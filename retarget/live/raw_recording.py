@@ -9,8 +9,8 @@ from retarget.errors import InputError, UsageError
 from retarget.live.address import RECORDED, StreamAddress, parse_address
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
 from retarget.live.datagram_kinds import recognise
-from retarget.sources.raw_record import RawReader, RawWriter, RecordedDatagram
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.raw_record import RawReader, RawWriter, RecordedDatagram
+from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import Notify
 
 UNKNOWN_SOURCE = "127.0.0.1"

@@ -23,9 +23,9 @@ from retarget.human.rest_pose import (
 )
 from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
-from retarget.sources.mvn import MvnDecoder
-from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.stream_frame import StreamDecoder
+from retarget.sources.streams.mvn import MvnDecoder
+from retarget.sources.streams.natnet_decoder import NatnetDecoder
+from retarget.sources.streams.stream_frame import StreamDecoder
 from retarget.types import BoolArray, FloatArray
 
 # The stream's world in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.

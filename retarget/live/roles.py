@@ -15,9 +15,9 @@ from retarget.errors import Problem, UsageError, suggest
 from retarget.frames import REFLECT_POSITION, REFLECT_QUATERNION, SENSORS, mirrored_name
 from retarget.human.rest_pose import REQUIRED
 from retarget.schema.performer import Performer
-from retarget.sources.mvn import MVN_JOINTS
 from retarget.sources.skeletons import TABLES, names_of_sides
-from retarget.sources.stream_frame import StreamFrame
+from retarget.sources.streams.mvn import MVN_JOINTS
+from retarget.sources.streams.stream_frame import StreamFrame
 from retarget.types import BoolArray, FloatArray
 
 Triple = tuple[float, float, float]

@@ -15,7 +15,7 @@ from retarget._solver import Validity
 from retarget.arithmetic import norms
 from retarget.frames import SensorSample
 from retarget.human.pose_validation import LIMITS, StateArray, ValidityLimits, ValidityState, other_sides
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
 CAMERA_LIMITS = ValidityLimits(silent_after=0.2, stale_after=0.22)

@@ -13,7 +13,7 @@ from retarget.live.playout import OFF, Playout, pose_filter
 from retarget.live.raw_recording import RawTap
 from retarget.live.roles import Roles, SensorPoses
 from retarget.live.sensor_validity import CAMERA_LIMITS, SensorValidity
-from retarget.sources.stream_frame import StreamDecoder, StreamFrame
+from retarget.sources.streams.stream_frame import StreamDecoder, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
 _GONE = np.array([state not in (ValidityState.FRESH, ValidityState.FROZEN) for state in ValidityState])

@@ -19,9 +19,9 @@ from retarget.live.natnet_session import NEWEST, natnet_problems
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
-from retarget.sources.json_pose import TIME_IN_MS
-from retarget.sources.mvn import MvnDecoder
-from retarget.sources.natnet_wire import OLDEST
+from retarget.sources.streams.json_pose import TIME_IN_MS
+from retarget.sources.streams.mvn import MvnDecoder
+from retarget.sources.streams.natnet_wire import OLDEST
 from retarget.types import Notify
 
 NOTED_S = 0.05

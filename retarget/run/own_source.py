@@ -20,7 +20,7 @@ from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
 from retarget.run.prepare import Perform
 from retarget.schema.performer import Performer
-from retarget.sources.stream_frame import Dropped, StreamFrame
+from retarget.sources.streams.stream_frame import Dropped, StreamFrame
 from retarget.types import Notify
 
 Read = Callable[[float], Sequence[StreamFrame] | None]
@@ -101,7 +101,7 @@ def performing(
 
 
 def written(frame: StreamFrame) -> bytes:
-    """A frame as a datagram of `retarget.sources.json_pose`; what is NaN is left out."""
+    """A frame as a datagram of `retarget.sources.streams.json_pose`; what is NaN is left out."""
     poses: dict[str, dict[str, Any]] = {}
     rows = zip(frame.names, frame.position.tolist(), frame.orientation.tolist(), frame.tracked.tolist(), strict=True)
     for name, position, orientation, tracked in rows:

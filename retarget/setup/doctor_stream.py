@@ -40,9 +40,9 @@ from retarget.setup.doctor_sensors import (
     rate_findings,
     role_findings,
 )
-from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.natnet_wire import DATA_PORT
-from retarget.sources.vmc import VmcDecoder
+from retarget.sources.streams.natnet_decoder import NatnetDecoder
+from retarget.sources.streams.natnet_wire import DATA_PORT
+from retarget.sources.streams.vmc import VmcDecoder
 from retarget.web.link import PoseReceiver
 from retarget.web.runtime import runtime_folder
 

@@ -1,1 +1,1 @@
-"""Readers of performer motion: one file per format, each yields `retarget.frames.SensorFrames`."""
+"""Readers of motion files: one file per format, each yields `retarget.frames.SensorFrames`. Streams: `streams/`."""

@@ -17,7 +17,7 @@ from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.files import read_head
-from retarget.sources.raw_record import is_recording
+from retarget.sources.streams.raw_record import is_recording
 
 FORMATS = ("amc", "bvh", "c3d")
 

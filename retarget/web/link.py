@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 
 from retarget.live.address import LOOPBACK
 from retarget.live.admission import MOST_PER_POLL, Datagram
-from retarget.sources.stream_frame import MAX_DATAGRAM, Dropped
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
 from retarget.viewer.feed import BUFFER_BYTES, ViewFeed, open_feed
 
 SERVER = "retarget.web.server"

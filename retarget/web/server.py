@@ -42,7 +42,7 @@ from retarget.errors import ConfigError
 from retarget.live.address import EVERYWHERE, local_interfaces
 from retarget.model.meshes import SolidBody
 from retarget.run.table import RunTable
-from retarget.sources.stream_frame import MAX_DATAGRAM
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageSetup, unpacked
 from retarget.viewer.live_page import cast_of
 from retarget.viewer.server import HOSTS, AccessToken, Refused, only_value

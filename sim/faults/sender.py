@@ -9,7 +9,7 @@ import numpy as np
 
 from retarget.frames import SensorFrames
 from retarget.live.admission import MOST_PER_POLL, Datagram, Source
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import FloatArray
 from sim.performer import synthetic_performer
 
@@ -105,7 +105,7 @@ class FakeSender:
 
 
 def encoded(stamp: float, poses: Poses) -> bytes:
-    """Return a datagram of `retarget.sources.json_pose`."""
+    """Return a datagram of `retarget.sources.streams.json_pose`."""
     sent = {name: {"p": [round(float(x), 6) for x in point]} for name, point in poses.items()}
     return json.dumps({"axes": "rep103", "time": stamp, "poses": sent}).encode()
 

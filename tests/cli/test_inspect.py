@@ -9,7 +9,7 @@ import pytest
 from command_line import said_by
 from messages import shows
 from motion_texts import amc_text, bvh_text, c3d_bytes, write_amc
-from retarget.sources.raw_record import RawWriter
+from retarget.sources.streams.raw_record import RawWriter
 
 
 def test_the_text_has_size_sensors_and_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

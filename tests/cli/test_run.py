@@ -29,7 +29,7 @@ from retarget.report.measure import measure
 from retarget.report.report import Report
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
-from retarget.sources.raw_record import RawReader, RawWriter
+from retarget.sources.streams.raw_record import RawReader, RawWriter
 from sim.faults.sender import FakeSender
 
 run_run = partial(code_of, "run")

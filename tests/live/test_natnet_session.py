@@ -19,14 +19,14 @@ from natnet_packets import (
 from retarget.frames import SensorFrames
 from retarget.live.natnet_session import KEEP_ALIVE_S, UNNAMED_S, NatnetSession, natnet_problems
 from retarget.rotations import angle_between
-from retarget.sources.natnet_decoder import NatnetDecoder
-from retarget.sources.natnet_wire import (
+from retarget.sources.streams.natnet_decoder import NatnetDecoder
+from retarget.sources.streams.natnet_wire import (
     MessageId,
     Version,
     connect_message,
     message,
 )
-from retarget.sources.stream_frame import StreamFrame
+from retarget.sources.streams.stream_frame import StreamFrame
 from sim.performer import synthetic_performer
 
 V41, V44 = Version(4, 1), Version(4, 4)

@@ -18,7 +18,7 @@ from retarget.live.address import parse_address
 from retarget.live.admission import Datagram
 from retarget.live.open_stream import read_recording
 from retarget.live.raw_recording import RawTap, ReplayReceiver, open_replay, recorded_kind
-from retarget.sources.raw_record import MAX_UNWRITTEN, RawReader, RawWriter
+from retarget.sources.streams.raw_record import MAX_UNWRITTEN, RawReader, RawWriter
 
 PATIENCE_S = 5.0
 

@@ -38,8 +38,8 @@ from retarget.live.datagram_kinds import Recognised, advice_for, recognise
 from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import NatnetReceiver, UdpReceiver, open_socket
-from retarget.sources.natnet_wire import MessageId, Version, split
-from retarget.sources.raw_record import RawReader, RawWriter
+from retarget.sources.streams.natnet_wire import MessageId, Version, split
+from retarget.sources.streams.raw_record import RawReader, RawWriter
 
 GROUP = "239.255.42.99"
 UNICAST = parse_address("natnet://127.0.0.1")

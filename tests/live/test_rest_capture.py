@@ -26,8 +26,8 @@ from retarget.live.sensor_validity import SensorValidity
 from retarget.live.stream import LiveStream
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.schema.performer import load_performer
-from retarget.sources.mvn import MVN_JOINTS, SEGMENTS, MvnDecoder
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.mvn import MVN_JOINTS, SEGMENTS, MvnDecoder
+from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import FloatArray
 
 NAMES = ("head", "l_wrist", "r_wrist", "l_ankle", "r_ankle")

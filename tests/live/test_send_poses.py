@@ -10,7 +10,7 @@ from hardware.clock import VirtualClock
 from live_rig import WHERE, five, live_stream
 from retarget.live.admission import Datagram
 from retarget.live.begin import LiveOptions, begin_live
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.stream_frame import Dropped
 from sim.faults.sender import FakeSender
 
 

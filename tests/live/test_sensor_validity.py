@@ -15,8 +15,8 @@ from retarget._solver import Validity
 from retarget.human.pose_validation import LIMITS, ValidityLimits, ValidityState
 from retarget.live.sensor_validity import OUT_OF_RANGE, UNREACHABLE, UNTRACKED, SensorValidity
 from retarget.sources.open import open_source
-from retarget.sources.raw_record import RawReader
-from retarget.sources.vmc import VmcDecoder
+from retarget.sources.streams.raw_record import RawReader
+from retarget.sources.streams.vmc import VmcDecoder
 from retarget.types import FloatArray
 
 PLACES = np.array([[0.0, 0.3, 1.0], [0.0, -0.3, 1.0], [0.0, 0.0, 1.0]])

@@ -29,11 +29,11 @@ from retarget.live.roles import (
 )
 from retarget.live.stream import MOST_DECODED, LiveStream
 from retarget.schema.performer import Performer, PerformerSensor, load_performer
-from retarget.sources.camera import CameraDecoder
-from retarget.sources.raw_record import RawReader
-from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
-from retarget.sources.vmc import VmcDecoder
-from retarget.sources.vrchat import VrchatDecoder
+from retarget.sources.streams.camera import CameraDecoder
+from retarget.sources.streams.raw_record import RawReader
+from retarget.sources.streams.stream_frame import Dropped, StreamDecoder, StreamFrame
+from retarget.sources.streams.vmc import VmcDecoder
+from retarget.sources.streams.vrchat import VrchatDecoder
 from sim.faults.sender import FakeSender
 
 

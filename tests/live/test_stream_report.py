@@ -34,9 +34,9 @@ from retarget.live.stream_report import (
 )
 from retarget.report.findings import stream_line
 from retarget.report.measure import measure
-from retarget.sources.mvn import MvnDecoder
-from retarget.sources.natnet_wire import Version
-from retarget.sources.raw_record import RawWriter
+from retarget.sources.streams.mvn import MvnDecoder
+from retarget.sources.streams.natnet_wire import Version
+from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import FloatArray
 from sim.faults.sender import FakeSender, SenderFault, frozen, lost, silent
 from sim.performer import synthetic_performer

@@ -19,9 +19,9 @@ from retarget.run.options import RunOptions
 from retarget.run.own_source import MOST_WAITING, OwnSource, Read, performing, written
 from retarget.run.prepare import prepare_for
 from retarget.run.run_result import RunResult
-from retarget.sources.json_pose import JsonPoseDecoder
-from retarget.sources.raw_record import RawReader, RawWriter
-from retarget.sources.stream_frame import StreamFrame
+from retarget.sources.streams.json_pose import JsonPoseDecoder
+from retarget.sources.streams.raw_record import RawReader, RawWriter
+from retarget.sources.streams.stream_frame import StreamFrame
 from sim.mock_bus import MockBus, mock_bus
 from sim.performer import synthetic_performer
 

@@ -24,7 +24,7 @@ from retarget.live.admission import Datagram
 from retarget.schema.performer import load_performer
 from retarget.setup.doctor_sensors import StreamCapture, invented_findings, rate_findings, role_findings
 from retarget.setup.doctor_stream import silence_findings, stream_findings
-from retarget.sources.natnet_wire import Version
+from retarget.sources.streams.natnet_wire import Version
 from sim.faults.sender import FakeSender, SenderFault, frozen, lost, moved, silent, swapped
 
 JSON = "json://:14150"

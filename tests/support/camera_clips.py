@@ -13,7 +13,7 @@ from typing import Any
 import rendered as draw
 from landmarks import seen, tracker, write_frames
 from retarget.model.human import Human
-from retarget.sources.camera import ANKLES, EARS, ELBOWS, HIPS, KNEES, LANDMARKS, NOSE, SHOULDERS, WRISTS
+from retarget.sources.streams.camera import ANKLES, EARS, ELBOWS, HIPS, KNEES, LANDMARKS, NOSE, SHOULDERS, WRISTS
 
 
 @dataclass(frozen=True)

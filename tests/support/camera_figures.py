@@ -8,8 +8,8 @@ import pytest
 
 from rendered import RATE, Motion
 from retarget import Pipeline, SensorSample
-from retarget.sources import camera
-from retarget.sources.camera import SENSORS, CameraDecoder
+from retarget.sources.streams import camera
+from retarget.sources.streams.camera import SENSORS, CameraDecoder
 from retarget.types import BoolArray, FloatArray, IntArray
 
 WRISTS_M, ARMS_RAD = 0.12, np.deg2rad(20.0)

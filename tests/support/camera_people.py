@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rendered import CAMERA_HEIGHT, FIELD_DEG, HEIGHT, RATE, WIDTH, Motion
-from retarget.sources.camera import ANKLES, EARS, ELBOWS, HIPS, KNEES, LANDMARKS, SHOULDERS, WRISTS
+from retarget.sources.streams.camera import ANKLES, EARS, ELBOWS, HIPS, KNEES, LANDMARKS, SHOULDERS, WRISTS
 from retarget.types import FloatArray
 
 JOINTS = {"shoulder": SHOULDERS, "elbow": ELBOWS, "wrist": WRISTS, "hip": HIPS, "knee": KNEES, "ankle": ANKLES}

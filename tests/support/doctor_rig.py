@@ -17,7 +17,7 @@ from retarget.schema.performer import Performer
 from retarget.setup.doctor_machine import DoctorFinding, FindingLevel
 from retarget.setup.doctor_sensors import StreamCapture, capture_stream
 from retarget.setup.doctor_stream import judge, named_for
-from retarget.sources.stream_frame import Dropped
+from retarget.sources.streams.stream_frame import Dropped
 from sim.faults.sender import FakeSender, SenderFault
 from sim.performer import synthetic_performer
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from retarget.frames import SensorFrames
-from retarget.sources.natnet_wire import MessageId, Version, message, split
+from retarget.sources.streams.natnet_wire import MessageId, Version, message, split
 from retarget.types import FloatArray
 
 PLAIN_VERSIONS = (Version(3, 0), Version(3, 1), Version(4, 0))

@@ -13,7 +13,7 @@ from landmarks import read_frames
 from messages import mentions
 from rendered import RATE
 from retarget.cli.exit import DONE, REFUSED
-from retarget.sources.raw_record import RawWriter
+from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import FloatArray
 
 CLIPS = Path(__file__).parent.parent / "sources" / "camera"

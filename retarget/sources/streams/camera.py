@@ -28,8 +28,15 @@ from retarget import rotations
 from retarget._solver import PoseFilter
 from retarget.arithmetic import arctan2, dot, matmul, norm, norms
 from retarget.model.human_dimensions import FRACTIONS, proportional_dimensions
-from retarget.sources.json_pose import MAX_FRAME, MAX_TIME, NUMBER, JsonPoseDecoder, UnusableDatagram, read_object
-from retarget.sources.stream_frame import Dropped, StreamFrame
+from retarget.sources.streams.json_pose import (
+    MAX_FRAME,
+    MAX_TIME,
+    NUMBER,
+    JsonPoseDecoder,
+    UnusableDatagram,
+    read_object,
+)
+from retarget.sources.streams.stream_frame import Dropped, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
 AXES = "camera"

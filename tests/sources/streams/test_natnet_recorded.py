@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from natnet_packets import VERSIONS, Body, Catalogue, Motion, Pose, definitions, frame, server_info
 from retarget.live.natnet_session import NatnetSession, natnet_problems
-from retarget.sources.natnet_decoder import (
+from retarget.sources.streams.natnet_decoder import (
     BAD_DEFINITIONS,
     BAD_FRAME,
     BAD_SERVER,
@@ -28,14 +28,14 @@ from retarget.sources.natnet_decoder import (
     TOO_MANY,
     NatnetDecoder,
 )
-from retarget.sources.natnet_wire import (
+from retarget.sources.streams.natnet_wire import (
     MessageId,
     Version,
     connect_message,
     message,
     read_frame,
 )
-from retarget.sources.stream_frame import MAX_POSES, StreamFrame
+from retarget.sources.streams.stream_frame import MAX_POSES, StreamFrame
 
 V3 = Version(3, 0)
 CLOCK_HZ = 0x328C93

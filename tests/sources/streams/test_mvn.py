@@ -14,7 +14,7 @@ from mvn_packets import euler, meta, mvn, quaternions, scale, standing
 from retarget import rotations
 from retarget.frames import mirrored_name
 from retarget.live.roles import CONVENTIONS
-from retarget.sources.mvn import (
+from retarget.sources.streams.mvn import (
     HEADER_BYTES,
     MVN_JOINTS,
     SEGMENTS,
@@ -24,7 +24,7 @@ from retarget.sources.mvn import (
     SampleParts,
     read_scale,
 )
-from retarget.sources.stream_frame import Dropped, StreamDecoder, StreamFrame
+from retarget.sources.streams.stream_frame import Dropped, StreamDecoder, StreamFrame
 
 GOOD = quaternions(standing())
 PLACES = np.array([place for _, place, _ in standing()])

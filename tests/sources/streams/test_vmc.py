@@ -11,8 +11,8 @@ from people import place
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.rotations import angle_between, from_rotation_vector, multiply
-from retarget.sources.stream_frame import StreamFrame
-from retarget.sources.vmc import (
+from retarget.sources.streams.stream_frame import StreamFrame
+from retarget.sources.streams.vmc import (
     BAD_POSE,
     BAD_SERIAL,
     BAD_STAMP,

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from osc_bytes import bundle, damaged, message, pose
-from retarget.sources import osc
-from retarget.sources.osc import OscLayouts, OscPacket, read_osc
-from retarget.sources.vmc import VmcDecoder
-from retarget.sources.vrchat import VrchatDecoder
+from retarget.sources.streams import osc
+from retarget.sources.streams.osc import OscLayouts, OscPacket, read_osc
+from retarget.sources.streams.vmc import VmcDecoder
+from retarget.sources.streams.vrchat import VrchatDecoder
 
 GOLDEN = bytes.fromhex(
     "2362756e646c6500 0000000000000001"  # #bundle, immediately

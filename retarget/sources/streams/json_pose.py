@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from retarget.sources.stream_frame import (
+from retarget.sources.streams.stream_frame import (
     CONVENTIONS,
     LEAST_SQUARE,
     MAX_COORDINATE,

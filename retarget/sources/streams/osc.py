@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.sources.stream_frame import MAX_DATAGRAM
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 from retarget.types import FloatArray
 
 MAX_DEPTH = 4

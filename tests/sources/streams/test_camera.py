@@ -18,7 +18,7 @@ from retarget import rotations
 from retarget.frames import SensorSample
 from retarget.live.begin import RAISED, SideCheck
 from retarget.live.rest_capture import RestCapture
-from retarget.sources.camera import (
+from retarget.sources.streams.camera import (
     ANKLES,
     HIPS,
     LANDMARKS,
@@ -28,7 +28,7 @@ from retarget.sources.camera import (
     CameraDecoder,
     WebDecoder,
 )
-from retarget.sources.json_pose import JsonPoseDecoder
+from retarget.sources.streams.json_pose import JsonPoseDecoder
 from retarget.types import FloatArray
 
 FOLDER = Path(__file__).parent / "camera"

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from messages import refuses, shows
 from retarget.errors import InputError, UsageError
-from retarget.sources.raw_record import MAX_UNWRITTEN, RawReader, RawWriter, RecordedDatagram
-from retarget.sources.stream_frame import MAX_DATAGRAM
+from retarget.sources.streams.raw_record import MAX_UNWRITTEN, RawReader, RawWriter, RecordedDatagram
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 
 URL = "vmc://127.0.0.1:39539"
 SENT = [

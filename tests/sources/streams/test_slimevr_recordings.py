@@ -15,10 +15,10 @@ from numpy.testing import assert_allclose
 from live_rig import ROLE_SETS, canonical_orientation
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import angle_between, conjugate, from_axis_angle, multiply
-from retarget.sources.raw_record import RawReader
-from retarget.sources.stream_frame import StreamDecoder, StreamFrame
-from retarget.sources.vmc import VmcDecoder, bone_poses, t_pose_offsets, world_poses
-from retarget.sources.vrchat import VrchatDecoder
+from retarget.sources.streams.raw_record import RawReader
+from retarget.sources.streams.stream_frame import StreamDecoder, StreamFrame
+from retarget.sources.streams.vmc import VmcDecoder, bone_poses, t_pose_offsets, world_poses
+from retarget.sources.streams.vrchat import VrchatDecoder
 from retarget.types import BoolArray, FloatArray
 
 MOVING_DEG_PER_S = 5.0

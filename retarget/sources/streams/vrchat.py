@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.rotations import Vector, axis_turn, product
-from retarget.sources.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket
-from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, Dropped, StreamFrame
+from retarget.sources.streams.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket
+from retarget.sources.streams.stream_frame import CONVENTIONS, MAX_COORDINATE, Dropped, StreamFrame
 from retarget.types import BoolArray, FloatArray
 
 UNKNOWN_ADDRESS = "OSC address that is not used"

@@ -22,7 +22,7 @@ from typing import IO, cast
 
 from retarget.errors import InputError, UsageError
 from retarget.schema.files import refuse_existing
-from retarget.sources.stream_frame import MAX_DATAGRAM
+from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 
 OPTION = "--record-raw"
 MAX_UNWRITTEN = 4 * 2**20

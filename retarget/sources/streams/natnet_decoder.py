@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from retarget.arithmetic import matmul, norm
 from retarget.frames import Skeleton
 from retarget.rotations import plus, product, rotated
-from retarget.sources.natnet_wire import (
+from retarget.sources.skeletons import joints_by_name
+from retarget.sources.streams.natnet_wire import (
     BODY,
     OLDEST,
     SIZED_SINCE,
@@ -28,8 +29,7 @@ from retarget.sources.natnet_wire import (
     read_server_info,
     split,
 )
-from retarget.sources.skeletons import joints_by_name
-from retarget.sources.stream_frame import (
+from retarget.sources.streams.stream_frame import (
     CONVENTIONS,
     MAX_DATAGRAM,
     MAX_POSES,

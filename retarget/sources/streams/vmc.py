@@ -16,9 +16,9 @@ import numpy as np
 from retarget.arithmetic import matmul, norms
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.rotations import NO_TURN, Quat, Vector, axis_turn, plus, product, rotated
-from retarget.sources.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket, number_in
 from retarget.sources.skeletons import TABLES
-from retarget.sources.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
+from retarget.sources.streams.osc import Number, OscLayouts, OscMessage, OscNumbers, OscPacket, number_in
+from retarget.sources.streams.stream_frame import CONVENTIONS, MAX_POSES, Dropped, StreamFrame, unusable
 from retarget.types import BoolArray, FloatArray
 
 # Names of the poses of VMC: the bones of Unity's humanoid, and the serials of devices that are accepted.

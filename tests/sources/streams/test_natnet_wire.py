@@ -18,7 +18,7 @@ from natnet_packets import (
     frame,
     server_info,
 )
-from retarget.sources.natnet_wire import (
+from retarget.sources.streams.natnet_wire import (
     BodyDefinition,
     Definitions,
     GroupDefinition,

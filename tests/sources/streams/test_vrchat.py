@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from osc_bytes import bundle, message
-from retarget.sources.vrchat import (
+from retarget.sources.streams.vrchat import (
     NOT_A_TRACKER,
     UNKNOWN_ADDRESS,
     WRONG_ARGUMENTS,

@@ -24,14 +24,14 @@ from retarget.human.calibration import dimensions_from_skeleton
 from retarget.live.rest_capture import skeleton_of
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import angle_between, multiply, normalise, rotate
-from retarget.sources.natnet_decoder import (
+from retarget.sources.streams.natnet_decoder import (
     NatnetDecoder,
     PosePlan,
     compose_bones,
     plan_poses,
 )
-from retarget.sources.natnet_wire import BodyDefinition, Definitions, GroupDefinition, Owner, PoseGroup, Version
-from retarget.sources.stream_frame import MAX_POSES, StreamFrame
+from retarget.sources.streams.natnet_wire import BodyDefinition, Definitions, GroupDefinition, Owner, PoseGroup, Version
+from retarget.sources.streams.stream_frame import MAX_POSES, StreamFrame
 from retarget.types import FloatArray
 
 HALF = float(np.sqrt(0.5))

@@ -11,8 +11,15 @@ from hypothesis import strategies as st
 
 from command_line import mutated
 from retarget import rotations
-from retarget.sources.json_pose import JsonPoseDecoder
-from retarget.sources.stream_frame import CONVENTIONS, MAX_COORDINATE, MAX_DATAGRAM, MAX_POSES, StreamFrame, unusable
+from retarget.sources.streams.json_pose import JsonPoseDecoder
+from retarget.sources.streams.stream_frame import (
+    CONVENTIONS,
+    MAX_COORDINATE,
+    MAX_DATAGRAM,
+    MAX_POSES,
+    StreamFrame,
+    unusable,
+)
 from retarget.types import FloatArray
 
 Message = dict[str, Any]

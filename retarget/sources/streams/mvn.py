@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from retarget.frames import Skeleton
 from retarget.rotations import from_euler
 from retarget.sources.skeletons import TABLES, names_of_sides
-from retarget.sources.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, make_unit
+from retarget.sources.streams.stream_frame import CONVENTIONS, MAX_DATAGRAM, MAX_POSES, Dropped, StreamFrame, make_unit
 from retarget.types import BoolArray, FloatArray
 
 # Bytes of the Xsens MVN network streamer: the header of every datagram, and the names and scale that come with poses.

@@ -1,0 +1,1 @@
+"""Decoders of live streams: the bytes of a datagram -> sensor frames, without a socket or a clock."""
