@@ -11,7 +11,9 @@ from hardware.clock import Clock
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorSample
 from retarget.human.samples import Clip
+from retarget.live.performer import TOO_SHORT
 from retarget.live.sensor_validity import Debounce
+from retarget.run.joint_targets import JUMP
 from retarget.types import FloatArray
 
 POS, GOAL = ".pos", ".goal"
@@ -88,9 +90,11 @@ class Actions:
 
     ticks, kept, over, settled = FOR_EVER, 1, False, 1.0
 
-    def __init__(self, held: Clip, first: FloatArray, *, clock: Clock, stale_s: float) -> None:
-        """held: its first sample is held. first (n,): rad, the target before there is an action. stale_s: an action
-        that is older is signal loss, s. Raises UsageError for a limit that cannot be meant."""
+    def __init__(
+        self, held: Clip, first: FloatArray, *, fastest: FloatArray, clock: Clock, stale_s: float
+    ) -> None:
+        """held: its first sample is held. first (n,): rad, the target before there is an action. fastest (n,): rad/s,
+        of the servos. stale_s: an action that is older is signal loss, s. Raises UsageError for a limit that cannot be meant."""
         low, high = STALE_MS
         if not low <= 1e3 * stale_s <= high:
             raise UsageError(
@@ -102,19 +106,20 @@ class Actions:
         self._held, self._clock, self._stale_s = held, clock, stale_s
         self._newest = Received(None, -inf, reason="no action yet")
         self._taken: Received | None = None
-        self._target, self._now = np.array(first), clock.now()
+        self._target, self._fastest, self._now = np.array(first), fastest, clock.now()
         self._good, self._engaged = Debounce(), True
         self.dt = self.motion_dt = held.dt
-        self.hold_reason = ""
-        """Why the robot holds, in a few words."""
+        self._wrong = ""  # with actions, in a few words
 
     # From the thread that sends.
 
     def put(self, joints: FloatArray) -> None:
-        """Take an action, (n,) rad, as the newest."""
+        """Take an action, (n,) rad, as the newest. One that no servo could get to in time is not bridged: it shows as a
+        jump, to which the robot goes slowly."""
         now = self._clock.now()
         step = min(max(now - self._newest.time, self.dt), LONGEST_STEP_S)
-        self._newest = Received(joints, now, step)
+        jumps = (np.abs(joints - self._target) > JUMP * self._fastest * step).any()
+        self._newest = Received(joints, now, 0.0 if jumps else step)
 
     def refuse(self, reason: str) -> None:
         """The newest action cannot be used: the robot holds until there is another."""
@@ -145,11 +150,16 @@ class Actions:
         """Whether the operator holds the robot."""
         return not self._engaged
 
+    @property
+    def hold_reason(self) -> str:
+        """Why the robot holds, in a few words."""
+        return self._wrong or TOO_SHORT
+
     def poll(self) -> None:
         """Go on towards the newest action, so as to be there when the next one is due."""
         now, newest = self._clock.now(), self._newest
         step, self._now = now - self._now, now
-        self.hold_reason = self._problem(newest, now)
+        self._wrong = self._problem(newest, now)
         if newest.joints is None:
             return
         left = newest.step_s - (now - newest.time) + step  # [s] from the tick before
@@ -162,7 +172,7 @@ class Actions:
 
     def may_approach(self) -> bool:
         """Whether actions have been fresh for long enough to move."""
-        return self._good.step(self._now, good=not self.hold_reason)
+        return self._good.step(self._now, good=not self._wrong)
 
     def sample(self, tick: int) -> SensorSample | None:
         """The held sample; None: there is no fresh action, and the robot is to hold."""

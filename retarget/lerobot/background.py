@@ -3,6 +3,7 @@
 Signals reach the main thread alone, so the run has a stop of its own, which `end` asks for and waits for.
 """
 
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext, suppress
@@ -24,6 +25,9 @@ FORCED_S = 2.0
 """Longest wait, s, after torque was to go off at once."""
 WAKE_S = 0.1
 """The main thread waits in steps of this, s, so that Ctrl-C reaches it."""
+SWITCH_S = 5e-4
+"""Longest time, s, that Python lets another thread of this program run on while a tick waits: its usual 5 ms are more
+than half a tick."""
 HOLD_IT = "it stands, with torque: hold the robot, then press Ctrl-C, and torque goes off"
 CUT_POWER = "torque may be on: hold the robot, and cut its power"
 Begins = Callable[[], bool]
@@ -97,6 +101,7 @@ class BackgroundRun(Observer):
 
     def start(self) -> None:
         """Start the thread, and wait for the first reading. Raises what keeps the run from it."""
+        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
         self._thread.start()
         while not self._ready.wait(WAKE_S):
             pass
@@ -159,8 +164,9 @@ class BackgroundRun(Observer):
         while not self._begins():
             if self._stop.ask(None).stop is not None:
                 return
-            due += machine.dt
+            due = max(due + machine.dt, self._clock.now())
             self._clock.sleep_until(due)
+            prepared.samples.poll()
             self._read(machine)
         ending = loop.run(nullcontext)  # other threads of this program make cycles
         if ending.reason is not None and not self._stop.why:

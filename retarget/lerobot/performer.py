@@ -4,6 +4,7 @@ It is a whole run on a bus without servos, in a thread of its own, by the profil
 as `action` has passed the same gate as on the robot.
 """
 
+import atexit
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -93,6 +94,7 @@ class PerformerDevice:
             self._wiring.close()
             raise
         self._run = run
+        atexit.register(self.disconnect)
 
     def _prepared(self, look: Callable[[], None]) -> AbstractContextManager[Prepared]:
         """A run without servos that ends where it has braked. look: see `PerformerWiring.perform`."""
@@ -127,5 +129,6 @@ class PerformerDevice:
         """Close the source. Raises nothing, and does nothing if it is not connected."""
         run, self._run = self._run, None
         if run is not None:
+            atexit.unregister(self.disconnect)
             run.end("disconnected")
             self._wiring.close()

@@ -23,6 +23,8 @@ from retarget.types import Notify, RunState
 
 STALE_MS = 200.0
 """Freshness limit, ms: six actions at 30 Hz."""
+HELD_S = 0.1
+"""Length, s, of the sample that is read for the performer who is held."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +35,31 @@ class Wiring:
     make_bus: MakeBus
     operator: Callable[[Prepared], Operator]
     notify: Notify
+
+
+@contextmanager
+def following_actions(
+    robot: RobotBody, options: RunOptions, wiring: Wiring, *, clock: Clock, stale_ms: float = STALE_MS
+) -> Iterator[tuple[Prepared, Actions]]:
+    """A run of a robot that follows actions, ready to start, and where to put them. options: robot, bus and end.
+
+    It stands in its stance first. Raises RetargetError for what cannot be used.
+    """
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        """The performer of the sample, who is held: a run needs one."""
+        return performance_of(lambda: open_source(SAMPLE), Playback(end=HELD_S))(performer, robot)
+
+    make_bus, notify = wiring.make_bus, wiring.notify
+    with prepare_for(
+        perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, robot=robot
+    ) as prepared:
+        machine, first = prepared.machine, robot.posture(stance_angles(robot))[robot.servo_columns]
+        assert machine is not None, "a robot has servos"
+        held, fastest = prepared.samples.recorded(), robot.joint_map.max_velocity
+        actions = Actions(held, first, fastest=fastest, clock=clock, stale_s=1e-3 * stale_ms)
+        goals = following_targets(robot, machine.follower, actions, first=first, dt=machine.dt)
+        yield replace(prepared, samples=actions, machine=replace(machine, goals=goals)), actions
 
 
 class HumanoidDevice:
@@ -96,29 +123,11 @@ class HumanoidDevice:
     @contextmanager
     def _prepared(self) -> Iterator[Prepared]:
         """The run that can start."""
-        robot, clock = self.robot, self._clock
-
-        def perform(performer: Performer, robot: RobotBody | None) -> Performance:
-            """The performer of the sample, who is held: a run needs one."""
-            return performance_of(lambda: open_source(SAMPLE), Playback(end=0.1))(performer, robot)
-
-        wiring, options = self._wiring, self._options
-        with prepare_for(
-            perform,
-            options,
-            clock=clock,
-            make_bus=wiring.make_bus,
-            goes_to_rest=True,
-            notify=wiring.notify,
-            robot=robot,
-        ) as prepared:
-            machine = prepared.machine
-            assert machine is not None, "a robot has servos"
-            dt, first = machine.dt, robot.posture(stance_angles(robot))[robot.servo_columns]
-            held = prepared.samples.recorded()
-            self._actions = actions = Actions(held, first, clock=clock, stale_s=1e-3 * self._stale_ms)
-            goals = following_targets(robot, machine.follower, actions, first=first, dt=dt)
-            yield replace(prepared, samples=actions, machine=replace(machine, goals=goals))
+        following = following_actions(
+            self.robot, self._options, self._wiring, clock=self._clock, stale_ms=self._stale_ms
+        )
+        with following as (prepared, self._actions):
+            yield prepared
 
     def observation(self) -> dict[str, float]:
         """The newest reading, rad, by the keys of `observation_features`. Raises GuardError where it is not

@@ -8,7 +8,15 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 from lerobot_robot_retarget.config_humanoid import RetargetHumanoidConfig
 from retarget.cli.application import log
 from retarget.cli.buses import PhysicsBench
-from retarget.cli.controls import NEVER_GOES_ON, Control, ControlSocket, LiveStatus, StopFile
+from retarget.cli.controls import (
+    NEVER_GOES_ON,
+    Control,
+    ControlSocket,
+    LiveStatus,
+    Oversight,
+    StopFile,
+    refuse_oversight,
+)
 from retarget.cli.exit import StopRequest
 from retarget.cli.operator import RunOperator
 from retarget.cli.stop import socket_path
@@ -27,6 +35,7 @@ class RetargetHumanoid(Robot):
         super().__init__(config)
         self.config = config
         self.cameras: dict[str, Any] = {}
+        refuse_oversight(Oversight(stop_file=config.stop_file), virtual=False)
         options = RunOptions(
             robot=config.profile,
             bus=config.bus,
