@@ -90,11 +90,10 @@ class Actions:
 
     ticks, kept, over, settled = FOR_EVER, 1, False, 1.0
 
-    def __init__(
-        self, held: Clip, first: FloatArray, *, fastest: FloatArray, clock: Clock, stale_s: float
-    ) -> None:
+    def __init__(self, held: Clip, first: FloatArray, *, fastest: FloatArray, clock: Clock, stale_s: float) -> None:
         """held: its first sample is held. first (n,): rad, the target before there is an action. fastest (n,): rad/s,
-        of the servos. stale_s: an action that is older is signal loss, s. Raises UsageError for a limit that cannot be meant."""
+        of the servos. stale_s: an action that is older is signal loss, s. Raises UsageError for a limit that cannot be
+        meant."""
         low, high = STALE_MS
         if not low <= 1e3 * stale_s <= high:
             raise UsageError(

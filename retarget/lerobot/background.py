@@ -1,4 +1,4 @@
-"""A run in a thread of its own, for programs whose loop is not that of the servos: they leave targets and copy readings.
+"""A run in a thread of its own, for programs with another loop than the servos': they leave targets, and copy readings.
 
 Signals reach the main thread alone, so the run has a stop of its own, which `end` asks for and waits for.
 """
@@ -36,8 +36,12 @@ Begins = Callable[[], bool]
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The robot at one tick. present, goal (n,): rad, servo order, where the servos were read, and the posture that
-    was sent then, without what makes up for a load; before the robot is armed, both are where it was read. state: of the run. reason: why it holds or has stopped."""
+    """The robot at one tick.
+
+    present, goal (n,): rad, servo order, where the servos were read, and the posture that was sent then, without what
+    makes up for a load; before the robot is armed, both are where it was read. state: of the run. reason: why it holds
+    or has stopped.
+    """
 
     present: FloatArray
     goal: FloatArray

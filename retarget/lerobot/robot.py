@@ -177,4 +177,3 @@ class HumanoidDevice:
         if self._run is None:
             raise GuardError("the robot is not connected", where=what, then="Call connect() first")
         return self._run
-

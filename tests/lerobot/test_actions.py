@@ -185,7 +185,7 @@ def test_a_jump_is_made_slowly(robot: RobotBody, stance: FloatArray) -> None:
 def test_a_refused_action_holds_the_robot_until_a_good_one_comes(robot: RobotBody, stance: FloatArray) -> None:
     def refuses_once(at: float, actions: Actions) -> FloatArray | None:
         if 1.0 < at < 2.0:
-            bad = {name: np.nan for name in action_names(robot.joint_map.joints)}
+            bad = dict.fromkeys(action_names(robot.joint_map.joints), np.nan)
             try:
                 read_action(bad, action_names(robot.joint_map.joints))
             except InputError as error:

@@ -76,7 +76,9 @@ def test_there_is_a_reading_without_torque_and_an_end_without_an_action(device: 
     assert device.is_connected and device.state is RunState.ARMING
     observed = device.observation()
     assert observed.keys() == device.observation_features.keys()
-    assert list(observed)[:20] == list(device.action_features) and all(type(value) is float for value in observed.values())
+    assert list(observed)[:20] == list(device.action_features) and all(
+        type(value) is float for value in observed.values()
+    )
     with pytest.raises(GuardError, match="already"):
         device.connect()
     device.disconnect()

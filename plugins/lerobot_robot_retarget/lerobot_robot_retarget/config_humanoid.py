@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot.robots import RobotConfig
+
 from retarget.lerobot.robot import STALE_MS
 
 

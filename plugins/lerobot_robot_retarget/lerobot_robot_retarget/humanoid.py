@@ -5,6 +5,7 @@ from typing import Any
 
 from lerobot.robots import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
 from lerobot_robot_retarget.config_humanoid import RetargetHumanoidConfig
 from retarget.cli.application import log
 from retarget.cli.buses import PhysicsBench

@@ -5,9 +5,10 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from hardware.clock import MonotonicClock
 from lerobot.teleoperators import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from hardware.clock import MonotonicClock
 from lerobot_robot_retarget.config_performer import RetargetPerformerConfig
 from retarget.cli.application import FileOptions, log
 from retarget.cli.controls import Control, Oversight, Pedal, open_dead_man
@@ -130,9 +131,7 @@ class RetargetPerformer(Teleoperator):
             scene=config.scene,
             playback=source.playback,
         )
-        wiring = PerformerWiring(
-            perform=source.perform, operator=source.operator, close=source.close, notify=log
-        )
+        wiring = PerformerWiring(perform=source.perform, operator=source.operator, close=source.close, notify=log)
         self._device = PerformerDevice(options, wiring, delay_s=0.0 if source.address else config.delay_s)
 
     @property
