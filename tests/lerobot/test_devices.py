@@ -71,19 +71,16 @@ def device(bench: Bench) -> Iterator[HumanoidDevice]:
 
 
 def test_there_is_a_reading_without_torque_and_an_end_without_an_action(device: HumanoidDevice, bench: Bench) -> None:
-    assert not device.is_connected
     device.connect()
-    assert device.is_connected and device.state is RunState.ARMING
     observed = device.observation()
     assert observed.keys() == device.observation_features.keys()
-    assert list(observed)[:20] == list(device.action_features) and all(
-        type(value) is float for value in observed.values()
-    )
+    assert [*observed][:20] == [*device.action_features] and {type(value) for value in observed.values()} == {float}
     with pytest.raises(GuardError, match="already"):
         device.connect()
+    assert device.state is RunState.ARMING
     device.disconnect()
     device.disconnect()
-    assert not device.is_connected and bench.torque_on == 0 and device.state is RunState.OFF
+    assert not device.is_connected and bench.torque_on == 0
     with pytest.raises(GuardError, match="not connected"):
         device.observation()
 
