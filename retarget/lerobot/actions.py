@@ -23,6 +23,7 @@ STALE_MS = (20.0, 2000.0)
 LONGEST_STEP_S = 0.1
 """Actions are bridged over the time between the last two, at most this long."""
 FOR_EVER = 10**9
+"""Ticks of a run that something else ends."""
 
 
 def action_names(joints: Sequence[str]) -> tuple[str, ...]:

@@ -151,7 +151,7 @@ class HumanoidDevice:
             raise
         if run.over:
             raise GuardError(
-                "the robot has stopped, and its torque is off",
+                "the robot does not follow any more",
                 where="send_action",
                 found=str(run.error or run.reading.reason or "the run is over"),
                 then="See why, then disconnect and connect it again",

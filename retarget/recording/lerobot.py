@@ -77,17 +77,15 @@ def features_of(
 
 def known_landmarks(motions: Sequence[Motion]) -> tuple[str, ...]:
     """The landmarks that are known in every frame of all motions, in the order of the first."""
-    known = [
-        [name for name, always in zip(motion.landmark_names, _always_known(motion), strict=True) if always]
-        if "landmarks_asked" in motion
-        else []
-        for motion in motions
-    ]
+    known = [_known_landmarks(motion) for motion in motions]
     return tuple(name for name in known[0] if all(name in others for others in known[1:]))
 
 
-def _always_known(motion: Motion) -> list[bool]:
-    return list(np.isfinite(motion.landmarks_asked).all(axis=(0, 2)).tolist())
+def _known_landmarks(motion: Motion) -> list[str]:
+    if "landmarks_asked" not in motion:
+        return []
+    always = np.asarray(np.isfinite(motion.landmarks_asked).all(axis=(0, 2)))
+    return [name for name, kept in zip(motion.landmark_names, always, strict=True) if kept]
 
 
 def _joined(episodes: Sequence[tuple[Feature, ...]], motions: Sequence[Motion]) -> tuple[Feature, ...]:

@@ -1,6 +1,7 @@
 """Both devices in their threads, in real time: readings before torque, errors where they belong, and an end that is
 always reached."""
 
+import re
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ import pytest
 from hardware.bus import ServoBus
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import BusError, GuardError
+from messages import refuses
 from recordings import mock_bus
 from retarget.errors import InputError, UsageError
 from retarget.human.samples import Playback
@@ -75,13 +77,13 @@ def test_there_is_a_reading_without_torque_and_an_end_without_an_action(device: 
     observed = device.observation()
     assert observed.keys() == device.observation_features.keys()
     assert [*observed][:20] == [*device.action_features] and {type(value) for value in observed.values()} == {float}
-    with pytest.raises(GuardError, match="already"):
+    with refuses(GuardError, "connect"):
         device.connect()
     assert device.state is RunState.ARMING
     device.disconnect()
     device.disconnect()
     assert not device.is_connected and bench.torque_on == 0
-    with pytest.raises(GuardError, match="not connected"):
+    with refuses(GuardError, "get_observation"):
         device.observation()
 
 
@@ -90,7 +92,7 @@ def test_a_bus_that_cannot_be_opened_is_the_error_of_connect() -> None:
         raise BusError("no such port", where="/dev/ttyUSB9")
 
     device = Bench(make=broken).device()
-    with pytest.raises(BusError, match="ttyUSB9"):
+    with refuses(BusError, "/dev/ttyUSB9"):
         device.connect()
     assert not device.is_connected
     device.disconnect()
@@ -103,7 +105,7 @@ def test_it_follows_refuses_and_goes_to_rest(device: HumanoidDevice, bench: Benc
     target["head_pan.pos"] += 0.2
     wait_for(lambda: device.state is RunState.FOLLOW, each=lambda: device.send(target))
     assert bench.torque_on == 1
-    with pytest.raises(InputError, match="head_pan"):
+    with refuses(InputError, "head_pan.pos"):
         device.send(target | {"head_pan.pos": float("nan")})
     wait_for(lambda: device.state is RunState.HOLD)
     wait_for(lambda: device.state is RunState.FOLLOW, each=lambda: device.send(target))
@@ -123,7 +125,7 @@ def test_without_actions_it_stops_and_says_why(device: HumanoidDevice, bench: Be
     target = {key: value for key, value in device.observation().items() if key in device.action_features}
     wait_for(lambda: device.state is RunState.FOLLOW, each=lambda: device.send(target))
     wait_for(lambda: device.state is RunState.OFF, seconds=30.0)
-    with pytest.raises(GuardError, match="no action for more than 200 ms"):
+    with refuses(GuardError, "send_action", 200, varies=re.compile(r"for [\d.]+ s")):
         device.send(target)
     assert device.observation()  # the last reading
 
@@ -162,7 +164,7 @@ def performer(*, end: float, delay_s: float = 0.0) -> PerformerDevice:
 
 def test_a_performer_gives_every_key_of_the_robot(bench: Bench) -> None:
     device = performer(end=0.2, delay_s=10.0)
-    with pytest.raises(GuardError, match="not connected"):
+    with refuses(GuardError, "get_action"):
         device.action()
     device.connect()
     first = device.action()
@@ -186,5 +188,5 @@ def test_a_file_that_is_over_leaves_its_last_goal() -> None:
 
 @pytest.mark.parametrize("delay_s", [-1.0, float("nan"), 1e4])
 def test_an_impossible_delay_is_refused(delay_s: float) -> None:
-    with pytest.raises(UsageError, match="delay_s"):
+    with refuses(UsageError, "delay_s"):
         performer(end=1.0, delay_s=delay_s)
