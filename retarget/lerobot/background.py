@@ -3,6 +3,7 @@
 Signals reach the main thread alone, so the run has a stop of its own, which `end` asks for and waits for.
 """
 
+import atexit
 import sys
 import threading
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from hardware.bus import ServoStates
 from hardware.clock import Clock
-from hardware.errors import RetargetError
+from hardware.errors import GuardError, RetargetError
 from hardware.guard import Torque
 from retarget.run.loop import Observer, Operator, Tick
 from retarget.run.prepare import Prepared
@@ -28,6 +29,7 @@ WAKE_S = 0.1
 SWITCH_S = 5e-4
 """Longest time, s, that Python lets another thread of this program run on while a tick waits: its usual 5 ms are more
 than half a tick."""
+DISCONNECTED = "disconnected"
 HOLD_IT = "it stands, with torque: hold the robot, then press Ctrl-C, and torque goes off"
 CUT_POWER = "torque may be on: hold the robot, and cut its power"
 Begins = Callable[[], bool]
@@ -193,3 +195,51 @@ class BackgroundRun(Observer):
         held = supervisor.hold_reason if supervisor.state is RunState.HOLD else ""
         reason = held if stop is None else stop.reason
         self._reading = Reading(present, before.goal if goal is None else goal.posture, supervisor.state, reason)
+
+
+class Connection:
+    """Whether a device is connected: the run that it has, from `connect` to `disconnect`, or the end of the program.
+
+    name: of the device, in messages. close: what is closed after the run.
+    """
+
+    def __init__(self, name: str, close: Callable[[], object] = lambda: None) -> None:
+        self._name, self._close = name, close
+        self._run: BackgroundRun | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there are readings: also of a run that has ended, until `close`."""
+        return self._run is not None
+
+    @property
+    def state(self) -> RunState:
+        """The state of the run; OFF where there is none."""
+        return RunState.OFF if self._run is None or self._run.over else self._run.reading.state
+
+    def run(self, what: str) -> BackgroundRun:
+        """The run. what: is asked of it. Raises GuardError where there is none."""
+        if self._run is None:
+            raise GuardError(f"the {self._name} is not connected", where=what, then="Call connect() first")
+        return self._run
+
+    def open(self, run: BackgroundRun) -> None:
+        """Start the run. Raises GuardError where there is one, RetargetError where it cannot start."""
+        if self._run is not None:
+            raise GuardError(f"the {self._name} is connected already", where="connect", then="Disconnect it first")
+        try:
+            run.start()
+        except BaseException:
+            run.end(DISCONNECTED)
+            self._close()
+            raise
+        self._run = run
+        atexit.register(self.close)
+
+    def close(self) -> None:
+        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none."""
+        run, self._run = self._run, None
+        if run is not None:
+            atexit.unregister(self.close)
+            run.end(DISCONNECTED)
+            self._close()

@@ -4,7 +4,6 @@ It is a whole run on a bus without servos, in a thread of its own, by the profil
 as `action` has passed the same gate as on the robot.
 """
 
-import atexit
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -15,12 +14,12 @@ from hardware.errors import GuardError
 from hardware.no_bus import NoBus
 from retarget.errors import UsageError
 from retarget.lerobot.actions import action_names
-from retarget.lerobot.background import BackgroundRun
+from retarget.lerobot.background import BackgroundRun, Connection
 from retarget.model.robot import RobotBody, load_robot
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, prepare_for
-from retarget.types import Notify, RunState
+from retarget.types import Notify
 
 LONGEST_DELAY_S = 600.0
 """Longest time, s, before a file begins."""
@@ -56,7 +55,7 @@ class PerformerDevice:
         self._clock: Clock = MonotonicClock()
         self._robot = load_robot(options.robot, root=options.root)
         self._names = action_names(self._robot.joint_map.joints)
-        self._run: BackgroundRun | None = None
+        self.connection = Connection("performer", wiring.close)
         self._begins_at = inf  # [s]
 
     @property
@@ -64,22 +63,9 @@ class PerformerDevice:
         """`<joint>.pos`, rad: those of the robot."""
         return dict.fromkeys(self._names, float)
 
-    @property
-    def is_connected(self) -> bool:
-        """Whether there are goals."""
-        return self._run is not None
-
-    @property
-    def state(self) -> RunState:
-        """The state of the run; OFF where there is none."""
-        return RunState.OFF if self._run is None or self._run.over else self._run.reading.state
-
     def connect(self) -> None:
         """Open the source, and wait until the performer is measured. Raises RetargetError: no data, no rest pose, a bad
         file."""
-        if self._run is not None:
-            raise GuardError("it is connected already", where="connect", then="Disconnect it first")
-        self._begins_at = inf
         run = BackgroundRun(
             lambda: self._prepared(run.refuse_ended),
             operator=self._wiring.operator,
@@ -87,17 +73,12 @@ class PerformerDevice:
             clock=self._clock,
             notify=self._wiring.notify,
         )
-        try:
-            run.start()
-        except BaseException:
-            run.end("disconnected")
-            self._wiring.close()
-            raise
-        self._run = run
-        atexit.register(self.disconnect)
+        self.connection.open(run)
 
     def _prepared(self, look: Callable[[], None]) -> AbstractContextManager[Prepared]:
         """A run without servos that ends where it has braked. look: see `PerformerWiring.perform`."""
+
+        self._begins_at = inf
 
         def standing(robot: RobotBody, clock: Clock) -> NoBus:
             stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
@@ -117,9 +98,7 @@ class PerformerDevice:
     def action(self) -> dict[str, float]:
         """The newest goals, rad, by the keys of `action_features`. Raises GuardError where the performer was lost for
         too long, with the reason, or it is not connected."""
-        run = self._run
-        if run is None:
-            raise GuardError("the performer is not connected", where="get_action", then="Call connect() first")
+        run = self.connection.run("get_action")
         self._begins_at = min(self._begins_at, self._clock.now() + self._delay_s)
         if run.over and run.error is not None:
             raise GuardError("the performer is not followed any more", where="get_action", found=str(run.error))
@@ -127,8 +106,4 @@ class PerformerDevice:
 
     def disconnect(self) -> None:
         """Close the source. Raises nothing, and does nothing if it is not connected."""
-        run, self._run = self._run, None
-        if run is not None:
-            atexit.unregister(self.disconnect)
-            run.end("disconnected")
-            self._wiring.close()
+        self.connection.close()

@@ -1,6 +1,5 @@
 """The robot of LeRobot: actions are followed as a performer is, by a run in a thread of its own."""
 
-import atexit
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -10,7 +9,7 @@ from hardware.errors import GuardError
 from retarget.errors import InputError
 from retarget.human.samples import Performance, Playback
 from retarget.lerobot.actions import GOAL, POS, Actions, action_names, read_action
-from retarget.lerobot.background import BackgroundRun
+from retarget.lerobot.background import BackgroundRun, Connection
 from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.follower import stance_angles
 from retarget.run.joint_targets import following_targets
@@ -19,7 +18,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared, performance_of, prepare_for
 from retarget.schema.performer import Performer
 from retarget.sources.open import SAMPLE, open_source
-from retarget.types import Notify, RunState
+from retarget.types import Notify
 
 STALE_MS = 200.0
 """Freshness limit, ms: six actions at 30 Hz."""
@@ -78,7 +77,7 @@ class HumanoidDevice:
         self.joints = self.robot.joint_map.joints
         self._names = action_names(self.joints)
         self._actions: Actions | None = None
-        self._run: BackgroundRun | None = None
+        self.connection = Connection("robot")
 
     @property
     def action_features(self) -> dict[str, type]:
@@ -90,21 +89,8 @@ class HumanoidDevice:
         """`<joint>.pos`, then `<joint>.goal`, rad."""
         return dict.fromkeys([joint + suffix for suffix in (POS, GOAL) for joint in self.joints], float)
 
-    @property
-    def is_connected(self) -> bool:
-        """Whether there are readings: also of a robot that has stopped, until `disconnect`."""
-        return self._run is not None
-
-    @property
-    def state(self) -> RunState:
-        """The state of the run; OFF where there is none."""
-        return RunState.OFF if self._run is None or self._run.over else self._run.reading.state
-
     def connect(self) -> None:
         """Open the bus and read the servos; nothing moves, and no torque comes on. Raises RetargetError."""
-        if self._run is not None:
-            raise GuardError("it is connected already", where="connect", then="Disconnect it first")
-        self._actions = None
         run = BackgroundRun(
             self._prepared,
             operator=self._wiring.operator,
@@ -112,13 +98,7 @@ class HumanoidDevice:
             clock=self._clock,
             notify=self._wiring.notify,
         )
-        try:
-            run.start()
-        except BaseException:
-            run.end("disconnected")
-            raise
-        self._run = run
-        atexit.register(self.disconnect)
+        self.connection.open(run)
 
     @contextmanager
     def _prepared(self) -> Iterator[Prepared]:
@@ -132,7 +112,7 @@ class HumanoidDevice:
     def observation(self) -> dict[str, float]:
         """The newest reading, rad, by the keys of `observation_features`. Raises GuardError where it is not
         connected."""
-        reading = self._connected("get_observation").reading
+        reading = self.connection.run("get_observation").reading
         values = [*reading.present.tolist(), *reading.goal.tolist()]
         return dict(zip(self.observation_features, values, strict=True))
 
@@ -142,7 +122,7 @@ class HumanoidDevice:
         Raises InputError for an action that is not finite or not whole: the robot holds until a good one comes.
         GuardError where the robot has stopped, with the reason, or is not connected.
         """
-        run, actions = self._connected("send_action"), self._actions
+        run, actions = self.connection.run("send_action"), self._actions
         assert actions is not None, "a run that has started has them"
         try:
             joints = read_action(action, self._names)
@@ -161,19 +141,11 @@ class HumanoidDevice:
 
     def clutch(self, *, engaged: bool) -> None:
         """Follow actions again, slowly from where the robot is; or hold it, without a limit in time."""
-        self._connected("clutch")
+        self.connection.run("clutch")
         assert self._actions is not None, "a run that has started has them"
         self._actions.clutch(engaged=engaged)
 
     def disconnect(self) -> None:
         """Brake, go to rest, torque off; within `background.JOIN_S`. Raises nothing, and does nothing if it is not
         connected. Ctrl-C while it waits switches torque off at once."""
-        run, self._run = self._run, None
-        if run is not None:
-            atexit.unregister(self.disconnect)
-            run.end("disconnected")
-
-    def _connected(self, what: str) -> BackgroundRun:
-        if self._run is None:
-            raise GuardError("the robot is not connected", where=what, then="Call connect() first")
-        return self._run
+        self.connection.close()

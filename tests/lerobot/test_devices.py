@@ -79,10 +79,10 @@ def test_there_is_a_reading_without_torque_and_an_end_without_an_action(device: 
     assert [*observed][:20] == [*device.action_features] and {type(value) for value in observed.values()} == {float}
     with refuses(GuardError, "connect"):
         device.connect()
-    assert device.state is RunState.ARMING
+    assert device.connection.state is RunState.ARMING
     device.disconnect()
     device.disconnect()
-    assert not device.is_connected and bench.torque_on == 0
+    assert not device.connection.is_connected and bench.torque_on == 0
     with refuses(GuardError, "get_observation"):
         device.observation()
 
@@ -94,7 +94,7 @@ def test_a_bus_that_cannot_be_opened_is_the_error_of_connect() -> None:
     device = Bench(make=broken).device()
     with refuses(BusError, "/dev/ttyUSB9"):
         device.connect()
-    assert not device.is_connected
+    assert not device.connection.is_connected
     device.disconnect()
 
 
@@ -103,28 +103,28 @@ def test_it_follows_refuses_and_goes_to_rest(device: HumanoidDevice, bench: Benc
     device.connect()
     target = {key: value for key, value in device.observation().items() if key in device.action_features}
     target["head_pan.pos"] += 0.2
-    wait_for(lambda: device.state is RunState.FOLLOW, each=lambda: device.send(target))
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
     assert bench.torque_on == 1
     with refuses(InputError, "head_pan.pos"):
         device.send(target | {"head_pan.pos": float("nan")})
-    wait_for(lambda: device.state is RunState.HOLD)
-    wait_for(lambda: device.state is RunState.FOLLOW, each=lambda: device.send(target))
+    wait_for(lambda: device.connection.state is RunState.HOLD)
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
     wait_for(lambda: abs(device.send(target)["head_pan.pos"] - target["head_pan.pos"]) < 1e-3)
     device.clutch(engaged=False)
-    wait_for(lambda: device.state is RunState.HOLD, each=lambda: device.send(target))
+    wait_for(lambda: device.connection.state is RunState.HOLD, each=lambda: device.send(target))
     begun = CLOCK.now()
     device.disconnect()
     assert CLOCK.now() - begun < 15.0
     device.connect()  # a new run, without torque
-    assert device.state is RunState.ARMING and bench.torque_on == 1
+    assert device.connection.state is RunState.ARMING and bench.torque_on == 1
 
 
 @pytest.mark.long
 def test_without_actions_it_stops_and_says_why(device: HumanoidDevice, bench: Bench) -> None:
     device.connect()
     target = {key: value for key, value in device.observation().items() if key in device.action_features}
-    wait_for(lambda: device.state is RunState.FOLLOW, each=lambda: device.send(target))
-    wait_for(lambda: device.state is RunState.OFF, seconds=30.0)
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    wait_for(lambda: device.connection.state is RunState.OFF, seconds=30.0)
     with refuses(GuardError, "send_action", 200, varies=re.compile(r"for [\d.]+ s")):
         device.send(target)
     assert device.observation()  # the last reading
@@ -136,7 +136,7 @@ def test_ctrl_c_while_it_goes_to_rest_switches_torque_off(
 ) -> None:
     device.connect()
     target = {key: value for key, value in device.observation().items() if key in device.action_features}
-    wait_for(lambda: device.state is RunState.FOLLOW, each=lambda: device.send(target))
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
     [thread] = [thread for thread in threading.enumerate() if thread.name == "retarget"]
     join, pressed = thread.join, iter([True])
 
@@ -169,10 +169,10 @@ def test_a_performer_gives_every_key_of_the_robot(bench: Bench) -> None:
     device.connect()
     first = device.action()
     assert first.keys() == device.action_features.keys() == bench.device().action_features.keys()
-    assert device.state is RunState.ARMING and first == device.action()
+    assert device.connection.state is RunState.ARMING and first == device.action()
     device.disconnect()
     device.disconnect()
-    assert not device.is_connected
+    assert not device.connection.is_connected
 
 
 @pytest.mark.long
@@ -180,7 +180,7 @@ def test_a_file_that_is_over_leaves_its_last_goal() -> None:
     device = performer(end=1.0)
     device.connect()
     first = device.action()
-    wait_for(lambda: device.state is RunState.OFF)
+    wait_for(lambda: device.connection.state is RunState.OFF)
     last = device.action()
     assert last == device.action() and last != first
     device.disconnect()

@@ -80,7 +80,7 @@ class RetargetHumanoid(Robot):
     @property
     def is_connected(self) -> bool:
         """Whether there are readings."""
-        return self._device.is_connected
+        return self._device.connection.is_connected
 
     @property
     def is_calibrated(self) -> bool:

@@ -147,7 +147,7 @@ class RetargetPerformer(Teleoperator):
     @property
     def is_connected(self) -> bool:
         """Whether there are goals."""
-        return self._device.is_connected
+        return self._device.connection.is_connected
 
     @property
     def is_calibrated(self) -> bool:
