@@ -177,7 +177,7 @@ class BackgroundRun(Observer):
         ending = loop.run(nullcontext)  # other threads of this program make cycles
         if ending.reason is not None and not self._stop.why:
             self.error = RetargetError(ending.reason)
-            self._say(f"the robot has stopped: {ending.reason}")
+            self._say(f"stopped: {ending.reason}")
 
     def _read(self, machine: Machine) -> ServoStates:
         """Read servos that have no torque."""
