@@ -8,18 +8,19 @@ from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
-from retarget.recording.export import export_motion, export_place, format_named
+from retarget.recording.export import export_episodes, export_motion, export_place, format_named
 from retarget.recording.lerobot import DEFAULT_TASK
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.read_run import read_run
 from retarget.run.record import PHASE_NAMES, Phase
 
+LEROBOT = "lerobot"
 FOLLOW, ALL = "follow", "all"
 ROBOT, HUMAN = "robot", "human"
 
 
 def export(
-    file: Path,
+    files: list[Path],
     to: str,
     out: Path | None = None,
     fps: float | None = None,
@@ -33,7 +34,8 @@ def export(
     csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/results.md.
 
     Arguments:
-        file FILE: A run that was saved or recorded: FILE.npz, FILE.mcap.
+        files FILE...: A run that was saved or recorded: FILE.npz, FILE.mcap; several are the episodes of one LeRobot
+            dataset.
 
     Options:
         to csv|npz|parquet|bvh|lerobot: Tables; arrays for trainers of motion tracking; an animated skeleton; a LeRobot
@@ -49,16 +51,23 @@ def export(
     for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):
         if value not in allowed:
             raise UsageError("unknown choice", where=option, found=value[:80], allowed=", ".join(allowed))
-    whole = read_run(file, of_human=of == HUMAN, body=body)
-    for text in whole.notes:
+    if len(files) > 1 and form.write is not None:
+        found, step = f"{len(files)} files", f"Export them one by one, or --to {LEROBOT}"
+        raise UsageError("only a LeRobot dataset holds several runs", where="--to", found=found, next_step=step)
+    wholes = [read_run(file, of_human=of == HUMAN, body=body) for file in files]
+    for text in dict.fromkeys(text for whole in wholes for text in whole.notes):
         note(text)
-    place = export_place(form, file, out, of_human=of == HUMAN)
-    motion = _chosen(whole, phase)
+    place = export_place(form, files[0], out, of_human=of == HUMAN)
+    motions = [_chosen(whole, phase) for whole in wholes]
     if fps is not None:
-        motion = resampled(motion, fps)
-    export_motion(motion, form, place, task=task)
+        motions = [resampled(motion, fps) for motion in motions]
+    if len(motions) > 1:
+        export_episodes(motions, place, task=task)
+    else:
+        export_motion(motions[0], form, place, task=task)
     echo(f"{to}: {place}")
-    echo(_summary(whole, motion, phase, fps))
+    for whole, motion in zip(wholes, motions, strict=True):
+        echo(_summary(whole, motion, phase, fps))
 
 
 def _chosen(motion: Motion, phase: str) -> Motion:

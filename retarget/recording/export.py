@@ -1,6 +1,6 @@
 """Write a motion in one of the formats that others read: whole or not at all, and never over something."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -113,9 +113,15 @@ def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFA
     _refuse_existing(place)
     write = form.write
     if write is None:
-        write_folder(place, lerobot_files(motion, task=task), option="--out")
+        export_episodes([motion], place, task=task)
     else:
         write_stream(place, lambda stream: write(motion, stream), option="--out")
+
+
+def export_episodes(motions: Sequence[Motion], place: Path, *, task: str = DEFAULT_TASK) -> None:
+    """Write motions of one robot to a LeRobot dataset, each as an episode. Raises as `export_motion` does."""
+    _refuse_existing(place)
+    write_folder(place, lerobot_files(*motions, task=task), option="--out")
 
 
 def _refuse_existing(place: Path) -> None:
