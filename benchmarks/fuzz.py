@@ -58,7 +58,7 @@ from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
 from retarget.setup.import_robot import read_robot
 from retarget.sources.asf_amc import read_amc
-from retarget.sources.c3d import MARKER_GROUPS, read_marker_table
+from retarget.sources.markers import MARKER_GROUPS, read_marker_table
 from retarget.sources.open import open_source
 from retarget.sources.streams.raw_record import RawReader, RawWriter
 from retarget.viewer.recorded import open_recorded

@@ -72,7 +72,7 @@ def open_source(
     axis = None if up is None else named_axis(up)
     if kind == "c3d":
         table = None if markers is None else Path(markers)
-        frames = replace(read_c3d(path, unit=unit, rate=rate, up=axis, markers=table), stature=stature)
+        frames = read_c3d(path, unit=unit, rate=rate, stature=stature, up=axis, markers=table)
     elif kind == "amc":
         asf = None if skeleton is None else Path(skeleton)
         frames = read_amc(path, skeleton=asf, unit=unit, rate=rate, stature=stature, up=axis)
