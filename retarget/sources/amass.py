@@ -1,11 +1,11 @@
 """Motion of the SMPL family without its body model (AMASS, and what reconstructs people from video).
 
-The files hold rotations of joints, not how long the bones are. Two facts stand in for the model. At zero pose every
-joint's frame is parallel to the axes of the file, in a T-pose (x left, y up, z forward), so orientations need no lengths. The
-pelvis is the translation plus a constant of the body in the axes of the file. Lengths come from the recorded markers where
-they are in the file, else from the performer's stature, with the proportions of Drillis and Contini (1966); so places of
-joints are right to some centimetres, orientations exactly. Shape (`betas`) and gender are not read: a height from them was
-wrong by 0.2 m.
+The files hold rotations of joints, not how long bones are. Two facts stand in for the model. At zero pose (a T-pose,
+x left, y up, z forward) every joint's frame is parallel to the others, so orientations need no lengths. The pelvis is
+the translation plus a constant of the body, in the axes of the file. Lengths come from the recorded markers where they
+are in the file, else from the performer's stature, with the proportions of Drillis and Contini (1966): places of joints
+are right to some centimetres, orientations exactly. Shape (`betas`) and gender are not read; a height from them was
+wrong by 0.2 m. Files of AMASS are z up; those in SMPL's own words (`transl`), as of GVHMR and WHAM, are y up.
 """
 
 from collections.abc import Collection, Mapping
@@ -66,7 +66,7 @@ def smpl_frames(
     up: FloatArray | None,
 ) -> SensorFrames:
     """The motion of a file. unit: metres of its lengths. rate: Hz, instead of the file's. stature: m, of the performer,
-    where the file has no markers. up (3,): the up axis that the user says. Raises InputError for what is wrong in it."""
+    where the file has no markers. up (3,): the up axis that the user says. Raises InputError for what is wrong."""
     vectors = _rotation_vectors(file)
     trans = file.floats(next(name for name in TRANSLATIONS if name in file), len(vectors), 3)
     if max(float(np.abs(values).max()) for values in (vectors, trans)) > MAX_VALUE:
@@ -74,10 +74,12 @@ def smpl_frames(
     size, notes = _dimensions(file, unit=unit, stature=stature)
     tree = _tree(size)
     local = rotations.from_rotation_vector(vectors)
-    # At rest the file's joints are x left, y up, z forward, ours x forward, y left, z up: C is between them, R C of the
-    # root and C^T R C of all others.
-    local[:, 1:, 1:] = matmul(local[:, 1:, 1:], AT_REST)
-    local[:, 0] = rotations.multiply(local[:, 0], rotations.from_matrix(AT_REST))
+    if "transl" in file:  # y up, as the body is at rest
+        ends = tuple(tuple(matmul(AT_REST, end) for end in ends) for ends in tree.ends)
+        tree = replace(tree, offsets=matmul(tree.offsets, AT_REST.T), ends=ends)
+    else:  # z up: the body at rest is turned by C, so that the root's rotation is R C, all others are C^T R C
+        local[:, 1:, 1:] = matmul(local[:, 1:, 1:], AT_REST)
+        local[:, 0] = rotations.multiply(local[:, 0], rotations.from_matrix(AT_REST))
     offsets = np.broadcast_to(tree.offsets, (len(vectors), BODY, 3)).copy()
     offsets[:, 0] = trans * unit + PELVIS * (size.stature / TYPICAL_HEIGHT_M)
     return canonical_frames(
@@ -104,7 +106,7 @@ def _rotation_vectors(file: ArrayFile) -> FloatArray:
                 "poses of no known body",
                 where=f"{file.source}: poses",
                 found=f"shape {file.arrays['poses'].shape}",
-                allowed=f"(frames, n), n one of {', '.join(map(str, WIDTHS))}: rotation vectors of 22, 24, 52 or 55 joints",
+                allowed=f"(frames, n), n one of {', '.join(map(str, WIDTHS))}: 22, 24, 52 or 55 rotation vectors",
                 next_step=file.advice,
             )
         vectors = file.floats("poses", None, width)[:, : 3 * BODY]

@@ -294,14 +294,16 @@ LEAST_RATE_HZ = 30.0
 """Least rate, Hz, at which keys are sampled: between keys of an animator the motion goes on."""
 SAME_RATE = 2e-4
 """A rate within this share of a whole number is that number: keys are in single precision."""
+KEY_ROUNDING = 1e-6
+"""Share of its time by which a key may be late, s beyond 1 s: keys are in single precision."""
 MAX_POSES = 5_000_000
 """Most poses of joints in all frames: as many as a BVH of the largest size holds."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """Keys of a property of a node: times (k,) s, rising; values (k, n), of a cubic spline (k, 3, n): in-tangent, value,
-    out-tangent."""
+    """Keys of a property of a node: times (k,) s, rising; values (k, n), of a cubic spline (k, 3, n): in-tangent,
+    value, out-tangent."""
 
     node: int
     path: str
@@ -312,7 +314,8 @@ class _Track:
     def at(self, times: FloatArray) -> FloatArray:
         """Values (T, n) at times (T,) s; the first and the last key hold beyond them."""
         spline = self.interpolation == "CUBICSPLINE"
-        before = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 1)
+        later = times + KEY_ROUNDING * np.maximum(np.abs(times), 1.0)
+        before = np.clip(np.searchsorted(self.times, later, side="right") - 1, 0, len(self.times) - 1)
         after = np.minimum(before + 1, len(self.times) - 1)
         gap = self.times[after] - self.times[before]
         share = np.clip((times - self.times[before]) / np.where(gap > 0.0, gap, 1.0), 0.0, 1.0)[:, None]
@@ -515,7 +518,8 @@ def read_gltf(
     pose, moved_notes = _moved(file, joints, tracks[0], times)
     # Frames are unturned at rest, so that the zero pose is the rest pose.
     offsets = [rest.position[0, at] - rest.position[0, max(parent, 0)] for at, parent in enumerate(joints.parents)]
-    tree = JointTree(joints.names, joints.parents, np.array(offsets), ((),) * len(joints.nodes))
+    ends = tuple(() if at in joints.parents else (np.zeros(3),) for at in range(len(joints.nodes)))
+    tree = JointTree(joints.names, joints.parents, np.array(offsets), ends)
     turned = rotations.multiply(pose.orientation, rotations.conjugate(rest.orientation[0]))
     return canonical_frames(
         tree,

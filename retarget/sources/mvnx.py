@@ -49,12 +49,12 @@ PARENTS = _parents()
 @dataclass(eq=False)
 class _Subject:
     """A subject as it is read. labels: of all segments. rows: positions and quaternions of each frame, flat. top (3,):
-    of the head, in its segment's frame."""
+    of the head, in its segment's frame; zero if the file has none."""
 
     rate: str = ""
     labels: list[str] = field(default_factory=list)
     rows: list[tuple[list[float], list[float]]] = field(default_factory=list)
-    top: FloatArray | None = None
+    top: FloatArray = field(default_factory=lambda: np.zeros(3))
     others: int = 0
 
 
@@ -66,8 +66,8 @@ def read_mvnx(
     stature: float | None = None,
     up: FloatArray | None = None,
 ) -> SensorFrames:
-    """Read a motion. unit: of lengths, instead of metres. rate: frames per second, instead of the file's. stature: m, of
-    the performer, which gives the unit. up (3,): the up axis. Raises InputError with the file and the frame."""
+    """Read a motion. unit: of lengths, instead of metres. rate: frames per second, instead of the file's. stature: m,
+    of the performer, which gives the unit. up (3,): the up axis. Raises InputError with the file and the frame."""
     subject = _parsed(path)
     check_frame_count(len(subject.rows), str(path))
     labels = subject.labels or list(SEGMENTS)
@@ -88,8 +88,7 @@ def read_mvnx(
     if not np.isfinite(pose.orientation).all():
         raise InputError("no quaternion", where=str(path), found="four zeros", next_step="Export the recording again")
     tree = tree_of_poses(names, tuple(names.index(PARENTS[name]) if PARENTS[name] else -1 for name in names), pose)
-    if subject.top is not None:
-        tree = replace(tree, ends=tuple((subject.top,) if name == "Head" else () for name in names))
+    tree = replace(tree, ends=tuple((subject.top,) if name == "Head" else () for name in names))
     if rate is None:
         rate = check_rate(numbers([subject.rate], f"{path}: frameRate")[0], f"{path}: frameRate")
     notes = (f"{subject.others + 1} subjects in the file: only the first is read",) if subject.others else ()

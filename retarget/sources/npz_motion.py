@@ -1,4 +1,4 @@
-"""Motion as arrays (.npz): the SMPL family (`amass`), mere joint positions (the input of holosoma), and Kimodo's output.
+"""Motion as arrays (.npz): the SMPL family (`amass`), mere joint positions (as holosoma takes them), Kimodo's output.
 
 The layout is known by the names of the arrays. No pickle is read: an array of Python objects is refused where it is
 needed, and passed over where it is not.
@@ -38,8 +38,8 @@ JOINT_KEYS = frozenset(("global_joint_positions", "height"))
 KIMODO_KEYS = frozenset(("posed_joints", "global_rot_mats"))
 """Arrays that are read of these layouts."""
 LAYOUTS = (
-    "poses, trans and mocap_framerate (AMASS); root_orient, pose_body and trans (AMASS stageii); global_orient, body_pose "
-    "and transl (SMPL); global_joint_positions (joints); posed_joints and global_rot_mats (Kimodo)"
+    "poses, trans and mocap_framerate (AMASS); root_orient, pose_body and trans (AMASS stageii); global_orient, "
+    "body_pose and transl (SMPL); global_joint_positions (joints); posed_joints and global_rot_mats (Kimodo)"
 )
 KIMODO_RATE_HZ = 30.0
 """Rate, Hz, of Kimodo's motions, which do not say it."""
@@ -59,9 +59,9 @@ def read_npz(
     stature: float | None = None,
     up: FloatArray | None = None,
 ) -> SensorFrames:
-    """Read a motion. unit: of lengths, instead of metres. rate: frames per second, instead of the file's. stature: m, of
-    the performer: the size of a file without bone lengths, the scale of others. up (3,): the up axis. Raises InputError
-    with the file and the array."""
+    """Read a motion. unit: of lengths, instead of metres. rate: frames per second, instead of the file's. stature: m,
+    of the performer: the size of a file without bone lengths, the scale of others. up (3,): the up axis. Raises
+    InputError with the file and the array."""
     read_head(path)
     metres = named_unit(unit) or 1.0
     file = open_arrays(path, lambda names: _wanted(names, path), max_bytes=MAX_ARRAY_BYTES, advice=ADVICE)

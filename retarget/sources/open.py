@@ -1,8 +1,8 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing.
 
 The word `sample` names the recording that comes with the package; a file of that name is `./sample`.
-A new format needs `retarget/sources/NAME.py` with `read_NAME(path, *, unit, rate, stature, up) -> SensorFrames`, its row
-in READERS, and how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
+A new format needs `retarget/sources/NAME.py` with `read_NAME(path, *, unit, rate, stature, up) -> SensorFrames`, its
+row in READERS, and how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
 record markers a `MarkerRecording`.
 """
 
@@ -73,9 +73,9 @@ def open_source(
 
     path: the word SAMPLE as text is that recording, also where a file of this name is there; any other text, and every
     `Path`, is a file. skeleton: the ASF of an AMC, where it does not lie beside it. markers: the user's own table of
-    the markers of a C3D or TRC. unit: m, cm, mm, inch or cmu, where the file does not state it and the guess is wrong. rate:
-    frames per second instead of the file's. stature: m, of the performer: it scales the body of a file with joints, and
-    is not measured in one without. up: the file's up axis (x, -y, ...), where body and file do not show it.
+    the markers of a C3D or TRC. unit: m, cm, mm, inch or cmu, where the file does not state it and the guess is wrong.
+    rate: frames per second instead of the file's. stature: m, of the performer: it scales the body of a file with
+    joints, and is not measured in one without. up: the file's up axis (x, -y, ...), where body and file do not show it.
     performer_root: the ROOT of a BVH with several performers. Raises InputError with file, line and what to do;
     ConfigError for the table of markers; UsageError for values that cannot be, and for what belongs to another format.
     """
@@ -178,13 +178,14 @@ def _binary_kind(head: bytes, first: bytes) -> str:
 # What is refused: pickles run code when they are read, and FBX has no open specification.
 
 _CONVERT = {
-    "torch": 'import torch, numpy; p = torch.load("{name}", map_location="cpu", weights_only=True)["smpl_params_global"]; '
+    "torch": 'import torch, numpy; p = torch.load("{name}", map_location="cpu")["smpl_params_global"]; '
     'numpy.savez("{stem}.npz", **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)',
     "pickle": 'import joblib, numpy; p = next(iter(joblib.load("{name}").values())); '
-    'numpy.savez("{stem}.npz", poses=p["pose_world"], trans=p["trans_world"], fps=30.0)',
+    'r = p["pose_world"]; '
+    'numpy.savez("{stem}.npz", global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
     "npy": 'import numpy; p = numpy.load("{name}"); numpy.savez("{stem}.npz", global_joint_positions=p)',
 }
-"""Kind of file -> the lines of Python that make of it what is read here, where it is as GVHMR, WHAM and others write it."""
+"""Kind of file -> lines of Python that make of it what is read here, as GVHMR (torch) and WHAM (joblib) write it."""
 _REFUSED_SUFFIXES = {
     "pt": "torch",
     "pth": "torch",

@@ -112,6 +112,14 @@ def _positions(lines: Sequence[str], count: int, path: Path) -> FloatArray:
                     allowed=f"up to {width}: number, time and {count} markers, with tabs between them",
                 )
             cells = (cells + [""] * width)[2:width]
+            there = np.array([cell.lower() not in LOST for cell in cells]).reshape(count, 3)
+            if (there.any(axis=1) != there.all(axis=1)).any():
+                raise InputError(
+                    "a marker with a part of its position",
+                    where=where,
+                    allowed="three numbers, or three empty cells where it was not seen",
+                    next_step="Check that tabs stand between the values, or export the file again",
+                )
             values = iter(numbers([cell for cell in cells if cell.lower() not in LOST], where))
             rows.append([np.nan if cell.lower() in LOST else next(values) for cell in cells])
         except InputError as error:
