@@ -162,7 +162,7 @@ def _opened(path: Path) -> _File:
         part = ".".join(map(str, first["loc"]))[:200]
         found = repr(first["input"])[:80]
         raise InputError(
-            "not as glTF 2.0 has it", where=f"{path}: {part}", found=found, allowed=first["msg"][:120]
+            "not as glTF 2.0 has it", where=f"{path}: {part}", found=found, next_step=first["msg"][:120]
         ) from None
     except (ValueError, RecursionError):  # not UTF-8, not JSON, a number of thousands of digits
         raise InputError(

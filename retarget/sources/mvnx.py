@@ -81,8 +81,12 @@ def read_mvnx(
     names = tuple(name for name in PARENTS if name in labels)
     columns = [labels.index(name) for name in names]
     if missing := [name for name in names if PARENTS[name] and PARENTS[name] not in names] or ["Pelvis"] * (not names):
+        found = ", ".join(filter(None, labels))[:200]
         raise InputError(
-            "no whole body of MVN", where=str(path), found=", ".join(labels)[:200], allowed=f"all above {missing[0]}"
+            "no whole body of MVN",
+            where=str(path),
+            found=", ".join(filter(None, labels))[:200],
+            allowed=f"all above {missing[0]}",
         )
     pose = JointPoses(position[:, columns], rotations.normalise(turns[:, columns]))
     if not np.isfinite(pose.orientation).all():
@@ -90,6 +94,9 @@ def read_mvnx(
     tree = tree_of_poses(names, tuple(names.index(PARENTS[name]) if PARENTS[name] else -1 for name in names), pose)
     tree = replace(tree, ends=tuple((subject.top,) if name == "Head" else () for name in names))
     if rate is None:
+        if not subject.rate:
+            step = "Say the frames per second with --rate"
+            raise InputError("no frame rate in the file", where=str(path), allowed="frameRate", next_step=step)
         rate = check_rate(numbers([subject.rate], f"{path}: frameRate")[0], f"{path}: frameRate")
     notes = (f"{subject.others + 1} subjects in the file: only the first is read",) if subject.others else ()
     return canonical_frames(

@@ -38,7 +38,7 @@ READERS: dict[str, Callable[..., SensorFrames]] = {
 }
 """Format -> its reader."""
 FORMATS = tuple(READERS)
-_SUFFIXES = {name: name for name in FORMATS} | {"glb": "gltf", "vrma": "gltf", "vrm": "gltf"}
+SUFFIXES = {name: name for name in FORMATS} | {"glb": "gltf", "vrma": "gltf", "vrm": "gltf"}
 """Suffix -> format."""
 
 SAMPLE = "sample"
@@ -154,8 +154,8 @@ def recognise(path: Path) -> str:
         raise InputError(
             "a skeleton without motion", where=str(path), next_step="Open the AMC and give this with --skeleton"
         )
-    if suffix in _SUFFIXES:
-        return _SUFFIXES[suffix]  # its reader says what is wrong with the content
+    if suffix in SUFFIXES:
+        return SUFFIXES[suffix]  # its reader says what is wrong with the content
     if first.lower().startswith((b":fully-specified", b":degrees", b":radians")):
         return "amc"
     raise InputError(
@@ -179,11 +179,11 @@ def _binary_kind(head: bytes, first: bytes) -> str:
 
 _CONVERT = {
     "torch": 'import torch, numpy; p = torch.load("{name}", map_location="cpu")["smpl_params_global"]; '
-    'numpy.savez("{stem}.npz", **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)',
+    'numpy.savez("{stem}_motion.npz", **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)',
     "pickle": 'import joblib, numpy; p = next(iter(joblib.load("{name}").values())); '
     'r = p["pose_world"]; '
-    'numpy.savez("{stem}.npz", global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
-    "npy": 'import numpy; p = numpy.load("{name}"); numpy.savez("{stem}.npz", global_joint_positions=p)',
+    'numpy.savez("{stem}_motion.npz", global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
+    "npy": 'import numpy; p = numpy.load("{name}"); numpy.savez("{stem}_motion.npz", global_joint_positions=p)',
 }
 """Kind of file -> lines of Python that make of it what is read here, as GVHMR (torch) and WHAM (joblib) write it."""
 _REFUSED_SUFFIXES = {

@@ -305,7 +305,7 @@ Document = dict[str, Any]
 PARTS = gltf_parts(named_rig("bandai"), made(30.0))
 
 
-def edited(change: Callable[[Document], None]) -> bytes:
+def edited(change: Callable[[Document], object]) -> bytes:
     document = json.loads(json.dumps(PARTS[0]))
     change(document)
     return glb_bytes(document, PARTS[1])
@@ -315,7 +315,7 @@ def circle(document: Document) -> None:
     document["nodes"][-1]["children"] = [0]
 
 
-BROKEN: dict[str, tuple[Callable[[Document], None], Facts]] = {
+BROKEN: dict[str, tuple[Callable[[Document], object], Facts]] = {
     "no animation": (lambda d: d.pop("animations"), "animation"),
     "glTF 1": (lambda d: d["asset"].update(version="1.0"), "2.0"),
     "a circle of nodes": (circle, "nodes"),

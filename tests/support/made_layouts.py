@@ -279,7 +279,7 @@ MARKER_PAIRS = {"knee": ("KNE", "KNI"), "ankle": ("ANK", "ANI"), "elbow": ("ELB"
 
 def marker_tracks(motion: Made) -> dict[str, FloatArray]:
     """Markers (T, 3) m, world: pairs about joints, four on the head, four on the waist."""
-    tracks = {}
+    tracks: dict[str, FloatArray] = {}
     for s in "lr":
         for joint, pair in MARKER_PAIRS.items():
             at, turn = motion.joints[f"{s}_{joint}"], motion.turns[f"{s}_{joint}"]
