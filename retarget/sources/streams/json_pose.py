@@ -16,6 +16,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NoReturn
 
 import numpy as np
@@ -61,14 +62,20 @@ class JsonLayout:
 
     def orientations(self, sent: FloatArray) -> FloatArray:
         """Orientations (k, 4) of the sensors, unturned where arms hang, of those sent (k, 4), REP-103."""
-        if not self.turned:
-            return np.full_like(sent, np.nan)
+        return rotations.multiply(sent[self._rows], self._back) if self.turned else np.full_like(sent, np.nan)
+
+    @cached_property
+    def _rows(self) -> list[int]:
+        """Of each sensor the one with whose part it turns: a toe sensor turns with the foot."""
         names = [*self.places]
-        rows = [names.index(name.replace("toe", "ankle")) for name in names]  # a toe sensor turns with the foot
+        return [names.index(name.replace("toe", "ankle")) for name in names]
+
+    @cached_property
+    def _back(self) -> FloatArray:
+        """Turns (k, 4) from a T-pose to hanging arms, by 90 degrees about forward."""
         half = math.sqrt(0.5)
-        hang = {name: half if name.startswith("l_") else -half for name in names if name[2:] in _ARM}
-        back = np.array([(half, hang[name], 0.0, 0.0) if name in hang else rotations.IDENTITY for name in names])
-        return rotations.multiply(sent[rows], back)
+        hang = {name: half if name.startswith("l_") else -half for name in self.places if name[2:] in _ARM}
+        return np.array([(half, hang[name], 0.0, 0.0) if name in hang else rotations.IDENTITY for name in self.places])
 
 
 _ARM = ("shoulder", "elbow", "wrist")
@@ -76,9 +83,7 @@ _WEBXR: Mapping[str, int] = TABLES["webxr_83"]
 _SMPL = {**(joints_by_name(SMPL_NAMES) or {}), "chest": SMPL_NAMES.index("spine3")}
 LAYOUTS: Mapping[str, JsonLayout] = {
     "smpl24": JsonLayout(len(SMPL_NAMES), {name: _SMPL[name] for name in SENSORS if name in _SMPL}, turned=True),
-    "webxr83": JsonLayout(
-        83, {name: TABLES["webxr_83"][name] for name in SENSORS if name in TABLES["webxr_83"]}, False
-    ),
+    "webxr83": JsonLayout(83, {name: _WEBXR[name] for name in SENSORS if name in _WEBXR}, turned=False),
 }
 """Layouts by name: SMPL's order, which PICO's body tracking has too, and the joints of WebXR's tracked body, whose
 turns are not specified alike for all joints."""
