@@ -285,14 +285,8 @@ def made_arrays() -> tuple[bytes, ...]:
 def made_glb() -> bytes:
     """The performer of `made_motion` as nodes, of which the first turns."""
     names = [name for name, _, _ in JOINTS]
-    nodes = [
-        {
-            "name": name,
-            "translation": [0.01 * x for x in at],
-            "children": [names.index(n) for n, p, _ in JOINTS if p == name],
-        }
-        for name, _, at in JOINTS
-    ]
+    below = {name: [names.index(child) for child, parent, _ in JOINTS if parent == name] for name in names}
+    nodes = [{"name": name, "translation": [0.01 * x for x in at], "children": below[name]} for name, _, at in JOINTS]
     data = struct.pack("<2f", 0.0, 0.1) + struct.pack("<8f", *(0, 0, 0, 1) * 2)
     document = {
         "asset": {"version": "2.0"},
