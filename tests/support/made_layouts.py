@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from retarget import rotations
+from retarget.model.body import BodyModel
 from retarget.model.human import build_human
 from retarget.model.human_dimensions import POINTS, proportional_dimensions
 from retarget.sources.skeletons import TABLES, layout
@@ -47,10 +48,8 @@ class Made:
         return self.turns[PARTS.get(sensor, sensor)]
 
 
-@cache
-def made(rate: float) -> Made:
-    human = build_human(proportional_dimensions(STATURE_M))
-    body, time = human.body, np.arange(round(SECONDS * rate) + 1) / rate
+def _postures(body: BodyModel, time: FloatArray) -> FloatArray:
+    """Postures (T, nq) of the human over time (T,) s, before its feet are put on the ground."""
 
     def curve(*keys: tuple[float, float]) -> FloatArray:
         times, values = zip(*keys, strict=True)
@@ -81,6 +80,14 @@ def made(rate: float) -> Made:
     yaw = np.radians(curve((0.0, 0.0), (2.3, 0.0), (2.9, 40.0), (3.0, 40.0)))
     q[:, 0], q[:, 2] = 0.25 * curve((0.0, 0.0), (1.8, 0.0), (2.4, 1.0), (3.0, 1.0)), 1.0
     q[:, 3:7] = rotations.from_axis_angle([0.0, 0.0, 1.0], yaw)
+    return q
+
+
+@cache
+def made(rate: float) -> Made:
+    human = build_human(proportional_dimensions(STATURE_M))
+    body, time = human.body, np.arange(round(SECONDS * rate) + 1) / rate
+    q = _postures(body, time)
     frames = [body.frame(name) for name in POINTS]
     links, local = [frame.body for frame in frames], np.array([frame.position for frame in frames])
     points = body.solver_body().points(q, links, local)
