@@ -166,9 +166,11 @@ def _measured(file: ArrayFile, *, unit: float) -> dict[str, float]:
     """Lengths (m) of segments by their end, from markers: medians over the frames in which both ends were seen."""
     if not set(MARKERS) <= set(file.arrays) or file.arrays[MARKERS[1]].dtype.kind not in "US":
         return {}
-    labels = [
-        one.decode("latin-1") if isinstance(one, bytes) else one for one in file.arrays[MARKERS[1]].reshape(-1).tolist()
-    ]
+    named = file.arrays[MARKERS[1]]
+    if named.dtype.kind == "S":
+        labels = [one.decode("latin-1") for one in named.reshape(-1).tolist()]
+    else:
+        labels = file.texts(MARKERS[1], *(None for _ in named.shape)).reshape(-1).tolist()
     positions = file.floats(MARKERS[0], None, len(labels), 3, unknown=True)
     known = frozenset(name for options in MARKER_GROUPS.values() for group in options for name in group)
     columns = {split[1]: column for column, label in enumerate(labels) if (split := split_label(label, known))}

@@ -173,11 +173,12 @@ def test_what_gvhmr_converts_to_is_y_up(tmp_path: Path) -> None:
         ({"poses": np.full((91, 156), np.nan)}, ("poses", "nan")),
         ({"poses": np.full((91, 156), 1e12)}, "1e9"),
         ({"poses": np.array([["a"]])}, "poses"),
+        ({"marker_data": np.ones((91, 1, 3)), "marker_labels": np.array([2**31], "<u4").view("<U1")}, "marker_labels"),
         ({"trans": np.zeros((90, 3))}, ("trans", "(90, 3)")),
         ({"trans": None}, "poses"),
         ({"poses": np.array([[{}]], object)}, ("pickle", "poses", "numpy.asarray")),
     ],
-    ids=range(11),
+    ids=range(12),
 )
 def test_arrays_that_are_wrong_are_named(tmp_path: Path, changes: dict[str, Any], facts: Facts) -> None:
     path = write_amass(tmp_path, made(30.0), **changes)
@@ -213,7 +214,7 @@ def test_kimodo_s_counts_and_matrices_are_checked(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "facts"),
     [
-        ("hmr4d_results.pt", b"PK\3\4", ("torch.load", "numpy.savez", "hmr4d_results.npz", "smpl_params_global")),
+        ("hmr4d_results.pt", b"PK\3\4", ("torch.load", "numpy.savez", "hmr4d_results_motion.npz", "smpl_params_global")),
         ("wham_output.pkl", b"\x80\x03}q\x00.", ("joblib.load", "numpy.savez", "pose_world")),
         ("a.joblib", b"x\x9c\x01", "joblib.load"),
         ("noname", b"\x80\x04\x95", "joblib.load"),
