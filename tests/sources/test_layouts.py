@@ -214,7 +214,11 @@ def test_kimodo_s_counts_and_matrices_are_checked(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "facts"),
     [
-        ("hmr4d_results.pt", b"PK\3\4", ("torch.load", "numpy.savez", "hmr4d_results_motion.npz", "smpl_params_global")),
+        (
+            "hmr4d_results.pt",
+            b"PK\3\4",
+            ("torch.load", "numpy.savez", "hmr4d_results_motion.npz", "smpl_params_global"),
+        ),
         ("wham_output.pkl", b"\x80\x03}q\x00.", ("joblib.load", "numpy.savez", "pose_world")),
         ("a.joblib", b"x\x9c\x01", "joblib.load"),
         ("noname", b"\x80\x04\x95", "joblib.load"),

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from retarget import rotations
 from retarget.model.body import BodyModel
@@ -417,6 +418,14 @@ def write_trc(folder: Path, motion: Made, *, unit: str = "mm") -> Path:
     return path
 
 
+def _keys(values: FloatArray, rows: NDArray[np.intp], motion: Made, interpolation: str) -> FloatArray:
+    """Values at the keys; of a cubic spline in-tangent, value and out-tangent, from central differences."""
+    if interpolation != "CUBICSPLINE":
+        return values[rows]
+    slope = np.gradient(values, motion.time, axis=0)
+    return np.stack([slope[rows], values[rows], slope[rows]], axis=1).reshape(-1, values.shape[-1])
+
+
 def gltf_parts(
     rig: Rig, motion: Made, *, interpolation: str = "LINEAR", every: int = 1, shorts: bool = False
 ) -> tuple[dict[str, Any], bytes]:
@@ -437,13 +446,6 @@ def gltf_parts(
         accessors.append(entry | ({"normalized": True} if code != 5126 else {}))
         return len(accessors) - 1
 
-    def keys(values: FloatArray) -> FloatArray:
-        """In-tangent, value and out-tangent of each key of a cubic spline, from central differences."""
-        if interpolation != "CUBICSPLINE":
-            return values[rows]
-        slope = np.gradient(values, motion.time, axis=0)
-        return np.stack([slope[rows], values[rows], slope[rows]], axis=1).reshape(-1, values.shape[-1])
-
     times, samplers, channels = accessor(motion.time[rows], "SCALAR"), list[dict[str, Any]](), list[dict[str, Any]]()
     nodes: list[dict[str, Any]] = []
     for at, (name, parent) in enumerate(zip(rig.names, rig.parents, strict=True)):
@@ -457,9 +459,9 @@ def gltf_parts(
             * np.where(np.cumprod(np.append(1.0, np.sign((turn[1:] * turn[:-1]).sum(axis=1)))) < 0, -1.0, 1.0)[:, None]
         )
         code = 5122 if shorts else 5126
-        outputs = {"rotation": accessor(keys(turn[:, [1, 2, 3, 0]]), "VEC4", code)}
+        outputs = {"rotation": accessor(_keys(turn[:, [1, 2, 3, 0]], rows, motion, interpolation), "VEC4", code)}
         if parent < 0:
-            outputs["translation"] = accessor(keys(position[:, at]), "VEC3")
+            outputs["translation"] = accessor(_keys(position[:, at], rows, motion, interpolation), "VEC3")
         for path, output in outputs.items():
             samplers.append({"input": times, "output": output, "interpolation": interpolation})
             channels.append({"sampler": len(samplers) - 1, "target": {"node": at, "path": path}})
