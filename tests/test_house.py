@@ -43,7 +43,8 @@ BELOW["recording"] = {*BELOW["run"], "recording"}
 BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
 BELOW["web"] = {*BELOW["recording"], "report", "viewer"}
 BELOW["setup"] = {*BELOW["web"], "web"}
-BELOW["cli"] = {*BELOW["setup"], "setup"}
+BELOW["batch"] = {*BELOW["setup"], "setup"}
+BELOW["cli"] = {*BELOW["batch"], "batch"}
 
 
 @cache

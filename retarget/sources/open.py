@@ -20,6 +20,8 @@ from retarget.sources.files import read_head
 from retarget.sources.streams.raw_record import is_recording
 
 FORMATS = ("amc", "bvh", "c3d")
+SUFFIXES = FORMATS
+"""Suffixes of the motion files that a folder is searched for."""
 
 SAMPLE = "sample"
 """In place of a path: the recording that comes with the package, a synthetic person who waves and crouches."""
