@@ -1,7 +1,7 @@
 """A batch: what is still to be done, an engine that does it, and the index that keeps every row."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ from hardware.clock import Clock, MonotonicClock
 from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus
 from retarget.batch.index import BatchIndex, remove_parts, still_to_do
 
-Engine = Callable[[Sequence[BatchClip], BatchSettings], Iterator[ClipRow]]
+Engine = Callable[[Sequence[BatchClip], BatchSettings], Generator[ClipRow, None, None]]
 """`on_processes` or `on_ray`, with all its options."""
 KILLED = (ClipStatus.TIMED_OUT, ClipStatus.CRASHED, ClipStatus.OUT_OF_MEMORY)
 """What may leave files behind that are half written."""

@@ -5,7 +5,7 @@ An engine takes clips as it has room for them, and yields their rows in the orde
 """
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from multiprocessing.connection import wait
 from typing import Any
 
@@ -27,7 +27,7 @@ def on_processes(
     limits: ClipLimits,
     jobs: int,
     work: Work = process_clip,
-) -> Iterator[ClipRow]:
+) -> Generator[ClipRow, None, None]:
     """Rows of clips, by so many processes of this machine. They end with this generator, and with its process."""
     left = iter(clips)
     workers = [ClipWorker(work, settings, limits) for _ in range(jobs)]
@@ -71,7 +71,7 @@ def on_ray(
     jobs: int | None = None,
     address: str | None = None,
     work: Work = process_clip,
-) -> Iterator[ClipRow]:
+) -> Generator[ClipRow, None, None]:
     """Rows of clips, by tasks of Ray. address: of a cluster; without it that of RAY_ADDRESS, else Ray is started here,
     with `jobs` processors. On a cluster, `jobs` is the most that are used at once.
 

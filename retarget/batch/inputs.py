@@ -43,9 +43,9 @@ def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchC
             )
     shared = Counter(name.casefold() for name in below.values())
     clips = []
-    for source, name in below.items():
-        mark = f"-{hashlib.sha256(os.fsencode(source)).hexdigest()[:8]}" if shared[name.casefold()] > 1 else ""
-        clips.append(BatchClip(source, f"{name}{mark}{ending}"))
+    for path, name in below.items():
+        mark = f"-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}" if shared[name.casefold()] > 1 else ""
+        clips.append(BatchClip(path, f"{name}{mark}{ending}"))
     return tuple(sorted(clips, key=lambda clip: clip.output))
 
 

@@ -85,7 +85,7 @@ class ClipWorker:
         ended = not process.is_alive()  # before the last look at what it has sent
         try:
             while self._connection.poll():
-                message = self._connection.recv()
+                message: ClipRow | None = self._connection.recv()
                 if message is not None:
                     self._clip, self._starts = None, 0
                     if message.status is ClipStatus.OUT_OF_MEMORY:  # what was not freed is not known
@@ -101,7 +101,8 @@ class ClipWorker:
             return None
         self.end()
         if self._begun is None:
-            return self._start_again(clip, f"a process did not begin within {START_S:g} s")
+            self._start_again(clip, f"a process did not begin within {START_S:g} s")
+            return None
         return self._lost(clip, ClipStatus.TIMED_OUT, "TimeLimit", f"not done after {self._limits.time_s:g} s")
 
     def run(self, clip: BatchClip) -> ClipRow:
@@ -135,7 +136,8 @@ class ClipWorker:
         self.end()
         how = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
         if self._begun is None:
-            return self._start_again(clip, f"a process ended with {how} before it began")
+            self._start_again(clip, f"a process ended with {how} before it began")
+            return None
         if code == -signal.SIGKILL:
             how += ": another program, or the system, which had no memory left"
         return self._lost(clip, ClipStatus.CRASHED, "Crash", f"the process ended with {how}")

@@ -66,8 +66,8 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
     or `brake`; servo_positions (T, n) rad as the servos reported them, NaN without; human_q (T, nq) with human_mjcf,
     the text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
-    valid; dt s; motion_dt s; of a run in real time the times of its stages. Before and after following, landmarks_asked,
-    human_truth and sensors stand still.
+    valid; dt s; motion_dt s; of a run in real time the times of its stages. Before and after following,
+    landmarks_asked, human_truth and sensors stand still.
     """
     record, robot, sent = run.record, run.robot, run.record.robot
     names, asked, reached = run.followed
