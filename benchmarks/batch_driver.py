@@ -16,6 +16,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from hardware.clock import MonotonicClock
 from retarget.batch.batch import Engine, run_batch
 from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, batch_settings, failed_row, process_clip
@@ -70,7 +72,7 @@ def plant(clip: BatchClip) -> None:
     if "allocates" in name:
         kept = []
         while True:
-            kept.append(bytearray(2**26))
+            kept.append(np.zeros(2**23))
 
 
 def main() -> None:
