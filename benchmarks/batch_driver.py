@@ -1,8 +1,9 @@
 """`python -m benchmarks.batch_driver`: a batch whose clips may have faults, to be killed and resumed from outside.
 
 A clip with one of FAULTS in its name does that. The others are followed as in `retarget batch`; with `--instant`, each
-only copies its source. The last line that is printed is JSON: rows by status, clips a second, and the peak memory of
-this process, MB, which is the driver's.
+only copies its source. With `--loop` they are run one after the other in this process. The last line that is printed is
+JSON: rows by status; clips a second, and since the first row, before which processes start; CPU, s a clip, of all
+processes of this machine; and the peak memory of this process, MB.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import os
 import resource
 import signal
+from collections.abc import Generator, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -75,6 +77,12 @@ def plant(clip: BatchClip) -> None:
             kept.append(np.zeros(2**23))
 
 
+def in_loop(clips: Iterable[BatchClip], settings: BatchSettings) -> Generator[ClipRow, None, None]:
+    """The rows of clips, by this process alone."""
+    for clip in clips:
+        yield process_clip(clip, settings)
+
+
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.batch_driver", description=__doc__)
@@ -83,24 +91,32 @@ def main() -> None:
     parser.add_argument("--robot", default="op3")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--ray", action="store_true")
+    parser.add_argument("--loop", action="store_true")
     parser.add_argument("--instant", action="store_true")
     parser.add_argument("--time-limit", type=float, default=20.0, help="s")
     parser.add_argument("--memory", type=float, default=3.0, help="GB")
     asked = parser.parse_args()
     settings = batch_settings(asked.out, RunOptions(robot=asked.robot, playback=Playback()), bench=BENCH)
     clips = find_clips([str(asked.folder)], out=settings.out, ending=".npz")
+    work = partial(process_clip, follow=instant if asked.instant else faulty)
     engine: Engine = partial(
         on_ray if asked.ray else on_processes,
         limits=ClipLimits(asked.time_limit, int(1e9 * asked.memory)),
         jobs=asked.jobs,
-        work=partial(process_clip, follow=instant if asked.instant else faulty),
+        work=work,
     )
+    if asked.loop:
+        engine = in_loop
+    times = list[float]()
     with BatchIndex(settings.out) as index:
-        tally = run_batch(clips, settings, index, engine)
+        tally = run_batch(clips, settings, index, engine, look=lambda tally, row: times.append(tally.seconds))
         index.write_table()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    rate = tally.over / max(tally.seconds, 1e-9)
-    print(json.dumps({**tally.counts, "done_before": tally.done_before, "rate": rate, "peak_mb": peak}), flush=True)
+    found = {"done_before": tally.done_before, "rate": tally.over / max(tally.seconds, 1e-9), "peak_mb": peak}
+    found["working_rate"] = (len(times) - 2) / max(times[-1] - times[1], 1e-9) if len(times) > 2 else 0.0
+    usage = [resource.getrusage(of) for of in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    found["cpu_s"] = sum(one.ru_utime + one.ru_stime for one in usage) / max(tally.over, 1)
+    print(json.dumps({**tally.counts, **found}), flush=True)
 
 
 if __name__ == "__main__":
