@@ -184,7 +184,7 @@ def _shown() -> Iterator[Callable[[BatchTally, ClipRow | None], None]]:
 def progress_of(tally: BatchTally) -> str:
     """How far a batch is, in a line."""
     if not tally.over:
-        before = f", {tally.done_before} are done" if tally.done_before else ""
+        before = f", {tally.done_before} done before" if tally.done_before else ""
         return f"{counted(tally.todo, 'clip')} to do{before}"
     failed = f", {tally.failed} failed" if tally.failed else ""
     line = f"{tally.over} of {counted(tally.todo, 'clip')}, {tally.over / tally.seconds:.2g} a second{failed}"
