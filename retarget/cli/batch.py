@@ -112,18 +112,18 @@ def batch(inputs: list[str], out: Path, options: RunOptions, file: FileOptions, 
 
     The same command goes on where it ended, and leaves out what is done. Outputs do not depend on --jobs and --engine.
 
-    Arguments:
-        inputs INPUT: Motion files, folders, patterns in quotes ('data/**/*.bvh'), or lists (.txt, a path a line).
-
-    Options:
-        out DIR: Folder of outputs and index.
-
     Examples:
         retarget batch --robot op3 --out op3_data recordings
         retarget batch --robot op3 --out op3_data --format csv --fps 30 'data/**/*.bvh' --retry-failed
         retarget batch --robot op3 --out op3_data --shard 3/100 all.txt
 
     Exit code 0: each clip is done, 1: some failed, 2: refused before anything ran, 130: Ctrl-C; then call it again.
+
+    Arguments:
+        inputs: Motion files, folders, patterns in quotes ('data/**/*.bvh'), or lists (.txt, a path a line).
+
+    Options:
+        out DIR: Folder of outputs and index.
     """
     engine, ending = batched.checked(options), batched.ending
     shard = None if batched.shard is None else Shard.parsed(batched.shard)
