@@ -22,7 +22,7 @@ from retarget.recording.tables import arrow
 from retarget.schema.files import make_folder, write_stream
 
 ALL = "index*.jsonl"
-BLOCK = 5000
+BLOCK = 500
 """Rows of the table that are in memory at once."""
 
 

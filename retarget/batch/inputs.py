@@ -110,6 +110,7 @@ def _lines(path: Path) -> list[str]:
 # Shards: every n-th clip of the sorted list, for jobs that know nothing of each other.
 
 MAX_SHARDS = 100_000
+"""Most shards: more than any array of jobs has."""
 
 
 @dataclass(frozen=True)
