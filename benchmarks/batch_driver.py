@@ -27,7 +27,7 @@ from retarget.batch.clip import follow_clip as usual
 from retarget.batch.engines import on_processes, on_ray
 from retarget.batch.index import BatchIndex
 from retarget.batch.inputs import find_clips
-from retarget.batch.worker import ClipLimits
+from retarget.batch.worker import ClipLimits, Work
 from retarget.cli.batch import BENCH
 from retarget.human.samples import Playback
 from retarget.run.options import RunOptions
@@ -77,10 +77,12 @@ def plant(clip: BatchClip) -> None:
             kept.append(np.zeros(2**23))
 
 
-def in_loop(clips: Iterable[BatchClip], settings: BatchSettings) -> Generator[ClipRow, None, None]:
+def in_loop(
+    clips: Iterable[BatchClip], settings: BatchSettings, work: Work = process_clip
+) -> Generator[ClipRow, None, None]:
     """The rows of clips, by this process alone."""
     for clip in clips:
-        yield process_clip(clip, settings)
+        yield work(clip, settings)
 
 
 def main() -> None:
@@ -106,7 +108,7 @@ def main() -> None:
         work=work,
     )
     if asked.loop:
-        engine = in_loop
+        engine = partial(in_loop, work=work)
     times = list[float]()
     with BatchIndex(settings.out) as index:
         tally = run_batch(clips, settings, index, engine, look=lambda tally, row: times.append(tally.seconds))
