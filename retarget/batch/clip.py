@@ -96,7 +96,7 @@ class BatchSettings:
     hash: str
 
 
-class Bench(Protocol):
+class ClipBench(Protocol):
     """What stands in for hardware in the run of one clip."""
 
     def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
@@ -109,7 +109,7 @@ class Bench(Protocol):
         """Add what it has measured to a run that is over."""
 
 
-MakeBench = Callable[[RunOptions, Notify], Bench]
+MakeBench = Callable[[RunOptions, Notify], ClipBench]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,7 +317,7 @@ def _robot(name: str, root: Root | None) -> RobotBody:
 class _BenchOperator(Operator):
     """Stops a run for what its bench sees: a robot that has fallen."""
 
-    def __init__(self, bench: Bench, machine: Machine | None, samples: Samples) -> None:
+    def __init__(self, bench: ClipBench, machine: Machine | None, samples: Samples) -> None:
         self._bench, self._machine, self._samples = bench, machine, samples
 
     def ask(self, state: RunState | None) -> OperatorInput:

@@ -126,9 +126,10 @@ class ClipWorker:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         arguments = (theirs, self._work, self._settings, self._limits)
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        process = context.Process(target=_serve, args=arguments, daemon=True)
         with _for_children():
-            self._process.start()
+            process.start()
+        self._process = process
         theirs.close()
 
     def _crashed(self, clip: BatchClip, process: SpawnProcess) -> ClipRow | None:
