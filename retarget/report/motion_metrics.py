@@ -76,6 +76,34 @@ def limit_violations(
     return LimitViolations(*counts.tolist())
 
 
+@dataclass(frozen=True)
+class LimitShares:
+    """Shares of the ticks that followed in which a joint at least is at its limit."""
+
+    position: float
+    velocity: float
+    acceleration: float
+
+
+AT_LIMIT = 0.999
+"""Share of its largest speed or acceleration from which on a joint is at it."""
+AT_POSITION = 1e-4
+"""Nearer to the limit of its position than this, rad or m, a joint is at it."""
+
+
+def limit_shares(run: RunResult) -> LimitShares | None:
+    """How often the joints that a run moves are at their limits; None where fewer than three ticks followed."""
+    moved = moved_joints(run)
+    q, limits, dt = moved.positions[run.record.following], moved.limits, moved.dt
+    if len(q) < 3 or not moved.names:
+        return None
+    step = np.diff(q, axis=0)
+    near = (q < limits.lower + AT_POSITION) | (q > limits.upper - AT_POSITION)
+    fast = np.abs(step) >= AT_LIMIT * dt * limits.max_velocity
+    hard = np.abs(np.diff(step, axis=0)) >= AT_LIMIT * dt**2 * limits.max_acceleration
+    return LimitShares(*(float(at.any(axis=1).mean()) for at in (near, fast, hard)))
+
+
 def jerk_p95(positions: FloatArray, dt: float) -> float | None:
     """95th percentile of the size of the jerk of joint positions (T, n), rad/s^3; None for fewer than four ticks."""
     if len(positions) < 4 or positions.shape[1] == 0:
