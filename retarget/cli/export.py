@@ -8,8 +8,8 @@ from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
-from retarget.recording.export import export_motion, export_place, format_named
-from retarget.recording.lerobot import DEFAULT_TASK
+from retarget.recording.exports.formats import export_motion, export_place, format_named
+from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.read_run import read_run
 from retarget.run.record import PHASE_NAMES, Phase

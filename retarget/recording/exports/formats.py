@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import UsageError, suggest
-from retarget.recording.bvh_export import write_bvh
-from retarget.recording.lerobot import DEFAULT_TASK, lerobot_files
+from retarget.recording.exports.bvh_writer import write_bvh
+from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK, lerobot_files
+from retarget.recording.exports.tables import write_csv, write_parquet
 from retarget.recording.motion import Motion, angular_velocity, links_of, rate_of_change
-from retarget.recording.tables import write_csv, write_parquet
 from retarget.schema.files import check_folder, check_path, check_place, write_folder, write_stream
 
 # NPZ for trainers of motion tracking: the keys that whole_body_tracking (BeyondMimic) and mjlab load, and GMR's.

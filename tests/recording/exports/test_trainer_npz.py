@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from recordings import RATE, moved, op3
 from retarget.model.robot import load_robot
-from retarget.recording.export import trainer_arrays, write_trainer_npz
+from retarget.recording.exports.formats import trainer_arrays, write_trainer_npz
 from retarget.recording.motion import Motion
 
 
