@@ -8,7 +8,7 @@ from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
-from retarget.recording.exports.formats import export_motion, export_place, format_named
+from retarget.recording.exports.formats import export_motion, export_place, format_help, format_named
 from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.read_run import read_run
@@ -30,16 +30,15 @@ def export(
 ) -> None:
     """Export a recorded run: joint positions with names and units, in a format that others read.
 
-    csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/results.md.
+    parquet and lerobot need the extra 'record'. Quaternions, joints, root and units are printed: docs/results.md.
 
     Arguments:
         file FILE: A run that was saved or recorded: FILE.npz, FILE.mcap.
 
     Options:
-        to csv|npz|parquet|bvh|lerobot: Tables; arrays for trainers of motion tracking; an animated skeleton; a LeRobot
-            dataset (v3.0).
+        to FORMAT: {formats}
         out PATH: Where it goes, usually beside FILE. Nothing is overwritten.
-        fps N: Resample to so many rows per second; else rows are the ticks.
+        fps N: Resample to so many rows per second; else as the readers of the format expect, or rows are the ticks.
         phase follow|all: Part of the run: 'all' includes the approach and the braking.
         of robot|human: Whose motion: the robot's, or that of the human it followed.
         body FILE: The robot's MJCF or URDF, where FILE names none that is there.
@@ -53,12 +52,17 @@ def export(
     for text in whole.notes:
         note(text)
     place = export_place(form, file, out, of_human=of == HUMAN)
-    motion = _chosen(whole, phase)
+    fps = form.conventions.fps if fps is None else fps
+    chosen = motion = _chosen(whole, phase)
     if fps is not None:
-        motion = resampled(motion, fps)
+        motion = resampled(chosen, fps)
     export_motion(motion, form, place, task=task)
     echo(f"{to}: {place}")
-    echo(_summary(whole, motion, phase, fps))
+    echo(_summary(whole, motion, phase, None if motion is chosen else fps))
+    echo(str(form.conventions))
+
+
+export.__doc__ = str(export.__doc__).replace("{formats}", format_help())
 
 
 def _chosen(motion: Motion, phase: str) -> Motion:
