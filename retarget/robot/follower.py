@@ -17,6 +17,7 @@ from retarget.ik.base_pose import lift_soles
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, footing, plant
+from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop
 from retarget.model.body import BodyModel, JointLimits
 from retarget.model.human_dimensions import HumanDimensions
@@ -365,8 +366,9 @@ class Follower:
         else:
             self._governor.aim(targets, asked, self._reached, dt)
             is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
-        for name, turned in asked.soles:
-            hierarchy.set_orientation(targets, name, np.array(turned))
+        for sole in asked.soles:
+            hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)
+            hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
         if (stop := self.stop(tick)) is not None:
             hierarchy.solver.foresee(stop.postures[-1], dt * (len(stop.postures) - 1))

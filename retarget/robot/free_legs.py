@@ -9,14 +9,18 @@ until the lower ankle is as high above its height in the stance as theirs is.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from retarget.arithmetic import arctan2, hypot
+from retarget.arithmetic import arctan2, hypot, low_pass
 from retarget.model.human_dimensions import FRACTIONS, HumanDimensions
 from retarget.rotations import Quat, Vector, as_vector, axis_turn, minus, product, rotated
-from retarget.types import FloatArray
+from retarget.types import Carrying, FloatArray
 
 LEFT, UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 """Unit vectors in the robot's world."""
 SIDES = ("l", "r")
+SWING = 0.3
+"""Weight of the place of a sole whose foot does not carry: it may lag, and neither drags the body nor the other one."""
+CARRY_S = 0.05
+"""Time constant (s) with which a sole takes the other weight."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,9 @@ class FreeLegs:
         self.restart()
 
     def restart(self) -> None:
-        """Begin at the origin."""
+        """Begin at the origin, on both feet."""
         self._begin: tuple[float, float] | None = None
+        self._weights = [1.0, 1.0]
 
     def pelvis(self, hips: Vector) -> Vector:
         """Where the pelvis is to be, m, but for its height. hips: the middle of the performer's."""
@@ -65,6 +70,12 @@ class FreeLegs:
             yaw, pitch = _direction(line)
             found.append(product(axis_turn(UP, yaw - rest_yaw), axis_turn(LEFT, rest_pitch - pitch)))
         return tuple(found)
+
+    def weights(self, carrying: Carrying, dt: float) -> tuple[float, ...]:
+        """Weights of the places of both soles `dt` s later: one that stands does not slide."""
+        for side, carries in enumerate(carrying.feet):
+            self._weights[side] = low_pass(self._weights[side], 1.0 if carries else SWING, dt / CARRY_S)
+        return tuple(self._weights)
 
     def lift(self, landmarks: Sequence[Vector], turns: Sequence[Quat], ankles: Sequence[Vector]) -> float:
         """How far up all landmarks go, m, so that no ankle is lower than the performer's. ankles: theirs."""

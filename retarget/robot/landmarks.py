@@ -273,7 +273,7 @@ class AskedLandmarks:
     landmarks: k points, m, in the order of the profile's landmarks. limbs: lines, m, in the order of `limb_names`.
     trunk: orientation wxyz of the trunk, the identity when the performer stands upright and faces the heading. gaze:
     unit direction of the performer's eyes. apart: their left ankle from the right one, scaled as a leg, m; carrying:
-    which of their feet carry. soles: orientations wxyz of frames, of free legs alone.
+    which of their feet carry. soles: of free legs alone.
     """
 
     landmarks: list[Vector]
@@ -282,7 +282,7 @@ class AskedLandmarks:
     gaze: Vector
     apart: Vector = (0.0, 0.0, 0.0)
     carrying: Carrying = Carrying.BOTH
-    soles: tuple[tuple[str, Quat], ...] = ()
+    soles: tuple["AskedSole", ...] = ()
 
     def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
         """The same for a body that is led aside and up, m: its pelvis by all of that, all others by a share of the way
@@ -291,6 +291,16 @@ class AskedLandmarks:
         part = (share * x, share * y, z)
         landmarks = [plus(place, aside if row == pelvis else part) for row, place in enumerate(self.landmarks)]
         return replace(self, landmarks=landmarks)
+
+
+@dataclass(frozen=True)
+class AskedSole:
+    """A sole of free legs. name: of its landmark; frame: its own. orientation: wxyz. weight: of its place."""
+
+    name: str
+    frame: str
+    orientation: Quat
+    weight: float
 
 
 @dataclass(frozen=True)
@@ -415,7 +425,9 @@ class LandmarkMap:
         if self._free is not None:
             left_x, left_y, _ = rotated(product(from_world, pelvis_seen), LEFT)
             across = hypot(left_x, left_y) or inf
-            return self._asked_free(self._free, limbs, seen, gaze, aside=(left_x / across, left_y / across))
+            free, aside = self._free, (left_x / across, left_y / across)
+            weights = free.weights(human.carrying, dt)
+            return self._asked_free(free, limbs, seen, gaze, aside=aside, weights=weights)
         pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
@@ -437,10 +449,17 @@ class LandmarkMap:
         return AskedLandmarks(landmarks, self._of_limbs(limbs, trunk), trunk, gaze, apart, human.carrying)
 
     def _asked_free(
-        self, free: FreeLegs, limbs: list[Vector], seen: Quat, gaze: Vector, *, aside: tuple[float, float]
+        self,
+        free: FreeLegs,
+        limbs: list[Vector],
+        seen: Quat,
+        gaze: Vector,
+        *,
+        aside: tuple[float, float],
+        weights: Sequence[float],
     ) -> AskedLandmarks:
         """What is asked of a robot that goes where the performer does. limbs: all rows, in the robot's world. aside: to
-        the left of the performer's pelvis, a unit vector on the ground, or zero."""
+        the left of the performer's pelvis, a unit vector on the ground, or zero. weights: of the soles."""
         feet = len(self.names) + 1
         hips, *ankles = limbs[feet + 5 :]
         turns, pelvis = free.turns(limbs[feet : feet + 2]), free.pelvis(hips)
@@ -459,7 +478,9 @@ class LandmarkMap:
         if self._feet_apart is not None:
             self._feet_apart.ask(landmarks, aside)
         up = (0.0, 0.0, free.lift(landmarks, turns, ankles))
-        soles = tuple((foot.frame, turns[foot.side]) for foot in free.feet)
+        soles = tuple(
+            AskedSole(self.names[foot.row], foot.frame, turns[foot.side], weights[foot.side]) for foot in free.feet
+        )
         landmarks = [plus(place, up) for place in landmarks]
         return AskedLandmarks(landmarks, self._of_limbs(limbs, seen), seen, gaze, soles=soles)
 

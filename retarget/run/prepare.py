@@ -69,7 +69,6 @@ def robot_stage(
     """The robot's follower, and its gate as `make_gate` makes it. Raises UsageError where the robot touches the scene,
     ConfigError where the priorities name what it does not have."""
     with naming_file(priority_names(robot, options)[-1], robot=robot.profile.name):
-        scene = None if robot.floats else scene
         follower = Follower(
             robot, priorities, human.dimensions, parts=options.parts, iterations=options.iterations, scene=scene
         )
@@ -346,8 +345,7 @@ def _human(
 
 
 def scene_of(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
-    """The scene that the options name, with a floor under a robot with feet. One that floats is lifted off it by its
-    soles, and has no scene to avoid: see `robot_stage`."""
+    """The scene that the options name, with a floor under a robot with feet."""
     scene = None if options.scene is None else load_scene(options.scene)
     if robot is not None and robot.on_floor:
         scene = on_floor(scene)
