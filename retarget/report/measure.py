@@ -383,7 +383,7 @@ def _standing(run: RunResult) -> Part:
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.on_floor or not len(sent.q):
         return {}
-    stand = motion_metrics.standing_of(robot, sent.q)
+    stand = motion_metrics.standing_of(robot, sent.q if robot.stands else sent.q[run.record.following])
     known = stand.margin[np.isfinite(stand.margin)]
     soles = zip(np.moveaxis(stand.place, 1, 0), stand.soles, strict=True)
     slides = [motion_metrics.foot_slide(place, corners[..., 2].min(axis=1)) for place, corners in soles]

@@ -209,10 +209,9 @@ class RunOptions:
                 where="--legs free",
                 found=f"--bus {self.bus}",
                 allowed=" or ".join(f"--bus {name}" for name in SERVOLESS),
-                next_step="It is to look at or to train on: leave one of both out",
+                next_step="It is to look at or to train on: leave --legs out, or --bus",
             )
-        parts, steps, scene = self.parts != "whole", self.steps is not None, self.scene is not None
-        others = {"--parts": parts, "--steps": steps, "--scene": scene}
+        others = {"--parts": self.parts != "whole", "--steps": self.steps is not None}
         for option in filter(others.__getitem__, others):
             raise UsageError("free legs go where the performer's go", where=option, next_step="Leave it out")
 
