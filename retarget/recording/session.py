@@ -68,7 +68,7 @@ class Session(_Strict):
     iterations: int | None
     parts: Literal["whole", "upper"]
     steps: Steps | None = None  # in recordings of before there were any
-    legs: Legs = "planted"
+    legs: Legs | None = None
     gate: bool
     scene: str | None
     allow_contact: bool

@@ -126,7 +126,7 @@ class RunOptions:
         stand_at_end: End standing, with torque.
         torque_off_at_end: End at rest, even if it topples there.
         parts whole|upper: What follows; 'upper' keeps the legs still.
-        legs planted|free: 'free' goes where the performer goes, to look at or to train on: nothing balances, no servos.
+        legs planted|free: 'free': as the performer's; on no servos.
         steps WAY: When the performer lifts a foot: planted, shift (steps in place), follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
         faults FILE.yaml: What goes wrong on the emulator's wire.
@@ -147,7 +147,7 @@ class RunOptions:
     iterations: int | None = None
     parts: Parts = "whole"
     steps: Steps | None = None
-    legs: Legs = "planted"
+    legs: Legs | None = None
     gate: bool = True
     scene: str | None = None
     allow_contact: bool = False
@@ -163,7 +163,8 @@ class RunOptions:
         _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
         if self.steps is not None:
             _one_of(self.steps, get_args(Steps), "--steps", "behaviour of the feet")
-        _one_of(self.legs, get_args(Legs), "--legs", "choice of legs")
+        if self.legs is not None:
+            _one_of(self.legs, get_args(Legs), "--legs", "choice of legs")
         if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
             allowed = f"1 to {MAX_ITERATIONS}"
             raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
@@ -192,7 +193,7 @@ class RunOptions:
         robot = f"--robot {HUMAN}"
         if self.parts != "whole":
             raise UsageError("parts are parts of a robot", where="--parts", found=robot)
-        if self.legs != "planted":
+        if self.legs is not None:
             raise UsageError("a human's legs are the performer's", where="--legs", found=robot)
         if self.steps is not None:
             raise UsageError("a human's feet are the performer's", where="--steps", found=robot)

@@ -28,6 +28,7 @@ Arrays = dict[str, NDArray[Any]]
 XYZW: Final = [1, 2, 3, 0]
 """Columns of a quaternion wxyz in the order xyzw."""
 CM: Final = 100.0
+"""In a metre."""
 
 
 def _fps(motion: Motion) -> int | float:
