@@ -92,7 +92,6 @@ RENAMED = {
     "reserve": "speed_margin",
     "off_stops": "soft_limits",
     "late": "tracking_delay",
-    "ahead": "lead_time",
     "following_error_lasting": "following_error_sustained",
     "steady": "balanced",
     "lasting": "balanced_sustained",

@@ -47,8 +47,9 @@ CAUGHT = 0.26
 seen at once, and less is not worth a way that is seen as well."""
 ARRIVED = 0.09
 """[rad] An arm is in the branch of its goal if descents from both end as far from what is asked, to 5 degrees."""
-UNLIKE_S, CHECK_S = 0.6, 0.05
-"""[s] For so long an arm is unlike before its branch is looked at; the time between two looks at an arm."""
+UNLIKE_S, CHECK_S = 1.0, 0.05
+"""[s] For so long an arm is unlike before its branch is looked at: a jump by 2 rad is caught up with by then. The time
+between two looks at an arm."""
 STRAY_S, RISE_S, TRUNK_WEIGHT = 0.3, 0.3, 2.0
 """[s] An arm that has been unlike for so long does not only lag; time in which the weight of the trunk rises then, and
 how many times as much it weighs at last."""

@@ -25,6 +25,7 @@ from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
+from retarget.robot.asked_motion import AskedMotion
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, moving_share, standing_strength
 from retarget.robot.crouch_envelope import robot_envelope
 from retarget.robot.following_limits import following_limits, servo_limits
@@ -40,7 +41,6 @@ from retarget.robot.landmarks import (
     standing_dofs,
     standing_targets,
 )
-from retarget.robot.reference_governor import ReferenceGovernor
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
 from retarget.schema.priorities import Priorities
@@ -233,29 +233,28 @@ class Follower:
         self.hierarchy = build(priorities, np.zeros_like(carrying) if parts == "whole" else carrying)
         unhurried = partial(self._hierarchy_of, limits=limits.unhurried, iterations=ITERATIONS, damping=DAMPING)
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
-        self._soles, still = OnSoles(balance), frozenset(soles)
+        self._soles = OnSoles(balance)
         if legs_move:
             stepping = None
             if steps and envelope is not None:
                 stepping = Stepping(robot, priorities, stance, self.hierarchy, highest=envelope.highest)
-            returns = "pelvis" in robot.profile.landmarks
+            returns, tips = "pelvis" in robot.profile.landmarks, moving_share(priorities) is not None
             self._soles = OnSoles(
                 balance,
                 standing_strength(robot, priorities, stance),
                 footing(robot.kinematics, stance.soles),
-                WholeBodyStop(
-                    robot.body, limits, servo_limits(robot), stance, carrying, tips=moving_share(priorities) is not None
-                ),
+                WholeBodyStop(robot.body, limits, servo_limits(robot), stance, carrying, tips=tips),
                 stepping,
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)
-        self._governor = ReferenceGovernor(
+        self._motion = AskedMotion(
             robot,
             self.hierarchy,
-            still=still,
+            limits,
+            still=frozenset(soles),
             trunk_at_stance=self._reader.trunk_at_stance,
-            lead_time=priorities.lead_time,
+            servo_lead=priorities.servo_lead,
         )
         self._time, self._rest, self._settled_s = TimeScaling(robot.body, limits), Dwell(), 0.0
 
@@ -303,7 +302,7 @@ class Follower:
     def start(self, human: "HumanPosture") -> RobotPosture:
         """Stand, at rest. The robot goes to the performer's posture tick by tick, slowly at first."""
         self.landmark_map.restart()
-        self._governor.restart()
+        self._motion.restart()
         self._arms.restart()
         self._rest, self._settled_s, self._time.scale = Dwell(), 0.0, 1.0
         self.scene_obstacles.restart()
@@ -361,10 +360,10 @@ class Follower:
             keeps = soles.steps is None or soles.steps.plan.support is None
             soles.strength.aim(hierarchy, targets, q, self._reached.centre_of_mass, dt, keeps=keeps)
         if to_stance:
-            self._governor.ask_nothing(targets)
+            self._motion.ask_nothing(targets)
             is_led = True
         else:
-            self._governor.aim(targets, asked, self._reached, dt)
+            self._motion.aim(targets, asked, self._reached, dt)
             is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
         for sole in asked.soles:
             hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)

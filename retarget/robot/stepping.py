@@ -1,10 +1,11 @@
 """Steps in place: goals for a follower's swing foot, weight and support, tick by tick, as `StepPlan` decides."""
 
 from collections.abc import Sequence
-from math import sqrt
+from math import copysign, sqrt
 
 import numpy as np
 
+from retarget._solver import braking_displacement
 from retarget.arithmetic import low_pass, matmul, norm
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy
@@ -23,7 +24,6 @@ from retarget.robot.balance import (
 )
 from retarget.robot.crouch_envelope import Envelope
 from retarget.robot.landmarks import AskedLandmarks, Reached
-from retarget.robot.reference_governor import Glide
 from retarget.robot.step_plan import FOOT, StepInput, StepPlan, StepState, swinging
 from retarget.rotations import Vector, as_vector, minus
 from retarget.schema.priorities import Priorities
@@ -105,6 +105,33 @@ class StepBalance:
             if out > most:
                 share = min(share, most / out)
         return np.asarray(middle + share * (asked - middle))
+
+
+# A point that goes to a goal which may jump, with bounded speed and acceleration along each axis, and stops there.
+
+
+class Glide:
+    """`at`: where the point is, m; `moved`: how far it went in the last tick, m. It starts at rest."""
+
+    def __init__(self, at: Sequence[float], *, acceleration: float, speed: float) -> None:
+        """acceleration, m/s^2, and speed, m/s: the most along each axis."""
+        self._acceleration, self._speed = acceleration, speed
+        self.restart(at)
+
+    def restart(self, at: Sequence[float], moved: Sequence[float] | None = None) -> None:
+        """Go on from a point. moved: how far it went in the last tick, m; absent: it rests there."""
+        self.at = [float(value) for value in at]
+        self.moved = [0.0] * len(self.at) if moved is None else [float(value) for value in moved]
+
+    def step(self, goal: Sequence[float], dt: float, *, speed_share: float = 1.0) -> list[float]:
+        """Return the position `dt` s later on the way to a goal. speed_share: of its greatest speed."""
+        change, most = self._acceleration * dt * dt, speed_share * self._speed * dt
+        for axis, (at, moved) in enumerate(zip(self.at, self.moved, strict=True)):
+            gap = goal[axis] - at
+            wanted = copysign(min(braking_displacement(abs(gap), change), most), gap)
+            moved = min(max(wanted, moved - change), moved + change)
+            self.at[axis], self.moved[axis] = at + moved, moved
+        return self.at
 
 
 # The swing foot: the sole that carries nothing follows the performer's foot within bounds, and returns to its place.

@@ -358,8 +358,9 @@ class Priorities(Schema):
     steps: Steps | None = None
     """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
     of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
-    lead_time: Annotated[NotNegative, Field(le=0.2)] = 0.0
-    """[s] The robot aims at where the asked motion will be then, by its own velocity, as servos lag behind goals."""
+    servo_lead: Annotated[NotNegative, Field(le=2.0)] = 0.0
+    """What carries nothing (arms and head, all of a robot that hangs) aims ahead of the asked motion by this share of
+    the lag of its servos."""
     levels: Annotated[tuple[Level, ...], Field(min_length=1, max_length=32)]
     """Highest first: a level is never traded for a lower one. In an overlay an entry that is only a name is that level
     of its base, an entry with tasks replaces the level of its name or adds one, and what is left out is dropped."""

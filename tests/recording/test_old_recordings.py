@@ -15,8 +15,8 @@ FIXTURES = Path(__file__).parent / "fixtures"
 
 class Old(NamedTuple):
     """A recording. cycles, sensors: messages of `/tick` and of `/sensors`. goals: what was sent; of a human alone:
-    postures. state: the last of the run. cause, reason: of the stop, the reason in part. planned: legs moved, which are
-    planned otherwise today, so goals differ."""
+    postures. state: the last of the run. cause, reason: of the stop, the reason in part. planned: a robot followed,
+    whose goals are planned otherwise today."""
 
     robot: str
     bus: str
@@ -33,7 +33,7 @@ RECORDINGS = {
     "op3_to_rest": Old("op3", "mock", 889, 52, 888, "off"),
     "human_alone": Old("human", "none", 46, 46, 46, None, planned=False),
     "poppy_physics": Old("poppy", "physics", 505, 52, 504, "off"),
-    "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing", planned=False),
+    "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing"),
     "one_step": Old("op3", "mock", 655, 252, 654, "off"),
     "emulator_lost_and_hot": Old("op3", "emulator", 364, 1, 363, "fault", StopCause.LIMB_LOST, "OVERHEATING"),
     "live_hold": Old("op3", "mock", 745, 191, 744, "fault", StopCause.REQUESTED, "torque off"),

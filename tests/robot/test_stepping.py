@@ -24,7 +24,7 @@ from retarget.report.measure import measure
 from retarget.robot.balance import HEAVE_ROWS, SUSTAINED, Room, StandingStrength, inside
 from retarget.robot.follower import Follower
 from retarget.robot.step_plan import CONTACT_WAIT_S, StepState
-from retarget.robot.stepping import HIGH, LOW, WAY, StepBalance, SwingFoot, WeightShift
+from retarget.robot.stepping import ACCELERATION, HIGH, LOW, SPEED, WAY, Glide, StepBalance, SwingFoot, WeightShift
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.schema.priorities import load_priorities
@@ -308,3 +308,25 @@ def test_from_outside_of_the_room_it_gets_to_its_goal_too(away: float) -> None:
     for _ in range(500):
         at = way.step(BALANCE.middles[0], edges, DT)
     assert np.abs(at - BALANCE.middles[0]).max() < 1e-6
+
+
+# A point that glides to a goal which may jump.
+
+
+@settings(max_examples=30)
+@given(goals=st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)), min_size=1, max_size=8))
+def test_whatever_is_asked_it_keeps_its_speed_and_acceleration(goals: list[tuple[float, float]]) -> None:
+    glide, way = Glide((0.0, 0.0), acceleration=ACCELERATION, speed=SPEED), [[0.0, 0.0]]
+    for goal in goals:
+        way += [glide.step(goal, DT).copy() for _ in range(40)]
+    velocity = np.diff(np.array(way), axis=0) / DT
+    assert np.abs(velocity).max() <= SPEED + 1e-9
+    assert np.abs(np.diff(velocity, axis=0, prepend=0.0)).max() <= ACCELERATION * DT + 1e-9
+
+
+@given(goal=st.floats(-0.2, 0.2))
+def test_from_rest_it_settles_without_overshoot(goal: float) -> None:
+    glide = Glide((0.0,), acceleration=ACCELERATION, speed=SPEED)
+    way = np.array([glide.step((goal,), DT)[0] for _ in range(500)])
+    assert (np.abs(way) <= abs(goal) + 1e-12).all()
+    assert abs(way[-1] - goal) < 1e-9 and abs(glide.moved[0]) < 1e-9

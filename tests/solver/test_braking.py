@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from messages import refuses
 from oracles.frame_bounds import frame_bounds
-from retarget._solver import Braking
+from retarget._solver import Braking, braking_displacement
 from retarget.types import FloatArray
 
 DT = 0.01
@@ -129,3 +129,13 @@ def test_no_joint_leaves_its_range_however_it_is_led_and_stopped(start: FloatArr
 def test_limits_must_be_limits(speed: float, dt: float) -> None:
     with refuses(ValueError):
         Braking(LOWER[:1], UPPER[:1], np.array([speed]), ACCELERATION[:1], dt=dt)
+
+
+@given(st.floats(1e-6, 1.0), st.floats(1e-5, 1e-2))
+def test_braking_ends_just_at_the_goal(gap: float, change: float) -> None:
+    step = braking_displacement(gap, change)
+    way, here = 0.0, step
+    while here > 0.0:
+        way, here = way + here, here - change
+    assert way <= gap * (1.0 + 1e-9) + 1e-12
+    assert step <= gap

@@ -1,0 +1,172 @@
+"""Goals of one tick: near to where the robot is, towards what is asked, and none for what was not asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from followers import DT, follower, op3, performer, postures
+from hardware.servo import loop_lag
+from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.support_polygon import plant
+from retarget.ik.tasks import SlotKind
+from retarget.robot.asked_motion import RATE, AskedMotion, MotionFilter
+from retarget.robot.following_limits import following_limits
+from retarget.robot.landmarks import AskedLandmarks, RobotReader, limb_names
+from retarget.rotations import Vector
+from retarget.types import FloatArray
+
+LIMITS = following_limits(op3(), plant(op3(), op3().profile.postures.stand))
+STILL = frozenset({"l_sole", "r_sole"})
+
+
+def goal(hierarchy: Hierarchy, targets: np.ndarray, name: str) -> np.ndarray:
+    """Weight and goal of a landmark, or of a limb."""
+    kind = SlotKind.POSITION if hierarchy.uses(SlotKind.POSITION, name) else SlotKind.LIMB
+    _, slots = hierarchy.position_slots([name], kind)
+    return np.asarray(targets[slots[0]])
+
+
+LIMBS = limb_names(op3().profile)
+
+
+def ahead(limbs: list[Vector]) -> list[Vector]:
+    """All limbs asked 0.1 m ahead of where they are."""
+    return [(x + 0.1, y, z) for x, y, z in limbs]
+
+
+def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> None:
+    robot = follower()
+    robot.start(postures(performer())[0])
+    hierarchy, stance = robot.hierarchy, plant(op3(), op3().profile.postures.stand)
+    reader = RobotReader(op3(), stance)
+    reached = reader.read(stance.q)
+    motion = AskedMotion(op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance)
+    asked = AskedLandmarks(reached.landmarks, ahead(reached.limbs), reached.trunk, reached.gaze)
+    targets = hierarchy.blank()
+    for _ in range(5):
+        motion.aim(targets, asked, reached, DT)
+        weight, *place = goal(hierarchy, targets, "l_hand")
+        x, y, z = np.array(place) - np.array(reached.limbs[LIMBS.index("l_hand")])
+        assert weight == 1.0 and 0.0 < x <= 0.1 * RATE * DT + 1e-12 and abs(y) < 1e-12 and abs(z) < 1e-12
+    pelvis = list(op3().profile.landmarks).index("pelvis")
+    assert np.allclose(goal(hierarchy, targets, "pelvis")[1:], reached.landmarks[pelvis], atol=1e-12)
+
+
+def test_planted_landmarks_get_no_goals() -> None:
+    robot = follower()
+    motion = AskedMotion(op3(), robot.hierarchy, LIMITS, still=STILL, trunk_at_stance=(1.0, 0.0, 0.0, 0.0))
+    targets = robot.hierarchy.blank()
+    stance = plant(op3(), op3().profile.postures.stand)
+    reached = RobotReader(op3(), stance).read(stance.q)
+    asked = AskedLandmarks(reached.landmarks, reached.limbs, reached.trunk, reached.gaze)
+    motion.aim(targets, asked, reached, DT)
+    assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
+    assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
+
+
+OWN, CATCH_UP, SPEED = 40.0, 20.0, 2.0
+"""Acceleration of a motion, and of catching up, m/s^2; speed of catching up, m/s."""
+
+
+def followed(
+    asked: FloatArray, dt: float = DT, *, start: float | None = None, lead_time: float = 0.0, own: float = OWN
+) -> FloatArray:
+    """Where a point gets (T,) m that follows asked (T,) m along x and reaches every goal."""
+    passing = MotionFilter(np.array([[own, CATCH_UP, SPEED]]), np.array([lead_time]))
+    here, last, way = asked[0] if start is None else start, asked[0], []
+    for there in asked.tolist():
+        step = passing.step(np.array([[there - last, 0.0, 0.0]]), np.array([[there - here, 0.0, 0.0]]), dt)
+        here, last = here + float(step[0, 0]), there
+        way.append(here)
+    return np.array(way)
+
+
+@given(gap=st.floats(1e-4, 2.0), dt=st.sampled_from([0.008, 0.02]))
+def test_a_gap_closes_without_overshoot_within_the_limits(gap: float, dt: float) -> None:
+    """Braking is that of v = sqrt(2 a gap), and up to twice as hard where exp(-RATE t) takes over."""
+    left = gap - followed(np.full(600, gap), dt, start=0.0)
+    assert (left >= -1e-12).all() and left[-1] < 1e-6
+    speed = -np.diff(left, prepend=gap) / dt
+    assert speed.max() <= min(RATE * gap, SPEED) + 1e-9
+    change = np.diff(speed, prepend=0.0) / dt
+    assert change.max() <= CATCH_UP + 1e-6 and change.min() >= -2.0 * CATCH_UP * (1.0 + RATE * dt)
+
+
+@pytest.mark.parametrize("own", [1.0, OWN])
+def test_a_jump_is_caught_up_with_and_hardly_overshot(own: float) -> None:
+    asked = np.where(np.arange(400) < 50, 0.0, 0.5)
+    way = followed(asked, own=own)
+    assert way.max() < 1.05 * 0.5 and way[-1] == pytest.approx(0.5, abs=1e-6)
+    assert (np.diff(way, n=2) / DT**2).max() < own + CATCH_UP + 1e-6
+
+
+@pytest.mark.parametrize("dt", [0.008, 0.02])
+def test_an_even_motion_is_on_time_and_a_lead_time_ahead(dt: float) -> None:
+    even = 0.3 * dt * np.arange(1000.0)
+    assert followed(even, dt)[-1] == pytest.approx(even[-1], abs=1e-6)
+    assert followed(even, dt, lead_time=0.05)[-1] - even[-1] == pytest.approx(0.3 * 0.05, rel=0.01)
+
+
+@pytest.mark.parametrize(("dt", "most"), [(0.008, 0.08), (0.02, 0.25)])
+def test_noise_is_smoothed(dt: float, most: float) -> None:
+    noise = np.random.default_rng(3).normal(0.0, 1e-3, 4000)
+
+    def jerk(path: FloatArray) -> float:
+        return float(np.sqrt((np.diff(path, n=3) ** 2).mean()))
+
+    assert jerk(followed(noise, dt)) < most * jerk(noise)
+
+
+def test_a_swing_of_2_hz_goes_21_percent_too_far() -> None:
+    way = followed(np.sin(2.0 * np.pi * 2.0 * DT * np.arange(2000.0)) * 0.02)
+    assert way[1000:].max() / 0.02 == pytest.approx(1.21, abs=0.015)
+
+
+@pytest.mark.parametrize("far", [2.0, 20.0])
+def test_what_is_far_off_pulls_no_harder_than_what_is_off(far: float) -> None:
+    """A limb that cannot get there, and so does not move, beside one that is half as far off as counts."""
+    most = SPEED / RATE
+    passing = MotionFilter(np.array([[OWN, CATCH_UP, SPEED]] * 2), np.zeros(2))
+    error = np.array([[0.5 * most, 0.0, 0.0], [far * most, 0.0, 0.0]])
+    for _ in range(50):
+        near, off = passing.step(np.zeros((2, 3)), error, DT)
+    assert off[0] == pytest.approx(2.0 * near[0])
+
+
+def test_only_what_carries_nothing_is_led_and_is_as_fast_as_its_servos() -> None:
+    """Both hands and the pelvis are asked to go on evenly: the goal of the hands is ahead by the lead time."""
+    robot = follower()
+    robot.start(postures(performer())[0])
+    hierarchy, stance = robot.hierarchy, plant(op3(), op3().profile.postures.stand)
+    reader = RobotReader(op3(), stance)
+    reached = reader.read(stance.q)
+    pelvis, hand = list(op3().profile.landmarks).index("pelvis"), LIMBS.index("l_hand")
+
+    def goals(servo_lead: float) -> tuple[float, float]:
+        """How far the goals of a hand and of the pelvis are ahead, m."""
+        motion = AskedMotion(
+            op3(), hierarchy, LIMITS, still=STILL, trunk_at_stance=reader.trunk_at_stance, servo_lead=servo_lead
+        )
+        targets = hierarchy.blank()
+        for tick in range(100):
+            x = 0.05 * DT * tick
+            asked = AskedLandmarks(
+                [(a + x, b, c) for a, b, c in reached.landmarks],
+                [(a + x, b, c) for a, b, c in reached.limbs],
+                reached.trunk,
+                reached.gaze,
+            )
+            there = replace(reached, landmarks=asked.landmarks, limbs=asked.limbs)
+            motion.aim(targets, asked, there, DT)
+        return (
+            goal(hierarchy, targets, "l_hand")[1] - asked.limbs[hand][0],
+            goal(hierarchy, targets, "pelvis")[1] - asked.landmarks[pelvis][0],
+        )
+
+    late = loop_lag(op3().joint_map.servos[0]) + 1.0 / op3().profile.safety.rate_hz  # all of its servos are alike
+    led, not_led = np.array(goals(2.0)), np.array(goals(0.0))
+    assert led[0] - not_led[0] == pytest.approx(0.05 * 2.0 * late * RATE * DT, rel=0.1)
+    assert led[1] == not_led[1]
