@@ -20,13 +20,20 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Without bytecode every process of a test, and every worker, would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery robustness mutants fuzz long docs docs-tables wheels clean machine
+PLUGIN := plugins/lerobot_robot_retarget
+LEROBOT := .venv-lerobot
+# LeRobot 0.6 needs Python 3.12 or 3.13.
+LEROBOT_PYTHON ?= $(shell for p in python3.12 python3.13 python3; do \
+	$$p -c 'import sys; sys.exit(not (3, 12) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
+
+.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery robustness mutants fuzz long lerobot docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
 	@echo 'make web     what web:// needs: your camera, phone or headset as the performer'
 	@echo 'make test    every test but the slow ones (make long)'
 	@echo 'make browser  the tests of web:// in headless Chromium, with the real body tracker; minutes'
+	@echo 'make lerobot  the plug-in in the real LeRobot: teleoperate, record, replay; fetches 2.8 GB once'
 	@echo 'make lint    ruff, mypy, cargo fmt, clippy'
 	@echo 'make golden AGAINST=COMMIT  the same runs by that commit and by this checkout, compared to the bit; minutes; GOLDEN="--only poppy" plays a part'
 	@echo 'make golden-store  renew the stored runs that make test compares with'
@@ -73,6 +80,18 @@ browser: $(VENV)/.with-test,browser
 	$(BIN)/retarget web install
 	[ -d '$(IWER)' ] || npm install --silent --no-save --ignore-scripts --prefix '$(IWER)' iwer@2.5.0
 	RETARGET_IWER='$(IWER)/node_modules/iwer/build/iwer.min.js' $(BIN)/python -m pytest tests/web --timeout 0 -rs $(PYTEST)
+
+lerobot: $(VENV)/.with-test $(LEROBOT)/.installed
+	RETARGET_LEROBOT_PYTHON='$(abspath $(LEROBOT))/bin/python' $(BIN)/python -m pytest tests/lerobot --timeout 0 -rs $(PYTEST)
+
+$(LEROBOT)/.installed: pyproject.toml $(PLUGIN)/pyproject.toml $(RUST)
+	@[ -n '$(LEROBOT_PYTHON)' ] || { echo 'missing: Python 3.12 or 3.13, which LeRobot needs' >&2; \
+		echo '   get it: Debian, Ubuntu: apt install python3.12 python3.12-venv; or make lerobot LEROBOT_PYTHON=PATH' >&2; exit 1; }
+	$(LEROBOT_PYTHON) -m venv $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet --upgrade 'pip>=24' 'maturin>=1.9,<2'
+	PATH="$(abspath $(LEROBOT))/bin:$$PATH" $(LEROBOT)/bin/python -m pip install --quiet --no-build-isolation --editable '.[record]'
+	$(LEROBOT)/bin/python -m pip install --quiet 'lerobot[core_scripts]>=0.6,<0.7' --editable ./$(PLUGIN)
+	@touch $@
 
 lint: $(VENV)/.with-test $(VENV)/.with-lint
 	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 || { echo 'missing: rustfmt or clippy' >&2; \
@@ -149,7 +168,7 @@ wheels: $(VENV)/.pip
 	@ls -l wheels
 
 clean:
-	rm -rf $(VENV) $(CRATE)/target wheels out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(LEROBOT) $(CRATE)/target wheels out .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	rm -f retarget/_solver*.so
 	find retarget hardware sim tests benchmarks examples docs -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 

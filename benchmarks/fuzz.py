@@ -7,6 +7,7 @@ compiled. Its file is kept in out/fuzz.
 """
 
 import argparse
+import json
 import os
 import re
 import resource
@@ -29,6 +30,7 @@ from io import BytesIO
 from multiprocessing import get_context
 from pathlib import Path
 from random import Random
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -36,6 +38,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, Header, Metadata
 from mcap.stream_reader import StreamReader
+from numpy.typing import NDArray
 
 from benchmarks.bodies import bench_human
 from benchmarks.golden.made_motion import JOINTS, write_clip, write_stream
@@ -58,8 +61,10 @@ from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
 from retarget.setup.import_robot import read_robot
 from retarget.sources.asf_amc import read_amc
-from retarget.sources.c3d import MARKER_GROUPS, read_marker_table
+from retarget.sources.markers import MARKER_GROUPS, read_marker_table
+from retarget.sources.mvnx import SEGMENTS
 from retarget.sources.open import open_source
+from retarget.sources.skeletons import SMPL_NAMES
 from retarget.sources.streams.raw_record import RawReader, RawWriter
 from retarget.viewer.recorded import open_recorded
 
@@ -251,6 +256,95 @@ def made_c3d() -> bytes:
     return out.getvalue()
 
 
+def saved(**arrays: NDArray[Any]) -> bytes:
+    """An NPZ."""
+    out = BytesIO()
+    np.savez(out, allow_pickle=False, **arrays)
+    return out.getvalue()
+
+
+def made_arrays() -> tuple[bytes, ...]:
+    """Two frames of a person who stands, in the layouts of arrays."""
+    at, labels = np.zeros((2, 22, 3)), np.array(["LKNE", "LANK", "LELB", "LWRI"])
+    points = {"pelvis": 0.9, "hip": 0.85, "knee": 0.45, "ankle": 0.06, "foot": 0.02, "head": 1.55, "neck": 1.45}
+    points |= {"collar": 1.4, "shoulder": 1.4, "elbow": 1.1, "wrist": 0.85, "spine1": 1.0, "spine2": 1.1, "spine3": 1.2}
+    for row, name in enumerate(SMPL_NAMES[:22]):
+        side = 1.0 if name.startswith("left") else -1.0 if name.startswith("right") else 0.0
+        part = name.rpartition("_")[2]
+        at[:, row] = (0.1 * (part == "foot"), 0.2 * side * (points[part] > 1.0) + 0.1 * side, points[part])
+    still, turned = np.zeros((2, 156)), np.tile(np.eye(3), (2, 22, 1, 1))
+    marked = {"marker_data": np.ones((2, 4, 3)), "marker_labels": labels}
+    return (
+        saved(poses=still, trans=at[:, 0], mocap_framerate=np.array(60.0), gender=np.array(b"female"), **marked),
+        saved(global_orient=still[:, :3], body_pose=still[:, 3:72], transl=at[:, 0], fps=np.array(30.0)),
+        saved(global_joint_positions=at, height=np.array(1.7)),
+        saved(posed_joints=at[:, :, [1, 2, 0]], global_rot_mats=turned),
+    )
+
+
+def made_glb() -> bytes:
+    """The performer of `made_motion` as nodes, of which the first turns."""
+    names = [name for name, _, _ in JOINTS]
+    below = {name: [names.index(child) for child, parent, _ in JOINTS if parent == name] for name in names}
+    nodes = [{"name": name, "translation": [0.01 * x for x in at], "children": below[name]} for name, _, at in JOINTS]
+    data = struct.pack("<2f", 0.0, 0.1) + struct.pack("<8f", *(0, 0, 0, 1) * 2)
+    document = {
+        "asset": {"version": "2.0"},
+        "nodes": nodes,
+        "animations": [
+            {
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "rotation"}}],
+                "samplers": [{"input": 0, "output": 1}],
+            }
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 2, "type": "SCALAR"},
+            {"bufferView": 1, "componentType": 5126, "count": 2, "type": "VEC4"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 8},
+            {"buffer": 0, "byteOffset": 8, "byteLength": 32},
+        ],
+        "buffers": [{"byteLength": len(data)}],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def made_mvnx() -> bytes:
+    """Two frames of a person in a T-pose."""
+    places = {
+        "Pelvis": "0 0 0.9",
+        "L5": "0 0 1",
+        "L3": "0 0 1.1",
+        "T12": "0 0 1.2",
+        "T8": "0 0 1.3",
+        "Neck": "0 0 1.45",
+    }
+    places["Head"] = "0 0 1.55"
+    for side, sign in (("Left", ""), ("Right", "-")):
+        arm = (("Shoulder", "0.05"), ("UpperArm", "0.18"), ("ForeArm", "0.45"), ("Hand", "0.7"))
+        leg = (("UpperLeg", "0.85"), ("LowerLeg", "0.45"), ("Foot", "0.06"), ("Toe", "0.02"))
+        places |= {side + name: f"0 {sign}{left} 1.4" for name, left in arm}
+        places |= {side + name: f"{0.15 * (name == 'Toe')} {sign}0.1 {up}" for name, up in leg}
+    position = " ".join(places[name] for name in SEGMENTS)
+    turns = "1 0 0 0 " * len(SEGMENTS)
+    labels = "".join(f'<segment label="{name}"/>' for name in SEGMENTS)
+    frame = f"<frame type='normal'><orientation>{turns}</orientation><position>{position}</position></frame>"
+    return f"<mvnx><subject frameRate='60'><segments>{labels}</segments>{frame * 2}</subject></mvnx>".encode()
+
+
+MADE_TRC = b"""\
+PathFileType\t4\t(X/Y/Z)\ta.trc
+DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits
+60\t60\t2\t3\tmm
+Frame#\tTime\tLFHD\t\t\tRFHD\t\t\tLWRA\t\t
+\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3
+1\t0\t80\t1640\t70\t80\t1640\t-70\t40\t1380\t700
+2\t0.0167\t80\t1641\t70\t80\t1641\t-70\t\t\t
+"""
 MARKER_TABLE = b"""\
 markers:
   head: [Head Top, HeadL, 3]
@@ -297,8 +391,17 @@ def corpus(folder: Path) -> list[Kind]:
         Kind(".amc", 6, lambda path: read_amc(path, skeleton=folder / "good.asf"), (amc,), bent),
         Kind(".asf", 6, lambda path: read_amc(folder / "good.amc", skeleton=path), (asf,), bent),
         Kind(".c3d", 8, open_source, (made_c3d(),), bent),
+        Kind(".npz", 6, open_any, made_arrays(), bent_npz),
+        Kind(".glb", 6, open_any, (made_glb(),), bent),
+        Kind(".mvnx", 4, open_any, (made_mvnx(),), bent),
+        Kind(".trc", 4, open_any, (MADE_TRC,), bent),
         Kind(".raw", 6, _read_stream, tuple(streams), partial(bent_stream, folder=folder)),
     ]
+
+
+def open_any(path: Path) -> object:
+    """A motion file, with a rate where it has none."""
+    return open_source(path, rate=30.0)
 
 
 def import_body(path: Path) -> object:

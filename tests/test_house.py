@@ -43,6 +43,7 @@ BELOW["recording"] = {*BELOW["run"], "recording"}
 BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
 BELOW["web"] = {*BELOW["recording"], "report", "viewer"}
 BELOW["setup"] = {*BELOW["web"], "web"}
+BELOW["lerobot"] = {*BELOW["run"], "run"}
 BELOW["cli"] = {*BELOW["setup"], "setup"}
 
 
@@ -93,6 +94,12 @@ def test_folders_import_only_those_below() -> None:
         home = place.split("/")[1]
         used = {name.split(".")[1] for name in imported(place) if name.startswith("retarget.")} & set(BELOW)
         assert home not in BELOW or used <= BELOW[home] | {home}, place
+
+
+def test_lerobot_is_a_matter_of_the_plug_in() -> None:
+    """The program never depends on LeRobot, nor on the plug-in that it discovers."""
+    for place in sources(*OURS):
+        assert not {name.split(".")[0] for name in imported(place)} & {"lerobot", "lerobot_robot_retarget"}, place
 
 
 def test_only_the_clock_reads_a_clock() -> None:

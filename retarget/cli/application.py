@@ -309,7 +309,7 @@ class FileOptions:
 
     Playback:
         skeleton FILE.asf: The ASF of an AMC that has none beside it.
-        markers FILE.yaml: Which markers of a C3D are which sensor.
+        markers FILE.yaml: Which markers of a C3D or TRC are which sensor.
         unit m|cm|mm|inch|cmu: Length unit of a file that states none.
         rate HZ: Frames per second instead of the file's.
         stature M: The performer's: scales a file, not measured live.

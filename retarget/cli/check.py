@@ -27,12 +27,13 @@ from retarget.schema.profile_parts import safety_facts
 from retarget.schema.scene import Obstacle, load_scene
 from retarget.schema.strict_models import Schema, listed, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan
+from retarget.sources.open import SUFFIXES
 
 ELSEWHERE = {
     **dict.fromkeys(
         (".xml", ".urdf", ".mjcf"), "A body is checked with the profile that names it: give its robot.yaml"
     ),
-    **dict.fromkeys((".amc", ".asf", ".bvh", ".c3d"), "For a motion file use `retarget inspect`"),
+    **dict.fromkeys((".asf", *(f".{suffix}" for suffix in SUFFIXES)), "For a motion file use `retarget inspect`"),
 }
 """Suffixes of files that are not checked here, and what to do with them."""
 

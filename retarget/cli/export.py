@@ -8,18 +8,25 @@ from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
-from retarget.recording.exports.formats import export_motion, export_place, format_help, format_named
+from retarget.recording.exports.formats import (
+    export_episodes,
+    export_motion,
+    export_place,
+    format_help,
+    format_named,
+)
 from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.read_run import read_run
 from retarget.run.record import PHASE_NAMES, Phase
 
+LEROBOT = "lerobot"
 FOLLOW, ALL = "follow", "all"
 ROBOT, HUMAN = "robot", "human"
 
 
 def export(
-    file: Path,
+    files: list[Path],
     to: str,
     out: Path | None = None,
     fps: float | None = None,
@@ -33,7 +40,8 @@ def export(
     parquet and lerobot need the extra 'record'. Quaternions, joints, root and units are printed: docs/results.md.
 
     Arguments:
-        file FILE: A run that was saved or recorded: FILE.npz, FILE.mcap.
+        files FILE...: A run that was saved or recorded: FILE.npz, FILE.mcap; several are the episodes of one LeRobot
+            dataset.
 
     Options:
         to FORMAT: {formats}
@@ -48,17 +56,23 @@ def export(
     for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):
         if value not in allowed:
             raise UsageError("unknown choice", where=option, found=value[:80], allowed=", ".join(allowed))
-    whole = read_run(file, of_human=of == HUMAN, body=body)
-    for text in whole.notes:
+    if len(files) > 1 and form.name != LEROBOT:
+        found, step = f"{len(files)} files", f"Export them one by one, or --to {LEROBOT}"
+        raise UsageError("only a LeRobot dataset holds several runs", where="--to", found=found, next_step=step)
+    wholes = [read_run(file, of_human=of == HUMAN, body=body) for file in files]
+    for text in dict.fromkeys(text for whole in wholes for text in whole.notes):
         note(text)
-    place = export_place(form, file, out, of_human=of == HUMAN)
+    place = export_place(form, files[0], out, of_human=of == HUMAN)
     fps = form.conventions.fps if fps is None else fps
-    chosen = motion = _chosen(whole, phase)
-    if fps is not None:
-        motion = resampled(chosen, fps)
-    export_motion(motion, form, place, task=task)
+    chosen = [_chosen(whole, phase) for whole in wholes]
+    motions = chosen if fps is None else [resampled(motion, fps) for motion in chosen]
+    if len(motions) > 1:
+        export_episodes(motions, place, task=task)
+    else:
+        export_motion(motions[0], form, place, task=task)
     echo(f"{to}: {place}")
-    echo(_summary(whole, motion, phase, None if motion is chosen else fps))
+    for whole, before, motion in zip(wholes, chosen, motions, strict=True):
+        echo(_summary(whole, motion, phase, None if motion is before else fps))
     echo(str(form.conventions))
 
 

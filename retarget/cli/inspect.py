@@ -28,7 +28,7 @@ def inspect(
     and whether a run would accept a motion file, by preparing one of the virtual human.
 
     Arguments:
-        source: A motion file: AMC, BVH or C3D; 'sample', which comes with the program; or replay://FILE, a stream.
+        source: A motion file of any format; 'sample', which comes with the program; or replay://FILE, a stream.
 
     Options:
         mirror: Left and right exchanged.

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
+from typing import Protocol, runtime_checkable
 
 from hardware.guard import Torque
 from hardware.guard_state import Stop, StopCause
@@ -12,7 +13,6 @@ from retarget.cli.application import console
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import Asked, Control, LiveStatus
 from retarget.cli.exit import REASONS, SUSPENDED, StopRequest
-from retarget.live.performer import LivePerformer
 from retarget.run.loop import Observer, Operator, Tick
 from retarget.run.prepare import Prepared
 from retarget.run.supervisor import AT_RISK, OperatorInput
@@ -27,6 +27,25 @@ ENDS = {Asked.GRIP: Asked.RELEASE, Asked.PAGE_GO_ON: Asked.PAGE_HOLD}
 """What ends each of these holds."""
 STOPS = (RunState.STOPPING.value, RunState.RETURN_TO_STANCE.value, RunState.GO_TO_REST.value)
 """States of a run that ends."""
+
+
+@runtime_checkable
+class Clutched(Protocol):
+    """Whom the operator may hold: a live performer, or what sends joint targets."""
+
+    @property
+    def following(self) -> bool:
+        """Whether the robot follows now."""
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the robot holds, in a few words."""
+
+    def clutch(self, *, engaged: bool) -> None:
+        """Follow again from where the robot is, or hold it."""
+
+    def reset_heading(self) -> bool:
+        """Take the present direction as straight ahead. Whether there is one."""
 
 
 class RunOperator(Operator):
@@ -85,7 +104,7 @@ class RunOperator(Operator):
 
     def status(self) -> LiveStatus:
         """The present state of a live run, as the control socket reports it."""
-        machine, following = self._machine, self._performer.engagement.following
+        machine, following = self._machine, self._performer.following
         reason = None if machine is None or machine.guard.stop is None else machine.guard.stop.reason
         state = None if machine is None else machine.supervisor.state.value
         return LiveStatus(state, following, not self.engaged, reason)
@@ -109,8 +128,8 @@ class RunOperator(Operator):
         return words, self._performer.hold_reason if words == "holding" else ""
 
     @property
-    def _performer(self) -> LivePerformer:
-        assert isinstance(self._samples, LivePerformer), "only a live run has controls"
+    def _performer(self) -> Clutched:
+        assert isinstance(self._samples, Clutched), "only a live run has controls"
         return self._samples
 
     def _carry_out(self, asked: Asked, reason: str) -> None:

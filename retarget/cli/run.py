@@ -502,7 +502,7 @@ class RunRequest:
     """The options of `retarget run`, typed or from a session file.
 
     Robot:
-        source FILE|ADDRESS: Motion file (AMC, BVH, C3D), 'sample' (comes with the program), or a live stream:
+        source FILE|ADDRESS: Motion file (AMC, BVH, C3D, GLB, VRMA, MVNX, NPZ, TRC), 'sample', or a live stream:
             vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
 

@@ -205,6 +205,11 @@ class LivePerformer:
         return self.engagement.settled
 
     @property
+    def following(self) -> bool:
+        """Whether the robot follows now."""
+        return self.engagement.following
+
+    @property
     def paused(self) -> bool:
         """Whether the operator pauses the robot."""
         return not self.engagement.wanted

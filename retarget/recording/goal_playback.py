@@ -12,6 +12,7 @@ from retarget.human.samples import Clip, Performance
 from retarget.model.robot import RobotBody
 from retarget.recording.reading import Recording
 from retarget.recording.replay import refuse_other_robot
+from retarget.run.controllers import GoalPlayback, GoalsInstead
 from retarget.run.options import RunOptions
 from retarget.run.prepare import MakeBus, Prepared, prepare_for
 from retarget.run.record import Phase
@@ -66,6 +67,14 @@ def held_performance(performance: Performance, planned: int) -> Performance:
     return replace(performance, samples=HeldClip(**vars(replace(clip, ticks=FOR_EVER)), planned=planned))
 
 
+def playing_back(prepared: Prepared, goals: FloatArray) -> Prepared:
+    """The run of a robot that sends goals (T, n), rad, servo order, a row a tick, instead of following."""
+    assert prepared.machine is not None, "goals are a robot's"
+    controller = GoalPlayback(prepared.machine.robot, goals, dt=prepared.machine.dt)
+    instead = GoalsInstead(controller, goals[0], "the recorded goals")
+    return replace(prepared, machine=replace(prepared.machine, goals=instead))
+
+
 @contextmanager
 def goal_playback(
     recording: Recording,
@@ -97,5 +106,4 @@ def goal_playback(
     with prepare_for(
         perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, robot=robot
     ) as prepared:
-        assert prepared.machine is not None, "goals are a robot's"
-        yield replace(prepared, machine=replace(prepared.machine, goals=goals[0]))
+        yield playing_back(prepared, goals[0])

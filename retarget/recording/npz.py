@@ -1,16 +1,10 @@
 """`--save FILE.npz`: a run as arrays, written and read back, for checks with any tool. Its keys are a contract."""
 
-import sys
-import tokenize
-import zipfile
-import zlib
-from dataclasses import dataclass
-from math import prod
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
@@ -18,6 +12,7 @@ from retarget.model.body import BodyModel
 from retarget.run.record import PHASE_NAMES, Record
 from retarget.run.run_result import RunResult
 from retarget.run.table import FIELDS, STAGES
+from retarget.schema.arrays import ArrayFile, open_arrays
 from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray
 
@@ -124,64 +119,12 @@ def _held(record: Record, tracks: FloatArray) -> FloatArray:
     return np.asarray(tracks[rows])
 
 
-# The arrays of a foreign NPZ file: what is missing, cut short, of another shape or not a number is refused at once.
+# The arrays of a saved run that is read back.
 
 MAX_BYTES = 2**30
 """Largest content that is unpacked, of an NPZ or an MCAP file. `MAX_KEPT` ticks of a robot with 50 servos are less."""
 NOT_A_RUN = "Give a file that `retarget run --save FILE.npz` wrote"
 NO_RUN = "Give a file that `retarget run` wrote with --save FILE.npz or --record FILE.mcap"
-BROKEN = (
-    *(OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, OverflowError),
-    *(tokenize.TokenError, SyntaxError, TypeError, zlib.error),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class ArrayFile:
-    """Arrays by key, and the file that they are from."""
-
-    source: str
-    arrays: dict[str, NDArray[Any]]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.arrays
-
-    def floats(self, key: str, *shape: int | None, unknown: bool = False) -> NDArray[np.float64]:
-        """Read an array of numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
-        values = np.asarray(self._checked(key, "fiu", "numbers", shape), dtype=np.float64)
-        bad = ~np.isfinite(values) & ~(unknown & np.isnan(values))
-        if bad.any():
-            row = int(np.argwhere(bad)[0][0]) if values.ndim else 0
-            found = f"{values[bad].flat[0]} in row {row + 1}, and in {np.count_nonzero(bad)} places in all"
-            raise self._wrong(key, found, "finite numbers")
-        return values
-
-    def whole(self, key: str, *shape: int | None) -> NDArray[np.int64]:
-        """Read an array of whole numbers of this shape. Raises InputError."""
-        return np.asarray(self._checked(key, "iu", "whole numbers", shape), dtype=np.int64)
-
-    def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
-        """Read an array of texts of this shape. Raises InputError."""
-        values = np.ascontiguousarray(self._checked(key, "U", "texts", shape), dtype=np.str_).reshape(-1)
-        if (values.view(np.uint32) > sys.maxunicode).any():
-            raise self._wrong(key, "a code that is no letter's", "texts")
-        return values.reshape(self.arrays[key].shape)
-
-    def _checked(self, key: str, kinds: str, what: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
-        """An array of one of these kinds of dtypes, and of a shape."""
-        array = self.arrays[key]
-        sizes = zip(shape, array.shape, strict=False)
-        if array.ndim != len(shape) or any(wanted not in (None, size) for wanted, size in sizes):
-            allowed = ", ".join("any" if size is None else str(size) for size in shape)
-            raise self._wrong(key, f"shape {array.shape}", f"shape ({allowed})")
-        if array.dtype.kind not in kinds:
-            raise self._wrong(key, f"{array.dtype}", what)
-        return array
-
-    def _wrong(self, key: str, found: str, allowed: str) -> InputError:
-        return InputError(
-            "wrong content", where=f"{self.source}: {key}", found=found, allowed=allowed, next_step=NOT_A_RUN
-        )
 
 
 def refuse_no_file(path: Path) -> None:
@@ -194,34 +137,11 @@ def refuse_no_file(path: Path) -> None:
 
 def read_arrays(path: Path, *, needed: frozenset[str], used: frozenset[str]) -> ArrayFile:
     """The arrays `needed`, and those `used` that are there. Raises InputError: no NPZ, cut short, a key missing."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
-            size = sum(entry.file_size for entry in archive.infolist())
-            if size > MAX_BYTES:
-                raise InputError("too large", where=str(path), found=f"{size} bytes", allowed=f"up to {MAX_BYTES}")
-            missing = sorted(needed - set(names))
-            if missing:
-                found, allowed = f"no {', '.join(missing)}", "the keys of docs/results.md"
-                raise InputError("not a saved run", where=str(path), found=found, allowed=allowed, next_step=NOT_A_RUN)
-            return ArrayFile(
-                str(path), {key: _read_array(archive, names[key]) for key in names if key in needed | used}
-            )
-    except zipfile.BadZipFile as error:
-        step = f"If it was one, it is cut short: get it again. {NOT_A_RUN}"
-        raise InputError("not an NPZ file", where=str(path), found=error, next_step=step) from error
-    except BROKEN as error:
-        found = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError("a damaged NPZ file", where=str(path), found=found, next_step="Get it again") from error
 
+    def wanted(names: Collection[str]) -> Collection[str]:
+        if missing := sorted(needed - set(names)):
+            found, allowed = f"no {', '.join(missing)}", "the keys of docs/results.md"
+            raise InputError("not a saved run", where=str(path), found=found, allowed=allowed, next_step=NOT_A_RUN)
+        return needed | used
 
-def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
-    """An array of a .npy file, for which no room is made before its header agrees with the size of the file. Raises
-    ValueError and what else is BROKEN."""
-    with archive.open(entry) as stream:
-        header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
-        shape, _, dtype = header(stream)
-        if not dtype.itemsize or stream.tell() + dtype.itemsize * prod(shape) != entry.file_size:
-            raise ValueError(f"{entry.filename} has another size than its header says")
-    with archive.open(entry) as stream:
-        return np.asarray(npy.read_array(stream, allow_pickle=False))
+    return open_arrays(path, wanted, max_bytes=MAX_BYTES, advice=NOT_A_RUN)

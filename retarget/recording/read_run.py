@@ -19,7 +19,7 @@ from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Done
 from retarget.recording.motion import Motion, posture, quaternion_columns
-from retarget.recording.npz import NO_RUN, NO_SERVO, ArrayFile, joints_and_root, read_arrays, refuse_no_file
+from retarget.recording.npz import NO_RUN, NO_SERVO, joints_and_root, read_arrays, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
     Recording,
@@ -33,6 +33,7 @@ from retarget.rotations import normalise
 from retarget.run.record import PHASE_NAMES, Phase
 from retarget.run.run_result import truth_names
 from retarget.run.table import FIELDS, STAGES, ByteArray, RunTable, TextArray
+from retarget.schema.arrays import ArrayFile
 from retarget.types import FloatArray
 
 

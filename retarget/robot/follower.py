@@ -404,10 +404,12 @@ class Follower:
 
     def stop(self, dt: float) -> StopPath | None:
         """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
-        if self._soles.stop is None:
-            return None
-        velocity = self._time.scale * self.hierarchy.solver.velocity
-        return self._soles.stop.path(self._q, velocity, dt, contact=self._contact)
+        return self.stop_from(self._q, self._time.scale * self.hierarchy.solver.velocity, dt)
+
+    def stop_from(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
+        """How the robot stops on its soles from posture q (nq,), moving at velocity (nv,) per s; None: its legs do not
+        move."""
+        return None if self._soles.stop is None else self._soles.stop.path(q, velocity, dt, contact=self._contact)
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""

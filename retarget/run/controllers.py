@@ -45,6 +45,10 @@ class Controller(ABC):
         """Return whether the controller has nothing left to do; never, of one that something else ends."""
         return False
 
+    def is_refused(self, commanded: "Commanded") -> bool:
+        """Return whether the gate refuses what is asked for, so that the robot is to hold; never, of most."""
+        return False
+
     def begin(self, commanded: "Commanded") -> None:  # noqa: B027 - most go on from where the robot is
         """Begin the state, from where the robot was commanded last."""
 
@@ -347,6 +351,16 @@ class GoalPlayback(Controller):
         return self._last is None or commanded.target is self._last
 
 
+@dataclass(frozen=True, eq=False)
+class GoalsInstead:
+    """Goals that are sent in place of following a performer. first (n,): rad, servo order, where the approach leads to.
+    name: what a message calls them."""
+
+    controller: Controller
+    first: FloatArray
+    name: str
+
+
 class ComeToRest(Controller):
     """Leaves the robot to the stop that was verified last; on the straight part of the approach it brakes more gently,
     along its line. Then the robot stands."""
@@ -475,17 +489,17 @@ class RobotMotion:
         first: SensorSample,
         dt: float,
         motion_dt: float,
-        goals: FloatArray | None = None,
+        goals: GoalsInstead | None = None,
         keyframes: Sequence[str] | None = None,
     ) -> None:
-        """first: the sample that the robot approaches. dt: s between ticks; motion_dt: s of the performer's time. goals
-        (T, n): rad, recorded ones that it sends, a row a tick, instead of following. keyframes: of its way to rest;
-        None: those of the profile. Raises RetargetError where the posture to approach is not known."""
+        """first: the sample that the robot approaches. dt: s between ticks; motion_dt: s of the performer's time.
+        goals: sent instead of following. keyframes: of its way to rest; None: those of the profile. Raises
+        RetargetError where the posture to approach is not known."""
         self._robot, self._follower, self._gate, self._dt = robot, follower, gate, dt
         human, slow = reconstructor.start(first), robot.profile.safety.speed_caps.approach
-        self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals[0])
+        self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals.first)
         self.follow = Follow(reconstructor, follower, human, dt=dt, motion_dt=motion_dt, slow=slow)
-        self._playback = None if goals is None else GoalPlayback(robot, goals, dt=dt)
+        self._instead = goals
         stop = ComeToRest(follower, self.approach, dt=dt)
         standing = gate.standing
         self._governor = None if standing is None else CommandGovernor(robot, gate, standing, standing_dofs(robot))
@@ -493,7 +507,7 @@ class RobotMotion:
         self._to_rest = GoToRest(robot, keyframes, dt=dt, pass_time=follower.pass_time)
         self._controllers: dict[RunState, Controller] = {
             RunState.APPROACH: self.approach,
-            RunState.FOLLOW: self._playback or self.follow,
+            RunState.FOLLOW: self.follow if goals is None else goals.controller,
             RunState.HOLD: stop,
             RunState.STOPPING: stop,
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, dt=dt),
@@ -511,8 +525,9 @@ class RobotMotion:
         """What the gate refuses now, so that the robot holds; "" where it refuses nothing."""
         if self.approach.is_refused(commanded):
             return "the approach"
-        if self._playback is not None and self.approach.arrived and self._playback.is_refused(commanded):
-            return "the recorded goals"
+        instead = self._instead
+        if instead is not None and self.approach.arrived and instead.controller.is_refused(commanded):
+            return instead.name
         return ""
 
     def begin(self, present: FloatArray) -> Commanded:

@@ -2,7 +2,7 @@
 
 import gc
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -232,15 +232,16 @@ class Loop:
         self._first, self._now = first, machine.clock.now()
         self._state: TickState  # once it is armed
 
-    def run(self) -> Ending:
-        """Run from arming to torque off.
+    def run(self, quiet: Callable[[], AbstractContextManager[None]] | None = None) -> Ending:
+        """Run from arming to torque off. quiet: around the ticks; None: without garbage collection, which a program
+        with other threads would miss.
 
         Raises GuardError or BusError where the robot cannot be armed, TorqueError where torque could not be switched
         off after an interrupt.
         """
         try:
             self._arm()
-            with _without_garbage_collection():
+            with (quiet or _without_garbage_collection)():
                 while not self._over:
                     self.tick()
             if self._machine.supervisor.over:

@@ -22,11 +22,11 @@ from retarget.human.samples import PerformerInput, Performing
 from retarget.model.observers import robot_observers
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
-from retarget.run.controllers import Commanded, RobotMotion, Target, rest_joints
+from retarget.run.controllers import Commanded, GoalsInstead, RobotMotion, Target, rest_joints
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.supervisor import AT_RISK, BUS_SILENT, End, OperatorInput, Situation, Supervisor
 from retarget.safety.gate import Gate
-from retarget.types import FloatArray, Notify, RobotPosture, RunState
+from retarget.types import Notify, RobotPosture, RunState
 
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 """States in which the robot brakes and waits while the bus is silent."""
@@ -110,8 +110,8 @@ class TickOutput:
 @dataclass(frozen=True, eq=False)
 class Machine:
     """A robot that can run. clock: of the run, which its loop reads, and no tick. waits: a robot that stands at the end
-    waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals (T, n):
-    rad, recorded ones that are sent instead of following."""
+    waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals: sent
+    instead of following."""
 
     robot: RobotBody
     follower: Follower
@@ -123,7 +123,7 @@ class Machine:
     end_plan: EndPlan = field(default_factory=EndPlan)
     waits: bool = True
     notify: Notify = lambda text: None
-    goals: FloatArray | None = None
+    goals: GoalsInstead | None = None
 
     def not_at_rest(self, standing: str) -> tuple[str, ...]:
         """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it. standing:

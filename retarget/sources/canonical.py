@@ -1,16 +1,19 @@
-"""A joint tree in motion -> sensor frames, in metres and in the world's axes."""
+"""A joint tree in motion, or mere positions of joints -> sensor frames, in metres and in the world's axes."""
 
 import math
+from collections.abc import Mapping
 from itertools import compress
 
 import numpy as np
 
 from retarget import rotations
-from retarget.arithmetic import dot, log, matmul
+from retarget.arithmetic import dot, log, matmul, norms
 from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import JOINTS, SENSORS, JointTracks, SensorFrames, Skeleton
 from retarget.frames import stature as stature_of
+from retarget.model.human_dimensions import PARENTS, POINTS, proportional_dimensions
 from retarget.model.rest_skeleton import limb_turns
+from retarget.sources.axes import world_axes
 from retarget.sources.files import frame_times
 from retarget.sources.rest_skeleton import find_rest_skeleton, segment_joint
 from retarget.sources.skeletons import JointPoses, JointTree
@@ -119,3 +122,77 @@ def canonical_frames(
         rate_hz=rate,
         notes=(*notes, *((unit_note,) if unit_note else ()), *rest.notes),
     )
+
+
+# Positions of joints without orientations.
+
+
+def joint_frames(
+    tracks: Mapping[str, FloatArray],
+    *,
+    declared: FloatArray,
+    rate: float,
+    source: str,
+    unit: float = 1.0,
+    stature: float | None = None,
+    up: FloatArray | None = None,
+    notes: tuple[str, ...] = (),
+) -> SensorFrames:
+    """Sensors and joints of canonical joints (T, 3), in file axes and units; without orientations.
+
+    declared (3,): the file's up axis. unit: metres of one. stature: m, of the performer, which gives the unit. up (3,):
+    the up axis that the user says. The skeleton has the median lengths of the frames. Raises InputError if a joint that
+    is needed is missing.
+    """
+    world, axis_notes = world_axes(tracks, declared=declared, usual=declared, asked=up)
+    names = tuple(name for name in JOINTS if name in tracks)
+    position = matmul(np.stack([tracks[name] for name in names], axis=1), world.T)
+    skeleton = _hanging(names, position)
+    height = stature_of(skeleton)
+    if stature is not None and height:
+        unit = stature / height
+    sensors = tuple(name for name in SENSORS if name in names)
+    position = position * unit
+    return SensorFrames(
+        time=frame_times(len(position), rate),
+        names=sensors,
+        position=position[:, [names.index(name) for name in sensors]],
+        orientation=np.full((len(position), len(sensors), 4), np.nan),
+        valid=np.ones((len(position), len(sensors)), bool),
+        joints=JointTracks(names, position),
+        skeleton=Skeleton(skeleton.names, skeleton.position * unit),
+        source=source,
+        rate_hz=rate,
+        notes=(*notes, *axis_notes, "the file has no orientations"),
+    )
+
+
+_TRUNK = (
+    "pelvis",
+    "spine",
+    "chest",
+    "neck",
+    "head",
+    *(f"{s}_{part}" for part in ("collar", "shoulder", "hip") for s in "lr"),
+)
+
+
+def _hanging(names: tuple[str, ...], position: FloatArray) -> Skeleton:
+    """The joints at rest: the trunk as in the frame in which it is most upright above hanging arms, below it average
+    directions with the median lengths of the frames. position (T, m, 3): up is z."""
+    at = {name: position[:, column] for column, name in enumerate(names)}
+    middle, up = 0.5 * (at["l_hip"] + at["r_hip"]), np.array([0.0, 0.0, 1.0])
+    upright = [at["head"] - middle, *(at[f"{s}_shoulder"] - at[f"{s}_elbow"] for s in "lr")]
+    row = int(np.argmax(np.sum([line[:, 2] / np.maximum(norms(line), 1e-9) for line in upright], axis=0)))
+    across = (at["l_hip"] - at["r_hip"])[row] * np.array([1.0, 1.0, 0.0])
+    left = across / max(float(norms(across)), 1e-9)
+    axes = np.stack((np.cross(left, up), left, up))
+    usual, rest = proportional_dimensions(TYPICAL_HEIGHT_M), dict[str, FloatArray]()
+    for name, parent in zip(POINTS, PARENTS, strict=True):
+        above = POINTS[parent]
+        if name in _TRUNK and name in at:
+            rest[name] = matmul(axes, at[name][row] - at.get("pelvis", middle)[row])
+        elif name in at and above in rest:
+            length = float(np.median(norms(at[name] - at[above])))
+            rest[name] = rest[above] + length * usual.of(name) / usual.length(name)
+    return Skeleton(tuple(rest), np.stack(list(rest.values())))

@@ -1,11 +1,15 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing.
 
 The word `sample` names the recording that comes with the package; a file of that name is `./sample`.
-A new format needs `retarget/sources/NAME.py` with `read_NAME(path, *, unit, rate) -> SensorFrames`, and its row here.
+A new format needs `retarget/sources/NAME.py` with `read_NAME(path, *, unit, rate, stature, up) -> SensorFrames`, its
+row in READERS, and how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
+record markers a `MarkerRecording`.
 """
 
 import re
 import shlex
+import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,23 +21,41 @@ from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.files import read_head
+from retarget.sources.gltf import read_gltf
+from retarget.sources.mvnx import read_mvnx
+from retarget.sources.npz_motion import read_npz
 from retarget.sources.streams.raw_record import is_recording
+from retarget.sources.trc import read_trc
 
-FORMATS = ("amc", "bvh", "c3d")
+READERS: dict[str, Callable[..., SensorFrames]] = {
+    "amc": read_amc,
+    "bvh": read_bvh,
+    "c3d": read_c3d,
+    "gltf": read_gltf,
+    "mvnx": read_mvnx,
+    "npz": read_npz,
+    "trc": read_trc,
+}
+"""Format -> its reader."""
+FORMATS = tuple(READERS)
+SUFFIXES = {name: name for name in FORMATS} | {"glb": "gltf", "vrma": "gltf", "vrm": "gltf"}
+"""Suffix -> format."""
 
 SAMPLE = "sample"
 """In place of a path: the recording that comes with the package, a synthetic person who waves and crouches."""
 _SAMPLE_FILE = Path(__file__).with_name("sample_recording.bvh")
 _SAMPLE_UNIT = "cm"
 
-_OF_ONE_FORMAT = {
-    "skeleton": ("amc", "a skeleton belongs to an AMC only"),
-    "markers": ("c3d", "a table of markers belongs to a C3D only"),
-    "performer-root": ("bvh", "only a BVH has a ROOT for each performer"),
+_OF_SOME_FORMATS = {
+    "skeleton": (("amc",), "a skeleton belongs to an AMC only"),
+    "markers": (("c3d", "trc"), "a table of markers belongs to a C3D or TRC only"),
+    "performer-root": (("bvh",), "only a BVH has a ROOT for each performer"),
 }
-"""Option -> the format that has it, and what is wrong elsewhere."""
+"""Option -> the formats that have it, and what is wrong elsewhere."""
 _C3D_KEY = 0x50
 """Second byte of every C3D file."""
+_PICKLE = re.compile(rb"\x80[\x02-\x05]")
+"""How a pickle begins, by its protocol."""
 
 
 def open_source(
@@ -51,9 +73,9 @@ def open_source(
 
     path: the word SAMPLE as text is that recording, also where a file of this name is there; any other text, and every
     `Path`, is a file. skeleton: the ASF of an AMC, where it does not lie beside it. markers: the user's own table of
-    the markers of a C3D. unit: m, cm, mm, inch or cmu, where the file does not state it and the guess is wrong. rate:
-    frames per second instead of the file's. stature: m, of the performer: it scales the body of a file with joints, and
-    is not measured in one without. up: the file's up axis (x, -y, ...), where body and file do not show it.
+    the markers of a C3D or TRC. unit: m, cm, mm, inch or cmu, where the file does not state it and the guess is wrong.
+    rate: frames per second instead of the file's. stature: m, of the performer: it scales the body of a file with
+    joints, and is not measured in one without. up: the file's up axis (x, -y, ...), where body and file do not show it.
     performer_root: the ROOT of a BVH with several performers. Raises InputError with file, line and what to do;
     ConfigError for the table of markers; UsageError for values that cannot be, and for what belongs to another format.
     """
@@ -63,21 +85,26 @@ def open_source(
     _refuse_live(str(path))
     path = Path(path)
     kind = recognise(path)
-    given = {"skeleton": skeleton, "markers": markers, "performer-root": performer_root}
-    for option, (owner, what) in _OF_ONE_FORMAT.items():
-        if given[option] is not None and kind != owner:
+    given = {
+        "skeleton": None if skeleton is None else Path(skeleton),
+        "markers": None if markers is None else Path(markers),
+        "performer-root": performer_root,
+    }
+    own = {option: value for option, value in given.items() if value is not None}
+    for option in own:
+        owners, what = _OF_SOME_FORMATS[option]
+        if kind not in owners:
             step = f"Leave --{option} out"
-            raise UsageError(what, where=str(path), found=f"a {kind.upper()} file", next_step=step)
-    _refuse_scales(stature, unit if kind in ("amc", "bvh") else None)
-    axis = None if up is None else named_axis(up)
-    if kind == "c3d":
-        table = None if markers is None else Path(markers)
-        frames = replace(read_c3d(path, unit=unit, rate=rate, up=axis, markers=table), stature=stature)
-    elif kind == "amc":
-        asf = None if skeleton is None else Path(skeleton)
-        frames = read_amc(path, skeleton=asf, unit=unit, rate=rate, stature=stature, up=axis)
-    else:
-        frames = read_bvh(path, unit=unit, rate=rate, stature=stature, up=axis, performer_root=performer_root)
+            raise UsageError(what, where=str(path), found=f"{kind.upper()}", next_step=step)
+    _refuse_scales(stature, None if kind in ("c3d", "trc") else unit)
+    frames = READERS[kind](
+        path,
+        unit=unit,
+        rate=rate,
+        stature=stature,
+        up=None if up is None else named_axis(up),
+        **{option.replace("-", "_"): value for option, value in own.items()},
+    )
     return replace(frames, source=SAMPLE) if is_sample else frames
 
 
@@ -116,14 +143,19 @@ def recognise(path: Path) -> str:
             next_step=f"`retarget doctor {address}` says what is in it, `retarget run --source {address}` "
             "plays it; with ?kind=vmc, for example, where it does not say what it holds",
         )
+    if kind := _binary_kind(head, first):
+        return kind
+    if head[:2] == b"PK":
+        return _of_archive(path)
+    _refuse_foreign(path, head, suffix)
     if head[1:2] == bytes([_C3D_KEY]) and suffix not in ("bvh", "amc", "asf"):
         return "c3d"
     if suffix == "asf" or first.lower().startswith((b":version", b":name", b":units")):
         raise InputError(
             "a skeleton without motion", where=str(path), next_step="Open the AMC and give this with --skeleton"
         )
-    if suffix in FORMATS:
-        return suffix  # its reader says what is wrong with the content
+    if suffix in SUFFIXES:
+        return SUFFIXES[suffix]  # its reader says what is wrong with the content
     if first.lower().startswith((b":fully-specified", b":degrees", b":radians")):
         return "amc"
     raise InputError(
@@ -132,3 +164,63 @@ def recognise(path: Path) -> str:
         found=f"suffix '{path.suffix}'" if suffix else "no suffix",
         allowed=", ".join(FORMATS),
     )
+
+
+def _binary_kind(head: bytes, first: bytes) -> str:
+    """Format by the beginning of a file and by its first line with content; "" if that says nothing."""
+    if head.startswith(b"glTF") or (first.startswith(b"{") and b'"asset"' in head):
+        return "gltf"
+    if first.startswith(b"PathFileType"):
+        return "trc"
+    return "mvnx" if first.startswith(b"<") and b"<mvnx" in head else ""
+
+
+# What is refused: pickles run code when they are read, and FBX has no open specification.
+
+_CONVERT = {
+    "torch": 'import torch, numpy; p = torch.load("{name}", map_location="cpu")["smpl_params_global"]; '
+    'numpy.savez("{stem}_motion.npz", **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)',
+    "pickle": 'import joblib, numpy; p = next(iter(joblib.load("{name}").values())); '
+    'r = p["pose_world"]; '
+    'numpy.savez("{stem}_motion.npz", global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
+    "npy": 'import numpy; p = numpy.load("{name}"); numpy.savez("{stem}_motion.npz", global_joint_positions=p)',
+}
+"""Kind of file -> lines of Python that make of it what is read here, as GVHMR (torch) and WHAM (joblib) write it."""
+_REFUSED_SUFFIXES = {
+    "pt": "torch",
+    "pth": "torch",
+    "pkl": "pickle",
+    "pickle": "pickle",
+    "joblib": "pickle",
+    "npy": "npy",
+}
+
+
+def _of_archive(path: Path) -> str:
+    """Format of a zip archive: arrays, or what torch saves."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            pickled = any(name.rpartition("/")[2] == "data.pkl" for name in archive.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError, RuntimeError):
+        pickled = path.suffix.lower() in (".pt", ".pth")
+    if pickled:
+        raise _refused(path, "torch")
+    return "npz"
+
+
+def _refuse_foreign(path: Path, head: bytes, suffix: str) -> None:
+    """Raise InputError for a pickle, for a single array and for FBX."""
+    if head.startswith((b"Kaydara FBX", b"; FBX")) or suffix == "fbx":
+        step = "Convert it to BVH or GLB, for example with Blender: import FBX, export glTF 2.0"
+        raise InputError("FBX is not read", where=str(path), allowed=", ".join(FORMATS), next_step=step)
+    kind = "npy" if head.startswith(b"\x93NUMPY") else "pickle" if _PICKLE.match(head) else ""
+    if kind or suffix in _REFUSED_SUFFIXES:
+        raise _refused(path, _REFUSED_SUFFIXES.get(suffix, kind))
+
+
+def _refused(path: Path, kind: str) -> InputError:
+    """The error for a file that could run code, with the lines that convert it."""
+    what = "a single array, of what is not known" if kind == "npy" else "a pickle can run any code, so none is read"
+    lines = _CONVERT[kind].format(name=path.name, stem=path.stem)
+    step = f"If you trust it, convert it in Python (layouts: docs/motion-files.md): {lines}"
+    return InputError(what, where=str(path), found=f"a {kind} file", allowed=", ".join(FORMATS), next_step=step)

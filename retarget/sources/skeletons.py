@@ -50,6 +50,16 @@ STYLES: Mapping[str, dict[str, tuple[str, ...]]] = {
 """Family of joint names -> canonical joint (and `head_top`) -> names, best first."""
 
 
+def layout(section: Mapping[str, str]) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Names and indices of parents (-1: none) of joints, from a table of names and their parents."""
+    names = tuple(section)
+    return names, tuple(names.index(parent) if parent else -1 for parent in section.values())
+
+
+SMPL_NAMES, SMPL_PARENTS = layout(TABLES["layouts"]["smpl"])
+"""The 24 joints of SMPL, of which SMPL-H and SMPL-X have the first 22."""
+
+
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
     """Canonical joint (and `head_top`) -> index in `names`, by the style that names the most; None if none fits."""
     found = [joints for _, joints in _matches(names) if set(REQUIRED) <= set(joints)]
@@ -168,6 +178,19 @@ def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation:
         position[joint] = position[parent] + rotations.rotate(orientation[parent], translation[:, joint])
         orientation[joint] = rotations.multiply(orientation[parent], local_rotation[:, joint])
     return JointPoses(position.swapaxes(0, 1), orientation.swapaxes(0, 1))
+
+
+def tree_of_poses(names: tuple[str, ...], parents: tuple[int, ...], pose: JointPoses) -> JointTree:
+    """The tree whose zero pose has every frame unturned, of joints (n) in poses: an offset is the median over all
+    frames."""
+    offsets = np.zeros((len(names), 3))
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            apart = pose.position[:, joint] - pose.position[:, parent]
+            offsets[joint] = np.median(
+                rotations.rotate(rotations.conjugate(pose.orientation[:, parent]), apart), axis=0
+            )
+    return JointTree(names, parents, offsets, ((),) * len(names))
 
 
 Channel = tuple[str, int]

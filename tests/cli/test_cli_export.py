@@ -1,5 +1,6 @@
 """`retarget export`: one clear message and exit code 2 for what cannot be; nothing is overwritten, nothing is left."""
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -54,6 +55,17 @@ def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.Captu
     assert code_of(run, "--to", to) == 2
     shows(capsys.readouterr().err)
     assert place.stat().st_mtime_ns == stamp
+
+
+def test_several_runs_are_one_data_set_and_no_table(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    again = run.with_name("again.npz")
+    again.write_bytes(run.read_bytes())
+    assert code_of(run, again, "--to", "csv") == 2
+    shows(capsys.readouterr().err, "--to", 2)
+    assert code_of(run, again, "--to", "lerobot") == 0
+    assert capsys.readouterr().out.count("27 rows") == 2
+    info = json.loads((run.parent / "run_lerobot/meta/info.json").read_text())
+    assert info["total_episodes"] == 2 and info["total_frames"] == 54
 
 
 REFUSED = {

@@ -136,7 +136,7 @@ def test_a_header_that_cannot_be_is_refused(header: bytes, tmp_path: Path) -> No
     with zipfile.ZipFile(path, "w") as archive:
         for key in sorted(ROBOT_KEYS):
             archive.writestr(f"{key}.npy", npy(header, bytes(24)))
-    with refuses(InputError, "damaged"):
+    with refuses(InputError, "numpy.asarray" if header == HEADERS["objects"] else "damaged"):
         read_run.read_run(path)
 
 

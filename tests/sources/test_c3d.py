@@ -13,7 +13,8 @@ from messages import refuses, shows, shows_lines
 from motion_texts import C3D_PROCESSORS, MARKERS, c3d_bytes
 from retarget.errors import ConfigError, InputError
 from retarget.frames import SensorFrames
-from retarget.sources.c3d import MARKER_GROUPS, read_c3d, read_c3d_file, split_label
+from retarget.sources.c3d import read_c3d, read_c3d_file
+from retarget.sources.markers import MARKER_GROUPS, split_label
 
 KNOWN = frozenset(MARKERS)
 

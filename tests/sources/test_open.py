@@ -99,7 +99,7 @@ def test_a_skeleton_can_be_named_but_only_for_an_amc(tmp_path: Path) -> None:
     [
         ("a.asf", asf_text(), "--skeleton"),
         ("a.txt", asf_text(), ()),
-        ("a.fbx", "Kaydara FBX Binary", ("suffix", "'.fbx'", "amc", "bvh", "c3d")),
+        ("a.xyz", "something", ("suffix", "'.xyz'", "amc", "bvh", "c3d", "gltf", "mvnx", "npz", "trc")),
         ("a", "something", "suffix"),
         ("a.bvh", "something", "BVH"),
         ("a.bvh", "\0\1\2", "NUL"),

@@ -1,7 +1,6 @@
 """`retarget servo stiffness`: how stiff a servo is, measured on the robot: held goals under a known load."""
 
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -110,7 +109,7 @@ def _hung(body: RobotBody, weight: float | None, frame: str | None) -> Hung | No
 def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | None) -> RunResult:
     """Play the goals as a run plays recorded ones. Nothing follows the performer that a run needs."""
     from retarget.cli.run import CommandRun
-    from retarget.recording.goal_playback import held_performance
+    from retarget.recording.goal_playback import held_performance, playing_back
     from retarget.report.outputs import Outputs
     from retarget.run.loop import Progress
     from retarget.run.prepare import performance_of
@@ -129,7 +128,7 @@ def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | No
         if hung is not None:
             command.bench.hang(hung.mass, hung.frame)
         stop = signals.enter_context(stop_on_signals(moves=True))
-        prepared = replace(prepared, machine=replace(prepared.machine, goals=held.goals))
+        prepared = playing_back(prepared, held.goals)
         with progress_bar(options.robot, len(held.goals)) as show:
             return command.play(prepared, command.operator(prepared, stop), Progress(show))
 

@@ -3,7 +3,7 @@
 `FORMATS` is the one table of them: the help, the page `docs/results.md` and what `retarget export` prints come from it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -123,7 +123,7 @@ _ALL = (
     Format(
         "lerobot",
         "_lerobot",
-        "a LeRobot dataset v3.0: one episode, no videos (tried with LeRobot 0.6.1)",
+        "a LeRobot dataset v3.0: an episode for each FILE, no videos (tried with LeRobot 0.6.1)",
         Conventions("by name", NAMED, "in observation.root"),
         files=lambda motion, task: lerobot_files(motion, task=task),
     ),
@@ -189,6 +189,12 @@ def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFA
         write_stream(place, lambda stream: write(motion, stream), option="--out")
     elif files is not None:
         write_folder(place, files(motion, task), option="--out")
+
+
+def export_episodes(motions: Sequence[Motion], place: Path, *, task: str = DEFAULT_TASK) -> None:
+    """Write motions of one robot to a LeRobot dataset, each as an episode. Raises as `export_motion` does."""
+    _refuse_existing(place)
+    write_folder(place, lerobot_files(*motions, task=task), option="--out")
 
 
 def _refuse_existing(place: Path) -> None:

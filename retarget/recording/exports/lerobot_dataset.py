@@ -1,4 +1,4 @@
-"""A LeRobot dataset, format v3.0: one episode of one task in a folder, without videos.
+"""A LeRobot dataset, format v3.0: episodes of one task in a folder, without videos.
 
 `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet`, `meta/episodes/chunk-000/file-000.parquet`,
 `data/chunk-000/file-000.parquet`; and a README with units and frames, for which the format has no place.
@@ -6,7 +6,8 @@
 
 import io
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,13 +38,16 @@ class Feature:
         return self.names is not None
 
 
-def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
+def features_of(
+    motion: Motion, *, rate_hz: int, landmarks: tuple[str, ...] = (), episode: int = 0, first: int = 0
+) -> tuple[Feature, ...]:
     """`action`: joints as sent; `observation.state`: where the servos were, read before that was sent.
 
     Joints of a robot with servos are those that have one; without servos, all of the body, seen where they were sent.
-    `observation.root`: x y z (m) and qw qx qy qz of the first link, world; `observation.landmarks`: the landmarks asked
-    for (m, world), those that are known in every frame. Then what LeRobot asks of every dataset, for one episode of one
-    task. Raises InputError where a servo is not known in some frame.
+    `observation.root`: x y z (m) and qw qx qy qz of the first link, world; `observation.landmarks`: where these
+    landmarks were asked to be (m, world), see `known_landmarks`. Then what LeRobot asks of every dataset, for episode
+    `episode` of one task, whose first frame is `first` of the dataset. Raises InputError where a servo is not known in
+    some frame.
     """
     # Where no servo answered, all joints count as driven.
     known = motion.present if "present" in motion else motion.joints
@@ -58,17 +62,48 @@ def features_of(motion: Motion, *, rate_hz: int) -> tuple[Feature, ...]:
         raise InputError("a servo that was not read", where=motion.source, found=found, next_step=step)
     vectors = [("action", joints, sent), ("observation.state", joints, seen)]
     vectors.append(("observation.root", ("x", "y", "z", "qw", "qx", "qy", "qz"), motion.q[:, :7]))
-    if "landmarks_asked" in motion:
-        always = np.asarray(np.isfinite(motion.landmarks_asked).all(axis=(0, 2)))
-        names = [name for name, kept in zip(motion.landmark_names, always, strict=True) if kept]
-        points = motion.landmarks_asked[:, always].reshape(len(motion), -1)
-        vectors += [("observation.landmarks", tuple(f"{name}.{axis}" for name in names for axis in "xyz"), points)]
+    if landmarks:
+        columns = [motion.landmark_names.index(name) for name in landmarks]
+        points = motion.landmarks_asked[:, columns].reshape(len(motion), -1)
+        vectors += [("observation.landmarks", tuple(f"{name}.{axis}" for name in landmarks for axis in "xyz"), points)]
     frame, zero = np.arange(len(motion)), np.zeros(len(motion), dtype=np.int64)
-    counted = {"frame_index": frame, "episode_index": zero, "index": frame, "task_index": zero}
+    counted = {"frame_index": frame, "episode_index": zero + episode, "index": first + frame, "task_index": zero}
     return (
         *(Feature(key, "float32", values.astype(np.float32), names) for key, names, values in vectors if names),
         Feature("timestamp", "float32", (frame / rate_hz).astype(np.float32)[:, None]),
         *(Feature(key, "int64", values.astype(np.int64)[:, None]) for key, values in counted.items()),
+    )
+
+
+def known_landmarks(motions: Sequence[Motion]) -> tuple[str, ...]:
+    """The landmarks that are known in every frame of all motions, in the order of the first."""
+    known = [_known_landmarks(motion) for motion in motions]
+    return tuple(name for name in known[0] if all(name in others for others in known[1:]))
+
+
+def _known_landmarks(motion: Motion) -> list[str]:
+    if "landmarks_asked" not in motion:
+        return []
+    always = np.asarray(np.isfinite(motion.landmarks_asked).all(axis=(0, 2)))
+    return [name for name, kept in zip(motion.landmark_names, always, strict=True) if kept]
+
+
+def _joined(episodes: Sequence[tuple[Feature, ...]], motions: Sequence[Motion]) -> tuple[Feature, ...]:
+    """The features of all episodes, one after the other. Raises InputError where they are not of one kind."""
+    first = [(item.key, item.names) for item in episodes[0]]
+    for features, motion in zip(episodes[1:], motions[1:], strict=True):
+        kind = [(item.key, item.names) for item in features]
+        if kind != first or motion.robot != motions[0].robot:
+            other = next((ours[0] for ours, theirs in zip(kind, first, strict=False) if ours != theirs), "")
+            raise InputError(
+                "runs of different robots, or read differently, are no one data set",
+                where=motion.source,
+                found=f"{motion.robot}{f', with other joints in {other}' if other else ''}",
+                allowed=f"{motions[0].robot}, as in {motions[0].source}",
+                next_step="Export each kind to a data set of its own",
+            )
+    return tuple(
+        replace(same[0], values=np.concatenate([item.values for item in same])) for same in zip(*episodes, strict=True)
     )
 
 
@@ -96,19 +131,19 @@ COMPRESSION = "snappy"
 """Of the format v3.0: places of files are numbered from 0, and all that is written fits into the first."""
 
 
-def lerobot_files(motion: Motion, *, task: str = DEFAULT_TASK) -> dict[str, bytes]:
-    """The files of a dataset, by their paths in its folder.
+def lerobot_files(*motions: Motion, task: str = DEFAULT_TASK) -> dict[str, bytes]:
+    """The files of a dataset, by their paths in its folder; each motion is an episode.
 
     Raises UsageError without pyarrow or where the rate is no whole number, which LeRobot cannot say; InputError where
-    rows are not evenly spaced or a servo is not known.
+    rows are not evenly spaced, a servo is not known, or motions are not of one robot and rate.
     """
-    pa, rate = arrow(), motion.rate_hz
-    if not rate.is_integer():
-        step = f"Have it resampled: --fps {max(round(rate), 1)}"
-        raise UsageError(
-            "LeRobot counts whole frames per second", where="--to lerobot", found=f"{rate:g}", next_step=step
-        )
-    features, frames = features_of(motion, rate_hz=int(rate)), {}
+    pa, rate = arrow(), _rate_of(motions)
+    first, landmarks = np.cumsum([0, *map(len, motions)]).tolist(), known_landmarks(motions)
+    episodes = [
+        features_of(motion, rate_hz=rate, landmarks=landmarks, episode=episode, first=first[episode])
+        for episode, motion in enumerate(motions)
+    ]
+    features, frames = _joined(episodes, motions), {}
     for item in features:
         flat = pa.array(item.values.ravel())
         frames[item.key] = pa.FixedSizeListArray.from_arrays(flat, item.values.shape[1]) if item.vector else flat
@@ -116,10 +151,10 @@ def lerobot_files(motion: Motion, *, task: str = DEFAULT_TASK) -> dict[str, byte
     tables = {
         f"data/{FIRST}": pa.table(frames),
         "meta/tasks.parquet": _tasks(pa, task),
-        f"meta/episodes/{FIRST}": _episode(pa, len(motion), statistics, task),
+        f"meta/episodes/{FIRST}": _episodes(pa, episodes, first, task),
     }
-    files = {"README.md": _readme(motion, features).encode()}
-    for name, content in (("info", _info(motion, features, int(rate))), ("stats", statistics)):
+    files = {"README.md": _readme(motions, features).encode()}
+    for name, content in (("info", _info(motions, features, rate)), ("stats", statistics)):
         text = json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False) + "\n"
         files[f"meta/{name}.json"] = text.encode()
     for name, table in tables.items():
@@ -129,7 +164,23 @@ def lerobot_files(motion: Motion, *, task: str = DEFAULT_TASK) -> dict[str, byte
     return files
 
 
-def _info(motion: Motion, features: tuple[Feature, ...], rate: int) -> dict[str, Any]:
+def _rate_of(motions: Sequence[Motion]) -> int:
+    """Frames per second of all motions, a whole number."""
+    rates = [motion.rate_hz for motion in motions]
+    rate = rates[0]
+    if not rate.is_integer():
+        step = f"Have it resampled: --fps {max(round(rate), 1)}"
+        raise UsageError(
+            "LeRobot counts whole frames per second", where="--to lerobot", found=f"{rate:g}", next_step=step
+        )
+    for motion, other in zip(motions, rates, strict=True):
+        if other != rate:
+            step = f"Have all resampled: --fps {round(rate)}"
+            raise InputError("episodes of different rates", where=motion.source, found=f"{other:g} Hz", next_step=step)
+    return int(rate)
+
+
+def _info(motions: Sequence[Motion], features: tuple[Feature, ...], rate: int) -> dict[str, Any]:
     described = {
         item.key: {
             "dtype": item.dtype,
@@ -140,15 +191,15 @@ def _info(motion: Motion, features: tuple[Feature, ...], rate: int) -> dict[str,
     }
     return {
         "codebase_version": VERSION,
-        "robot_type": motion.robot,
-        "total_episodes": 1,
-        "total_frames": len(motion),
+        "robot_type": motions[0].robot,
+        "total_episodes": len(motions),
+        "total_frames": sum(map(len, motions)),
         "total_tasks": 1,
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "fps": rate,
-        "splits": {"train": "0:1"},
+        "splits": {"train": f"0:{len(motions)}"},
         "data_path": f"data/{PLACE}",
         "video_path": None,
         "features": described,
@@ -172,23 +223,27 @@ def _tasks(pa: Any, task: str) -> Any:
     return pa.table([pa.array([0]), pa.array([task])], schema=schema)
 
 
-def _episode(pa: Any, frames: int, statistics: dict[str, dict[str, Any]], task: str) -> Any:
-    row: dict[str, Any] = {
-        "episode_index": 0,
-        "tasks": [task],
-        "length": frames,
-        "data/chunk_index": 0,
-        "data/file_index": 0,
-        "dataset_from_index": 0,
-        "dataset_to_index": frames,
-    }
-    for key, values in statistics.items():
-        row |= {f"stats/{key}/{name}": value for name, value in values.items()}
-    row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
-    return pa.table({key: [value] for key, value in row.items()})
+def _episodes(pa: Any, episodes: Sequence[tuple[Feature, ...]], first: Sequence[int], task: str) -> Any:
+    """A row for each episode. first: frame of the dataset with which each begins, and where the last one ends."""
+    rows = list[dict[str, Any]]()
+    for episode, features in enumerate(episodes):
+        begin, end = first[episode], first[episode + 1]
+        row: dict[str, Any] = {
+            "episode_index": episode,
+            "tasks": [task],
+            "length": end - begin,
+            "data/chunk_index": 0,
+            "data/file_index": 0,
+            "dataset_from_index": begin,
+            "dataset_to_index": end,
+        }
+        for item in features:
+            row |= {f"stats/{item.key}/{name}": value for name, value in statistics_of(item.values).items()}
+        rows.append(row | {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0})
+    return pa.table({key: [row[key] for row in rows] for key in rows[0]})
 
 
-def _readme(motion: Motion, features: tuple[Feature, ...]) -> str:
+def _readme(motions: Sequence[Motion], features: tuple[Feature, ...]) -> str:
     """A dataset card: its head is read by the Hub, the rest by people."""
     head = "---\ntask_categories:\n- robotics\ntags:\n- LeRobot\nconfigs:\n- config_name: default\n"
     head += "  data_files: data/*/*.parquet\n---\n\n"
@@ -196,7 +251,7 @@ def _readme(motion: Motion, features: tuple[Feature, ...]) -> str:
         **CONVENTIONS,
         "action": "joints as they were sent",
         "observation.state": "where the servos were, read before the action of that frame was sent"
-        if "present" in motion
+        if all("present" in motion for motion in motions)
         else "the same as action: no servo answered",
         "observation.root": "x y z (m) and qw qx qy qz (wxyz) of the root",
         "observation.landmarks": "where landmarks were asked to be, m, world",

@@ -3,6 +3,10 @@
     {"axes": "unity", "quaternion": "xyzw", "time": 12.345, "frame": 741,
      "poses": {"l_wrist": {"p": [0.1, 1.2, 0.3], "q": [0, 0, 0, 1], "tracked": true}, ...}}
 
+or, of a layout that gives the places of an array:
+
+    {"axes": "openxr", "quaternion": "xyzw", "layout": "smpl24", "poses": [[0.1, 1.2, 0.3, 0, 0, 0, 1], null, ...]}
+
 docs/live.md is the specification. It is strict, so that an error of a sender shows on the first datagram. An
 unknown, missing or doubled key, or a value of the wrong type, refuses the datagram with a reason. Numbers that are no
 position or no rotation drop only their own pose.
@@ -10,11 +14,16 @@ position or no rotation drop only their own pose.
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NoReturn
 
 import numpy as np
 
+from retarget import rotations
+from retarget.frames import SENSORS
+from retarget.sources.skeletons import SMPL_NAMES, TABLES, joints_by_name
 from retarget.sources.streams.stream_frame import (
     CONVENTIONS,
     LEAST_SQUARE,
@@ -25,6 +34,7 @@ from retarget.sources.streams.stream_frame import (
     Dropped,
     StreamFrame,
 )
+from retarget.types import FloatArray
 
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Where w, x, y and z stand in a quaternion of this order."""
@@ -39,6 +49,44 @@ _POSE_KEYS = {"p", "q", "tracked"}
 NUMBER = frozenset((float, int))
 _NOWHERE, _NO_TURN = (math.nan,) * 3, (math.nan,) * 4
 """Position and orientation that were not sent."""
+
+
+@dataclass(frozen=True, eq=False)
+class JsonLayout:
+    """Poses that are sent as an array. count: of its poses. places (k): sensor -> its place. turned: True where the
+    turns of joints are those from a T-pose that faces forward; else they are not used."""
+
+    count: int
+    places: Mapping[str, int]
+    turned: bool
+
+    def orientations(self, sent: FloatArray) -> FloatArray:
+        """Orientations (k, 4) of the sensors, unturned where arms hang, of those sent (k, 4), REP-103."""
+        return rotations.multiply(sent[self._rows], self._back) if self.turned else np.full_like(sent, np.nan)
+
+    @cached_property
+    def _rows(self) -> list[int]:
+        """Of each sensor the one with whose part it turns: a toe sensor turns with the foot."""
+        names = [*self.places]
+        return [names.index(name.replace("toe", "ankle")) for name in names]
+
+    @cached_property
+    def _back(self) -> FloatArray:
+        """Turns (k, 4) from a T-pose to hanging arms, by 90 degrees about forward."""
+        half = math.sqrt(0.5)
+        hang = {name: half if name.startswith("l_") else -half for name in self.places if name[2:] in _ARM}
+        return np.array([(half, hang[name], 0.0, 0.0) if name in hang else rotations.IDENTITY for name in self.places])
+
+
+_ARM = ("shoulder", "elbow", "wrist")
+_WEBXR: Mapping[str, int] = TABLES["webxr_83"]
+_SMPL = {**(joints_by_name(SMPL_NAMES) or {}), "chest": SMPL_NAMES.index("spine3")}
+LAYOUTS: Mapping[str, JsonLayout] = {
+    "smpl24": JsonLayout(len(SMPL_NAMES), {name: _SMPL[name] for name in SENSORS if name in _SMPL}, turned=True),
+    "webxr83": JsonLayout(83, {name: _WEBXR[name] for name in SENSORS if name in _WEBXR}, turned=False),
+}
+"""Layouts by name: SMPL's order, which PICO's body tracking has too, and the joints of WebXR's tracked body, whose
+turns are not specified alike for all joints."""
 
 
 class UnusableDatagram(ValueError):
@@ -62,14 +110,20 @@ class JsonPoseDecoder:
 
     def _frame(self, message: dict[str, Any]) -> StreamFrame:
         if not message.keys() <= _KEYS:
-            raise UnusableDatagram("a key other than axes, quaternion, time, frame, poses")
+            raise UnusableDatagram("a key other than axes, quaternion, layout, time, frame, poses")
         for key, is_usable, reason in _CHECKS:
             if (key in message or key in _REQUIRED) and not is_usable(message.get(key)):
                 raise UnusableDatagram(reason)
         axes, order, poses = CONVENTIONS[message["axes"]], ORDERS.get(message.get("quaternion", "")), message["poses"]
-        time = message.get("time")
+        time, layout = message.get("time"), LAYOUTS.get(message.get("layout", ""))
+        if layout is None and type(poses) is not dict:
+            raise UnusableDatagram('"poses" is an array, and "layout" is missing')
+        if layout is not None and (type(poses) is not list or len(poses) != layout.count):
+            raise UnusableDatagram(f'"poses" is no array of the {layout.count} poses of {message["layout"]}')
+        if layout is not None:
+            poses = {name: poses[place] for name, place in layout.places.items()}
         places, turns, tracked = [], [], []
-        for pose in poses.values():
+        for pose in poses.values() if layout is None else map(_of_array, poses.values()):
             place, turn, is_tracked = _pose(pose, order)
             bad = place is None or turn is None
             if bad and is_tracked:
@@ -82,10 +136,11 @@ class JsonPoseDecoder:
             if not all(0 < len(name) <= MAX_NAME and name.isprintable() for name in names):
                 raise UnusableDatagram(f"a pose's name is not of 1 to {MAX_NAME} printable characters")
             self._names = names
+        orientation = axes.orientations(np.array(turns))
         return StreamFrame(
             names=self._names,
             position=axes.positions(np.array(places)),
-            orientation=axes.orientations(np.array(turns)),
+            orientation=orientation if layout is None else layout.orientations(orientation),
             tracked=np.array(tracked),
             stamp=None if time is None else float(time),
             number=message.get("frame"),
@@ -126,13 +181,18 @@ TIME_IN_MS = '"time" is too large for seconds: it looks like milliseconds, or a 
 _CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("axes", lambda name: type(name) is str and name in CONVENTIONS, '"axes" is missing or no known convention'),
     ("quaternion", lambda name: type(name) is str and name in ORDERS, '"quaternion" is neither "wxyz" nor "xyzw"'),
+    (
+        "layout",
+        lambda name: type(name) is str and name in LAYOUTS,
+        f'"layout" is none of {", ".join(LAYOUTS)}',
+    ),
     ("time", lambda time: type(time) in (float, int) and abs(time) < math.inf, '"time" is no finite number of seconds'),
     ("time", lambda time: abs(time) <= MAX_TIME, TIME_IN_MS),
     ("frame", lambda number: type(number) is int and 0 <= number <= MAX_FRAME, '"frame" is no whole number from 0'),
     (
         "poses",
-        lambda poses: type(poses) is dict and 0 < len(poses) <= MAX_POSES,
-        f'"poses" is no object of 1 to {MAX_POSES} poses',
+        lambda poses: type(poses) in (dict, list) and 0 < len(poses) <= MAX_POSES,
+        f'"poses" is no object or array of 1 to {MAX_POSES} poses',
     ),
 )
 """Key of a message, what its value must be, and why the message is refused otherwise."""
@@ -153,6 +213,21 @@ def _pose(pose: object, order: tuple[int, int, int, int] | None) -> tuple[Any, A
         if not max(map(abs, place)) <= MAX_COORDINATE:
             place = None
     return place, _turn(pose["q"], order) if "q" in pose else _NO_TURN, tracked
+
+
+_NO_POSE: dict[str, Any] = {"p": [math.nan] * 3, "tracked": False}
+"""A pose of an array that is null."""
+
+
+def _of_array(entry: object) -> object:
+    """An entry of an array as a pose: 3 numbers of a position, or 7 with a quaternion behind it; null for none."""
+    if entry is None:
+        return _NO_POSE
+    if type(entry) is list and len(entry) == 3:
+        return {"p": entry}
+    if type(entry) is list and len(entry) == 7:
+        return {"p": entry[:3], "q": entry[3:]}
+    return entry
 
 
 def _turn(sent: object, order: tuple[int, int, int, int] | None) -> tuple[float, float, float, float] | None:

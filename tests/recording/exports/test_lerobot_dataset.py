@@ -97,6 +97,34 @@ def test_the_episode_points_at_its_frames(dataset: Path, motion: Motion) -> None
     assert len(places) == 4 and all(episode[key] == 0 for key in places)
 
 
+def test_several_motions_are_the_episodes_of_one_set(tmp_path: Path) -> None:
+    motions = [with_servos(moved(slider(), rows=rows)) for rows in (11, 7, 23)]
+    motions[1].landmarks_asked[:, 1] = 1.0  # known there alone
+    write_folder(tmp_path, lerobot_files(*motions), option="--out")
+    info = json.loads((tmp_path / "meta/info.json").read_text())
+    assert (info["total_episodes"], info["total_frames"], info["splits"]) == (3, 41, {"train": "0:3"})
+    frames = read(tmp_path / "data/chunk-000/file-000.parquet").to_pydict()
+    assert frames["index"] == [*range(41)] and frames["frame_index"] == [*range(11), *range(7), *range(23)]
+    assert frames["episode_index"] == [0] * 11 + [1] * 7 + [2] * 23 and set(frames["task_index"]) == {0}
+    np.testing.assert_allclose(frames["timestamp"][11:18], np.arange(7) / 50.0, atol=1e-6)
+    np.testing.assert_allclose(frames["action"], np.vstack([one.joints[:, :2] for one in motions]), atol=1e-6)
+    assert info["features"]["observation.landmarks"]["names"] == ["hand.x", "hand.y", "hand.z"]
+    episodes = read(tmp_path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [(row["dataset_from_index"], row["dataset_to_index"]) for row in episodes] == [(0, 11), (11, 18), (18, 41)]
+    last = motions[2].joints[:, :2].astype(np.float32)
+    np.testing.assert_allclose(episodes[2]["stats/action/mean"], last.mean(axis=0), atol=1e-6)
+    assert json.loads((tmp_path / "meta/stats.json").read_text())["action"]["count"] == [41]
+
+
+def test_episodes_of_other_rates_robots_or_joints_are_refused(motion: Motion) -> None:
+    with refuses(InputError, "25", "--fps 50"):
+        lerobot_files(motion, with_servos(moved(slider(), rate_hz=25.0)))
+    with refuses(InputError, "another"):
+        lerobot_files(motion, replace(motion, robot="another"))
+    with refuses(InputError, "action"):
+        lerobot_files(motion, moved(slider()))
+
+
 def test_without_servos_all_joints_are_seen_where_they_were_sent(tmp_path: Path) -> None:
     write_folder(tmp_path, lerobot_files(moved(slider())), option="--out")
     frames = read(tmp_path / "data/chunk-000/file-000.parquet")

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from command_line import mutated
 from retarget import rotations
+from retarget.frames import SENSORS
+from retarget.sources.skeletons import TABLES
 from retarget.sources.streams.json_pose import JsonPoseDecoder
 from retarget.sources.streams.stream_frame import (
     CONVENTIONS,
@@ -239,3 +241,77 @@ def test_the_formulas_of_the_vendors() -> None:
     np.testing.assert_allclose(CONVENTIONS["openxr"].orientations(turns), np.stack([w, -z, -x, y], axis=1))
     np.testing.assert_allclose(CONVENTIONS["vicon_mm"].positions(points), points / 1000.0)
     np.testing.assert_allclose(CONVENTIONS["xsens_y_up"].orientations(turns), np.stack([w, z, x, y], axis=1))
+
+
+# Layouts: poses as an array.
+
+
+SMPL = tuple(TABLES["layouts"]["smpl"])
+
+
+def standing_smpl(yaw: float = 0.0) -> Message:
+    """A person with the left arm hanging and the right one out to the side, who faces forward, turned by yaw."""
+    half = np.sqrt(0.5)
+    turn = rotations.from_axis_angle([0.0, 1.0, 0.0], yaw)  # about up, in axes left, up, forward
+    rows: list[object] = []
+    for at, name in enumerate(SMPL):
+        hanging = name.startswith("left_") and name[5:] in ("shoulder", "elbow", "wrist", "hand")
+        own = np.array([half, 0.0, 0.0, -half]) if hanging else rotations.IDENTITY  # left arm down: about forward
+        q = rotations.multiply(turn, own)
+        rows.append([0.01 * at, 1.0, 0.0, *np.roll(q, -1).tolist()])
+    return good(axes="motive_y_up", layout="smpl24", poses=rows)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_smpl_s_order_gives_our_sensors_unturned_where_arms_hang(yaw: float) -> None:
+    frame = decoded(standing_smpl(yaw))
+    assert set(frame.names) == set(SENSORS)
+    at = dict(zip(frame.names, frame.position, strict=True))
+    for sensor, joint in (("l_wrist", "left_wrist"), ("head", "head"), ("r_toe", "right_foot"), ("chest", "spine3")):
+        np.testing.assert_allclose(at[sensor], [0.0, 0.01 * SMPL.index(joint), 1.0], atol=1e-12)
+    upright = rotations.from_axis_angle([0.0, 0.0, 1.0], yaw)
+    aside = rotations.multiply(upright, rotations.shortest_arc([0.0, 0.0, -1.0], [0.0, -1.0, 0.0]))
+    for name, turn in zip(frame.names, frame.orientation, strict=True):
+        right = aside if name in ("r_shoulder", "r_elbow", "r_wrist") else upright
+        assert rotations.angle_between(turn, right) < 1e-6, name
+
+
+def test_a_toe_turns_with_the_foot_and_null_is_not_tracked() -> None:
+    message = standing_smpl()
+    message["poses"][SMPL.index("left_foot")] = [0.0, 0.0, 0.0, 0.0, 0.6, 0.0, 0.8]
+    message["poses"][SMPL.index("head")] = None
+    message["poses"][SMPL.index("left_knee")] = [0.1, 0.2, 0.3]
+    message["poses"][SMPL.index("right_knee")] = {"p": [0.1, 0.2, 0.3], "tracked": False}
+    frame = decoded(message)
+    row = frame.names.index
+    np.testing.assert_array_equal(frame.orientation[row("l_toe")], frame.orientation[row("l_ankle")])
+    assert np.isnan(frame.position[row("head")]).all() and not frame.tracked[row("head")]
+    assert np.isnan(frame.orientation[row("l_knee")]).all() and frame.tracked[row("l_knee")]
+    assert not frame.tracked[row("r_knee")]
+
+
+def test_webxr_s_body_gives_places_alone() -> None:
+    rows = [[0.01 * at, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0] for at in range(83)]
+    frame = decoded(good(axes="webxr", layout="webxr83", poses=rows))
+    assert set(frame.names) == set(SENSORS) and np.isnan(frame.orientation).all() and frame.tracked.all()
+    places = dict(zip(frame.names, np.rint(-100.0 * frame.position[:, 1]).astype(int).tolist(), strict=True))
+    # By the enumeration: hips, ..., 7 of the torso, 5 of each arm, 26 of each hand, 7 of each leg.
+    assert (places["pelvis"], places["head"], places["l_wrist"], places["r_wrist"]) == (0, 6, 18, 44)
+    assert (places["l_shoulder"], places["r_shoulder"], places["l_hip"], places["r_toe"]) == (9, 14, 69, 82)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"layout": "smpl"}, "smpl24"),
+        ({"layout": ["smpl24"]}, "smpl24"),
+        ({"layout": "smpl24"}, "24"),
+        ({"layout": "webxr83", "poses": [None] * 24}, "83"),
+        ({"poses": [None] * 24}, '"layout"'),
+        ({"layout": "smpl24", "poses": [[0, 0]] * 24}, "a pose"),
+        ({"layout": "smpl24", "poses": [[0, 0, "x"]] * 24}, '"p"'),
+        ({"layout": "smpl24", "poses": []}, '"poses"'),
+    ],
+)
+def test_arrays_of_no_layout_are_not_used(changes: Message, words: str) -> None:
+    assert words in reason(good(**changes))

@@ -1,0 +1,114 @@
+"""The robot `retarget_humanoid`: `retarget.lerobot.robot.HumanoidDevice` as LeRobot calls it."""
+
+from contextlib import ExitStack
+from typing import Any
+
+from lerobot.robots import Robot
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_robot_retarget.config_humanoid import RetargetHumanoidConfig
+from retarget.cli.application import log
+from retarget.cli.buses import PhysicsBench
+from retarget.cli.controls import (
+    NEVER_GOES_ON,
+    Control,
+    ControlSocket,
+    LiveStatus,
+    Oversight,
+    StopFile,
+    refuse_oversight,
+)
+from retarget.cli.exit import StopRequest
+from retarget.cli.operator import RunOperator
+from retarget.cli.stop import socket_path
+from retarget.lerobot.robot import HumanoidDevice, Wiring
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared
+
+
+class RetargetHumanoid(Robot):
+    """A humanoid that follows joint goals. Actions and observations are radians; torque comes with the first action."""
+
+    config_class = RetargetHumanoidConfig
+    name = "retarget_humanoid"
+
+    def __init__(self, config: RetargetHumanoidConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self.cameras: dict[str, Any] = {}
+        refuse_oversight(Oversight(stop_file=config.stop_file), virtual=False)
+        options = RunOptions(
+            robot=config.profile,
+            bus=config.bus,
+            scene=config.scene,
+            stand_at_end=config.stand_at_end,
+            torque_off_at_end=config.torque_off_at_end,
+        )
+        bench = PhysicsBench(options, log)
+        self._stack = ExitStack()
+        self._bench = bench
+        wiring = Wiring(make_bus=bench.make_bus, operator=self._operator, notify=log)
+        self._device = HumanoidDevice(options, wiring, stale_ms=config.stale_ms)
+
+    def _operator(self, prepared: Prepared) -> RunOperator:
+        """Who may stop or hold the robot beside LeRobot."""
+        controls = list[Control]()
+        operator = RunOperator(prepared, StopRequest(), bench=self._bench, controls=controls, notify=log)
+        if self.config.stop_file is not None:
+            controls.append(StopFile(self.config.stop_file))
+        if self.config.control_socket is not None:
+
+            def status() -> LiveStatus:
+                return operator.status()
+
+            path = socket_path(self.config.control_socket)
+            socket = ControlSocket(path, status=status, goes_on=NEVER_GOES_ON)
+            self._stack.callback(socket.close)
+            controls.append(socket)
+        return operator
+
+    @property
+    def observation_features(self) -> dict[str, type]:
+        """`<joint>.pos` and `<joint>.goal`, rad."""
+        return self._device.observation_features
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """`<joint>.pos`, rad."""
+        return self._device.action_features
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there are readings."""
+        return self._device.connection.is_connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always: the profile has zeros and signs, see `retarget servo home`."""
+        return True
+
+    @check_if_already_connected
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the bus and read the servos; nothing moves."""
+        self._device.connect()
+
+    def calibrate(self) -> None:
+        """Do nothing."""
+
+    def configure(self) -> None:
+        """Do nothing: servos are set up by `retarget servo setup`."""
+
+    @check_if_not_connected
+    def get_observation(self) -> dict[str, Any]:
+        """The newest reading."""
+        return dict(self._device.observation())
+
+    @check_if_not_connected
+    def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
+        """Leave a target, and return the goals that were sent last."""
+        return dict(self._device.send(action))
+
+    def disconnect(self) -> None:
+        """Go to rest, and torque off. Raises nothing; Ctrl-C while it waits switches torque off at once."""
+        self._device.disconnect()
+        self._stack.close()

@@ -1,0 +1,245 @@
+"""A run in a thread of its own, for programs with another loop than the servos': they leave targets, and copy readings.
+
+Signals reach the main thread alone, so the run has a stop of its own, which `end` asks for and waits for.
+"""
+
+import atexit
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass, replace
+
+from hardware.bus import ServoStates
+from hardware.clock import Clock
+from hardware.errors import GuardError, RetargetError
+from hardware.guard import Torque
+from retarget.run.loop import Observer, Operator, Tick
+from retarget.run.prepare import Prepared
+from retarget.run.supervisor import LONGEST_STOP_S, OperatorInput
+from retarget.run.tick import Machine
+from retarget.types import FloatArray, Notify, RunState
+
+JOIN_S = LONGEST_STOP_S + 5.0
+"""Longest wait, s, for a run to end: its longest stop, and the bus that is closed after it."""
+FORCED_S = 2.0
+"""Longest wait, s, after torque was to go off at once."""
+WAKE_S = 0.1
+"""The main thread waits in steps of this, s, so that Ctrl-C reaches it."""
+SWITCH_S = 5e-4
+"""Longest time, s, that Python lets another thread of this program run on while a tick waits: its usual 5 ms are more
+than half a tick."""
+DISCONNECTED = "disconnected"
+HOLD_IT = "it stands, with torque: hold the robot, then press Ctrl-C, and torque goes off"
+CUT_POWER = "torque may be on: hold the robot, and cut its power"
+Begins = Callable[[], bool]
+"""Whether the robot is to be armed; called in every tick before it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """The robot at one tick.
+
+    present, goal (n,): rad, servo order, where the servos were read, and the posture that was sent then, without what
+    makes up for a load; before the robot is armed, both are where it was read. state: of the run. reason: why it holds
+    or has stopped.
+    """
+
+    present: FloatArray
+    goal: FloatArray
+    state: RunState = RunState.ARMING
+    reason: str = ""
+
+
+class StopAsked(Operator):
+    """Another operator, and a stop that another thread asks for. why: "" while none is; torque_off: at once."""
+
+    def __init__(self) -> None:
+        self.why, self.torque_off, self.other = "", False, Operator()
+
+    def ask(self, state: RunState | None) -> OperatorInput:
+        """What is asked for now, as `Operator.ask` says."""
+        return self._with(self.other.ask(state))
+
+    def asked(self) -> OperatorInput:
+        """What was asked for so far."""
+        return self._with(self.other.asked())
+
+    def _with(self, found: OperatorInput) -> OperatorInput:
+        return replace(found, stop=found.stop or self.why or None, torque_off=found.torque_off or self.torque_off)
+
+
+class BackgroundRun(Observer):
+    """One run of one robot: `start`, read `reading`, and `end` it.
+
+    The robot has no torque until `begins` says so. error: why there is no run (any more), None while all is well.
+    """
+
+    def __init__(
+        self,
+        prepared: Callable[[], AbstractContextManager[Prepared]],
+        *,
+        operator: Callable[[Prepared], Operator],
+        begins: Begins,
+        clock: Clock,
+        notify: Notify,
+    ) -> None:
+        """prepared: the run that can start, with its bus open; entered and left in the thread. operator: of it."""
+        self._prepared, self._operator, self._begins = prepared, operator, begins
+        self._clock, self._notify = clock, notify
+        self._reading: Reading | None = None
+        self._stop = StopAsked()
+        self._ready, self._over = threading.Event(), threading.Event()
+        self._machine: Machine | None = None
+        self.error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="retarget", daemon=True)
+
+    @property
+    def reading(self) -> Reading:
+        """The newest one. Only after `start`."""
+        assert self._reading is not None, "the run has started"
+        return self._reading
+
+    @property
+    def over(self) -> bool:
+        """Whether the run has ended."""
+        return self._over.is_set()
+
+    def start(self) -> None:
+        """Start the thread, and wait for the first reading. Raises what keeps the run from it."""
+        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
+        self._thread.start()
+        while not self._ready.wait(WAKE_S):
+            pass
+        if self._reading is None:
+            assert self.error is not None, "there is a reading, or a reason"
+            raise self.error
+
+    def refuse_ended(self) -> None:
+        """Raise KeyboardInterrupt where `end` was called: for what waits before the run begins."""
+        if self._stop.why:
+            raise KeyboardInterrupt
+
+    def end(self, why: str) -> None:
+        """Stop: the robot brakes, goes to rest, and its torque goes off; wait for it, for `JOIN_S` at most. Raises
+        nothing. Ctrl-C while this waits switches torque off at once."""
+        self._stop.why = self._stop.why or why
+        deadline, told = self._clock.now() + JOIN_S, False
+        while self._thread.is_alive() and self._clock.now() < deadline:
+            try:
+                self._thread.join(WAKE_S)
+                if self._stands and not told:
+                    told = True
+                    self._say(HOLD_IT)
+            except KeyboardInterrupt:
+                self._stop.torque_off = True
+                deadline = min(deadline, self._clock.now() + FORCED_S)
+        machine = self._machine
+        if self._thread.is_alive() or (machine is not None and machine.guard.torque is not Torque.OFF):
+            self._say(CUT_POWER)
+
+    @property
+    def _stands(self) -> bool:
+        return self._machine is not None and self._machine.supervisor.state is RunState.STANDING
+
+    def _say(self, text: str) -> None:
+        with suppress(Exception):  # a terminal that is gone
+            self._notify(text)
+
+    # In the thread of the run.
+
+    def _run(self) -> None:
+        try:
+            with self._prepared() as prepared:
+                self._perform(prepared)
+        except Exception as error:  # noqa: BLE001 - the thread that waits for the run, or uses it, raises it
+            self.error = error
+        except KeyboardInterrupt:
+            self.error = RetargetError("interrupted before the robot was ready")
+        finally:
+            self._over.set()
+            self._ready.set()
+
+    def _perform(self, prepared: Prepared) -> None:
+        machine = prepared.machine
+        assert machine is not None, "a robot has servos"
+        self._machine, self._stop.other = machine, self._operator(prepared)
+        loop, due = prepared.loop(self._stop, (self,)), self._clock.now()
+        machine.guard.health.refuse_unhealthy(self._read(machine))
+        self._ready.set()
+        while not self._begins():
+            if self._stop.ask(None).stop is not None:
+                return
+            due = max(due + machine.dt, self._clock.now())
+            self._clock.sleep_until(due)
+            prepared.samples.poll()
+            self._read(machine)
+        ending = loop.run(nullcontext)  # other threads of this program make cycles
+        if ending.reason is not None and not self._stop.why:
+            self.error = RetargetError(ending.reason)
+            self._say(f"stopped: {ending.reason}")
+
+    def _read(self, machine: Machine) -> ServoStates:
+        """Read servos that have no torque."""
+        states = machine.guard.read()
+        present = machine.robot.joint_map.to_radians(states.position)
+        self._reading = Reading(present, present)
+        return states
+
+    def see(self, tick: Tick) -> None:
+        """Keep the reading of a tick."""
+        machine, states, before = self._machine, tick.given.servos, self.reading
+        assert machine is not None, "a run has a machine"
+        present = before.present if states is None else machine.robot.joint_map.to_radians(states.position)
+        goal, stop, supervisor = machine.guard.goal, machine.guard.stop, machine.supervisor
+        held = supervisor.hold_reason if supervisor.state is RunState.HOLD else ""
+        reason = held if stop is None else stop.reason
+        self._reading = Reading(present, before.goal if goal is None else goal.posture, supervisor.state, reason)
+
+
+class Connection:
+    """Whether a device is connected: the run that it has, from `connect` to `disconnect`, or the end of the program.
+
+    name: of the device, in messages. close: what is closed after the run.
+    """
+
+    def __init__(self, name: str, close: Callable[[], object] = lambda: None) -> None:
+        self._name, self._close = name, close
+        self._run: BackgroundRun | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there are readings: also of a run that has ended, until `close`."""
+        return self._run is not None
+
+    @property
+    def state(self) -> RunState:
+        """The state of the run; OFF where there is none."""
+        return RunState.OFF if self._run is None or self._run.over else self._run.reading.state
+
+    def run(self, what: str) -> BackgroundRun:
+        """The run. what: is asked of it. Raises GuardError where there is none."""
+        if self._run is None:
+            raise GuardError(f"the {self._name} is not connected", where=what, then="Call connect() first")
+        return self._run
+
+    def open(self, run: BackgroundRun) -> None:
+        """Start the run. Raises GuardError where there is one, RetargetError where it cannot start."""
+        if self._run is not None:
+            raise GuardError(f"the {self._name} is connected already", where="connect", then="Disconnect it first")
+        try:
+            run.start()
+        except BaseException:
+            run.end(DISCONNECTED)
+            self._close()
+            raise
+        self._run = run
+        atexit.register(self.close)
+
+    def close(self) -> None:
+        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none."""
+        run, self._run = self._run, None
+        if run is not None:
+            atexit.unregister(self.close)
+            run.end(DISCONNECTED)
+            self._close()

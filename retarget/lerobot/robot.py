@@ -1,0 +1,151 @@
+"""The robot of LeRobot: actions are followed as a performer is, by a run in a thread of its own."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from hardware.clock import Clock, MonotonicClock
+from hardware.errors import GuardError
+from retarget.errors import InputError
+from retarget.human.samples import Performance, Playback
+from retarget.lerobot.actions import GOAL, POS, Actions, action_names, read_action
+from retarget.lerobot.background import BackgroundRun, Connection
+from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.follower import stance_angles
+from retarget.run.joint_targets import following_targets
+from retarget.run.loop import Operator
+from retarget.run.options import RunOptions
+from retarget.run.prepare import MakeBus, Prepared, performance_of, prepare_for
+from retarget.schema.performer import Performer
+from retarget.sources.open import SAMPLE, open_source
+from retarget.types import Notify
+
+STALE_MS = 200.0
+"""Freshness limit, ms: six actions at 30 Hz."""
+HELD_S = 0.1
+"""Length, s, of the sample that is read for the performer who is held."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wiring:
+    """What only the program that wires knows. make_bus: the bus that the options name. operator: who may stop a run
+    beside the device. notify: receives sentences for the operator."""
+
+    make_bus: MakeBus
+    operator: Callable[[Prepared], Operator]
+    notify: Notify
+
+
+@contextmanager
+def following_actions(
+    robot: RobotBody, options: RunOptions, wiring: Wiring, *, clock: Clock, stale_ms: float = STALE_MS
+) -> Iterator[tuple[Prepared, Actions]]:
+    """A run of a robot that follows actions, ready to start, and where to put them. options: robot, bus and end.
+
+    It stands in its stance first. Raises RetargetError for what cannot be used.
+    """
+
+    def perform(performer: Performer, robot: RobotBody | None) -> Performance:
+        """The performer of the sample, who is held: a run needs one."""
+        return performance_of(lambda: open_source(SAMPLE), Playback(end=HELD_S))(performer, robot)
+
+    make_bus, notify = wiring.make_bus, wiring.notify
+    with prepare_for(
+        perform, options, clock=clock, make_bus=make_bus, goes_to_rest=True, notify=notify, robot=robot
+    ) as prepared:
+        machine, first = prepared.machine, robot.posture(stance_angles(robot))[robot.servo_columns]
+        assert machine is not None, "a robot has servos"
+        held, fastest = prepared.samples.recorded(), robot.joint_map.max_velocity
+        actions = Actions(held, first, fastest=fastest, clock=clock, stale_s=1e-3 * stale_ms)
+        goals = following_targets(robot, machine.follower, actions, first=first, dt=machine.dt)
+        yield replace(prepared, samples=actions, machine=replace(machine, goals=goals)), actions
+
+
+class HumanoidDevice:
+    """A robot that follows joint targets: `connect`, then `send` and `observation` at any rate, and `disconnect`.
+
+    The servos are moved at the rate of the profile by a run of its own. Torque comes on with the first action: the
+    robot goes slowly to its stance, then slowly to the target, and follows it. Each goal passes the gate. Without an
+    action for `stale_ms` the robot holds; 5 s after the last one it goes to rest.
+    """
+
+    def __init__(self, options: RunOptions, wiring: Wiring, *, stale_ms: float = STALE_MS) -> None:
+        """options: robot and bus, and how the run ends. Raises RetargetError for a robot that cannot be loaded."""
+        self._options, self._wiring, self._stale_ms = options, wiring, stale_ms
+        self._clock: Clock = MonotonicClock()
+        self.robot = load_robot(options.robot, root=options.root)
+        self.joints = self.robot.joint_map.joints
+        self._names = action_names(self.joints)
+        self._actions: Actions | None = None
+        self.connection = Connection("robot")
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """`<joint>.pos`, rad."""
+        return dict.fromkeys(self._names, float)
+
+    @property
+    def observation_features(self) -> dict[str, type]:
+        """`<joint>.pos`, then `<joint>.goal`, rad."""
+        return dict.fromkeys([joint + suffix for suffix in (POS, GOAL) for joint in self.joints], float)
+
+    def connect(self) -> None:
+        """Open the bus and read the servos; nothing moves, and no torque comes on. Raises RetargetError."""
+        run = BackgroundRun(
+            self._prepared,
+            operator=self._wiring.operator,
+            begins=lambda: self._actions is not None and self._actions.begun,
+            clock=self._clock,
+            notify=self._wiring.notify,
+        )
+        self.connection.open(run)
+
+    @contextmanager
+    def _prepared(self) -> Iterator[Prepared]:
+        """The run that can start."""
+        following = following_actions(
+            self.robot, self._options, self._wiring, clock=self._clock, stale_ms=self._stale_ms
+        )
+        with following as (prepared, self._actions):
+            yield prepared
+
+    def observation(self) -> dict[str, float]:
+        """The newest reading, rad, by the keys of `observation_features`. Raises GuardError where it is not
+        connected."""
+        reading = self.connection.run("get_observation").reading
+        values = [*reading.present.tolist(), *reading.goal.tolist()]
+        return dict(zip(self.observation_features, values, strict=True))
+
+    def send(self, action: Mapping[str, object]) -> dict[str, float]:
+        """Take the target of all joints, rad, and return the goals that were sent last, by the same keys.
+
+        Raises InputError for an action that is not finite or not whole: the robot holds until a good one comes.
+        GuardError where the robot has stopped, with the reason, or is not connected.
+        """
+        run, actions = self.connection.run("send_action"), self._actions
+        assert actions is not None, "a run that has started has them"
+        try:
+            joints = read_action(action, self._names)
+        except InputError as error:
+            actions.refuse(f"the last action was refused: {error.problems[0].what}")
+            raise
+        if run.over:
+            raise GuardError(
+                "the robot does not follow any more",
+                where="send_action",
+                found=str(run.error or run.reading.reason or "the run is over"),
+                then="See why, then disconnect and connect it again",
+            )
+        actions.put(joints)
+        return dict(zip(self._names, run.reading.goal.tolist(), strict=True))
+
+    def clutch(self, *, engaged: bool) -> None:
+        """Follow actions again, slowly from where the robot is; or hold it, without a limit in time."""
+        self.connection.run("clutch")
+        assert self._actions is not None, "a run that has started has them"
+        self._actions.clutch(engaged=engaged)
+
+    def disconnect(self) -> None:
+        """Brake, go to rest, torque off; within `background.JOIN_S`. Raises nothing, and does nothing if it is not
+        connected. Ctrl-C while it waits switches torque off at once."""
+        self.connection.close()

@@ -1,0 +1,89 @@
+"""Joint targets from outside: a robot that follows a posture which another program changes, not a performer.
+
+The targets come at a rate of their own, late or in jumps. They are smoothed, and what separates the robot from them at
+first is made up for slowly, so that a target far away is approached, never leapt to. The gate checks the result with
+the path of its stop, as it does for a performer.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from retarget._solver import TrajectoryGenerator
+from retarget.human.samples import PerformerInput
+from retarget.ik.base_pose import plant_root
+from retarget.model.robot import RobotBody
+from retarget.robot.follower import Follower
+from retarget.run.controllers import JERK_S, RISE_S, Commanded, Controller, GoalsInstead, Target
+from retarget.types import FloatArray
+
+SMOOTH_S, SMOOTH_JERK_S = 0.06, 0.03
+"""Times in which the smoothed target reaches the servos' greatest velocity, and its acceleration: about two periods of
+targets that come at 30 Hz, whose steps they hide; together they delay by half their sum."""
+JUMP = 1.5
+"""A target that moves faster than this multiple of a servo's greatest velocity has jumped: noise in the times of
+targets is less."""
+
+
+class JointTargets(Protocol):
+    """Where the robot is to be."""
+
+    def target(self) -> FloatArray:
+        """The target of this tick, (n,) rad, servo order, finite."""
+        ...
+
+
+class TargetFollower(Controller):
+    """Follows joint targets: the smoothed target, and an offset that fades at the speed of an approach.
+
+    The offset is where the robot is less where the target is. It begins anew whenever following does, when the gate let
+    something else pass, and when the target jumps.
+    """
+
+    def __init__(self, robot: RobotBody, follower: Follower, targets: JointTargets, *, dt: float) -> None:
+        """follower: plans the stops of a robot on its soles. dt: s per tick."""
+        self._robot, self._follower, self._targets, self._dt = robot, follower, targets, dt
+        servos, share = robot.joint_map, robot.profile.safety.speed_caps.approach
+        slow, self._most = share * servos.max_velocity, JUMP * servos.max_velocity * dt
+        fade = np.minimum(slow / RISE_S, 0.5 * servos.max_acceleration)
+        smooth = np.minimum(servos.max_velocity / SMOOTH_S, servos.max_acceleration - fade)
+        self._smooth = TrajectoryGenerator(servos.max_velocity, smooth, smooth / SMOOTH_JERK_S, dt=dt)
+        self._offset = TrajectoryGenerator(slow, fade, fade / JERK_S, dt=dt)
+        self._none = np.zeros(len(servos))
+        self._last: Target | None = None  # None: nothing was asked for yet
+        self._target = self._before = self._none
+
+    def begin(self, commanded: Commanded) -> None:
+        """Follow from where the robot stands."""
+        self._last, self._before = None, commanded.joints
+
+    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target:
+        """The target of the next tick, with the path of its stop."""
+        self._follower.pass_time(self._dt)
+        target = np.clip(self._targets.target(), self._robot.joint_map.lower, self._robot.joint_map.upper)
+        jumped = (np.abs(target - self._target) > self._most).any()
+        if self._last is None or jumped:
+            self._smooth.reset(target)
+        if self._last is None or jumped or commanded.target is not self._last:
+            velocity = (commanded.joints - self._before) / self._dt
+            self._offset.reset(commanded.joints - self._smooth.position, velocity - self._smooth.velocity)
+        self._target, self._before = target, commanded.joints
+        joints = self._smooth.step(target, speed_override) + self._offset.step(self._none, speed_override)
+        self._last = self._planned(joints, commanded)
+        return self._last
+
+    def _planned(self, joints: FloatArray, commanded: Commanded) -> Target:
+        """The target for joints (n,) rad, planted where the robot stands, and its stop on its soles."""
+        robot, dt = self._robot, self._dt
+        q = commanded.standing.copy()
+        q[robot.servo_columns] = joints
+        plant_root(robot, commanded.standing, q)
+        velocity = robot.kinematics.difference(commanded.standing, q) / dt
+        return Target(joints, q, self._follower.stop_from(q, velocity, dt))
+
+
+def following_targets(
+    robot: RobotBody, follower: Follower, targets: JointTargets, *, first: FloatArray, dt: float
+) -> GoalsInstead:
+    """Follow joint targets in place of a performer. first (n,): rad, where the robot stands before it follows."""
+    return GoalsInstead(TargetFollower(robot, follower, targets, dt=dt), first, "the targets")

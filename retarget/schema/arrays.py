@@ -1,0 +1,114 @@
+"""Arrays of an NPZ file from outside: no pickle is ever read, and what is missing, cut short, of another shape or not a
+number is refused at once."""
+
+import sys
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from math import fsum, prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from retarget.errors import InputError
+
+BROKEN = (
+    *(OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, OverflowError),
+    *(tokenize.TokenError, SyntaxError, TypeError, zlib.error),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayFile:
+    """Arrays by key, the file that they are from, and the next step where that is something else."""
+
+    source: str
+    arrays: dict[str, NDArray[Any]]
+    advice: str
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.arrays
+
+    def floats(self, key: str, *shape: int | None, unknown: bool = False) -> NDArray[np.float64]:
+        """Read an array of numbers of this shape (None: any size). unknown: NaN is allowed. Raises InputError."""
+        values = np.asarray(self._checked(key, "fiu", "numbers", shape), dtype=np.float64)
+        bad = ~np.isfinite(values) & ~(unknown & np.isnan(values))
+        if bad.any():
+            row = int(np.argwhere(bad)[0][0]) if values.ndim else 0
+            found = f"{values[bad].flat[0]} in row {row + 1}, and in {np.count_nonzero(bad)} places in all"
+            raise self._wrong(key, found, "finite numbers")
+        return values
+
+    def whole(self, key: str, *shape: int | None) -> NDArray[np.int64]:
+        """Read an array of whole numbers of this shape. Raises InputError."""
+        return np.asarray(self._checked(key, "iu", "whole numbers", shape), dtype=np.int64)
+
+    def texts(self, key: str, *shape: int | None) -> NDArray[np.str_]:
+        """Read an array of texts of this shape. Raises InputError."""
+        values = np.ascontiguousarray(self._checked(key, "U", "texts", shape), dtype=np.str_).reshape(-1)
+        if (values.view(np.uint32) > sys.maxunicode).any():
+            raise self._wrong(key, "a code that is no letter's", "texts")
+        return values.reshape(self.arrays[key].shape)
+
+    def _checked(self, key: str, kinds: str, what: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+        """An array of one of these kinds of dtypes, and of a shape."""
+        array = self.arrays[key]
+        sizes = zip(shape, array.shape, strict=False)
+        if array.ndim != len(shape) or any(wanted not in (None, size) for wanted, size in sizes):
+            allowed = ", ".join("any" if size is None else str(size) for size in shape)
+            raise self._wrong(key, f"shape {array.shape}", f"shape ({allowed})")
+        if array.dtype.kind not in kinds:
+            raise self._wrong(key, f"{array.dtype}", what)
+        return array
+
+    def _wrong(self, key: str, found: str, allowed: str) -> InputError:
+        return InputError(
+            "wrong content", where=f"{self.source}: {key}", found=found, allowed=allowed, next_step=self.advice
+        )
+
+
+Wanted = Callable[[Collection[str]], Collection[str]]
+"""From the names in a file to those that are read; it may raise InputError."""
+
+
+def open_arrays(path: Path, wanted: Wanted, *, max_bytes: int, advice: str) -> ArrayFile:
+    """The wanted arrays of a file, as far as it has them. max_bytes: of all these, unpacked. advice: the next step for
+    a file that is something else. Raises InputError: no NPZ, cut short, too large, an array of Python objects."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            read = set(wanted(entries.keys()))
+            size = int(fsum(entry.file_size for name, entry in entries.items() if name in read))
+            if size > max_bytes:
+                raise InputError("too large", where=str(path), found=f"{size} bytes", allowed=f"up to {max_bytes}")
+            arrays = {name: _read_array(archive, entries[name]) for name in entries if name in read}
+            return ArrayFile(str(path), arrays, advice)
+    except zipfile.BadZipFile as error:
+        step = f"If it was one, it is cut short: get it again. {advice}"
+        raise InputError("not an NPZ file", where=str(path), found=error, next_step=step) from error
+    except BROKEN as error:
+        found = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError("a damaged NPZ file", where=str(path), found=found, next_step="Get it again") from error
+
+
+def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of a .npy file, for which no room is made before its header agrees with the size of the file. Raises
+    InputError for Python objects, ValueError and what else is BROKEN."""
+    with archive.open(entry) as stream:
+        header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
+        shape, _, dtype = header(stream)
+        if dtype.hasobject:
+            raise InputError(
+                "an array of Python objects, which is a pickle and never read",
+                where=f"{archive.filename}: {entry.filename.removesuffix('.npy')}",
+                next_step="Save it as numbers: numpy.asarray(values, float)",
+            )
+        if not dtype.itemsize or stream.tell() + dtype.itemsize * prod(shape) != entry.file_size:
+            raise ValueError(f"{entry.filename} has another size than its header says")
+    with archive.open(entry) as stream:
+        return np.asarray(npy.read_array(stream, allow_pickle=False))

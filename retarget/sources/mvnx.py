@@ -1,0 +1,186 @@
+"""Xsens MVN recordings (.mvnx): XML with the pose of each of 23 segments in every frame, z up, x forward, metres.
+
+A segment's frame is unturned in MVN's T-pose, so that pose is the zero pose of the tree; lengths are those of the
+frames. Props and fingers are passed over.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from io import BytesIO
+from pathlib import Path
+from types import MappingProxyType
+from xml.etree.ElementTree import Element, ParseError, iterparse
+
+import numpy as np
+
+from retarget import rotations
+from retarget.errors import InputError
+from retarget.frames import SensorFrames
+from retarget.sources.canonical import canonical_frames, named_unit
+from retarget.sources.files import MAX_FRAMES, check_frame_count, check_rate, numbers, read_bytes
+from retarget.sources.skeletons import TABLES, JointPoses, tree_of_poses
+from retarget.types import FloatArray
+
+SEGMENTS: tuple[str, ...] = tuple(TABLES["mvn_segments"])
+"""Body segments in the order of MVN."""
+MAX_SEGMENTS = 255
+"""Segments of a subject, props and fingers included: MVN counts them in a byte."""
+MAX_DEPTH = 50
+"""Elements inside each other: MVNX has 7."""
+TOP_OF_HEAD = "pTopOfHead"
+"""The point of the head segment where the head ends."""
+
+
+def _parents() -> Mapping[str, str]:
+    """Segment -> the one that it hangs on, "" for none."""
+    tree = dict(TABLES["mvn_tree"])
+    words = tree.pop("sides")
+    plain = {name: parent for name, parent in tree.items() if "{s}" not in name}
+    for word in words:
+        plain |= {
+            name.replace("{s}", word): above.replace("{s}", word) for name, above in tree.items() if "{s}" in name
+        }
+    return MappingProxyType(plain)
+
+
+PARENTS = _parents()
+
+
+@dataclass(eq=False)
+class _Subject:
+    """A subject as it is read. labels: of all segments. rows: positions and quaternions of each frame, flat. top (3,):
+    of the head, in its segment's frame; zero if the file has none."""
+
+    rate: str = ""
+    labels: list[str] = field(default_factory=list)
+    rows: list[tuple[list[float], list[float]]] = field(default_factory=list)
+    top: FloatArray = field(default_factory=lambda: np.zeros(3))
+    others: int = 0
+
+
+def read_mvnx(
+    path: Path,
+    *,
+    unit: str | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    up: FloatArray | None = None,
+) -> SensorFrames:
+    """Read a motion. unit: of lengths, instead of metres. rate: frames per second, instead of the file's. stature: m,
+    of the performer, which gives the unit. up (3,): the up axis. Raises InputError with the file and the frame."""
+    subject = _parsed(path)
+    check_frame_count(len(subject.rows), str(path))
+    labels = subject.labels or list(SEGMENTS)
+    position = np.array([row[0] for row in subject.rows]).reshape(len(subject.rows), -1, 3)
+    turns = np.array([row[1] for row in subject.rows]).reshape(len(subject.rows), -1, 4)
+    if position.shape[1] != len(labels):
+        found = f"{position.shape[1]} positions in a frame"
+        raise InputError(
+            "frames of other segments", where=str(path), found=found, allowed=f"{len(labels)}, one of each segment"
+        )
+    names = tuple(name for name in PARENTS if name in labels)
+    columns = [labels.index(name) for name in names]
+    if missing := [name for name in names if PARENTS[name] and PARENTS[name] not in names] or ["Pelvis"] * (not names):
+        found = ", ".join(filter(None, labels))[:200]
+        raise InputError(
+            "no whole body of MVN",
+            where=str(path),
+            found=", ".join(filter(None, labels))[:200],
+            allowed=f"all above {missing[0]}",
+        )
+    pose = JointPoses(position[:, columns], rotations.normalise(turns[:, columns]))
+    if not np.isfinite(pose.orientation).all():
+        raise InputError("no quaternion", where=str(path), found="four zeros", next_step="Export the recording again")
+    tree = tree_of_poses(names, tuple(names.index(PARENTS[name]) if PARENTS[name] else -1 for name in names), pose)
+    tree = replace(tree, ends=tuple((subject.top,) if name == "Head" else () for name in names))
+    if rate is None:
+        if not subject.rate:
+            step = "Say the frames per second with --rate"
+            raise InputError("no frame rate in the file", where=str(path), allowed="frameRate", next_step=step)
+        rate = check_rate(numbers([subject.rate], f"{path}: frameRate")[0], f"{path}: frameRate")
+    notes = (f"{subject.others + 1} subjects in the file: only the first is read",) if subject.others else ()
+    return canonical_frames(
+        tree,
+        pose,
+        unit=named_unit(unit) or 1.0,
+        rate=check_rate(rate, "--rate"),
+        source=str(path),
+        stature=stature,
+        up=up,
+        notes=notes,
+    )
+
+
+def _parsed(path: Path) -> _Subject:
+    """The first subject of a file. Raises InputError."""
+    content = read_bytes(path)
+    step = "Get the file again, or export it as MVNX from MVN"
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise InputError(
+            "XML with definitions of its own", where=str(path), found="<!DOCTYPE or <!ENTITY", next_step=step
+        )
+    subject, depth, is_mvnx, subjects = _Subject(), 0, False, 0
+    try:
+        for event, element in iterparse(BytesIO(content), events=("start", "end")):
+            tag = element.tag.rpartition("}")[2]
+            depth += 1 if event == "start" else -1
+            if depth > MAX_DEPTH:
+                raise InputError(
+                    "elements too deeply nested", where=str(path), allowed=f"{MAX_DEPTH} deep", next_step=step
+                )
+            if event == "start":
+                is_mvnx |= tag == "mvnx"
+                subjects += tag == "subject"
+                if tag == "subject" and subjects == 1:
+                    subject.rate = element.get("frameRate", "")
+                continue
+            if subjects == 1:
+                _take(subject, tag, element, path)
+            if tag in ("frame", "segment", "joint", "sensor", "ergonomicJointAngle"):
+                element.clear()
+    except ParseError as error:
+        raise InputError(
+            "damaged XML", where=f"{path}:{error.position[0]}", found=str(error)[:100], next_step=step
+        ) from None
+    except (ValueError, LookupError) as error:  # an encoding that is none
+        raise InputError("damaged XML", where=str(path), found=str(error)[:100], next_step=step) from None
+    if not is_mvnx or not subjects:
+        raise InputError("not an MVNX file", where=str(path), allowed="<mvnx> with a <subject>", next_step=step)
+    subject.others = subjects - 1
+    return subject
+
+
+def _take(subject: _Subject, tag: str, element: Element, path: Path) -> None:
+    """Take a segment or a frame of the subject that has ended."""
+    if tag == "segment":
+        subject.labels.append(element.get("label", "")[:80])
+        if len(subject.labels) > MAX_SEGMENTS:
+            raise InputError("too many segments", where=str(path), allowed=f"up to {MAX_SEGMENTS}")
+        for point in element.iter():
+            if point.get("label") == TOP_OF_HEAD and subject.labels[-1] == "Head" and len(point):
+                subject.top = np.array(_numbers(point[0], 3, f"{path}: {TOP_OF_HEAD}"))
+    elif tag == "frame" and element.get("type", "normal") == "normal":
+        where = f"{path}: frame {element.get('index', '') or len(subject.rows)}"[:200]
+        if len(subject.rows) >= MAX_FRAMES:
+            check_frame_count(MAX_FRAMES + 1, where)
+        parts = {child.tag.rpartition("}")[2]: child for child in element}
+        if not {"position", "orientation"} <= parts.keys():
+            raise InputError(
+                "a frame without poses of segments",
+                where=where,
+                found=", ".join(parts)[:80] or "nothing",
+                allowed="position and orientation",
+                next_step="Export positions and orientations of segments too",
+            )
+        count = len(subject.labels) or len(SEGMENTS)
+        position = _numbers(parts["position"], 3 * count, where)
+        subject.rows.append((position, _numbers(parts["orientation"], 4 * count, where)))
+
+
+def _numbers(element: Element, count: int, where: str) -> list[float]:
+    """So many numbers of an element. Raises InputError."""
+    words = (element.text or "").split()
+    if len(words) != count:
+        tag = element.tag.rpartition("}")[2]
+        raise InputError(f"wrong number of values in {tag}", where=where, found=len(words), allowed=count)
+    return numbers(words, where)

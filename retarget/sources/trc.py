@@ -1,0 +1,134 @@
+"""Marker recordings as tables (.trc, OpenSim and Motion Analysis): tab separated, five lines of a header, y mostly up.
+
+An empty cell, a cell of NaN, and a marker at the exact origin are lost. The sensors are those of `markers`.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from retarget.errors import InputError
+from retarget.frames import SensorFrames
+from retarget.sources.axes import UP_AXES
+from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
+from retarget.sources.markers import MAX_POINTS, MarkerRecording, marker_frames
+from retarget.types import BoolArray, FloatArray
+
+HEADER_LINES = 5
+"""Lines before the data: the file, names and values of what holds for all, names of markers, names of columns."""
+LOST = ("", "nan")
+"""Cells, in lower case, of a marker that was not seen."""
+
+
+def read_trc(
+    path: Path,
+    *,
+    unit: str | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    up: FloatArray | None = None,
+    markers: Path | None = None,
+) -> SensorFrames:
+    """Read the sensors that the markers of a file allow.
+
+    unit, rate, up (3,): instead of the file's. stature: m, of the performer. markers: the user's own table of markers.
+    Raises InputError with file and line, ConfigError for the table.
+    """
+    lines = read_lines(path)
+    about = _about(lines, path)
+    labels = _labels(lines, path)
+    position = _positions(lines, len(labels), path)
+    check_frame_count(len(position), str(path))
+    notes: tuple[str, ...] = ()
+    if declared := about.get("numframes", ""):
+        if not (declared.isascii() and declared.isdecimal() and len(declared) <= 12):
+            raise InputError(
+                "wrong number of frames", where=f"{path}:3", found=repr(declared[:40]), allowed="a whole number"
+            )
+        notes = frames_held(len(position), int(declared), f"{path}:3")
+    recording = MarkerRecording(
+        labels=labels,
+        points=lambda columns: _points(position, columns),
+        rate_hz=_rate(about, path, stated=rate is None),
+        units=tuple(filter(None, (about.get("units", ""),))),
+        up=None,
+        usual_up=UP_AXES["y"],
+        notes=notes,
+    )
+    return marker_frames(recording, path, unit=unit, rate=rate, stature=stature, up=up, markers=markers)
+
+
+def _about(lines: Sequence[str], path: Path) -> dict[str, str]:
+    """What holds for the whole recording, by its names in lower case."""
+    if not lines[0].startswith("PathFileType") or len(lines) <= HEADER_LINES:
+        raise InputError(
+            "not a TRC file",
+            where=f"{path}:1",
+            found=repr(lines[0][:40]),
+            allowed=f"PathFileType, and {HEADER_LINES} lines of a header",
+            next_step="Check that this is the recording, as text and whole",
+        )
+    names, values = (line.split("\t") for line in lines[1:3])
+    return {name.strip().lower(): value.strip() for name, value in zip(names, values, strict=False)}
+
+
+def _rate(about: dict[str, str], path: Path, *, stated: bool) -> float:
+    """Frames per second by the file. stated: they are needed."""
+    if not stated:
+        return 1.0
+    if "datarate" not in about:
+        step = "Say the frames per second with --rate"
+        raise InputError("no frame rate in the file", where=f"{path}:2", allowed="DataRate", next_step=step)
+    return check_rate(numbers([about["datarate"]], f"{path}:3")[0], f"{path}:3")
+
+
+def _labels(lines: Sequence[str], path: Path) -> tuple[str, ...]:
+    """Names of the markers: each stands over three columns, behind Frame# and Time."""
+    cells = [cell.strip() for cell in lines[3].split("\t")]
+    named = [cell for cell in cells[2:] if cell]
+    if cells[:1] != ["Frame#"] or not named:
+        raise InputError(
+            "no names of markers", where=f"{path}:4", found=repr(lines[3][:40]), allowed="Frame#, Time, then the names"
+        )
+    if len(named) > MAX_POINTS:
+        raise InputError("too many markers", where=f"{path}:4", found=len(named), allowed=f"up to {MAX_POINTS}")
+    return tuple(named)
+
+
+def _positions(lines: Sequence[str], count: int, path: Path) -> FloatArray:
+    """Positions (T, count, 3), NaN where lost."""
+    width, rows = 2 + 3 * count, list[list[float]]()
+    for index in range(HEADER_LINES, len(lines)):
+        if not lines[index].strip():
+            continue
+        where, cells = f"{path}:{index + 1}", [cell.strip() for cell in lines[index].split("\t")]
+        try:
+            if len(cells) < 2 or any(cells[width:]):
+                raise InputError(
+                    "wrong number of values in a frame",
+                    where=where,
+                    found=len(cells),
+                    allowed=f"up to {width}: number, time and {count} markers, with tabs between them",
+                )
+            cells = (cells + [""] * width)[2:width]
+            there = np.array([cell.lower() not in LOST for cell in cells]).reshape(count, 3)
+            if (there.any(axis=1) != there.all(axis=1)).any():
+                raise InputError(
+                    "a marker with a part of its position",
+                    where=where,
+                    allowed="three numbers, or three empty cells where it was not seen",
+                    next_step="Check that tabs stand between the values, or export the file again",
+                )
+            values = iter(numbers([cell for cell in cells if cell.lower() not in LOST], where))
+            rows.append([np.nan if cell.lower() in LOST else next(values) for cell in cells])
+        except InputError as error:
+            raise cut_short(error, lines[index + 1 :]) from None
+    return np.array(rows).reshape(len(rows), count, 3)
+
+
+def _points(position: FloatArray, columns: list[int]) -> tuple[FloatArray, BoolArray, tuple[str, ...]]:
+    """Positions (T, m, 3) of these markers, where they were seen (T, m), and no notes."""
+    chosen = position[:, columns]
+    seen = np.isfinite(chosen).all(axis=-1) & (chosen != 0.0).any(axis=-1)
+    return np.where(seen[..., None], chosen, np.nan), seen, ()

@@ -1,0 +1,192 @@
+"""Both devices in their threads, in real time: readings before torque, errors where they belong, and an end that is
+always reached."""
+
+import re
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import pytest
+
+from hardware.bus import ServoBus
+from hardware.clock import Clock, MonotonicClock
+from hardware.errors import BusError, GuardError
+from messages import refuses
+from recordings import mock_bus
+from retarget.errors import InputError, UsageError
+from retarget.human.samples import Playback
+from retarget.lerobot.performer import PerformerDevice, PerformerWiring
+from retarget.lerobot.robot import HumanoidDevice, Wiring
+from retarget.model.robot import RobotBody
+from retarget.run.loop import Operator
+from retarget.run.options import RunOptions
+from retarget.run.prepare import performance_of
+from retarget.sources.open import open_source
+from retarget.types import RunState
+
+CLOCK = MonotonicClock()
+
+
+@dataclass
+class Bench:
+    """Makes mock buses, and counts how often torque was switched on."""
+
+    make: Callable[[RobotBody, Clock], ServoBus] = mock_bus
+    torque_on: int = 0
+    said: list[str] = field(default_factory=list)
+
+    def bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
+        bus = self.make(robot, clock)
+        torque = bus.torque
+
+        def counted(on: bool) -> None:
+            self.torque_on += on
+            torque(on)
+
+        vars(bus)["torque"] = counted
+        return bus
+
+    def device(self) -> HumanoidDevice:
+        wiring = Wiring(make_bus=self.bus, operator=lambda prepared: Operator(), notify=self.said.append)
+        return HumanoidDevice(RunOptions(robot="op3"), wiring)
+
+
+def wait_for(done: Callable[[], bool], *, seconds: float = 20.0, each: Callable[[], object] = lambda: None) -> None:
+    end = CLOCK.now() + seconds
+    while not done():
+        assert CLOCK.now() < end, "it takes too long"
+        each()
+        CLOCK.sleep_until(CLOCK.now() + 1.0 / 30.0)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def device(bench: Bench) -> Iterator[HumanoidDevice]:
+    device = bench.device()
+    yield device
+    device.disconnect()
+    assert not [thread for thread in threading.enumerate() if thread.name == "retarget"]
+
+
+def test_there_is_a_reading_without_torque_and_an_end_without_an_action(device: HumanoidDevice, bench: Bench) -> None:
+    device.connect()
+    observed = device.observation()
+    assert observed.keys() == device.observation_features.keys()
+    assert [*observed][:20] == [*device.action_features] and {type(value) for value in observed.values()} == {float}
+    with refuses(GuardError, "connect"):
+        device.connect()
+    assert device.connection.state is RunState.ARMING
+    device.disconnect()
+    device.disconnect()
+    assert not device.connection.is_connected and bench.torque_on == 0
+    with refuses(GuardError, "get_observation"):
+        device.observation()
+
+
+def test_a_bus_that_cannot_be_opened_is_the_error_of_connect() -> None:
+    def broken(robot: RobotBody, clock: Clock) -> ServoBus:
+        raise BusError("no such port", where="/dev/ttyUSB9")
+
+    device = Bench(make=broken).device()
+    with refuses(BusError, "/dev/ttyUSB9"):
+        device.connect()
+    assert not device.connection.is_connected
+    device.disconnect()
+
+
+@pytest.mark.long
+def test_it_follows_refuses_and_goes_to_rest(device: HumanoidDevice, bench: Bench) -> None:
+    device.connect()
+    target = {key: value for key, value in device.observation().items() if key in device.action_features}
+    target["head_pan.pos"] += 0.2
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    assert bench.torque_on == 1
+    with refuses(InputError, "head_pan.pos"):
+        device.send(target | {"head_pan.pos": float("nan")})
+    wait_for(lambda: device.connection.state is RunState.HOLD)
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    wait_for(lambda: abs(device.send(target)["head_pan.pos"] - target["head_pan.pos"]) < 1e-3)
+    device.clutch(engaged=False)
+    wait_for(lambda: device.connection.state is RunState.HOLD, each=lambda: device.send(target))
+    begun = CLOCK.now()
+    device.disconnect()
+    assert CLOCK.now() - begun < 15.0
+    device.connect()  # a new run, without torque
+    assert device.connection.state is RunState.ARMING and bench.torque_on == 1
+
+
+@pytest.mark.long
+def test_without_actions_it_stops_and_says_why(device: HumanoidDevice, bench: Bench) -> None:
+    device.connect()
+    target = {key: value for key, value in device.observation().items() if key in device.action_features}
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    wait_for(lambda: device.connection.state is RunState.OFF, seconds=30.0)
+    with refuses(GuardError, "send_action", 200, varies=re.compile(r"for [\d.]+ s")):
+        device.send(target)
+    assert device.observation()  # the last reading
+
+
+@pytest.mark.long
+def test_ctrl_c_while_it_goes_to_rest_switches_torque_off(
+    device: HumanoidDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.connect()
+    target = {key: value for key, value in device.observation().items() if key in device.action_features}
+    wait_for(lambda: device.connection.state is RunState.FOLLOW, each=lambda: device.send(target))
+    [thread] = [thread for thread in threading.enumerate() if thread.name == "retarget"]
+    join, pressed = thread.join, iter([True])
+
+    def interrupted(timeout: float | None = None) -> None:
+        join(timeout)
+        if next(pressed, False):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(thread, "join", interrupted)
+    begun = CLOCK.now()
+    device.disconnect()
+    assert CLOCK.now() - begun < 2.5
+
+
+def performer(*, end: float, delay_s: float = 0.0) -> PerformerDevice:
+    options = RunOptions(robot="op3", bus="profile", playback=Playback(end=end))
+    wiring = PerformerWiring(
+        perform=lambda look: performance_of(lambda: open_source("sample"), options.playback),
+        operator=lambda prepared: Operator(),
+        close=lambda: None,
+        notify=lambda text: None,
+    )
+    return PerformerDevice(options, wiring, delay_s=delay_s)
+
+
+def test_a_performer_gives_every_key_of_the_robot(bench: Bench) -> None:
+    device = performer(end=0.2, delay_s=10.0)
+    with refuses(GuardError, "get_action"):
+        device.action()
+    device.connect()
+    first = device.action()
+    assert first.keys() == device.action_features.keys() == bench.device().action_features.keys()
+    assert device.connection.state is RunState.ARMING and first == device.action()
+    device.disconnect()
+    device.disconnect()
+    assert not device.connection.is_connected
+
+
+@pytest.mark.long
+def test_a_file_that_is_over_leaves_its_last_goal() -> None:
+    device = performer(end=1.0)
+    device.connect()
+    first = device.action()
+    wait_for(lambda: device.connection.state is RunState.OFF)
+    last = device.action()
+    assert last == device.action() and last != first
+    device.disconnect()
+
+
+@pytest.mark.parametrize("delay_s", [-1.0, float("nan"), 1e4])
+def test_an_impossible_delay_is_refused(delay_s: float) -> None:
+    with refuses(UsageError, "delay_s"):
+        performer(end=1.0, delay_s=delay_s)

@@ -1,0 +1,540 @@
+"""Every layout of motion files: one made motion is written in each, read back, and compared with the truth."""
+
+import json
+import struct
+import zipfile
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import made_layouts
+from command_line import code_of
+from made_layouts import (
+    LAYOUTS,
+    NO_LENGTHS,
+    NO_RATE,
+    NO_TURNS,
+    STATURE_M,
+    Made,
+    bvh_text,
+    glb_bytes,
+    gltf_parts,
+    made,
+    named_rig,
+    soma_rig,
+    write_amass,
+    write_glb,
+    write_joints,
+    write_kimodo,
+    write_mvnx,
+    write_trc,
+)
+from messages import Facts, refuses, shows
+from retarget import rotations
+from retarget.errors import InputError, UsageError
+from retarget.frames import SensorFrames, stature
+from retarget.human.calibration import calibrate
+from retarget.sources.open import open_source, recognise
+
+TOPLESS = ("UpperLeg_L", "Kimodo, SOMA-30", "Kimodo, SMPL", "GLB", "glTF", "VRMA")
+"""Layouts without a top of the head: its middle is where it usually is."""
+
+
+def opened(path: Path, motion: Made, name: str) -> SensorFrames:
+    return open_source(path, rate=motion.rate if name in NO_RATE or name.startswith(("Kimodo", "GLB,")) else None)
+
+
+def off(frames: SensorFrames, motion: Made) -> dict[str, float]:
+    """Greatest distance, m, of each joint (of a sensor, where there are none) from the truth."""
+    if frames.joints is not None:
+        tracks = {joint: frames.joints.of(joint) for joint in frames.joints.names}
+    else:
+        tracks = {sensor: frames.position[:, at] for at, sensor in enumerate(frames.names)}
+    return {
+        name: float(np.nanmax(np.linalg.norm(track - motion.joints[name], axis=-1))) for name, track in tracks.items()
+    }
+
+
+@pytest.mark.parametrize("rate", made_layouts.RATES_HZ)
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_every_layout_is_read_as_the_motion(tmp_path: Path, name: str, rate: float) -> None:
+    if "splines" in name and rate < 100.0:
+        pytest.skip("keys that are 0.1 s apart are another motion")
+    motion = made(rate)
+    frames = opened(LAYOUTS[name](tmp_path, motion), motion, name)
+    assert len(frames) == len(motion.time) and frames.rate_hz == rate
+    wrong = off(frames, motion)
+    if name.startswith(TOPLESS):
+        assert wrong.pop("head") < 0.01
+    if name == "Kimodo, G1":  # has no head at all
+        assert wrong.pop("head") < 0.1 and wrong.pop("neck") < 0.1
+    assert max(wrong.values()) < (0.05 if name in NO_LENGTHS else 0.001), wrong
+    for at, sensor in enumerate(frames.names):
+        turned = rotations.angle_between(frames.orientation[:, at], motion.sensor_turn(sensor))
+        assert np.isnan(turned).all() if name in NO_TURNS else np.degrees(turned).max() < 0.1, sensor
+    if frames.skeleton is not None:
+        size = calibrate(frames).stature
+        assert size == pytest.approx(1.7 if name in NO_LENGTHS and "markers" not in name else STATURE_M, rel=0.02)
+
+
+FOLLOWED = [name for name in LAYOUTS if not name.startswith(("GLB,", "glTF"))]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "GLB" else pytest.mark.long) for name in FOLLOWED]
+)
+def test_op3_follows_every_layout_to_the_end(tmp_path: Path, name: str) -> None:
+    motion = made(30.0)
+    path = LAYOUTS[name](tmp_path, motion)
+    rate = ["--rate", "30"] if name in NO_RATE else []
+    assert code_of("run", "--robot", "op3", "--source", path, *rate) == 0
+
+
+def test_lengths_come_from_markers_then_from_the_stature_then_from_the_average(tmp_path: Path) -> None:
+    motion = made(30.0)
+
+    def limbs(frames: SensorFrames) -> list[float]:
+        assert frames.skeleton is not None
+        return [frames.skeleton.distance(f"l_{a}", f"l_{b}") for a, b in (("knee", "ankle"), ("elbow", "wrist"))]
+
+    truth = [
+        float(np.linalg.norm(motion.rest[f"l_{a}"] - motion.rest[f"l_{b}"]))
+        for a, b in (("knee", "ankle"), ("elbow", "wrist"))
+    ]
+    marked = write_amass(tmp_path, motion, markers=True)
+    for given_stature in (None, 1.9):
+        np.testing.assert_allclose(limbs(open_source(marked, stature=given_stature)), truth, atol=1e-6)
+    plain = write_amass(tmp_path, motion)
+    np.testing.assert_allclose(limbs(open_source(plain, stature=1.9)), [0.246 * 1.9, 0.146 * 1.9], atol=1e-9)
+    np.testing.assert_allclose(limbs(open_source(plain)), [0.246 * 1.7, 0.146 * 1.7], atol=1e-9)
+    notes = open_source(plain).notes
+    shows(" ".join(notes), "--stature")
+    alone = write_amass(
+        tmp_path,
+        motion,
+        marker_data=np.full((len(motion.time), 2, 3), np.nan),
+        marker_labels=np.array(["LKNE", "LANK"]),
+    )
+    np.testing.assert_allclose(limbs(open_source(alone)), [0.246 * 1.7, 0.146 * 1.7], atol=1e-9)
+
+
+@pytest.mark.parametrize("gender", [np.array("male"), np.array(b"male"), np.array(["male"]), np.array(["x"], object)])
+def test_gender_and_shape_do_not_matter(tmp_path: Path, gender: Any) -> None:
+    plain = open_source(write_amass(tmp_path, made(30.0)))
+    other = open_source(write_amass(tmp_path, made(30.0), gender=gender, betas=np.full(16, 3.0)))
+    np.testing.assert_array_equal(other.position, plain.position)
+
+
+@pytest.mark.parametrize("width", [66, 72, 156, 165])
+def test_poses_of_every_body_of_the_family(tmp_path: Path, width: int) -> None:
+    motion = made(30.0)
+    poses, _ = made_layouts.smpl_arrays(motion)
+    whole = np.hstack([poses, np.ones((len(poses), width - 66))])
+    frames = open_source(write_amass(tmp_path, motion, poses=whole))
+    np.testing.assert_array_equal(frames.position, open_source(write_amass(tmp_path, motion)).position)
+
+
+def test_what_gvhmr_converts_to_is_y_up(tmp_path: Path) -> None:
+    motion = made(30.0)
+    poses, trans = made_layouts.smpl_arrays(motion)
+    turn = rotations.from_matrix(made_layouts.Y_UP.T)
+    root = rotations.multiply(turn, rotations.from_rotation_vector(poses[:, :3]))
+    shift = np.array([0.0, -0.22, 0.03])
+    np.savez(
+        tmp_path / "a.npz",
+        global_orient=rotations.log(root),
+        body_pose=poses[:, 3:],
+        transl=rotations.rotate(turn, trans + shift) - shift,
+        betas=np.zeros((len(poses), 10)),
+        fps=np.array(30.0),
+    )
+    frames = open_source(tmp_path / "a.npz", stature=STATURE_M)
+    assert max(off(frames, motion).values()) < 0.01
+    assert np.degrees(rotations.angle_between(frames.orientation[:, 1], motion.sensor_turn("l_wrist"))).max() < 0.1
+
+
+# The refusals.
+
+
+@pytest.mark.parametrize(
+    ("changes", "facts"),
+    [
+        ({"mocap_framerate": None}, "--rate"),
+        ({"mocap_framerate": np.array(0.0)}, "0 Hz"),
+        ({"mocap_framerate": np.array([30.0, 30.0])}, "mocap_framerate"),
+        ({"poses": np.zeros((91, 100))}, ("poses", "(91, 100)", 156)),
+        ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, "200000"),
+        ({"poses": np.full((91, 156), np.nan)}, ("poses", "nan")),
+        ({"poses": np.full((91, 156), 1e12)}, "1e9"),
+        ({"poses": np.array([["a"]])}, "poses"),
+        ({"marker_data": np.ones((91, 1, 3)), "marker_labels": np.array([2**31], "<u4").view("<U1")}, "marker_labels"),
+        ({"trans": np.zeros((90, 3))}, ("trans", "(90, 3)")),
+        ({"trans": None}, "poses"),
+        ({"poses": np.array([[{}]], object)}, ("pickle", "poses", "numpy.asarray")),
+    ],
+    ids=range(12),
+)
+def test_arrays_that_are_wrong_are_named(tmp_path: Path, changes: dict[str, Any], facts: Facts) -> None:
+    path = write_amass(tmp_path, made(30.0), **changes)
+    with refuses(InputError, facts, where=str(path)):
+        open_source(path)
+
+
+def test_joints_need_a_rate_a_known_order_and_a_height_of_a_human(tmp_path: Path) -> None:
+    motion = made(30.0)
+    path = write_joints(tmp_path, motion)
+    with refuses(InputError, next_step="--rate"):
+        open_source(path)
+    for count, fact in ((23, 23), (0, 0)):
+        np.savez(path, global_joint_positions=np.zeros((5, count, 3)))
+        with refuses(InputError, found=fact, allowed=(22, 24, 52)):
+            open_source(path, rate=30.0)
+    np.savez(path, global_joint_positions=np.zeros((5, 22, 3)), height=np.array(170.0))
+    with refuses(InputError, "height", found=170):
+        open_source(path, rate=30.0)
+
+
+def test_kimodo_s_counts_and_matrices_are_checked(tmp_path: Path) -> None:
+    path = write_kimodo(tmp_path, made(30.0))
+    arrays = dict(np.load(path))
+    np.savez(path, **arrays | {"posed_joints": arrays["posed_joints"][:, :40]})
+    with refuses(InputError, found=40, allowed=(77, 30, 22, 34)):
+        open_source(path)
+    np.savez(path, **arrays | {"global_rot_mats": 2.0 * arrays["global_rot_mats"]})
+    with refuses(InputError, "global_rot_mats"):
+        open_source(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "facts"),
+    [
+        (
+            "hmr4d_results.pt",
+            b"PK\3\4",
+            ("torch.load", "numpy.savez", "hmr4d_results_motion.npz", "smpl_params_global"),
+        ),
+        ("wham_output.pkl", b"\x80\x03}q\x00.", ("joblib.load", "numpy.savez", "pose_world")),
+        ("a.joblib", b"x\x9c\x01", "joblib.load"),
+        ("noname", b"\x80\x04\x95", "joblib.load"),
+        ("track.npy", b"\x93NUMPY\1\0", ("numpy.load", "global_joint_positions")),
+        ("a.fbx", b"Kaydara FBX Binary  \0", ("BVH", "GLB")),
+        ("ascii.fbx", b"; FBX 7.7.0 project file", ("BVH", "GLB")),
+        ("a.npz", b"PK\3\4", "a.npz"),
+        ("a.npz", b"nothing", "a.npz"),
+    ],
+)
+def test_what_is_never_read_is_refused_with_what_converts_it(
+    tmp_path: Path, name: str, content: bytes, facts: Facts
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with refuses(InputError, facts, where=str(path)):
+        open_source(path)
+
+
+def test_what_torch_saves_is_known_by_its_content(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("archive/data.pkl", b"\x80\x02.")
+    with refuses(InputError, "torch.load"):
+        recognise(path)
+
+
+def test_arrays_of_something_else_are_refused_with_their_names(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", qpos=np.zeros((3, 36)), fps=np.array(30))
+    with refuses(InputError, found=("qpos", "fps"), allowed="global_joint_positions"):
+        open_source(tmp_path / "a.npz")
+
+
+def test_an_array_that_unpacks_to_too_much_is_not_unpacked(tmp_path: Path) -> None:
+    header = BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**6, 156)})
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("trans.npy", b"")
+        with archive.open("poses.npy", "w", force_zip64=True) as stream:
+            stream.write(header.getvalue())
+            for _ in range(600):
+                stream.write(bytes(2**20))
+    assert (tmp_path / "a.npz").stat().st_size < 2**20
+    with refuses(InputError, allowed=256 * 2**20):
+        open_source(tmp_path / "a.npz")
+
+
+def test_options_of_one_format_are_refused_elsewhere_and_the_common_ones_work(tmp_path: Path) -> None:
+    motion = made(30.0)
+    for name in ("GLB", "MVNX", "Kimodo, SOMA-77", "SOMA, 3 channels"):
+        path = LAYOUTS[name](tmp_path, motion)
+        plain = open_source(path)
+        tall = open_source(path, stature=1.9)
+        assert plain.skeleton is not None and tall.skeleton is not None
+        assert stature(tall.skeleton) == pytest.approx(1.9)
+        half = open_source(path, unit="cm") if name != "SOMA, 3 channels" else plain
+        assert np.allclose(half.position, 0.01 * plain.position) or name == "SOMA, 3 channels"
+        lying = open_source(path, up="x")
+        shows(" ".join(lying.notes), "--up")
+        with refuses(UsageError, where=("--stature", "--unit")):
+            open_source(path, stature=1.9, unit="m")
+        with refuses(UsageError, next_step="--markers"):
+            open_source(path, markers="table.yaml")
+        if name != "SOMA, 3 channels":
+            with refuses(UsageError, next_step="--performer-root"):
+                open_source(path, performer_root="Hips")
+    trc = write_trc(tmp_path, motion)
+    (tmp_path / "table.yaml").write_text("markers:\n  chest: [LSHO, RSHO]\n")
+    assert "chest" in open_source(trc, markers=tmp_path / "table.yaml").names
+    assert open_source(trc, rate=60.0).rate_hz == 60.0
+    metres = open_source(write_trc(tmp_path, motion, unit="m"))
+    assert max(off(metres, motion).values()) < 0.001
+
+
+def test_a_left_handed_file_is_read_with_a_note(tmp_path: Path) -> None:
+    motion = made(30.0)
+    path = write_joints(tmp_path, motion)
+    arrays = dict(np.load(path))
+    np.savez(path, **arrays | {"global_joint_positions": arrays["global_joint_positions"] * [1.0, -1.0, 1.0]})
+    frames = open_source(path, rate=30.0)
+    assert max(off(frames, motion).values()) < 0.001
+    shows(" ".join(frames.notes), "--mirror")
+
+
+# glTF.
+
+
+Document = dict[str, Any]
+PARTS = gltf_parts(named_rig("bandai"), made(30.0))
+
+
+def edited(change: Callable[[Document], object]) -> bytes:
+    document = json.loads(json.dumps(PARTS[0]))
+    change(document)
+    return glb_bytes(document, PARTS[1])
+
+
+def circle(document: Document) -> None:
+    document["nodes"][-1]["children"] = [0]
+
+
+BROKEN: dict[str, tuple[Callable[[Document], object], Facts]] = {
+    "no animation": (lambda d: d.pop("animations"), "animation"),
+    "glTF 1": (lambda d: d["asset"].update(version="1.0"), "2.0"),
+    "a circle of nodes": (circle, "nodes"),
+    "a child that is not there": (lambda d: d["nodes"][0].update(children=[9999]), 9999),
+    "a channel of no node": (lambda d: d["animations"][0]["channels"][0]["target"].update(node=9999), "channels.0"),
+    "a sampler of no accessor": (lambda d: d["animations"][0]["samplers"][0].update(input=9999), "accessors.9999"),
+    "another interpolation": (lambda d: d["animations"][0]["samplers"][0].update(interpolation="X"), "interpolation"),
+    "more keys than bytes": (lambda d: d["accessors"][0].update(count=2**31), "accessors.0"),
+    "another type": (lambda d: d["accessors"][0].update(type="MAT4"), "accessors.0"),
+    "integers as they are": (lambda d: d["accessors"][1].update(componentType=5122), "accessors.1"),
+    "sparse": (lambda d: d["accessors"][1].update(sparse={}), "accessors.1"),
+    "meshopt": (lambda d: d["bufferViews"][1].update(extensions={"EXT_meshopt_compression": {}}), "meshopt"),
+    "a file elsewhere": (lambda d: d["buffers"][0].update(uri="../../etc/passwd"), "passwd"),
+    "an absolute path": (lambda d: d["buffers"][0].update(uri="/etc/passwd"), "passwd"),
+    "a hidden path": (lambda d: d["buffers"][0].update(uri="a/%2e%2e/%2e%2e/x.bin"), "x.bin"),
+    "an address": (lambda d: d["buffers"][0].update(uri="http://x/y.bin"), "y.bin"),
+    "no base64": (lambda d: d["buffers"][0].update(uri="data:;base64,%%%"), "base64"),
+    "a rotation of nothing": (lambda d: d["nodes"][0].update(rotation=[0, 0, 0, 0]), "nodes.0"),
+    "numbers that are none": (lambda d: d["nodes"][0].update(translation=[0, "x", 0]), "translation"),
+    "a mirror": (lambda d: d["nodes"][0].update(matrix=[-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]), "matrix"),
+    "a flat joint": (lambda d: d["nodes"][0].update(scale=[1, 2, 1]), "nodes.0"),
+    "no human": (lambda d: [node.update(name="x") for node in d["nodes"]] and d["nodes"].clear(), "channels.0"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_parts_of_a_gltf_that_are_wrong_are_named(tmp_path: Path, name: str) -> None:
+    change, facts = BROKEN[name]
+    path = tmp_path / "a.glb"
+    path.write_bytes(edited(change))
+    with refuses(InputError, facts, where=str(path)):
+        open_source(path)
+
+
+def test_a_file_of_bytes_must_be_there_and_whole(tmp_path: Path) -> None:
+    path = made_layouts.write_gltf(tmp_path, made(30.0), beside=True)
+    (tmp_path / "take.bin").write_bytes(PARTS[1][:-8])
+    with refuses(InputError, "buffers.0"):
+        open_source(path)
+    (tmp_path / "take.bin").unlink()
+    with refuses(InputError, where="take.bin"):
+        open_source(path)
+
+
+def test_a_motion_that_is_too_long_is_refused_before_it_is_sampled(tmp_path: Path) -> None:
+    path = tmp_path / "a.glb"
+    data = bytearray(PARTS[1])
+    first = PARTS[0]["bufferViews"][0]
+    data[first["byteLength"] - 4 : first["byteLength"]] = struct.pack("<f", 1e8)
+    path.write_bytes(glb_bytes(PARTS[0], bytes(data)))
+    with refuses(InputError, allowed=200_000):
+        open_source(path)
+
+
+def test_nodes_with_scales_above_a_matrix_and_a_twin_animation_are_read(tmp_path: Path) -> None:
+    """An armature in centimetres, as Blender and Mixamo have it; a second animation and another tree beside it."""
+
+    def change(document: Document) -> None:
+        for node in document["nodes"]:
+            node["translation"] = [100.0 * x for x in node["translation"]]
+        for channel in document["animations"][0]["channels"]:
+            if channel["target"]["path"] == "translation":
+                channel["target"]["path"] = "weights"
+        document["nodes"].append(
+            {"name": "Armature", "children": [0], "matrix": [0.01 * x for x in np.eye(4).reshape(-1)[:15]] + [1.0]}
+        )
+        document["nodes"].append({"name": "Camera"})
+        document["animations"].append({"name": "other", "channels": [], "samplers": []})
+
+    path = tmp_path / "a.glb"
+    path.write_bytes(edited(change))
+    frames, motion = open_source(path), made(30.0)
+    shows(" ".join(frames.notes), "made")
+    assert frames.joints is not None
+    still = frames.joints.of("l_knee") - frames.joints.of("pelvis")
+    np.testing.assert_allclose(still, motion.joints["l_knee"] - motion.joints["pelvis"], atol=1e-3)
+
+
+# MVNX and TRC.
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "facts"),
+    [
+        ("<mvnx", "<!DOCTYPE a [<!ENTITY b 'c'>]><mvnx", "DOCTYPE"),
+        ("</frames></subject></mvnx>", "", "XML"),
+        ("mvnx", "other", ()),
+        ('frameRate="30"', 'frameRate="x"', "frameRate"),
+        ('frameRate="30"', "", "frameRate"),
+        ('type="normal"', 'type="tpose"', 200_000),
+        ("<position>", "<position>1 ", 69),
+        ("<position>", "<position>nan ", ()),
+        ("<segment label=", "<segment name=", ()),
+        ('label="Pelvis"', 'label="Prop1"', "Prop1"),
+        ("orientation>", "velocity>", "position"),
+    ],
+    ids=range(11),
+)
+def test_faults_of_an_mvnx_are_named(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
+    path = write_mvnx(tmp_path, made(30.0))
+    path.write_text(path.read_text().replace(old, new))
+    with refuses(InputError, facts, where=str(path)):
+        open_source(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "facts"),
+    [
+        ("DataRate", "Other", "--rate"),
+        ("\t91\t", "\t60\t", (91, 60)),
+        ("\t91\t", "\tx\t", "'x'"),
+        ("\tmm\t", "\tfurlong\t", "furlong"),
+        ("Frame#", "Number", "Frame#"),
+        ("\n5\t", "\n5\tx\t", ()),
+        ("\n5\t", "\n5 ", ()),
+        ("\t\t\t", "\t\t", ()),
+    ],
+    ids=range(8),
+)
+def test_faults_of_a_trc_have_their_line(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
+    path = write_trc(tmp_path, made(30.0))
+    path.write_text(path.read_text().replace(old, new))
+    with refuses(InputError, facts, where=str(path)):
+        open_source(path)
+
+
+def test_markers_of_a_trc_without_known_names_are_refused_as_those_of_a_c3d(tmp_path: Path) -> None:
+    path = write_trc(tmp_path, made(30.0))
+    head, _, rest = path.read_text().partition("Frame#")
+    names, _, data = rest.partition("\n")
+    unknown = "\t".join(f"m{at}" if cell.strip() and at > 1 else cell for at, cell in enumerate(names.split("\t")))
+    path.write_text(f"{head}Frame#{unknown}\n{data}")
+    with refuses(InputError, next_step="--markers"):
+        open_source(path)
+
+
+# Whatever a file holds, it is read or refused.
+
+
+def whole(folder: Path) -> dict[str, bytes]:
+    motion = made(30.0)
+    few = Made(
+        motion.rate,
+        motion.time[:4],
+        {n: t[:4] for n, t in motion.joints.items()},
+        {n: t[:4] for n, t in motion.turns.items()},
+        motion.rest,
+    )
+    files = {
+        "amass.npz": write_amass(folder, few, markers=True).read_bytes(),
+        "joints.npz": write_joints(folder, few).read_bytes(),
+        "kimodo.npz": write_kimodo(folder, few).read_bytes(),
+        "take.glb": write_glb(folder, few).read_bytes(),
+        "take.gltf": made_layouts.write_gltf(folder, few).read_bytes(),
+        "take.mvnx": write_mvnx(folder, few).read_bytes(),
+        "trial.trc": write_trc(folder, few).read_bytes(),
+        "soma.bvh": bvh_text(soma_rig(), few, root=True, six=True).encode(),
+    }
+    return files
+
+
+EDIT = st.tuples(
+    st.floats(0.0, 1.0, exclude_max=True), st.binary(max_size=8), st.integers(0, 40) | st.none(), st.booleans()
+)
+
+
+@pytest.mark.parametrize(
+    "name", ["amass.npz", "joints.npz", "kimodo.npz", "take.glb", "take.gltf", "take.mvnx", "trial.trc", "soma.bvh"]
+)
+@settings(deadline=None)
+@given(edits=st.lists(EDIT, min_size=1, max_size=4), inside=st.booleans())
+def test_mangled_files_raise_input_errors_only(
+    tmp_path_factory: pytest.TempPathFactory,
+    name: str,
+    edits: list[tuple[float, bytes, int | None, bool]],
+    inside: bool,
+) -> None:
+    folder = tmp_path_factory.getbasetemp() / "layouts"
+    if not folder.is_dir():
+        folder.mkdir()
+        for file, content in whole(folder).items():
+            (folder / f"good-{file}").write_bytes(content)
+    content = (folder / f"good-{name}").read_bytes()
+    members = {}
+    if inside and name.endswith(".npz"):
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            members = {member: archive.read(member) for member in archive.namelist()}
+    hurt = sorted(members)[int(edits[0][0] * len(members))] if members else ""
+    content = members.get(hurt, content)
+    for share, new, cut, in_head in edits:
+        at = int(share * (min(len(content), 1024) if in_head else len(content)))
+        content = content[:at] + new + content[at + (len(new) if cut is None else cut) :]
+    path = folder / name
+    if members:
+        with zipfile.ZipFile(path, "w") as archive:
+            for member, data in members.items():
+                archive.writestr(member, content if member == hurt else data)
+    else:
+        path.write_bytes(content)
+    try:
+        with np.errstate(all="ignore"):
+            frames = open_source(path, rate=30.0)
+    except InputError:
+        return
+    assert np.isfinite(frames.position[frames.valid]).all() and np.isnan(frames.position[~frames.valid]).all()
+
+
+@pytest.mark.parametrize("name", ["amass.npz", "take.glb", "take.mvnx", "trial.trc"])
+def test_files_cut_short_anywhere_are_refused_or_a_little_shorter(tmp_path: Path, name: str) -> None:
+    content = whole(tmp_path)[name]
+    for share in np.linspace(0.0, 0.99, 40):
+        (tmp_path / name).write_bytes(content[: int(share * len(content))])
+        try:
+            frames = open_source(tmp_path / name)
+        except InputError:
+            continue
+        assert name == "trial.trc" and len(frames) >= 3
