@@ -26,7 +26,7 @@ from retarget.errors import InputError
 from retarget.human.samples import Samples
 from retarget.model.body_file import Root
 from retarget.model.robot import RobotBody, load_robot
-from retarget.recording.export import export_motion, format_named
+from retarget.recording.exports.formats import export_motion, format_named
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
@@ -84,7 +84,7 @@ class BatchClip:
 @dataclass(frozen=True)
 class BatchSettings:
     """What all clips of a batch share. out: absolute path of the folder of outputs. reading: of `open_source`. format,
-    fps: of the outputs; fps None: a row a tick. bench: importable name (`module:attribute`) of a `MakeBench`. hash:
+    fps: of the outputs; None: a row a tick. bench: importable name (`module:attribute`) of a `MakeBench`. hash:
     SHA-256 of all that an output depends on but its source."""
 
     out: Path
@@ -221,7 +221,7 @@ def batch_settings(
     """The settings of a batch, with their hash: of the version, of all options, and of what is in the robot's profile,
     body and calibration, in the priority files, the performer and the scene. form: the format. Raises RetargetError."""
     if form != RUN:
-        format_named(form)
+        fps = format_named(form).conventions.fps if fps is None else fps
     robot = None if options.is_human else load_robot(options.robot, root=options.root)
     reading = {name: value for name, value in (reading or {}).items() if value is not None}
     about = {

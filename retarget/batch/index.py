@@ -18,7 +18,7 @@ from typing import Any
 from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, source_hash, source_state
 from retarget.batch.inputs import Shard
 from retarget.errors import InputError, UsageError
-from retarget.recording.tables import arrow
+from retarget.recording.exports.tables import arrow
 from retarget.schema.files import make_folder, write_stream
 
 ALL = "index*.jsonl"

@@ -22,7 +22,7 @@ from retarget.cli.application import FileOptions, console, log, note
 from retarget.cli.exit import DONE, LEAST_MEMORY, STOPPED, echo
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import load_robot
-from retarget.recording.export import FORMATS, format_named
+from retarget.recording.exports.formats import FORMATS, format_named
 from retarget.run.options import RunOptions
 from retarget.run.prepare import try_robot
 
@@ -43,7 +43,7 @@ class BatchOptions:
 
     Batch:
         form (--format) FORMAT: run (NPZ as of `retarget run --save`, usual), or a format of `retarget export`.
-        fps N: Rows per second of an export; else a row a tick.
+        fps N: Rows per second of an export; else as its readers expect, or a row a tick.
         shard i/N: Only every N-th clip of the sorted list, from the i-th.
         engine processes|ray: What shares the clips: processes of this machine, or Ray.
         address A: Ray cluster to join (auto: of this machine); else that of RAY_ADDRESS, else one is started here.
