@@ -54,7 +54,7 @@ def read_action(action: Mapping[str, object], names: Sequence[str]) -> FloatArra
             where="send_action",
             found=_few(wrong),
             allowed=f"finite numbers, -{MOST_RAD:g} to {MOST_RAD:g} rad",
-            next_step="See what sends this: degrees? The robot holds until the next good action",
+            next_step="Send radians, not degrees. The robot holds until the next good action",
         )
     return np.array(values)
 

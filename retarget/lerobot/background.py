@@ -41,8 +41,8 @@ class Reading:
     """The robot at one tick.
 
     present, goal (n,): rad, servo order, where the servos were read, and the posture that was sent then, without what
-    makes up for a load; before the robot is armed, both are where it was read. time: s, of that tick. state: of the run.
-    reason: why it holds or has stopped.
+    makes up for a load; before the robot is armed, both are where it was read. time: s, when this was kept. state: of
+    the run. reason: why it holds or has stopped.
     """
 
     present: FloatArray
@@ -253,8 +253,8 @@ class Connection:
             raise
 
     def close(self) -> None:
-        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none. A run that has not ended by
-        then can be closed again."""
+        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none. Where the run has not ended
+        by then, call this again."""
         if self._run is not None and self._run.end(DISCONNECTED):
             self._close()
             atexit.unregister(self.close)

@@ -148,5 +148,6 @@ class HumanoidDevice:
 
     def disconnect(self) -> None:
         """Brake, go to rest, torque off; within `background.JOIN_S`. Raises nothing, and does nothing if it is not
-        connected. Ctrl-C while it waits switches torque off at once."""
+        connected. Ctrl-C while it waits switches torque off at once. A run that has not ended by then stays connected:
+        cut the robot's power, or call this again."""
         self.connection.close()
