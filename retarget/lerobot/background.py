@@ -253,8 +253,8 @@ class Connection:
             raise
 
     def close(self) -> None:
-        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none. Where the run has not ended
-        by then, call this again."""
+        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none. Call it again where
+        the run has not ended by then."""
         if self._run is not None and self._run.end(DISCONNECTED):
             self._close()
             atexit.unregister(self.close)
