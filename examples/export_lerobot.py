@@ -10,7 +10,7 @@ import typer
 
 from hardware.clock import VirtualClock
 from retarget import RunOptions, load_robot, read_run
-from retarget.recording.export import export_motion, format_named
+from retarget.recording.exports.formats import export_motion, format_named
 from retarget.recording.motion import resampled
 from retarget.recording.npz import write_npz
 from retarget.run.prepare import prepare

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hardware.clock import VirtualClock
-from retarget.recording.export import export_motion, format_named
+from retarget.recording.exports.formats import export_motion, format_named
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run
 from retarget.run.options import RunOptions

@@ -8,8 +8,8 @@ from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
-from retarget.recording.export import export_episodes, export_motion, export_place, format_named
-from retarget.recording.lerobot import DEFAULT_TASK
+from retarget.recording.exports.formats import export_episodes, export_motion, export_place, format_help, format_named
+from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.read_run import read_run
 from retarget.run.record import PHASE_NAMES, Phase
@@ -31,17 +31,16 @@ def export(
 ) -> None:
     """Export a recorded run: joint positions with names and units, in a format that others read.
 
-    csv, npz, bvh need nothing more; parquet and lerobot the extra 'record'. Root and quaternions: docs/results.md.
+    parquet and lerobot need the extra 'record'. Quaternions, joints, root and units are printed: docs/results.md.
 
     Arguments:
         files FILE...: A run that was saved or recorded: FILE.npz, FILE.mcap; several are the episodes of one LeRobot
             dataset.
 
     Options:
-        to csv|npz|parquet|bvh|lerobot: Tables; arrays for trainers of motion tracking; an animated skeleton; a LeRobot
-            dataset (v3.0).
+        to FORMAT: {formats}
         out PATH: Where it goes, usually beside FILE. Nothing is overwritten.
-        fps N: Resample to so many rows per second; else rows are the ticks.
+        fps N: Resample to so many rows per second; else as the readers of the format expect, or rows are the ticks.
         phase follow|all: Part of the run: 'all' includes the approach and the braking.
         of robot|human: Whose motion: the robot's, or that of the human it followed.
         body FILE: The robot's MJCF or URDF, where FILE names none that is there.
@@ -58,6 +57,7 @@ def export(
     for text in dict.fromkeys(text for whole in wholes for text in whole.notes):
         note(text)
     place = export_place(form, files[0], out, of_human=of == HUMAN)
+    fps = form.conventions.fps if fps is None else fps
     motions = [_chosen(whole, phase) for whole in wholes]
     if fps is not None:
         motions = [resampled(motion, fps) for motion in motions]
@@ -68,6 +68,10 @@ def export(
     echo(f"{to}: {place}")
     for whole, motion in zip(wholes, motions, strict=True):
         echo(_summary(whole, motion, phase, fps))
+    echo(str(form.conventions))
+
+
+export.__doc__ = str(export.__doc__).replace("{formats}", format_help())
 
 
 def _chosen(motion: Motion, phase: str) -> Motion:

@@ -93,7 +93,7 @@ def viewing(
     machine = prepared.machine
     setup = PageSetup(
         robot=None if machine is None else str(machine.robot.profile.path),
-        root=None if machine is None else options.physics.root,
+        root=None if machine is None else options.root,
         scene=options.scene,
         human_mjcf=prepared.human.mjcf,
         sensors=tuple(prepared.performer.sensors),

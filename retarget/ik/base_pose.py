@@ -14,10 +14,12 @@ from retarget.types import FloatArray
 def plant_root(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
     """Move the root of a posture q (nq,) so that the lower sole is where it was in `before` (nq,).
 
-    A robot that does not stand on feet keeps the root of `before`.
+    A robot that does not stand on feet keeps the root of `before`; one that floats, with its soles above the floor.
     """
     if robot.profile.root == "free":
         q[:7] = before[:7]
+    if robot.floats:
+        lift_soles(robot, q)
     if not robot.stands:
         return
     # The lower sole carries: a sole that is higher may be in the air.
@@ -51,6 +53,12 @@ def plant_roots(robot: RobotBody, before: FloatArray, q: FloatArray) -> None:
     turn = rotations.multiply(there, rotations.conjugate(here))
     q[:, :3] = planted[rows, foot] + rotations.rotate(turn, q[:, :3] - moved[rows, foot])
     q[:, 3:7] = rotations.normalise(rotations.multiply(turn, q[:, 3:7]))
+
+
+def lift_soles(robot: RobotBody, q: FloatArray) -> None:
+    """Raise the root of a posture q (nq,) as far as the lowest corner of a sole is below the floor."""
+    links, local = robot.sole_corners
+    q[2] += max(0.0, -float(robot.kinematics.points(q[None], links, local)[0, :, 2].min()))
 
 
 def _sole(placed: FloatArray, links: FloatArray, link: int, point: FloatArray) -> tuple[Quat, Vector]:

@@ -100,7 +100,7 @@ class Sole:
 class Stance:
     """q (nq,): posture, root included. points: world position (3,) m of every frame of the profile in it.
 
-    soles: none for a robot whose root is fixed or hangs.
+    soles: none for a robot that does not stand on them.
     """
 
     q: FloatArray
@@ -118,7 +118,7 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
     The soles are taken as flat and at the same height; where they are not in this posture, the legs will correct it.
     """
     q = robot.posture(angles)
-    feet = robot.profile.feet if robot.profile.root == "free" else {}
+    feet = robot.profile.feet if robot.on_floor else {}
     frames = tuple(foot.frame for foot in feet.values())
     if frames:
         # The soles become level, with their middle at the origin: first the mean of their normals becomes the vertical,
@@ -134,7 +134,9 @@ def plant(robot: RobotBody, angles: dict[str, float]) -> Stance:
     names = tuple(robot.profile.frames)
     points = dict(zip(names, robot.points(q[None], names)[0], strict=True))
     soles = []
-    for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0] if frames else (), strict=True):
+    if not robot.stands:
+        return Stance(q, points, ())
+    for foot, orientation in zip(feet.values(), robot.orientations(q[None], frames)[0], strict=True):
         place = points[foot.frame] * np.array([1.0, 1.0, 0.0])
         # Made flat: only its turn about the vertical is kept.
         forward = rotations.rotate(orientation, np.array([1.0, 0.0, 0.0]))

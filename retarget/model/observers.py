@@ -223,7 +223,7 @@ def robot_observers(robot: RobotBody) -> Observers:
         where=str(profile.path),
     )
     observers = assemble(body, parts, rules)
-    return _on_ground(robot, observers) if robot.stands else observers
+    return _on_ground(robot, observers) if robot.on_floor else observers
 
 
 def _on_ground(robot: RobotBody, observers: Observers) -> Observers:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from os.path import normpath
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from retarget.errors import InputError, Problem
 from retarget.model.body import BodyModel, Frame, JointLimits, JointType, body_from_file, load_body
 from retarget.model.body_file import BodyFile, Root, compile_body
 from retarget.model.meshes import SolidBody, solid_body
-from retarget.rotations import multiply
+from retarget.rotations import multiply, rotate
 from retarget.schema.profile import RobotProfile, read_profile
 from retarget.schema.profile_checks import check_parts
 from retarget.schema.servo_calibration import ServoCalibration, calibrated, read_calibration
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from retarget import _solver
 
 
+Mounting = Root | Literal["floating"]
+"""How a robot is loaded: with a root as a profile has it, or to float."""
 TRUNK, HEAD = "neck", "head"
 """Frames of a profile that carry the trunk's orientation and the eyes."""
 
@@ -35,13 +37,15 @@ TRUNK, HEAD = "neck", "head"
 @dataclass(frozen=True, eq=False)
 class RobotBody:
     """A robot. `servo_columns` (n,): where each servo's joint stands in q, in servo order. calibration: what the zero
-    ticks of `joint_map` are from; None: those of the profile."""
+    ticks of `joint_map` are from; None: those of the profile. floats: nothing carries it, and its root goes where it is
+    asked: a robot to look at, or to train on."""
 
     profile: RobotProfile
     body: BodyModel
     joint_map: JointMap
     servo_columns: NDArray[np.int64]
     calibration: ServoCalibration | None = None
+    floats: bool = False
 
     @property
     def limits(self) -> JointLimits:
@@ -52,7 +56,22 @@ class RobotBody:
     @property
     def stands(self) -> bool:
         """Whether it stands on its own feet."""
+        return self.on_floor and not self.floats
+
+    @property
+    def on_floor(self) -> bool:
+        """Whether there is a floor below its feet: it stands there, or is to look as if it did."""
         return self.profile.root == "free" and bool(self.profile.feet)
+
+    @cached_property
+    def sole_corners(self) -> tuple[list[int], FloatArray]:
+        """The corners of all soles: their links (c,), and (c, 3) m in the frames of these."""
+        links, local = list[int](), []
+        for foot in self.profile.feet.values():
+            frame, polygon = self.frame(foot.frame), np.array(foot.polygon)
+            local.append(frame.position + rotate(frame.quat, np.column_stack([polygon, np.zeros(len(polygon))])))
+            links += [frame.body] * len(polygon)
+        return links, np.concatenate(local) if local else np.zeros((0, 3))
 
     @cached_property
     def kinematics(self) -> "_solver.Body":
@@ -114,7 +133,7 @@ def _read_with_body(path_or_name: str | Path) -> tuple[RobotProfile, BodyModel]:
     return profile, bodies[0]
 
 
-def load_robot(name_or_path: str | Path, *, root: Root | None = None) -> RobotBody:
+def load_robot(name_or_path: str | Path, *, root: Mounting | None = None) -> RobotBody:
     """A robot by name or by path, with its calibration where the user has one. root: instead of the profile's.
 
     Raises UsageError, ConfigError, InputError, HardwareError.
@@ -133,7 +152,7 @@ def robot_of(
     profile: RobotProfile,
     calibration: ServoCalibration | None,
     *,
-    root: Root | None = None,
+    root: Mounting | None = None,
     body: BodyModel | None = None,
 ) -> RobotBody:
     """The robot of a profile that is read, with this calibration. root: instead of the profile's. body: of the profile,
@@ -141,13 +160,15 @@ def robot_of(
 
     Raises InputError, HardwareError.
     """
-    profile = profile if root is None else profile.model_copy(update={"root": root})
+    floats = root == "floating"
+    if root is not None:
+        profile = profile.model_copy(update={"root": "free" if floats else root})
     if body is None or body.root != profile.root:
         body = load_body(profile.body_path, root=profile.root)
     specs = profile.servo_specs()
     joint_map = JointMap(specs if calibration is None else calibrated(specs, calibration))
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joint_map.joints]]
-    return RobotBody(profile, body, joint_map, columns, calibration)
+    return RobotBody(profile, body, joint_map, columns, calibration, floats)
 
 
 # Which servos move one frame of a robot against others: those of the joints on the way from link to link.

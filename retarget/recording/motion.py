@@ -195,6 +195,13 @@ def rate_of_change(values: FloatArray, rate_hz: float) -> FloatArray:
     return np.asarray(np.gradient(values, axis=0) * rate_hz if len(values) > 1 else np.zeros_like(values))
 
 
+def sign_aligned(quaternions: FloatArray) -> FloatArray:
+    """The same orientations (T, ..., 4) with signs that do not flip from row to row."""
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0
+    signs = np.cumprod(np.where(flips, -1.0, 1.0), axis=0)
+    return np.concatenate([quaternions[:1], quaternions[1:] * signs[..., None]])
+
+
 def angular_velocity(orientation: FloatArray, rate_hz: float) -> FloatArray:
     """World angular velocities (T, ..., 3) rad/s of orientations (T, ..., 4), by differences as `rate_of_change`."""
     if len(orientation) < 2:

@@ -17,12 +17,15 @@ from retarget.run.prepare import Prepared
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.supervisor import End
 from retarget.schema.catalogue import Kind, calibration_path, find
-from retarget.schema.priorities import Steps, self_contained
+from retarget.schema.priorities import Legs, Steps, self_contained
 
 FORMAT: Final = 3
 """Format of recordings; another one is refused. Format 1 is that of version 0.1.0."""
 
-OPTIONS = ("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "gate", "scene", "allow_contact")
+OPTIONS = (
+    *("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "legs"),
+    *("gate", "scene", "allow_contact"),
+)
 OF_PHYSICS = ("mount", "hook", "seed", "perturbations")
 """Fields of a session that are those of `RunOptions` and of `PhysicsOptions`."""
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -65,6 +68,7 @@ class Session(_Strict):
     iterations: int | None
     parts: Literal["whole", "upper"]
     steps: Steps | None = None  # in recordings of before there were any
+    legs: Legs | None = None
     gate: bool
     scene: str | None
     allow_contact: bool

@@ -472,7 +472,7 @@ def clearances(run: RunResult) -> tuple[dict[str, Any], Clearances]:
     if run.scene is not None:
         times = np.maximum(run.record.time, 0.0)
         to_scene = placed.to_scene(run.scene, times)
-        soles = () if robot is None or not robot.stands else robot.soles
+        soles = () if robot is None or not robot.on_floor else robot.soles
         standing = [body.body_names[sole.body] for sole in soles]
         to_ground = placed.to_ground(run.scene, times, soles=standing)
     compared = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]

@@ -238,7 +238,10 @@ def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     if not run.ticks_followed:
         return BothMoved(None, None), BothMoved(None, None)
     place = record.human_joints[rows, record.human_joint_names.index("pelvis"), :2]
-    travelled, turned = tracking.extent(place), float(np.degrees(tracking.turn_extent(tracking.performer_facing(run))))
+    travelled, turned = (
+        tracking.extent(place),
+        float(np.degrees(tracking.turn_extent(tracking.performer_headings(run)))),
+    )
     if robot is None or q is None:
         return BothMoved(travelled, None), BothMoved(turned, None)
     q = np.ascontiguousarray(q[rows])
@@ -375,14 +378,17 @@ def _clearances(run: RunResult) -> Part:
 
 
 def _standing(run: RunResult) -> Part:
-    """Centre of mass and soles of the postures that were sent; nothing for a body without feet or without free root."""
+    """Centre of mass and soles of the postures that were sent, slide alone where nothing stands; nothing for a body
+    without feet or without free root."""
     robot, sent = run.robot, run.record.robot
-    if robot is None or sent is None or not robot.stands or not len(sent.q):
+    if robot is None or sent is None or not robot.on_floor or not len(sent.q):
         return {}
-    stand = motion_metrics.standing_of(robot, sent.q)
+    stand = motion_metrics.standing_of(robot, sent.q if robot.stands else sent.q[run.record.following])
     known = stand.margin[np.isfinite(stand.margin)]
     soles = zip(np.moveaxis(stand.place, 1, 0), stand.soles, strict=True)
     slides = [motion_metrics.foot_slide(place, corners[..., 2].min(axis=1)) for place, corners in soles]
+    if not robot.stands:
+        return {"foot_slide_mm": MM * max(slides)}
     return {
         "com_outside_support_frames": int(np.count_nonzero(stand.outside)),
         "foot_slide_mm": MM * max(slides),

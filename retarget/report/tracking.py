@@ -227,7 +227,8 @@ HANDS = ("l_hand", "r_hand")
 class ReferenceMotion:
     """What was asked, and of whom. joints (T, m, 3) m and pelvis (T, 4) wxyz: of the human, in the human's world.
 
-    landmarks (T, k, 3) m: asked of the robot. dt: s between ticks, of the robot's clock.
+    landmarks (T, k, 3) m: asked of the robot. dt: s between ticks, of the robot's clock. goes_along: the robot goes and
+    turns where they do, so that it sees them in the heading in which they began.
     """
 
     dimensions: HumanDimensions
@@ -237,11 +238,13 @@ class ReferenceMotion:
     landmark_names: tuple[str, ...]
     landmarks: FloatArray
     dt: float
+    goes_along: bool = False
 
     @cached_property
     def heading(self) -> FloatArray:
-        """Unit vectors (T, 2) on the ground where the performer faces."""
-        return headings(self.pelvis, self.joint_names, self.joints, self.dt)
+        """Unit vectors (T, 2) on the ground where the performer faces, as the robot takes them."""
+        found = headings(self.pelvis, self.joint_names, self.joints, self.dt)
+        return _held(found) if self.goes_along else found
 
     def of(self, rows: slice) -> "ReferenceMotion":
         """Some of the ticks, with the headings that they have among all."""
@@ -272,6 +275,7 @@ def performance_of(run: RunResult) -> ReferenceMotion | None:
         landmark_names=sent.landmark_names,
         landmarks=sent.landmarks_asked,
         dt=run.clip.dt,
+        goes_along=_goes_along(run),
     )
 
 
@@ -353,6 +357,21 @@ def _faced(pelvis: FloatArray, left: FloatArray, right: FloatArray, dt: float) -
 
 def performer_facing(run: RunResult) -> FloatArray:
     """Heading (t, 2), unit vectors on the ground, in which a robot mirrors the performer at the ticks that followed."""
+    found = performer_headings(run)
+    return _held(found) if _goes_along(run) else found
+
+
+def _goes_along(run: RunResult) -> bool:
+    return run.robot is not None and run.robot.floats
+
+
+def _held(heading: FloatArray) -> FloatArray:
+    """The first of these headings (T, 2), for all of them."""
+    return np.tile(heading[:1], (len(heading), 1))
+
+
+def performer_headings(run: RunResult) -> FloatArray:
+    """Unit vectors (t, 2) on the ground where the performer faces at the ticks that followed."""
     record, following = run.record, run.record.following
     turns = _pelvis_turns(run, record.human_q[following])
     return headings(turns, record.human_joint_names, record.human_joints[following], run.clip.dt)

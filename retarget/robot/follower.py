@@ -13,9 +13,11 @@ import numpy as np
 from retarget._solver import Footing, TrajectoryGenerator, braking_displacement
 from retarget.arithmetic import Dwell, matmul
 from retarget.human.samples import Parts
+from retarget.ik.base_pose import lift_soles
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, footing, plant
+from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop
 from retarget.model.body import BodyModel, JointLimits
 from retarget.model.human_dimensions import HumanDimensions
@@ -224,7 +226,7 @@ class Follower:
         margin = priorities.observers.margin
         envelope = None if edges is None else robot_envelope(robot, limits, edges=edges, margin=margin)
         envelope = reaching_aside(envelope, robot, stance) if steps else envelope
-        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps)
+        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps, floats=robot.floats)
         self.scene_obstacles = SceneObstacles(scene)
         carrying = standing_dofs(robot)
         build = partial(self._hierarchy_of, limits=limits, iterations=iterations)
@@ -363,10 +365,17 @@ class Follower:
         else:
             self._motion.aim(targets, asked, self._reached, dt)
             is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
+        for sole in asked.soles:
+            hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)
+            hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
         if (stop := self.stop(tick)) is not None:
             hierarchy.solver.foresee(stop.postures[-1], dt * (len(stop.postures) - 1))
-        self._reached = self._reader.read(hierarchy.solver.frame(targets, dt))
+        q = hierarchy.solver.frame(targets, dt)
+        if self._robot.floats:
+            lift_soles(self._robot, q)
+            hierarchy.solver.correct(q, hierarchy.solver.velocity)
+        self._reached = self._reader.read(q)
 
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no

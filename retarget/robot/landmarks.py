@@ -5,7 +5,8 @@ and from constants of the robot (profile, stance, envelope), never from what the
 in its errors.
 
 Feet are asked where they are planted; those of a robot that hangs, by the length of the legs, and no closer to each
-other sideways than it stands (`feet_apart`). The pelvis is asked over the ankles, as high as the leg that bears the
+other sideways than it stands (`feet_apart`); those of one that nothing carries, with the whole body where the performer
+is (`retarget.robot.free_legs`). The pelvis is asked over the ankles, as high as the leg that bears the
 performer is long (`PelvisOverFeet`), its height within the robot's envelope. The trunk leans and twists as the line
 from the hips to the base of the neck and the chest do, its lean within the envelope at that height. The trunk carries
 the robot's own shoulders, and from each of them a hand is asked by the length of the arm. A trunk that stays where it
@@ -24,6 +25,7 @@ import numpy as np
 from retarget._solver import Body as SolverBody
 from retarget._solver import Probe
 from retarget.arithmetic import arctan2, exp, hypot, low_pass, matmul, norm, soft_cap
+from retarget.errors import ConfigError
 from retarget.ik.hierarchy import Hierarchy, body_frames
 from retarget.ik.support_polygon import Stance
 from retarget.ik.tasks import Limb
@@ -31,6 +33,7 @@ from retarget.model.body import Frame
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import HEAD, TRUNK, RobotBody
 from retarget.robot.crouch_envelope import Envelope
+from retarget.robot.free_legs import LEFT, FreeFoot, FreeLegs
 from retarget.rotations import (
     NO_TURN,
     Quat,
@@ -133,14 +136,17 @@ class FeetApart:
     right: int
     least: float
 
-    def ask(self, landmarks: list[Vector]) -> None:
-        """Move both feet of `landmarks`, m, x forward and y left, aside in place, each by half of what is missing."""
+    def ask(self, landmarks: list[Vector], aside: tuple[float, float] = (0.0, 1.0)) -> None:
+        """Move both feet of `landmarks`, m, aside in place, each by half of what is missing. aside: to the left of the
+        body, a unit vector on the ground."""
         (lx, ly, lz), (rx, ry, rz) = landmarks[self.left], landmarks[self.right]
+        x, y = aside
         # From a knee above the least distance on nothing changes; below, the distance approaches it smoothly.
-        apart, room = ly - ry, KNEE * self.least
+        apart, room = x * (lx - rx) + y * (ly - ry), KNEE * self.least
         missing = self.least + room - apart
         half = 0.5 * ((apart if missing <= 0.0 else self.least + room * exp(-missing / room)) - apart)
-        landmarks[self.left], landmarks[self.right] = (lx, ly + half, lz), (rx, ry - half, rz)
+        x, y = half * x, half * y
+        landmarks[self.left], landmarks[self.right] = (lx + x, ly + y, lz), (rx - x, ry - y, rz)
 
 
 def feet_apart(profile: RobotProfile, stance: Stance, rows: Sequence[str]) -> FeetApart | None:
@@ -267,7 +273,7 @@ class AskedLandmarks:
     landmarks: k points, m, in the order of the profile's landmarks. limbs: lines, m, in the order of `limb_names`.
     trunk: orientation wxyz of the trunk, the identity when the performer stands upright and faces the heading. gaze:
     unit direction of the performer's eyes. apart: their left ankle from the right one, scaled as a leg, m; carrying:
-    which of their feet carry.
+    which of their feet carry. soles: of free legs alone.
     """
 
     landmarks: list[Vector]
@@ -276,6 +282,7 @@ class AskedLandmarks:
     gaze: Vector
     apart: Vector = (0.0, 0.0, 0.0)
     carrying: Carrying = Carrying.BOTH
+    soles: tuple["AskedSole", ...] = ()
 
     def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
         """The same for a body that is led aside and up, m: its pelvis by all of that, all others by a share of the way
@@ -284,6 +291,16 @@ class AskedLandmarks:
         part = (share * x, share * y, z)
         landmarks = [plus(place, aside if row == pelvis else part) for row, place in enumerate(self.landmarks)]
         return replace(self, landmarks=landmarks)
+
+
+@dataclass(frozen=True)
+class AskedSole:
+    """A sole of free legs. name: of its landmark; frame: its own. orientation: wxyz. weight: of its place."""
+
+    name: str
+    frame: str
+    orientation: Quat
+    weight: float
 
 
 @dataclass(frozen=True)
@@ -310,9 +327,11 @@ class LandmarkMap:
         envelope: Envelope | None,
         *,
         steps: bool = False,
+        floats: bool = False,
     ) -> None:
         """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone).
-        steps: whether the pelvis is asked over the foot that carries, on the ground, and not over the middle."""
+        steps: whether the pelvis is asked over the foot that carries, on the ground, and not over the middle. floats:
+        whether the robot goes where the performer does (`FreeLegs`). Raises ConfigError: it has no legs for that."""
         self.names = tuple(profile.landmarks)
         self._envelope = envelope
         self._facing = Facing()
@@ -327,6 +346,8 @@ class LandmarkMap:
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
         apart = float(stance.points[ANKLES[0]][1] - stance.points[ANKLES[1]][1]) if steps else None
         self._over_feet = PelvisOverFeet(pelvis.robot_length, apart) if pelvis is not None and by_legs else None
+        self._free = _free_legs(profile, dimensions, rest, scale) if floats else None
+        self._sums += [] if self._free is None else self._free.sums
         self._joint_names: tuple[str, ...] = ()
         self._weights = np.zeros((len(self._sums), 0))
         line = matmul(_weights([TRUNK_LINE], POINTS), dimensions.standing())
@@ -340,6 +361,7 @@ class LandmarkMap:
         soles = {foot.frame for foot in profile.feet.values()} if stance.soles else set()
         pelvis = profile.landmarks.get("pelvis")
         place = np.zeros(3) if pelvis is None else stance.points[pelvis.frame]
+        stays = self._envelope is None and self._free is None
         anchors = [np.mean([stance.points[name] for name in entry.anchor], axis=0) for entry in entries]
         self._pelvis = None if pelvis is None else self.names.index("pelvis")
         self._feet = as_vector(anchors[self._pelvis]) if self._pelvis is not None else (0.0, 0.0, 0.0)
@@ -347,11 +369,11 @@ class LandmarkMap:
         rows: dict[str, int] = {}  # of the landmarks above, by frame
         for row, (name, entry) in enumerate(profile.landmarks.items()):
             joined = rows.get(entry.anchor[0])
-            if entry.frame in soles or (name == "pelvis" and self._envelope is None):
+            if entry.frame in soles or (name == "pelvis" and stays):
                 role = Role.STILL
             elif name == "pelvis":
                 role = Role.PELVIS
-            elif self._envelope is None and entry.follows == HEAD_ALONE:
+            elif stays and entry.follows == HEAD_ALONE:
                 role = Role.STILL
             elif set(entry.measured_from) <= PELVIS_JOINTS:
                 role = Role.BORNE
@@ -376,6 +398,8 @@ class LandmarkMap:
         self._facing.restart()
         if self._over_feet is not None:
             self._over_feet.restart()
+        if self._free is not None:
+            self._free.restart()
 
     def ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
         """What this posture asks of the robot, `dt` s of the robot's clock after the one before."""
@@ -387,7 +411,8 @@ class LandmarkMap:
         rows = matmul(self._weights, human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
-        x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt)
+        # The heading of a robot that goes where the performer does stays that in which they began.
+        x, y = self._facing.update(pelvis_seen, rows[feet], rows[feet + 1], dt if self._free is None else 0.0)
         # Turn into the heading frame, in which the robot faces x: (x, y) is the unit vector of the performer's heading,
         # and `from_world` the same turn as a quaternion, from the half angles of its cosine.
         limbs: list[Vector] = [(x * a + y * b, x * b - y * a, c) for a, b, c in rows]
@@ -396,7 +421,13 @@ class LandmarkMap:
         seen = product(product(arc(rotated(chest, UP), limbs[feet - 1]), chest), self._upright)
         gaze = rotated(product(from_world, head_seen), FORWARD)
 
-        *legs, apart = limbs[-3:]
+        *legs, apart = limbs[feet + 2 : feet + 5]
+        if self._free is not None:
+            left_x, left_y, _ = rotated(product(from_world, pelvis_seen), LEFT)
+            across = hypot(left_x, left_y) or inf
+            free, aside = self._free, (left_x / across, left_y / across)
+            weights = free.weights(human.carrying, dt)
+            return self._asked_free(free, limbs, seen, gaze, aside=aside, weights=weights)
         pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
@@ -416,6 +447,42 @@ class LandmarkMap:
         if self._feet_apart is not None:
             self._feet_apart.ask(landmarks)
         return AskedLandmarks(landmarks, self._of_limbs(limbs, trunk), trunk, gaze, apart, human.carrying)
+
+    def _asked_free(
+        self,
+        free: FreeLegs,
+        limbs: list[Vector],
+        seen: Quat,
+        gaze: Vector,
+        *,
+        aside: tuple[float, float],
+        weights: Sequence[float],
+    ) -> AskedLandmarks:
+        """What is asked of a robot that goes where the performer does. limbs: all rows, in the robot's world. aside: to
+        the left of the performer's pelvis, a unit vector on the ground, or zero. weights: of the soles."""
+        feet = len(self.names) + 1
+        hips, *ankles = limbs[feet + 5 :]
+        turns, pelvis = free.turns(limbs[feet : feet + 2]), free.pelvis(hips)
+        offsets = [mark.offset for mark in self._marks]
+        for foot in free.feet:
+            offsets[foot.row] = rotated(turns[foot.side], foot.offset)
+        landmarks: list[Vector] = []
+        for row, mark in enumerate(self._marks):
+            limbs[row] = plus(limbs[row], offsets[row])
+            if mark.role is Role.PELVIS:
+                landmarks.append(pelvis)
+            elif mark.role is Role.JOINED:
+                landmarks.append(plus(landmarks[mark.joined], limbs[row]))
+            else:
+                landmarks.append(plus(plus(pelvis, rotated(seen, mark.carried)), limbs[row]))
+        if self._feet_apart is not None:
+            self._feet_apart.ask(landmarks, aside)
+        up = (0.0, 0.0, free.lift(landmarks, turns, ankles))
+        soles = tuple(
+            AskedSole(self.names[foot.row], foot.frame, turns[foot.side], weights[foot.side]) for foot in free.feet
+        )
+        landmarks = [plus(place, up) for place in landmarks]
+        return AskedLandmarks(landmarks, self._of_limbs(limbs, seen), seen, gaze, soles=soles)
 
     def _of_limbs(self, limbs: list[Vector], trunk: Quat) -> list[Vector]:
         """The lines of `limb_names`, m, from those of all landmarks and the orientation of the trunk."""
@@ -450,6 +517,28 @@ class LandmarkMap:
         # The axis of the lean is level, and square to the direction in which the trunk leans.
         less = soft_cap(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
+
+
+def _free_legs(
+    profile: RobotProfile, dimensions: HumanDimensions, rest: Mapping[str, FloatArray], scale: float
+) -> FreeLegs:
+    """The free legs of a robot. Raises ConfigError: its profile has no landmarks for them."""
+    frames = {foot.frame for foot in profile.feet.values()}
+    rows = [(row, entry) for row, entry in enumerate(profile.landmarks.values()) if entry.frame in frames]
+    feet = [
+        FreeFoot(row, entry.frame, ANKLES.index(entry.follows[0]), entry.offset)
+        for row, entry in rows
+        if entry.follows in ((ANKLES[0],), (ANKLES[1],))
+    ]
+    if not scale or len(feet) != len(ANKLES):
+        raise ConfigError(
+            "no landmarks for free legs",
+            where=f"{profile.path}: landmarks",
+            found=", ".join(profile.landmarks),
+            allowed="a pelvis that follows the hips from the ankles, and a sole for each ankle",
+            next_step="Add them to the profile, or leave --legs out",
+        )
+    return FreeLegs(feet, scale, dimensions, rest)
 
 
 def _limb(entry: Landmark, rest: Mapping[str, FloatArray]) -> dict[str, float]:

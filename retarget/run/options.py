@@ -8,9 +8,9 @@ from typing import get_args
 from retarget.errors import UsageError, suggest
 from retarget.human.samples import Parts, Playback
 from retarget.model.body_file import Root
-from retarget.model.robot import RobotBody
+from retarget.model.robot import Mounting, RobotBody
 from retarget.schema.catalogue import HUMAN
-from retarget.schema.priorities import Steps
+from retarget.schema.priorities import Legs, Steps
 
 # Options of a run with physics: what the robot stands on, the seed, and what is perturbed on purpose.
 
@@ -126,6 +126,7 @@ class RunOptions:
         stand_at_end: End standing, with torque.
         torque_off_at_end: End at rest, even if it topples there.
         parts whole|upper: What follows; 'upper' keeps the legs still.
+        legs planted|free: 'free': as the performer's; on no servos.
         steps WAY: When the performer lifts a foot: planted, shift (steps in place), follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
         faults FILE.yaml: What goes wrong on the emulator's wire.
@@ -146,6 +147,7 @@ class RunOptions:
     iterations: int | None = None
     parts: Parts = "whole"
     steps: Steps | None = None
+    legs: Legs | None = None
     gate: bool = True
     scene: str | None = None
     allow_contact: bool = False
@@ -161,6 +163,8 @@ class RunOptions:
         _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
         if self.steps is not None:
             _one_of(self.steps, get_args(Steps), "--steps", "behaviour of the feet")
+        if self.legs is not None:
+            _one_of(self.legs, get_args(Legs), "--legs", "choice of legs")
         if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
             allowed = f"1 to {MAX_ITERATIONS}"
             raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
@@ -180,6 +184,8 @@ class RunOptions:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=bus)
         if self.stand_at_end and self.torque_off_at_end:
             raise UsageError("a run has one end", where="--stand-at-end", found="--torque-off-at-end as well")
+        if self.legs == "free":
+            self._check_free_legs()
         if self.steps == "shift" and self.parts != "whole":
             raise UsageError("legs that do not move make no steps", where="--steps", found=f"--parts {self.parts}")
 
@@ -187,6 +193,8 @@ class RunOptions:
         robot = f"--robot {HUMAN}"
         if self.parts != "whole":
             raise UsageError("parts are parts of a robot", where="--parts", found=robot)
+        if self.legs is not None:
+            raise UsageError("a human's legs are the performer's", where="--legs", found=robot)
         if self.steps is not None:
             raise UsageError("a human's feet are the performer's", where="--steps", found=robot)
         if self.bus not in SERVOLESS:
@@ -194,6 +202,19 @@ class RunOptions:
             raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
         if not self.gate:
             raise UsageError("there is no gate to leave out", where="--no-gate", found=robot)
+
+    def _check_free_legs(self) -> None:
+        if self.bus not in SERVOLESS:
+            raise UsageError(
+                "a robot with free legs would fall",
+                where="--legs free",
+                found=f"--bus {self.bus}",
+                allowed=" or ".join(f"--bus {name}" for name in SERVOLESS),
+                next_step="It is to look at or to train on: leave --legs out, or --bus",
+            )
+        others = {"--parts": self.parts != "whole", "--steps": self.steps is not None}
+        for option in filter(others.__getitem__, others):
+            raise UsageError("free legs go where the performer's go", where=option, next_step="Leave it out")
 
     @property
     def performer_name(self) -> str:
@@ -216,9 +237,9 @@ class RunOptions:
         return self.has_physics or not self.simulated
 
     @property
-    def root(self) -> Root | None:
+    def root(self) -> Mounting | None:
         """The root with which the robot follows; None: that of its profile."""
-        return self.physics.root
+        return "floating" if self.legs == "free" else self.physics.root
 
     @property
     def is_human(self) -> bool:
@@ -233,12 +254,16 @@ WITHOUT_MASS = "servo"
 """Priority file for a robot without mass; with mass one of the next two takes its place."""
 STANDING_WITH_MASS, FIXED_WITH_MASS = "balanced", "fixed_base"
 """Priority files for a robot on its own soles, and for one that hangs or is bolted down and whose servos lag behind."""
+FREE_LEGS = "free_legs"
+"""Priority file for a robot that nothing carries."""
 
 
 def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, ...]:
     """The priority files of the stages, by name or path; `--priorities` replaces that of the last stage."""
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
+    if options.legs == "free":
+        return robot.profile.reconstruct, options.priorities or FREE_LEGS
     usual = name_with_mass(robot) if options.has_mass or options.steps == "shift" else robot.profile.retarget
     return robot.profile.reconstruct, options.priorities or usual
 

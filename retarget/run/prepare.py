@@ -93,7 +93,7 @@ def robot_part(
 ) -> tuple[Follower, Gate, EndPlan]:
     """Everything of a run but performer and bus: the robot's stage, and how it ends, see `prepare_for`."""
     follower, gate = robot_stage(robot, priorities, human, options, scene, dt=dt)
-    if end_plan is None and (options.has_mass if goes_to_rest is None else goes_to_rest):
+    if end_plan is None and not robot.floats and (options.has_mass if goes_to_rest is None else goes_to_rest):
         tried = make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
         end_plan = plan_end(robot, follower.stance, tried, options, dt=dt)
     return follower, gate, end_plan or EndPlan()
@@ -347,7 +347,7 @@ def _human(
 def scene_of(robot: RobotBody | None, options: RunOptions) -> SceneState | None:
     """The scene that the options name, with a floor under a robot with feet."""
     scene = None if options.scene is None else load_scene(options.scene)
-    if robot is not None and robot.stands:
+    if robot is not None and robot.on_floor:
         scene = on_floor(scene)
     return None if scene is None else SceneState(scene)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from hardware.errors import RetargetError
 from retarget.errors import ConfigError
-from retarget.model.body_file import Root
+from retarget.model.robot import Mounting
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.run.table import RunTable
@@ -49,7 +49,7 @@ class PageSetup:
     performer, and landmarks: of the robot, names. servos_measure: temperatures and currents."""
 
     robot: str | None
-    root: Root | None
+    root: Mounting | None
     scene: str | None
     human_mjcf: str
     sensors: tuple[str, ...] = ()

@@ -10,6 +10,7 @@ import pytest
 import command_line
 from messages import shows
 from recordings import SLIDER, moved, saved, slider, with_servos
+from retarget.recording.exports.formats import FORMATS
 
 
 @pytest.fixture
@@ -28,6 +29,13 @@ ENDINGS = {
     "csv": "run.csv",
     "npz": "run_motion.npz",
     "parquet": "run.parquet",
+    "beyondmimic": "run_beyondmimic.npz",
+    "holosoma": "run_holosoma.npz",
+    "unitree": "run_unitree.csv",
+    "gmr": "run_gmr.pkl",
+    "gmr-npz": "run_gmr.npz",
+    "bones": "run_bones.csv",
+    "sonic": "run_sonic",
     "bvh": "run.bvh",
     "lerobot": "run_lerobot",
 }
@@ -40,7 +48,8 @@ def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.Captu
     assert code_of(run, "--to", to) == 0
     assert {path.name for path in run.parent.iterdir()} - before == {ENDINGS[to]}
     out = capsys.readouterr().out
-    shows(out, 27, 10, 3)
+    shows(out, 10, 3)
+    assert out.splitlines()[-1] == str(FORMATS[to].conventions)
     place = run.parent / ENDINGS[to]
     stamp = place.stat().st_mtime_ns
     assert code_of(run, "--to", to) == 2

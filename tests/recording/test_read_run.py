@@ -12,7 +12,7 @@ from recordings import SLIDER, Recorded, moved, record, slider, with_servos
 from recordings import saved as export_reading_saved
 from retarget.cli import main
 from retarget.errors import InputError
-from retarget.recording.export import FORMATS, export_motion, export_place
+from retarget.recording.exports.formats import FORMATS, export_motion, export_place
 from retarget.recording.motion import Motion
 from retarget.recording.npz import write_npz
 from retarget.recording.read_run import read_run

@@ -14,7 +14,7 @@ from retarget.errors import InputError, UsageError
 from retarget.frames import SENSORS
 from retarget.model.body import BodyModel, load_body_text
 from retarget.model.human import PostureReader
-from retarget.recording.bvh_export import write_bvh
+from retarget.recording.exports.bvh_writer import write_bvh
 from retarget.recording.motion import Motion, links_of
 from retarget.rotations import to_matrix
 from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS, read_bvh, read_motion

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from messages import refuses
 from recordings import angle_between, moved, slider, with_servos
 from retarget.errors import InputError, UsageError
-from retarget.recording.lerobot import lerobot_files
+from retarget.recording.exports.lerobot_dataset import lerobot_files
+from retarget.recording.exports.tables import arrow, columns_of, write_csv, write_parquet
 from retarget.recording.motion import Motion, resampled
-from retarget.recording.tables import arrow, columns_of, write_csv, write_parquet
 from retarget.schema.files import write_folder
 
 FILES = {

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from recordings import RATE, moved, op3
 from retarget.model.robot import load_robot
-from retarget.recording.export import trainer_arrays, write_trainer_npz
+from retarget.recording.exports.trainers import tracking_arrays, write_mjlab
 from retarget.recording.motion import Motion
 
 
@@ -20,24 +20,24 @@ def motion() -> Motion:
 
 def test_keys_shapes_and_types(motion: Motion) -> None:
     stream = io.BytesIO()
-    write_trainer_npz(motion, stream)
+    write_mjlab(motion, stream)
     with np.load(io.BytesIO(stream.getvalue()), allow_pickle=False) as file:
         arrays = dict(file)
     assert arrays["fps"].tolist() == [50] and arrays["fps"].dtype == np.int64
     assert arrays["joint_names"].tolist() == list(motion.joint_names)
-    assert arrays["joint_pos"].shape == arrays["joint_vel"].shape == arrays["dof_pos"].shape == (60, 20)
+    assert arrays["joint_pos"].shape == arrays["joint_vel"].shape == (60, 20)
     assert arrays["body_pos_w"].shape == arrays["body_lin_vel_w"].shape == arrays["body_ang_vel_w"].shape == (60, 21, 3)
+    assert str(arrays["quaternion_order"]) == "wxyz"
     assert arrays["body_quat_w"].shape == (60, 21, 4) and arrays["body_names"][0] == "body_link"
     assert {array.dtype for key, array in arrays.items() if array.ndim > 1} == {np.dtype(np.float32)}
 
 
 def test_mujoco_finds_the_same_links(motion: Motion) -> None:
-    arrays = trainer_arrays(motion)
+    arrays = tracking_arrays(motion)
     model = mujoco.MjModel.from_xml_path(str(load_robot("op3").profile.body_path))
     data = mujoco.MjData(model)
     for row in (0, 31):
-        data.qpos[:3] = arrays["root_pos"][row]
-        data.qpos[3:7] = arrays["root_rot"][row][[3, 0, 1, 2]]  # GMR's order is xyzw
+        data.qpos[:3], data.qpos[3:7] = arrays["body_pos_w"][row, 0], arrays["body_quat_w"][row, 0]
         for name, angle in zip(arrays["joint_names"], arrays["joint_pos"][row], strict=True):
             data.joint(str(name)).qpos[:] = angle
         mujoco.mj_kinematics(model, data)
@@ -49,7 +49,7 @@ def test_mujoco_finds_the_same_links(motion: Motion) -> None:
 
 
 def test_velocities_are_derivatives(motion: Motion) -> None:
-    arrays = trainer_arrays(motion)
+    arrays = tracking_arrays(motion)
     step = np.diff(motion.joints, axis=0) * RATE
     np.testing.assert_allclose(arrays["joint_vel"][1:-1], (step[1:] + step[:-1]) / 2.0, rtol=1e-4, atol=1e-4)
     row, link = 20, 7
@@ -62,4 +62,4 @@ def test_a_turning_root_has_its_speed_at_every_row_also_at_the_ends() -> None:
     motion = moved(op3(), rows=30)
     turn = Rotation.from_rotvec(np.outer(motion.time, [0.3, -0.4, 1.2]))
     motion.q[:, 3:7] = turn.as_quat(scalar_first=True)
-    np.testing.assert_allclose(trainer_arrays(motion)["body_ang_vel_w"][:, 0], [[0.3, -0.4, 1.2]] * 30, atol=1e-5)
+    np.testing.assert_allclose(tracking_arrays(motion)["body_ang_vel_w"][:, 0], [[0.3, -0.4, 1.2]] * 30, atol=1e-5)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget.errors import InputError, UsageError
+from retarget.recording.exports.tables import arrow
 from retarget.recording.motion import CONVENTIONS, Motion
-from retarget.recording.tables import arrow
 
 # A motion as the features of a LeRobot dataset: observations and actions, frame by frame.
 

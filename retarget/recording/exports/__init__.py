@@ -1,0 +1,1 @@
+"""Motions in the formats that others read."""

@@ -1,0 +1,203 @@
+"""Write a motion in one of the formats that others read: whole or not at all, and never over something.
+
+`FORMATS` is the one table of them: the help, the page `docs/results.md` and what `retarget export` prints come from it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from retarget.errors import UsageError, suggest
+from retarget.recording.exports.bvh_writer import write_bvh
+from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK, lerobot_files
+from retarget.recording.exports.tables import write_csv, write_parquet
+from retarget.recording.exports.trainers import (
+    sonic_files,
+    write_beyondmimic,
+    write_bones,
+    write_gmr,
+    write_gmr_npz,
+    write_holosoma,
+    write_mjlab,
+    write_unitree,
+)
+from retarget.recording.motion import Motion
+from retarget.schema.files import check_folder, check_path, check_place, write_folder, write_stream
+
+Write = Callable[[Motion, IO[bytes]], None]
+"""Writes a motion into a stream."""
+Files = Callable[[Motion, str], dict[str, bytes]]
+"""From a motion, and what is done in it, in words, to the files of a folder."""
+NAMED, IN_ORDER, BREADTH_FIRST = "by name", "as in the body file", "breadth first"
+"""Orders of joints, and of links where a format has them. Isaac numbers them breadth first."""
+APART = "apart"
+"""The place of a root that is not among the joints."""
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """quaternion: the order of its numbers, "" where there is none. joints: their order. root: where it is. fps: rows
+    per second that readers expect; None: as the run has them."""
+
+    quaternion: str
+    joints: str
+    root: str
+    units: str = "m, rad, s"
+    fps: float | None = None
+
+    def __str__(self) -> str:
+        turned = f"quaternions {self.quaternion}" if self.quaternion else "no quaternions"
+        return f"{turned}; joints {self.joints}; root {self.root}; {self.units}"
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format. ending: what its files end in, after the name of the run. summary: for whom and what, in words. write:
+    into a stream; files: of a folder; one of the two."""
+
+    name: str
+    ending: str
+    summary: str
+    conventions: Conventions
+    write: Write | None = None
+    files: Files | None = None
+
+
+_TABLE = Conventions("by name", NAMED, APART)
+_GMR = Conventions("xyzw", IN_ORDER, APART, fps=30.0)
+_ALL = (
+    Format("csv", ".csv", "a table with named columns", _TABLE, write_csv),
+    Format("parquet", ".parquet", "the same table, in full precision", _TABLE, write_parquet),
+    Format(
+        "npz",
+        "_motion.npz",
+        "mjlab trains on it",
+        Conventions("wxyz", IN_ORDER, "as body 0", fps=50.0),
+        write_mjlab,
+    ),
+    Format(
+        "beyondmimic",
+        "_beyondmimic.npz",
+        "whole_body_tracking trains on it: npz in Isaac's order",
+        Conventions("wxyz", BREADTH_FIRST, "as body 0", fps=50.0),
+        write_beyondmimic,
+    ),
+    Format(
+        "holosoma",
+        "_holosoma.npz",
+        "holosoma trains on it; the world is body 0, linear velocities are of centres of mass",
+        Conventions("wxyz", IN_ORDER, "before the joints", fps=50.0),
+        write_holosoma,
+    ),
+    Format(
+        "unitree",
+        "_unitree.csv",
+        "converters of mjlab and BeyondMimic read it, as LAFAN1's of Unitree: no header",
+        Conventions("xyzw", IN_ORDER, "before the joints", fps=30.0),
+        write_unitree,
+    ),
+    Format("gmr", "_gmr.pkl", "GMR's pickle, written for its readers, never read here", _GMR, write_gmr),
+    Format("gmr-npz", "_gmr.npz", "the same keys, safe to read", _GMR, write_gmr_npz),
+    Format(
+        "bones",
+        "_bones.csv",
+        "CSV of BONES-SEED and soma-retargeter; the root turns about fixed axes x, then y, then z",
+        Conventions("", NAMED, "before the joints", "cm, degrees", 120.0),
+        write_bones,
+    ),
+    Format(
+        "sonic",
+        "_sonic",
+        "the folder of one motion that SONIC's deployment plays",
+        Conventions("wxyz", BREADTH_FIRST, "as body 0", fps=50.0),
+        files=lambda motion, task: sonic_files(motion),
+    ),
+    Format(
+        "bvh",
+        ".bvh",
+        "an animated skeleton, y up, z forward; the human's joints have HumanIK's names, so it can be followed again",
+        Conventions("", NAMED, "as joint 0", "cm, degrees ZXY"),
+        write_bvh,
+    ),
+    Format(
+        "lerobot",
+        "_lerobot",
+        "a LeRobot dataset v3.0: one episode, no videos (tried with LeRobot 0.6.1)",
+        Conventions("by name", NAMED, "in observation.root"),
+        files=lambda motion, task: lerobot_files(motion, task=task),
+    ),
+)
+FORMATS = {one.name: one for one in _ALL}
+"""By the name that `--to` takes."""
+
+
+def format_help() -> str:
+    """The formats, in a line for the help of `--to`."""
+    return " ".join(f"{one.name}: {one.summary}." for one in FORMATS.values())
+
+
+def format_table() -> str:
+    """The formats, as the table of a page."""
+    rows = ["| format | file | for whom, and what | quaternion | joints | root | units | Hz |", "|---" * 8 + "|"]
+    for one in FORMATS.values():
+        its = one.conventions
+        rate = "the run's" if its.fps is None else f"{its.fps:g}"
+        cells = (f"`{one.name}`", f"`{one.ending}`", one.summary, its.quaternion or "none")
+        rows.append(f"| {' | '.join((*cells, its.joints, its.root, its.units, rate))} |")
+    return "\n".join(rows)
+
+
+def format_named(name: str) -> Format:
+    """A format. Raises UsageError with the nearest names."""
+    if name not in FORMATS:
+        step = suggest(name, FORMATS)
+        raise UsageError("unknown format", where="--to", found=name[:80], allowed=", ".join(FORMATS), next_step=step)
+    return FORMATS[name]
+
+
+def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False) -> Path:
+    """Path of an export: `out`, or beside the run under its name. Raises UsageError where nothing can be written, where
+    something is, and for the suffix of another format."""
+    place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
+    check_path(place, option="--out")
+    suffix = place.suffix.lower()
+    others = [other for other in FORMATS.values() if suffix and other.ending.endswith(suffix)]
+    if others and form not in others:
+        raise UsageError(
+            f"this is the suffix of {others[0].name}, not of {form.name}",
+            where="--out",
+            found=str(place)[:200],
+            next_step=f"Give {place.stem[:200]}{form.ending}, or --to {others[0].name}",
+        )
+    _refuse_existing(place)
+    if form.write is None:
+        check_folder(place, option="--out")
+    else:
+        check_place(place, option="--out")
+    return place
+
+
+def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFAULT_TASK) -> None:
+    """Write a motion to a place of `export_place`. task: what is done in it, in words, for a LeRobot dataset.
+
+    Raises UsageError and InputError where the format cannot hold it, or something is there; then nothing is written.
+    """
+    _refuse_existing(place)
+    write, files = form.write, form.files
+    if write is not None:
+        write_stream(place, lambda stream: write(motion, stream), option="--out")
+    elif files is not None:
+        write_folder(place, files(motion, task), option="--out")
+
+
+def export_episodes(motions: Sequence[Motion], place: Path, *, task: str = DEFAULT_TASK) -> None:
+    """Write motions of one robot to a LeRobot dataset, each as an episode. Raises as `export_motion` does."""
+    _refuse_existing(place)
+    write_folder(place, lerobot_files(*motions, task=task), option="--out")
+
+
+def _refuse_existing(place: Path) -> None:
+    if place.is_symlink() or place.exists():
+        step = "Give another --out, or remove it"
+        raise UsageError("something is there already", where="--out", found=str(place)[:200], next_step=step)
