@@ -309,7 +309,7 @@ def _refuse_units(
     up = float(np.mean(rotate(root[:, 3:], np.array([0.0, 0.0, 1.0]))[:, 2]))
     others = {
         order: float(np.mean(rotate(turn, np.array([0.0, 0.0, 1.0]))[:, 2]))
-        for order, turn in (("wxyz", root[:, [6, 3, 4, 5]]), ("xyzw", root[:, [4, 5, 6, 3]]))
+        for order, turn in (("wxyz", root[:, [4, 5, 6, 3]]), ("xyzw", root[:, [6, 3, 4, 5]]))
     }
     best = max(others, key=lambda order: others[order])
     if up < 0.0 and others[best] > np.cos(np.deg2rad(30.0)):
