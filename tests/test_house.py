@@ -44,7 +44,8 @@ BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
 BELOW["web"] = {*BELOW["recording"], "report", "viewer"}
 BELOW["setup"] = {*BELOW["web"], "web"}
 BELOW["lerobot"] = {*BELOW["run"], "run"}
-BELOW["cli"] = {*BELOW["setup"], "setup"}
+BELOW["batch"] = {*BELOW["setup"], "setup"}
+BELOW["cli"] = {*BELOW["batch"], "batch"}
 
 
 @cache

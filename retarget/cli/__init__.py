@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "demo": "See it work: no data and no hardware needed.",
     "run": "Let a robot follow a performer, live or recorded.",
+    "batch": "Retarget many motion files, on this machine or a cluster; goes on where it ended.",
     "replay": "Run a recording again and compare, or send its goals to a bus.",
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",

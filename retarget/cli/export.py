@@ -8,7 +8,13 @@ from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.cli.exit import echo
 from retarget.errors import InputError, UsageError
-from retarget.recording.exports.formats import export_episodes, export_motion, export_place, format_help, format_named
+from retarget.recording.exports.formats import (
+    export_episodes,
+    export_motion,
+    export_place,
+    format_help,
+    format_named,
+)
 from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK
 from retarget.recording.motion import Motion, resampled
 from retarget.recording.read_run import read_run
@@ -50,7 +56,7 @@ def export(
     for option, value, allowed in (("--phase", phase, (FOLLOW, ALL)), ("--of", of, (ROBOT, HUMAN))):
         if value not in allowed:
             raise UsageError("unknown choice", where=option, found=value[:80], allowed=", ".join(allowed))
-    if len(files) > 1 and form.write is not None:
+    if len(files) > 1 and form.name != LEROBOT:
         found, step = f"{len(files)} files", f"Export them one by one, or --to {LEROBOT}"
         raise UsageError("only a LeRobot dataset holds several runs", where="--to", found=found, next_step=step)
     wholes = [read_run(file, of_human=of == HUMAN, body=body) for file in files]
@@ -58,16 +64,15 @@ def export(
         note(text)
     place = export_place(form, files[0], out, of_human=of == HUMAN)
     fps = form.conventions.fps if fps is None else fps
-    motions = [_chosen(whole, phase) for whole in wholes]
-    if fps is not None:
-        motions = [resampled(motion, fps) for motion in motions]
+    chosen = [_chosen(whole, phase) for whole in wholes]
+    motions = chosen if fps is None else [resampled(motion, fps) for motion in chosen]
     if len(motions) > 1:
         export_episodes(motions, place, task=task)
     else:
         export_motion(motions[0], form, place, task=task)
     echo(f"{to}: {place}")
-    for whole, motion in zip(wholes, motions, strict=True):
-        echo(_summary(whole, motion, phase, fps))
+    for whole, before, motion in zip(wholes, chosen, motions, strict=True):
+        echo(_summary(whole, motion, phase, None if motion is before else fps))
     echo(str(form.conventions))
 
 

@@ -193,8 +193,7 @@ class CommandRun:
             result = recorded.run(operator, [*looks, announcer])
             if recorded.has_bus:
                 log(announcer.ended())
-        real_time = not isinstance(self.clock, VirtualClock)
-        return replace(result, setup=replace(result.setup, real_time=real_time))
+        return result
 
 
 def follow_clip(

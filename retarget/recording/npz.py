@@ -61,11 +61,13 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
     (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
     or `brake`; servo_positions (T, n) rad as the servos reported them, NaN without; human_q (T, nq) with human_mjcf,
     the text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
-    valid; dt s; motion_dt s. Before and after following, landmarks_asked, human_truth and sensors stand still.
+    valid; dt s; motion_dt s; of a run in real time the times of its stages. Before and after following,
+    landmarks_asked, human_truth and sensors stand still.
     """
     record, robot, sent = run.record, run.robot, run.record.robot
     names, asked, reached = run.followed
-    arrays: Arrays = {FIELDS[name].npz: array for name, array in record.known.items() if name in AS_THEY_ARE}
+    kept = AS_THEY_ARE if run.setup.real_time else set(AS_THEY_ARE).difference(STAGES)
+    arrays: Arrays = {FIELDS[name].npz: array for name, array in record.known.items() if name in kept}
     arrays["phase"] = np.array(PHASE_NAMES)[record.phase]
     if robot is None or sent is None:
         arrays |= _moved_body(run.human.body, record.human_q)

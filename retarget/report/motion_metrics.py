@@ -73,43 +73,32 @@ def limit_violations(
     return LimitViolations(*counts.tolist())
 
 
-def _beyond(
-    track: FloatArray, step: FloatArray, limits: JointLimits, joint: int, dt: float, tolerance: float
-) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Whether positions (T,), displacements (s,) of one tick, and changes (s - 1,) of these are beyond a joint's
-    limits."""
-    return (
-        (track < limits.lower[joint] - tolerance) | (track > limits.upper[joint] + tolerance),
-        np.abs(step) > limits.max_velocity[joint] * dt + tolerance,
-        np.abs(np.diff(step)) > limits.max_acceleration[joint] * dt**2 + 2.0 * tolerance,
-    )
-
-
 @dataclass(frozen=True)
-class LimitShare:
-    """share: of the ticks, those in which any joint is beyond its limit. joint: the one that is so most often, and
-    joint_share: how often; None and 0 where none is."""
+class LimitShares:
+    """Shares of the ticks that followed in which a joint at least is at its limit."""
 
-    share: float
-    joint: str | None
-    joint_share: float
+    position: float
+    velocity: float
+    acceleration: float
 
 
-def limit_shares(
-    names: tuple[str, ...], positions: FloatArray, limits: JointLimits, dt: float, *, tolerance: float
-) -> dict[str, LimitShare]:
-    """Shares of `position`, `velocity` and `acceleration` in joint positions (T, n), `dt` s apart, from the middle of a
-    motion. tolerance: rad or m, of the numbers of a file."""
-    beyond = [
-        _beyond(track, np.diff(track), limits, joint, dt, tolerance) for joint, track in enumerate(positions.T)
-    ]
-    found = {}
-    for kind, flags in zip(("position", "velocity", "acceleration"), zip(*beyond, strict=True), strict=True):
-        shares = [float(of_joint.mean()) for of_joint in flags]
-        worst = int(np.argmax(shares))
-        any_joint = float(np.any(flags, axis=0).mean())
-        found[kind] = LimitShare(any_joint, names[worst] if shares[worst] else None, shares[worst])
-    return found
+AT_LIMIT = 0.999
+"""Share of its largest speed or acceleration from which on a joint is at it."""
+AT_POSITION = 1e-4
+"""Nearer to the limit of its position than this, rad or m, a joint is at it."""
+
+
+def limit_shares(run: RunResult) -> LimitShares | None:
+    """How often the joints that a run moves are at their limits; None where fewer than three ticks followed."""
+    moved = moved_joints(run)
+    q, limits, dt = moved.positions[run.record.following], moved.limits, moved.dt
+    if len(q) < 3 or not moved.names:
+        return None
+    step = np.diff(q, axis=0)
+    near = (q < limits.lower + AT_POSITION) | (q > limits.upper - AT_POSITION)
+    fast = np.abs(step) >= AT_LIMIT * dt * limits.max_velocity
+    hard = np.abs(np.diff(step, axis=0)) >= AT_LIMIT * dt**2 * limits.max_acceleration
+    return LimitShares(*(float(at.any(axis=1).mean()) for at in (near, fast, hard)))
 
 
 def jerk_p95(positions: FloatArray, dt: float) -> float | None:

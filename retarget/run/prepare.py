@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 
 from hardware.bus import ServoBus
-from hardware.clock import Clock
+from hardware.clock import Clock, VirtualClock
 from hardware.guard import Guard
 from hardware.guard_state import GuardLimits
 from hardware.servo import loop_lag
@@ -175,7 +175,13 @@ class Prepared:
             clip=self.samples.recorded(),
             human=self.human,
             robot=None if machine is None else machine.robot,
-            setup=RunSetup(self.performer, self.priorities, self.has_bus, parts=self.parts),
+            setup=RunSetup(
+                self.performer,
+                self.priorities,
+                self.has_bus,
+                real_time=not isinstance(self.clock, VirtualClock),
+                parts=self.parts,
+            ),
             state=None if ending.state is None else ending.state.value,
             reason=ending.reason,
             wall_s=ending.wall_s,

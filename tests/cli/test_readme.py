@@ -25,6 +25,7 @@ NEEDS = {
     "servo monitor --robot my_robot": "servos",
     "servo setup --port": "servos",
     "servo home": "an answer",
+    "retarget batch": "motion files",
     "retarget demo": "half a minute, as tests of the demo have",
 }
 """What is not typed here, and what it needs that a test has not."""

@@ -30,7 +30,8 @@ class Old(NamedTuple):
 
 
 RECORDINGS = {
-    "op3_to_rest": Old("op3", "mock", 889, 52, 888, "off"),
+    # Today's goals go back to the stance for longer than was recorded.
+    "op3_to_rest": Old("op3", "mock", 889, 52, 888, "fault", StopCause.REQUESTED, "torque off before the robot stood"),
     "human_alone": Old("human", "none", 46, 46, 46, None, planned=False),
     "poppy_physics": Old("poppy", "physics", 505, 52, 504, "off"),
     "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing"),

@@ -123,7 +123,7 @@ _ALL = (
     Format(
         "lerobot",
         "_lerobot",
-        "a LeRobot dataset v3.0: one episode, no videos (tried with LeRobot 0.6.1)",
+        "a LeRobot dataset v3.0: an episode for each FILE, no videos (tried with LeRobot 0.6.1)",
         Conventions("by name", NAMED, "in observation.root"),
         files=lambda motion, task: lerobot_files(motion, task=task),
     ),

@@ -1,0 +1,394 @@
+"""One clip of a data set: a motion file in, one output out, and a small row about it. A clip changes nothing of
+another one, so that any engine may run any clip anywhere."""
+
+import hashlib
+import importlib
+import json
+import shutil
+import traceback
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
+from enum import StrEnum
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol
+
+import numpy as np
+
+import retarget
+from hardware.bus import ServoBus
+from hardware.clock import Clock, MonotonicClock, VirtualClock
+from hardware.errors import RetargetError
+from hardware.guard_state import StopCause
+from retarget.errors import InputError
+from retarget.human.samples import Samples
+from retarget.model.body_file import Root
+from retarget.model.robot import RobotBody, load_robot
+from retarget.recording.exports.formats import export_motion, format_named
+from retarget.recording.motion import Motion, resampled
+from retarget.recording.npz import write_npz
+from retarget.recording.read_run import read_run
+from retarget.recording.session import config_files
+from retarget.report.findings import findings
+from retarget.report.measure import measure
+from retarget.report.motion_metrics import limit_shares
+from retarget.report.report import DIGITS, Report
+from retarget.run.loop import Operator
+from retarget.run.options import RunOptions
+from retarget.run.prepare import performance_of, prepare_for
+from retarget.run.record import Phase
+from retarget.run.run_result import RunResult
+from retarget.run.supervisor import OperatorInput
+from retarget.run.tick import Machine
+from retarget.sources.asf_amc import find_skeleton
+from retarget.sources.open import open_source
+from retarget.types import Notify, RunState
+
+RUN = "run"
+"""Name of the format of `--save`: the whole run. Every other one is a format of `retarget export`."""
+LONGEST_TEXT = 500
+"""Most characters of a text in a row, so that rows stay small."""
+
+
+class ClipStatus(StrEnum):
+    """What became of a clip."""
+
+    DONE = "done"
+    STOPPED = "stopped"
+    """The guard ended the run early: the output is there, and ends early."""
+    REFUSED = "refused"
+    """A file that cannot be read, or a motion that cannot be followed."""
+    FAILED = "failed"
+    """An unforeseen error."""
+    TIMED_OUT = "timed out"
+    CRASHED = "crashed"
+    """The process ended."""
+    OUT_OF_MEMORY = "out of memory"
+
+    @property
+    def has_output(self) -> bool:
+        """Whether a clip of this status has an output."""
+        return self in (ClipStatus.DONE, ClipStatus.STOPPED)
+
+
+@dataclass(frozen=True, slots=True)
+class BatchClip:
+    """A clip. source: absolute path of the motion file. output: path below the folder of outputs, with `/`."""
+
+    source: str
+    output: str
+
+
+@dataclass(frozen=True)
+class BatchSettings:
+    """What all clips of a batch share. out: absolute path of the folder of outputs. reading: of `open_source`. format,
+    fps: of the outputs; None: a row a tick. bench: importable name (`module:attribute`) of a `MakeBench`. hash:
+    SHA-256 of all that an output depends on but its source."""
+
+    out: Path
+    options: RunOptions
+    reading: tuple[tuple[str, Any], ...]
+    format: str
+    fps: float | None
+    bench: str
+    hash: str
+
+
+class ClipBench(Protocol):
+    """What stands in for hardware in the run of one clip."""
+
+    def make_bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
+        """Make the bus of the run."""
+
+    def look(self, machine: Machine, samples: Samples) -> tuple[StopCause, str] | None:
+        """Look at it once a tick; returns why the run is to stop."""
+
+    def seen(self, run: RunResult) -> RunResult:
+        """Add what it has measured to a run that is over."""
+
+
+MakeBench = Callable[[RunOptions, Notify], ClipBench]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipRow:
+    """What is known of a clip. A number that is not known is None.
+
+    error: class of the error; message: in a sentence. verdict: whether the robot followed, and differs: what differs,
+    as `retarget run` prints them. stop: why the guard ended the run. frames: of the source that were played; ticks: of
+    the run; seconds: that followed; took_s: wall time. tracking_mm, tracking_max_mm: of landmarks, mean of all and
+    largest; likeness_deg, likeness_worst_deg: of limbs, mean of all and mean of the worst. foot_slide_mm: as in a
+    report. penetrating_ticks: in which the body was in itself or in the scene; clearance_mm: to itself.
+    at_position_limit, at_velocity_limit, at_acceleration_limit, gated: shares of the ticks that followed. fallen: in
+    physics. source_bytes, source_time_ns: size and time of change of the source.
+    """
+
+    source: str
+    output: str
+    status: ClipStatus
+    error: str = ""
+    message: str = ""
+    verdict: str = ""
+    differs: str = ""
+    stop: str = ""
+    notes: str = ""
+    frames: int | None = None
+    ticks: int | None = None
+    seconds: float | None = None
+    took_s: float | None = None
+    tracking_mm: float | None = None
+    tracking_max_mm: float | None = None
+    likeness_deg: float | None = None
+    likeness_worst_deg: float | None = None
+    foot_slide_mm: float | None = None
+    penetrating_ticks: int | None = None
+    clearance_mm: float | None = None
+    at_position_limit: float | None = None
+    at_velocity_limit: float | None = None
+    at_acceleration_limit: float | None = None
+    gated: float | None = None
+    fallen: bool | None = None
+    source_hash: str = ""
+    source_bytes: int = 0
+    source_time_ns: int = 0
+    settings_hash: str = ""
+
+    def as_json(self) -> str:
+        """The row as a line of JSON; numbers are rounded as in a report, and null where they are not finite."""
+        return json.dumps({field.name: _plain(getattr(self, field.name)) for field in fields(self)}, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+    return value
+
+
+# Hashes, by which a clip is known to be done.
+
+
+@dataclass(frozen=True, slots=True)
+class SourceState:
+    """The files of a source: bytes in all, and the latest time of change, ns; -1: one of them is not there."""
+
+    bytes: int
+    time_ns: int
+
+
+def files_of(source: Path, reading: Mapping[str, Any]) -> list[Path]:
+    """The files that a motion is read from: its own, the skeleton of an AMC, the table of a C3D's markers."""
+    beside = [Path(reading[option]) for option in ("skeleton", "markers") if reading.get(option) is not None]
+    if source.suffix.lower() == ".amc" and reading.get("skeleton") is None:
+        with suppress(InputError, OSError):  # the reader says so
+            beside.append(find_skeleton(source))
+    return [source, *beside]
+
+
+def source_state(source: Path, reading: Mapping[str, Any]) -> SourceState:
+    """Size and time of the files of a source."""
+    try:
+        found = [path.stat() for path in files_of(source, reading)]
+    except OSError:
+        return SourceState(-1, -1)
+    return SourceState(sum(one.st_size for one in found), max(one.st_mtime_ns for one in found))
+
+
+def source_hash(source: Path, reading: Mapping[str, Any]) -> str:
+    """SHA-256 of what is in the files of a source; "" where one cannot be read."""
+    whole = hashlib.sha256()
+    try:
+        for path in files_of(source, reading):
+            if not path.is_file():  # a pipe might be waited for without an end
+                return ""
+            with path.open("rb") as stream:
+                whole.update(hashlib.file_digest(stream, "sha256").digest())
+    except OSError:
+        return ""
+    return whole.hexdigest()
+
+
+def batch_settings(
+    out: Path,
+    options: RunOptions,
+    *,
+    bench: str,
+    reading: Mapping[str, Any] | None = None,
+    form: str = RUN,
+    fps: float | None = None,
+) -> BatchSettings:
+    """The settings of a batch, with their hash: of the version, of all options, and of what is in the robot's profile,
+    body and calibration, in the priority files, the performer and the scene. form: the format. Raises RetargetError."""
+    if form != RUN:
+        fps = format_named(form).conventions.fps if fps is None else fps
+    robot = None if options.is_human else load_robot(options.robot, root=options.root)
+    reading = {name: value for name, value in (reading or {}).items() if value is not None}
+    about = {
+        "version": retarget.__version__,
+        "options": asdict(options),
+        "files": [(file.name, file.sha256) for file, _ in config_files(options, robot)],
+        "reading": reading,
+        "format": form,
+        "fps": fps,
+        "bench": bench,
+    }
+    text = json.dumps(about, sort_keys=True, default=str)
+    digest = hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()
+    return BatchSettings(out.absolute(), options, tuple(sorted(reading.items())), form, fps, bench, digest)
+
+
+# From a clip to its row.
+
+Follow = Callable[[BatchClip, BatchSettings], ClipRow]
+"""Runs one clip and writes its output, as `follow_clip` does. May raise anything."""
+
+
+def process_clip(clip: BatchClip, settings: BatchSettings, follow: Follow | None = None) -> ClipRow:
+    """Retarget one clip; every error becomes a row. follow: in place of `follow_clip`."""
+    clock = MonotonicClock()
+    begun = clock.now()
+    try:
+        row = (follow or follow_clip)(clip, settings)
+    except MemoryError as error:
+        row = failed_row(clip, settings, ClipStatus.OUT_OF_MEMORY, type(error).__name__, str(error) or "no memory")
+    except RetargetError as error:
+        row = failed_row(clip, settings, ClipStatus.REFUSED, type(error).__name__, str(error))
+    except Exception as error:  # noqa: BLE001 - it costs this clip alone
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{error} ({Path(last.filename).name}:{last.lineno}, {last.name})"
+        row = failed_row(clip, settings, ClipStatus.FAILED, type(error).__name__, text)
+    return replace(row, took_s=clock.now() - begun)
+
+
+def failed_row(clip: BatchClip, settings: BatchSettings, status: ClipStatus, error: str, message: str) -> ClipRow:
+    """The row of a clip without an output."""
+    return _row(clip, settings, status, error=error, message=message)
+
+
+def _row(clip: BatchClip, settings: BatchSettings, status: ClipStatus, **known: Any) -> ClipRow:
+    source, reading = Path(clip.source), dict(settings.reading)
+    state = source_state(source, reading)
+    for name, value in known.items():
+        if isinstance(value, str):
+            known[name] = " ".join(value.split())[:LONGEST_TEXT]
+    return ClipRow(
+        source=clip.source,
+        output=clip.output,
+        status=status,
+        source_hash=source_hash(source, reading),
+        source_bytes=state.bytes,
+        source_time_ns=state.time_ns,
+        settings_hash=settings.hash,
+        **known,
+    )
+
+
+def follow_clip(clip: BatchClip, settings: BatchSettings) -> ClipRow:
+    """Let the robot follow a clip on virtual time, write the output, whole or not at all, and measure the run.
+
+    Raises RetargetError for what cannot be read, followed or written.
+    """
+    options, frames_of = settings.options, lambda: open_source(Path(clip.source), **dict(settings.reading))
+    make_bench: MakeBench = importable(settings.bench)
+    bench = make_bench(options, lambda text: None)
+    perform, robot = performance_of(frames_of, options.playback), None
+    if not options.is_human:
+        robot = _robot(options.robot, options.root)
+    with prepare_for(perform, options, clock=VirtualClock(), make_bus=bench.make_bus, robot=robot) as prepared:
+        result = prepared.run(_BenchOperator(bench, prepared.machine, prepared.samples))
+    result = bench.seen(result)
+    _write(result, clip, settings)
+    return _measured(result, clip, settings)
+
+
+def importable(name: str) -> Any:
+    """The object of an importable name, `module:attribute`."""
+    module, _, attribute = name.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+@lru_cache(maxsize=1)
+def _robot(name: str, root: Root | None) -> RobotBody:
+    """The robot of all clips of a process: what is measured on its body is measured once."""
+    return load_robot(name, root=root)
+
+
+class _BenchOperator(Operator):
+    """Stops a run for what its bench sees: a robot that has fallen."""
+
+    def __init__(self, bench: ClipBench, machine: Machine | None, samples: Samples) -> None:
+        self._bench, self._machine, self._samples = bench, machine, samples
+
+    def ask(self, state: RunState | None) -> OperatorInput:
+        if self._machine is None:
+            return OperatorInput()
+        return OperatorInput(fault=self._bench.look(self._machine, self._samples))
+
+
+def _write(run: RunResult, clip: BatchClip, settings: BatchSettings) -> None:
+    place = settings.out / clip.output
+    place.parent.mkdir(parents=True, exist_ok=True)
+    if settings.format == RUN:
+        write_npz(run, place)
+        return
+    motion = motion_of(run, clip.source)
+    if settings.fps is not None:
+        motion = resampled(motion, settings.fps)
+    if place.is_dir():  # of an earlier batch: an export replaces nothing
+        shutil.rmtree(place)
+    place.unlink(missing_ok=True)
+    export_motion(motion, format_named(settings.format), place)
+
+
+def motion_of(run: RunResult, source: str) -> Motion:
+    """The ticks of a run that followed, as `retarget export` has them. source: their name in messages. Raises
+    InputError where there is none."""
+    with TemporaryDirectory(prefix="retarget.") as folder:
+        saved = Path(folder, "run.npz")
+        write_npz(run, saved)
+        motion = replace(read_run(saved, of_human=run.robot is None), source=source)
+    following = motion.phase == Phase.FOLLOW
+    if not following.any():
+        raise InputError("nothing was followed in this run", where=source, found=run.reason or "no such tick")
+    return motion[following]
+
+
+def _measured(run: RunResult, clip: BatchClip, settings: BatchSettings) -> ClipRow:
+    report = measure(run)
+    verdict, _, differs = _verdict(run, report).partition(": ")
+    tracking = report.tracking_mm.values()
+    limbs = [one.mean for one in (report.likeness_recorded_deg or report.likeness_deg or {}).values()]
+    shares, gated = limit_shares(run), run.record.gated[run.record.following]
+    return _row(
+        clip,
+        settings,
+        ClipStatus.DONE if run.reason is None else ClipStatus.STOPPED,
+        verdict=verdict,
+        differs=differs,
+        stop=run.reason or "",
+        notes="; ".join(run.notes),
+        frames=report.frames,
+        ticks=report.ticks,
+        seconds=run.ticks_followed * run.clip.dt,
+        tracking_mm=_mean([one.mean for one in tracking]),
+        tracking_max_mm=max((one.max for one in tracking), default=None),
+        likeness_deg=_mean(limbs),
+        likeness_worst_deg=max(limbs, default=None),
+        foot_slide_mm=report.foot_slide_mm,
+        penetrating_ticks=report.penetrating_frames,
+        clearance_mm=report.min_clearance_mm.self,
+        at_position_limit=None if shares is None else shares.position,
+        at_velocity_limit=None if shares is None else shares.velocity,
+        at_acceleration_limit=None if shares is None else shares.acceleration,
+        gated=None if run.robot is None or not gated.size else float(gated.mean()),
+        fallen=report.fallen,
+    )
+
+
+def _verdict(run: RunResult, report: Report) -> str:
+    return next((one.measured for one in findings(run, report) if one.name == "following"), "")
+
+
+def _mean(values: list[float]) -> float | None:
+    return float(np.mean(values)) if values else None

@@ -1,0 +1,228 @@
+"""The index of a batch: a line of JSON for each clip that is over, written by the driver alone, and in the end a table.
+
+Each shard has a file of its own. All of them together say what is done, whatever the shards of the next command are.
+"""
+
+import fcntl
+import json
+import os
+import re
+import shutil
+import typing
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, source_hash, source_state
+from retarget.batch.inputs import Shard
+from retarget.errors import InputError, UsageError
+from retarget.recording.exports.tables import arrow
+from retarget.schema.files import make_folder, write_stream
+
+ALL = "index*.jsonl"
+BLOCK = 500
+"""Rows of the table that are in memory at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownClip:
+    """What an index says of a clip; the names are those of `ClipRow`."""
+
+    status: ClipStatus
+    source_hash: str
+    source_bytes: int
+    source_time_ns: int
+    settings_hash: str
+
+
+class BatchIndex:
+    """The index in the folder of outputs, open for one driver. Use it as a context."""
+
+    def __init__(self, folder: Path, shard: Shard | None = None) -> None:
+        """Open it, and lock it. Raises UsageError where it cannot be written, or another driver writes it."""
+        name = "index" if shard is None else f"index-{shard.number}-of-{shard.count}"
+        self.folder, self.path = folder, folder / f"{name}.jsonl"
+        self._whole = shard is None
+        make_folder(folder, option="--out")
+        try:
+            self._file = self.path.open("ab+")
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _cut_half_line(self._file)
+        except BlockingIOError as error:
+            step = "Wait for it, or give another --out or --shard"
+            raise UsageError(
+                "another batch writes this", where="--out", found=str(self.path), next_step=step
+            ) from error
+        except OSError as error:
+            raise UsageError("cannot write here", where="--out", found=f"{self.path}: {error.strerror}") from error
+
+    def __enter__(self) -> "BatchIndex":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def known(self) -> dict[str, KnownClip]:
+        """The latest of each clip in all files of the folder, by its output. Raises InputError."""
+        names, found = [field.name for field in fields(KnownClip)], {}
+        one_text = dict[str, str]()  # the hash of settings is the same in most rows
+        for path in self._files():
+            for row, _ in _rows(path):
+                values = {name: row[name] for name in names}
+                values["status"] = ClipStatus(values["status"])
+                values["settings_hash"] = one_text.setdefault(values["settings_hash"], values["settings_hash"])
+                found[row["output"]] = KnownClip(**values)
+        return found
+
+    def add(self, row: ClipRow) -> None:
+        """Add a row; it is out of this process when the call returns."""
+        self._file.write(row.as_json().encode() + b"\n")
+        self._file.flush()
+
+    def write_table(self) -> Path:
+        """Write the latest row of each clip as Parquet beside the index, sorted by output. Without a shard, of all
+        files of the folder. Returns its path. Raises UsageError without pyarrow."""
+        pa = arrow()
+        files = self._files() if self._whole else [self.path]
+        latest = {row["output"]: (number, at) for number, path in enumerate(files) for row, at in _rows(path)}
+        schema = pa.schema([pa.field(name, getattr(pa, kind)()) for name, kind in _columns()])
+        place = self.path.with_suffix(".parquet")
+
+        def write(stream: typing.IO[bytes]) -> None:
+            opened = [path.open("rb") for path in files]
+            try:
+                with pa.parquet.ParquetWriter(stream, schema) as table:
+                    places = [latest[output] for output in sorted(latest)]
+                    for first in range(0, len(places), BLOCK):
+                        rows = [_line_at(opened[number], at) for number, at in places[first : first + BLOCK]]
+                        table.write_table(pa.Table.from_pylist(rows, schema=schema))
+            finally:
+                for file in opened:
+                    file.close()
+
+        write_stream(place, write, option="--out")
+        return place
+
+    def _files(self) -> list[Path]:
+        """The files of the folder, the one that was written last at the end."""
+        return sorted(self.folder.glob(ALL), key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+def _cut_half_line(file: typing.BinaryIO) -> None:
+    """Cut what stands behind the last end of a line: a driver was killed while it wrote it."""
+    end, block = file.seek(0, os.SEEK_END), 1 << 16
+    while end > 0:
+        begin = max(end - block, 0)
+        file.seek(begin)
+        found = file.read(end - begin).rfind(b"\n")
+        if found >= 0:
+            end = begin + found + 1
+            break
+        end = begin
+    file.truncate(end)
+
+
+NEEDED = frozenset({"output", *(field.name for field in fields(KnownClip))})
+STATUSES = frozenset(ClipStatus)
+
+
+def _rows(path: Path) -> Iterator[tuple[dict[str, Any], int]]:
+    """The rows of an index, each with its place in the file; of one that is being written, without its last half line.
+    Raises InputError."""
+    with path.open("rb") as file:
+        at = 0
+        for number, line in enumerate(file, 1):
+            if not line.endswith(b"\n"):
+                return
+            try:
+                row = json.loads(line)
+            except ValueError:
+                row = None
+            if not isinstance(row, dict) or not row.keys() >= NEEDED or row["status"] not in STATUSES:
+                step = "Remove the line: its clip is then run again"
+                raise InputError("no row of an index", where=f"{path}:{number}", found=line[:80], next_step=step)
+            yield row, at
+            at += len(line)
+
+
+def _line_at(file: typing.BinaryIO, at: int) -> dict[str, Any]:
+    file.seek(at)
+    row: dict[str, Any] = json.loads(file.readline())
+    # A name that is not UTF-8 is in JSON, and cannot be in Parquet.
+    return {
+        name: value.encode(errors="backslashreplace").decode() if isinstance(value, str) else value
+        for name, value in row.items()
+    }
+
+
+def _columns() -> Iterator[tuple[str, str]]:
+    """Names of the columns, and their types in Arrow."""
+    kinds = {float: "float64", int: "int64", bool: "bool_", str: "string", ClipStatus: "string"}
+    for name, kind in typing.get_type_hints(ClipRow).items():
+        yield name, kinds[(typing.get_args(kind) or (kind,))[0]]
+
+
+# What is still to be done, and what a process left behind that was killed.
+
+
+@dataclass(frozen=True)
+class Todo:
+    """clips: to be run. done, failed: how many others are done, and have failed in the same way before."""
+
+    clips: tuple[BatchClip, ...]
+    done: int
+    failed: int
+
+
+def still_to_do(
+    clips: Sequence[BatchClip], settings: BatchSettings, known: dict[str, KnownClip], *, retry_failed: bool
+) -> Todo:
+    """The clips whose output is not there, or was made of another source or with other settings. A clip that has failed
+    is run again with `retry_failed`, and where its source or the settings are others.
+
+    A source of the same size and time of change is the same; else its hash decides.
+    """
+    reading, todo, done, failed = dict(settings.reading), [], 0, 0
+    for clip in clips:
+        then = known.get(clip.output)
+        if then is None or then.settings_hash != settings.hash or not _is_same(clip, then, reading):
+            todo.append(clip)
+        elif then.status.has_output:
+            if (settings.out / clip.output).exists():
+                done += 1
+            else:
+                todo.append(clip)
+        elif retry_failed:
+            todo.append(clip)
+        else:
+            failed += 1
+    return Todo(tuple(todo), done, failed)
+
+
+def _is_same(clip: BatchClip, then: KnownClip, reading: dict[str, Any]) -> bool:
+    source, state = Path(clip.source), source_state(Path(clip.source), reading)
+    if (state.bytes, state.time_ns) == (then.source_bytes, then.source_time_ns):
+        return True
+    return source_hash(source, reading) == then.source_hash
+
+
+PART = re.compile(r"\.(.{1,50})\.\w{8}(\.part)?")
+"""Name of a file or folder that is written, and not yet renamed (`retarget.schema.files`)."""
+
+
+def remove_parts(out: Path, clips: Iterable[BatchClip]) -> None:
+    """Remove what processes that were killed have written half of these clips."""
+    begun: dict[str, set[str]] = {}
+    for clip in clips:
+        output = PurePosixPath(clip.output)
+        begun.setdefault(str(output.parent), set()).add(output.name[:50])
+    for folder, names in begun.items():
+        with suppress(FileNotFoundError):
+            for entry in (out / folder).iterdir():
+                if (part := PART.fullmatch(entry.name)) and part[1] in names:
+                    if entry.is_dir():
+                        shutil.rmtree(entry, ignore_errors=True)
+                    else:
+                        entry.unlink(missing_ok=True)

@@ -1,0 +1,136 @@
+"""The clips of a batch: files, folders, patterns and lists become sorted clips, each with an output of its own."""
+
+import glob
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from retarget.batch.clip import BatchClip
+from retarget.errors import InputError, UsageError
+from retarget.sources.open import SUFFIXES
+
+LISTS = (".txt", ".lst", ".list")
+"""Suffixes of text files that list motion files, a path a line."""
+MAX_LIST_BYTES = 256 * 2**20
+MAX_CLIPS = 1_000_000
+"""Most bytes of a list, and most clips of a batch: more is a mistake."""
+
+
+def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchClip, ...]:
+    """The clips of files, folders, patterns (`**` too) and lists, sorted by their outputs, each source once.
+
+    A folder is searched with all below it for the suffixes of motion files, but for hidden ones and for `out`. A path
+    in a list that is not there is a clip, which fails by itself. An output has the path of its source below the folder,
+    the fixed part of the pattern or the folder of the list, and the name of its source with `ending`. Where two sources
+    would share it, both names get a hash of the source's path. Raises UsageError where an input holds no clip,
+    InputError for a list that cannot be read.
+    """
+    below = dict[str, str]()  # source: path of the output without its ending
+    for text in inputs:
+        found = False
+        for source, base in _sources(text, out.absolute()):
+            below.setdefault(str(source), _below(source, base))
+            found = True
+        if not found:
+            suffixes = ", ".join(f".{suffix}" for suffix in SUFFIXES)
+            raise UsageError("no motion file here", where="INPUT", found=text[:200], allowed=f"files {suffixes}")
+        if len(below) > MAX_CLIPS:
+            raise UsageError(
+                "too many clips", where="INPUT", allowed=f"up to {MAX_CLIPS}", next_step="Use several --out"
+            )
+    shared = Counter(name.casefold() for name in below.values())
+    clips = []
+    for path, name in below.items():
+        mark = f"-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}" if shared[name.casefold()] > 1 else ""
+        clips.append(BatchClip(path, f"{name}{mark}{ending}"))
+    return tuple(sorted(clips, key=lambda clip: clip.output))
+
+
+def _below(source: Path, base: Path) -> str:
+    """Path of a source below a folder, without its suffix; its name alone where it is elsewhere."""
+    inside = source.relative_to(base) if source.is_relative_to(base) else Path(source.name)
+    return inside.with_suffix("").as_posix()
+
+
+def _sources(text: str, out: Path) -> Iterator[tuple[Path, Path]]:
+    """The sources of an input, absolute and without `..`, each with the folder below which its output has its path."""
+    path = _absolute(text)
+    if path.is_dir():
+        yield from ((found, path) for found in _in_folder(path, out))
+    elif path.is_file() and path.suffix.lower() in LISTS:
+        yield from ((_absolute(path.parent / line), path.parent) for line in _lines(path))
+    elif path.is_file():
+        yield path, path.parent
+    elif glob.has_magic(text):
+        parts = Path(text).parts
+        fixed = next(number for number, part in enumerate(parts) if glob.has_magic(part))
+        base = _absolute(Path(*parts[:fixed]))
+        for match in sorted(glob.glob(text, recursive=True)):  # noqa: PTH207 - Path.glob takes no absolute pattern
+            found = _absolute(match)
+            if found.is_dir():
+                if "**" not in parts:  # else its files match by themselves
+                    yield from ((inside, base) for inside in _in_folder(found, out))
+            elif not found.is_relative_to(out) and found.suffix.lower() != ".asf":
+                yield found, base
+    else:
+        raise UsageError("no such file or folder", where="INPUT", found=text[:200], next_step="Check the path")
+
+
+def _absolute(path: str | Path) -> Path:
+    return Path(os.path.abspath(path))  # noqa: PTH100 - `..` is taken away, and links are left as they are
+
+
+def _in_folder(folder: Path, out: Path) -> Iterator[Path]:
+    suffixes = {f".{suffix}" for suffix in SUFFIXES}
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if name[0] != "." and Path(place, name) != out)
+        yield from (
+            Path(place, name) for name in sorted(files) if name[0] != "." and Path(name).suffix.lower() in suffixes
+        )
+
+
+def _lines(path: Path) -> list[str]:
+    """The paths in a list; empty lines and those that begin with # are left out."""
+    try:
+        if path.stat().st_size > MAX_LIST_BYTES:
+            found = f"{path.stat().st_size} bytes"
+            raise InputError("list too large", where=str(path), found=found, allowed=f"up to {MAX_LIST_BYTES}")
+        text = path.read_bytes().decode(errors="surrogateescape")
+    except OSError as error:
+        raise InputError("cannot read the list", where=str(path), found=error.strerror or error) from error
+    if "\0" in text:
+        raise InputError("this is no list of paths", where=str(path), found="a NUL byte", allowed="a path a line")
+    lines = (line.strip() for line in text.splitlines())
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+# Shards: every n-th clip of the sorted list, for jobs that know nothing of each other.
+
+MAX_SHARDS = 100_000
+"""Most shards: more than any array of jobs has."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Part `number` of `count`, from 1."""
+
+    number: int
+    count: int
+
+    @classmethod
+    def parsed(cls, text: str) -> "Shard":
+        """From `i/N`. Raises UsageError."""
+        number, _, count = text.partition("/")
+        if number.isascii() and count.isascii() and number.isdigit() and count.isdigit():
+            shard = cls(int(number[:9]), int(count[:9]))
+            if 1 <= shard.number <= shard.count <= MAX_SHARDS:
+                return shard
+        allowed = f"i/N, i from 1 to N, N up to {MAX_SHARDS}"
+        raise UsageError("no such shard", where="--shard", found=text[:80], allowed=allowed)
+
+    def of(self, clips: Sequence[BatchClip]) -> Sequence[BatchClip]:
+        """Its clips."""
+        return clips[self.number - 1 :: self.count]

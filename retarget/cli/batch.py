@@ -1,0 +1,217 @@
+"""`retarget batch`: many motion files, each retargeted by itself, with an index of what became of them."""
+
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hardware.errors import counted
+from retarget.batch.batch import BatchTally, Engine, run_batch
+from retarget.batch.clip import RUN, BatchClip, BatchSettings, ClipRow, ClipStatus, batch_settings
+from retarget.batch.engines import on_processes, on_ray, usual_jobs
+from retarget.batch.index import BatchIndex
+from retarget.batch.inputs import Shard, find_clips
+from retarget.batch.worker import ClipLimits
+from retarget.cli.application import FileOptions, console, log, note
+from retarget.cli.exit import DONE, LEAST_MEMORY, STOPPED, echo
+from retarget.errors import UsageError, suggest
+from retarget.model.robot import load_robot
+from retarget.recording.exports.formats import FORMATS, format_named
+from retarget.run.options import RunOptions
+from retarget.run.prepare import try_robot
+
+BENCH = "retarget.cli.buses:PhysicsBench"
+"""What stands in for hardware, by the name under which each process finds it."""
+ENGINES = ("processes", "ray")
+TIME_LIMIT_S, MEMORY_GB = 1800.0, 4.0
+"""A recording of 28 minutes, the longest that is read, is through in half of the time, and takes 1 GB of the memory."""
+SHOWN_FAILURES = 20
+"""Failures that are printed; the others are counted, and all are in the index."""
+EVERY_S = 60.0
+"""Time, s, between two lines of progress where there is no terminal: of a job that takes hours, on a cluster."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions:
+    """How the clips are shared, and what each may take.
+
+    Batch:
+        form (--format) FORMAT: run (NPZ as of `retarget run --save`, usual), or a format of `retarget export`.
+        fps N: Rows per second of an export; else as its readers expect, or a row a tick.
+        shard i/N: Only every N-th clip of the sorted list, from the i-th.
+        engine processes|ray: What shares the clips: processes of this machine, or Ray.
+        address A: Ray cluster to join (auto: of this machine); else that of RAY_ADDRESS, else one is started here.
+        time_limit S: Wall time that a clip may take.
+        memory GB: Address space of a process; a clip that takes more costs itself.
+        retry_failed: Run also those again that have failed.
+    """
+
+    form: str = RUN
+    fps: float | None = None
+    shard: str | None = None
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            help="Clips at a time, usually one per processor.", metavar="N", min=1, max=4096, rich_help_panel="Batch"
+        ),
+    ] = None
+    engine: str = ENGINES[0]
+    address: str | None = None
+    time_limit: float = TIME_LIMIT_S
+    memory: float = MEMORY_GB
+    retry_failed: bool = False
+
+    @property
+    def ending(self) -> str:
+        """What outputs end in. Raises UsageError for an unknown format."""
+        if self.form == RUN:
+            return ".npz"
+        if self.form not in FORMATS:
+            known = (RUN, *FORMATS)
+            step = suggest(self.form, known)
+            found, allowed = self.form[:80], ", ".join(known)
+            raise UsageError("unknown format", where="--format", found=found, allowed=allowed, next_step=step)
+        return format_named(self.form).ending
+
+    def checked(self, options: RunOptions) -> Engine:
+        """The engine. Raises UsageError for what does not go together, or cannot be meant."""
+        if self.engine not in ENGINES:
+            found, step = self.engine[:80], suggest(self.engine, ENGINES)
+            raise UsageError(
+                "unknown engine", where="--engine", found=found, allowed=", ".join(ENGINES), next_step=step
+            )
+        if self.address is not None and self.engine != "ray":
+            raise UsageError("only Ray has an address", where="--address", next_step="Add --engine ray")
+        if self.fps is not None and self.form == RUN:
+            raise UsageError("a whole run has its ticks", where="--fps", next_step="Give another --format")
+        if not options.simulated:
+            raise UsageError(
+                "a batch moves no real servos", where="--bus", found=options.bus, allowed="a simulated bus"
+            )
+        if options.playback.loop:
+            raise UsageError("a clip of a batch ends", where="--loop", next_step="Leave it out")
+        if not (isfinite(self.time_limit) and self.time_limit > 0.0):
+            raise UsageError("no time", where="--time-limit", found=f"{self.time_limit:g} s", allowed="above 0")
+        if not LEAST_MEMORY <= 1e9 * self.memory < float("inf"):
+            allowed = f"{LEAST_MEMORY / 1e9:g} GB and more"
+            raise UsageError("too little memory", where="--memory", found=f"{self.memory:g} GB", allowed=allowed)
+        limits = ClipLimits(self.time_limit, int(1e9 * self.memory))
+        if self.engine == "ray":
+            return partial(on_ray, limits=limits, jobs=self.jobs, address=self.address)
+        return partial(on_processes, limits=limits, jobs=self.jobs or usual_jobs())
+
+
+def batch(inputs: list[str], out: Path, options: RunOptions, file: FileOptions, batched: BatchOptions) -> None:
+    """Retarget many motion files: one output for each, and DIR/index.jsonl with a row for each, also for failures.
+
+    The same command goes on where it ended, and leaves out what is done. Outputs do not depend on --jobs and --engine.
+
+    Examples:
+        retarget batch --robot op3 --out op3_data recordings
+        retarget batch --robot op3 --out op3_data --format csv --fps 30 'data/**/*.bvh' --retry-failed
+        retarget batch --robot op3 --out op3_data --shard 3/100 all.txt
+
+    Exit code 0: each clip is done, 1: some failed, 2: refused before anything ran, 130: Ctrl-C; then call it again.
+
+    Arguments:
+        inputs: Motion files, folders, patterns in quotes ('data/**/*.bvh'), or lists (.txt, a path a line).
+
+    Options:
+        out DIR: Folder of outputs and index.
+    """
+    engine, ending = batched.checked(options), batched.ending
+    shard = None if batched.shard is None else Shard.parsed(batched.shard)
+    clips = find_clips(inputs, out=out, ending=ending)
+    reading = {name: str(value) if isinstance(value, Path) else value for name, value in vars(file).items()}
+    settings = batch_settings(out, options, bench=BENCH, reading=reading, form=batched.form, fps=batched.fps)
+    if not options.is_human:
+        try_robot(load_robot(options.robot, root=options.root), options)
+    with BatchIndex(settings.out, shard) as index:
+        mine = clips if shard is None else shard.of(clips)
+        tally = _run(mine, settings, index, engine, batched)
+        for text in _summary(tally, index):
+            echo(text)
+    failed = tally.failed + tally.failed_before
+    raise typer.Exit(STOPPED if failed else DONE)
+
+
+def _run(
+    clips: Sequence[BatchClip], settings: BatchSettings, index: BatchIndex, engine: Engine, batched: BatchOptions
+) -> BatchTally:
+    """Run the batch, and show how it goes."""
+    with _shown() as look:
+        try:
+            return run_batch(clips, settings, index, engine, retry_failed=batched.retry_failed, look=look)
+        except KeyboardInterrupt:
+            log(f"what is done is in {index.path}; the same command goes on from there")
+            raise
+
+
+@contextmanager
+def _shown() -> Iterator[Callable[[BatchTally, ClipRow | None], None]]:
+    """Yields what looks at a batch: failures as they come, and a line of progress, on a terminal always, else once a
+    minute."""
+    from rich.live import Live
+    from rich.text import Text
+
+    shown, last = 0, 0.0
+
+    with Live(Text(), console=console(err=True), transient=True, auto_refresh=False) as live:
+
+        def look(tally: BatchTally, row: ClipRow | None) -> None:
+            nonlocal shown, last
+            if row is not None and not row.status.has_output:
+                shown += 1
+                if shown <= SHOWN_FAILURES:
+                    log(f"{row.status}: {row.message if row.source in row.message else f'{row.source}: {row.message}'}")
+                elif shown == SHOWN_FAILURES + 1:
+                    log("more failures are in the index alone")
+            if live.console.is_terminal:
+                live.update(Text(progress_of(tally)), refresh=True)
+            elif row is None or tally.seconds - last >= EVERY_S:
+                last = tally.seconds
+                log(progress_of(tally))
+
+        yield look
+
+
+def progress_of(tally: BatchTally) -> str:
+    """How far a batch is, in a line."""
+    if not tally.over:
+        before = f", {tally.done_before} done before" if tally.done_before else ""
+        return f"{counted(tally.todo, 'clip')} to do{before}"
+    failed = f", {tally.failed} failed" if tally.failed else ""
+    line = f"{tally.over} of {counted(tally.todo, 'clip')}, {tally.over / tally.seconds:.2g} a second{failed}"
+    left = tally.seconds_left
+    return line if not left else f"{line}, {_lasting(left)} left"
+
+
+def _lasting(seconds: float) -> str:
+    """A duration, in words."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def _summary(tally: BatchTally, index: BatchIndex) -> Iterator[str]:
+    """What became of the clips, and where the index is."""
+    parts = [f"{tally.counts[status]} {status}" for status in ClipStatus if tally.counts[status]]
+    if tally.done_before:
+        parts.append(f"{tally.done_before} done before")
+    if tally.failed_before:
+        parts.append(f"{tally.failed_before} failed before (--retry-failed runs them again)")
+    yield f"{counted(tally.todo + tally.done_before + tally.failed_before, 'clip')}: {', '.join(parts)}"
+    if tally.over:
+        yield f"{tally.over / max(tally.seconds, 1e-9):.2g} clips a second, in {_lasting(tally.seconds)}"
+    yield f"index: {shlex.quote(str(index.path))}"
+    try:
+        yield f"table: {shlex.quote(str(index.write_table()))}"
+    except UsageError as error:
+        note(f"no table of the index: {error}")

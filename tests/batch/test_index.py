@@ -1,0 +1,149 @@
+"""The index: what it keeps, what a killed driver leaves of it, and which clips are run again."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.batch_driver import instant
+from messages import refuses
+from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, batch_settings, process_clip
+from retarget.batch.index import BatchIndex, remove_parts, still_to_do
+from retarget.batch.inputs import Shard
+from retarget.errors import InputError, UsageError
+from retarget.run.options import RunOptions
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> BatchSettings:
+    return batch_settings(tmp_path / "out", RunOptions(robot="op3"), bench="none")
+
+
+def clips(folder: Path, *names: str) -> list[BatchClip]:
+    for name in names:
+        (folder / f"{name}.bvh").write_text(name)
+    return [BatchClip(str(folder / f"{name}.bvh"), f"{name}.npz") for name in names]
+
+
+def rows(settings: BatchSettings, *of: BatchClip) -> list[ClipRow]:
+    return [process_clip(clip, settings, instant) for clip in of]
+
+
+def kept(settings: BatchSettings, *of: BatchClip, shard: Shard | None = None) -> None:
+    with BatchIndex(settings.out, shard) as index:
+        for row in rows(settings, *of):
+            index.add(row)
+
+
+def left(settings: BatchSettings, of: list[BatchClip], *, retry_failed: bool = False) -> list[str]:
+    with BatchIndex(settings.out) as index:
+        todo = still_to_do(of, settings, index.known(), retry_failed=retry_failed)
+    assert len(todo.clips) + todo.done + todo.failed == len(of)
+    return [clip.output for clip in todo.clips]
+
+
+def test_what_is_done_is_not_run_again(settings: BatchSettings, tmp_path: Path) -> None:
+    a, b = clips(tmp_path, "a", "b")
+    assert left(settings, [a, b]) == ["a.npz", "b.npz"]
+    kept(settings, a)
+    assert left(settings, [a, b]) == ["b.npz"]
+
+
+def test_a_lost_output_another_source_and_other_settings_are_run_again(settings: BatchSettings, tmp_path: Path) -> None:
+    a, b = clips(tmp_path, "a", "b")
+    kept(settings, a, b)
+    (settings.out / "a.npz").unlink()
+    assert left(settings, [a, b]) == ["a.npz"]
+    os.utime(b.source, (1, 1))  # touched, and the same
+    assert left(settings, [a, b]) == ["a.npz"]
+    Path(b.source).write_text("other")
+    assert left(settings, [a, b]) == ["a.npz", "b.npz"]
+    kept(settings, a, b)
+    assert left(settings, [a, b]) == []
+    assert left(replace(settings, hash="other"), [a, b]) == ["a.npz", "b.npz"]
+
+
+def test_the_hash_of_settings_changes_with_all_that_an_output_depends_on(tmp_path: Path) -> None:
+    def of(options: RunOptions, **more: object) -> str:
+        return batch_settings(tmp_path, options, bench="none", **more).hash  # type: ignore[arg-type]
+
+    op3 = RunOptions(robot="op3")
+    found = [
+        of(op3),
+        of(RunOptions(robot="poppy")),
+        of(RunOptions(robot="human")),
+        of(replace(op3, priorities="balanced")),
+        of(replace(op3, iterations=3)),
+        of(op3, reading={"unit": "cm"}),
+        of(op3, form="csv"),
+        of(op3, form="csv", fps=30.0),
+    ]
+    assert len(set(found)) == len(found) and of(op3) == found[0]
+
+
+def test_what_has_failed_is_run_again_only_if_asked(settings: BatchSettings, tmp_path: Path) -> None:
+    a, bad = clips(tmp_path, "a", "raises")
+    kept(settings, a, bad)
+    assert left(settings, [a, bad]) == []
+    assert left(settings, [a, bad], retry_failed=True) == ["raises.npz"]
+    Path(bad.source).write_text("mended")
+    assert left(settings, [a, bad]) == ["raises.npz"]
+
+
+def test_half_a_line_of_a_killed_driver_is_cut(settings: BatchSettings, tmp_path: Path) -> None:
+    a, b = clips(tmp_path, "a", "b")
+    kept(settings, a)
+    whole = (settings.out / "index.jsonl").read_bytes()
+    with (settings.out / "index.jsonl").open("ab") as file:
+        file.write(b'{"source": "' + b"x" * 200_000)
+    kept(settings, b)
+    assert (settings.out / "index.jsonl").read_bytes().startswith(whole + b'{"source": "' + b.source.encode())
+    assert left(settings, [a, b]) == []
+
+
+def test_a_line_that_is_none_is_refused_with_its_number(settings: BatchSettings, tmp_path: Path) -> None:
+    kept(settings, *clips(tmp_path, "a"))
+    with (settings.out / "index.jsonl").open("ab") as file:
+        file.write(b"{}\n")
+    with BatchIndex(settings.out) as index, refuses(InputError, "index.jsonl:2"):
+        index.known()
+
+
+def test_two_drivers_of_one_index_are_refused_and_two_shards_are_not(settings: BatchSettings) -> None:
+    with BatchIndex(settings.out), BatchIndex(settings.out, Shard(1, 2)), refuses(UsageError, where="--out"):
+        BatchIndex(settings.out)
+
+
+def test_shards_know_of_each_other_and_the_whole_table_has_each_clip_once(
+    settings: BatchSettings, tmp_path: Path
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra record is not installed")
+    a, b, bad = clips(tmp_path, "a", "b", "raises")
+    kept(settings, a, shard=Shard(1, 2))
+    kept(settings, bad, b, bad, shard=Shard(2, 2))
+    assert left(settings, [a, b, bad]) == []
+    with BatchIndex(settings.out) as index:
+        table = parquet.read_table(index.write_table()).to_pydict()
+    assert table["output"] == ["a.npz", "b.npz", "raises.npz"]
+    assert table["status"] == ["done", "done", "failed"] and table["frames"] == [1, 1, None]
+    assert table["error"][2] == "ZeroDivisionError" and "planted" in table["message"][2]
+
+
+def test_a_row_is_small_whatever_the_error_says(settings: BatchSettings, tmp_path: Path) -> None:
+    def talks(clip: BatchClip, settings: BatchSettings) -> ClipRow:
+        raise RuntimeError("word " * 100_000)
+
+    row = process_clip(clips(tmp_path, "a")[0], settings, talks)
+    assert row.status is ClipStatus.FAILED and len(row.as_json()) < 3000
+
+
+def test_what_a_killed_process_left_half_is_removed_and_nothing_else(settings: BatchSettings, tmp_path: Path) -> None:
+    settings.out.mkdir()
+    half = [".a.npz.abcd_123.part", ".a.npz.abcdefgh"]
+    others = [".b.npz.abcdefgh.part", "a.npz", ".a.npz", ".a.npz.part"]
+    (settings.out / half[1]).mkdir()
+    for name in (half[0], *others):
+        (settings.out / name).touch()
+    remove_parts(settings.out, clips(tmp_path, "a"))
+    assert {path.name for path in settings.out.iterdir()} == set(others)

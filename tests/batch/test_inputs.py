@@ -1,0 +1,88 @@
+"""Files, folders, patterns and lists become clips: each source once, each output of its own, in one order."""
+
+from pathlib import Path
+
+import pytest
+
+from messages import refuses
+from retarget.batch.inputs import Shard, find_clips
+from retarget.errors import UsageError
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    for name in ("walk.bvh", "a/walk.bvh", "a/run.c3d", "a/b/run.AMC", "a/b/02.asf", "a/notes.md", "a/.hidden.bvh"):
+        path = tmp_path / "data" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    return tmp_path / "data"
+
+
+def outputs(*inputs: Path | str, out: Path) -> dict[str, str]:
+    clips = find_clips([str(one) for one in inputs], out=out, ending=".npz")
+    assert [clip.output for clip in clips] == sorted(clip.output for clip in clips)
+    return {clip.output: clip.source for clip in clips}
+
+
+def test_a_folder_is_searched_with_all_below_it(data: Path, tmp_path: Path) -> None:
+    found = outputs(data, out=tmp_path / "out")
+    assert list(found) == ["a/b/run.npz", "a/run.npz", "a/walk.npz", "walk.npz"]
+    assert found["a/b/run.npz"] == str(data / "a/b/run.AMC")
+
+
+def test_outputs_are_no_inputs(data: Path) -> None:
+    assert list(outputs(data, out=data / "a")) == ["walk.npz"]
+
+
+@pytest.mark.parametrize("pattern", ["**/*.bvh", "*/*.bvh", "a*/", "a/[rw]*"])
+def test_a_pattern_finds_what_the_shell_would(pattern: str, data: Path, tmp_path: Path) -> None:
+    wanted = {
+        "**/*.bvh": {"walk.npz", "a/walk.npz"},
+        "*/*.bvh": {"a/walk.npz"},
+        "a*/": {"a/walk.npz", "a/run.npz", "a/b/run.npz"},
+        "a/[rw]*": {"walk.npz", "run.npz"},
+    }
+    assert set(outputs(data / pattern, out=tmp_path / "out")) == wanted[pattern]
+
+
+def test_a_list_names_files_beside_it_and_elsewhere_also_what_is_not_there(data: Path, tmp_path: Path) -> None:
+    listed = data / "some.txt"
+    listed.write_text(f"# two\na/walk.bvh\n\n{tmp_path}/else/where.bvh\n")
+    found = outputs(listed, out=tmp_path / "out")
+    assert found == {"a/walk.npz": str(data / "a/walk.bvh"), "where.npz": f"{tmp_path}/else/where.bvh"}
+
+
+def test_sources_of_one_name_have_outputs_of_their_own_whatever_their_order(data: Path, tmp_path: Path) -> None:
+    (data / "walk.C3D").touch()
+    inputs = [data / "walk.bvh", data / "a/walk.bvh", data / "walk.C3D", data / "a/run.c3d"]
+    found = outputs(*inputs, out=tmp_path / "out")
+    assert len(found) == 4 and "run.npz" in found
+    assert all(name.startswith("walk-") for name in found if name != "run.npz")
+    assert outputs(*reversed(inputs), out=tmp_path / "out") == found
+
+
+def test_a_source_that_is_given_twice_is_one_clip(data: Path, tmp_path: Path) -> None:
+    twice = outputs(data, data / "a/../walk.bvh", data / "*.bvh", out=tmp_path / "out")
+    assert len(twice) == 4
+
+
+def test_what_holds_no_clip_is_refused(data: Path, tmp_path: Path) -> None:
+    (data / "empty").mkdir()
+    for text in ("empty", "nowhere.bvh", "*.glb"):
+        with refuses(UsageError, where="INPUT", found=text):
+            find_clips([str(data / text)], out=tmp_path / "out", ending=".npz")
+
+
+def test_shards_hold_each_clip_once(data: Path, tmp_path: Path) -> None:
+    for number in range(10):
+        (data / f"{number}.bvh").touch()
+    clips = find_clips([str(data)], out=tmp_path, ending=".npz")
+    for count in (1, 3, 14, 20):
+        held = [clip for number in range(1, count + 1) for clip in Shard.parsed(f"{number}/{count}").of(clips)]
+        assert sorted(held, key=lambda clip: clip.output) == list(clips)
+
+
+@pytest.mark.parametrize("text", ["0/4", "5/4", "3", "a/b", "-1/2", "1/", "1/1000000000000000"])
+def test_a_shard_that_cannot_be_is_refused(text: str) -> None:
+    with refuses(UsageError, where="--shard", found=text):
+        Shard.parsed(text)
