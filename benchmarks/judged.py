@@ -49,7 +49,10 @@ def keyframes(robot: RobotBody, run: Motion, folder: Path) -> Path:
     assert run.landmarks_asked is not None, "a run of a robot"
     asked = resampled(run, FPS)
     fitted = fit(robot, asked.landmarks_asked, run.landmark_names)
-    path, joints = folder / "keyframes.npz", robot.body.joint_qpos[[robot.body.joint_index(name) for name in run.joint_names]]
+    path, joints = (
+        folder / "keyframes.npz",
+        robot.body.joint_qpos[[robot.body.joint_index(name) for name in run.joint_names]],
+    )
     turn = fitted[:, [4, 5, 6, 3]]  # xyzw
     np.savez(path, fps=FPS, root_pos=fitted[:, :3], root_rot=turn, dof_pos=fitted[:, joints])
     return path
@@ -84,7 +87,14 @@ def fit(robot: RobotBody, asked: FloatArray, names: tuple[str, ...]) -> FloatArr
 
         start = np.concatenate([np.zeros(6), np.clip(base[7:], low + 1e-6, high - 1e-6)])
         bounds = (np.append(np.full(6, -np.inf), low), np.append(np.full(6, np.inf), high))
-        solved = least_squares(lambda x, base=base, goal=goal: residuals(x[None], base, goal)[0], start, slope, bounds, xtol=1e-10, ftol=1e-10)
+        solved = least_squares(
+            lambda x, base=base, goal=goal: residuals(x[None], base, goal)[0],
+            start,
+            slope,
+            bounds,
+            xtol=1e-10,
+            ftol=1e-10,
+        )
         base = posture(solved.x[None], base)[0]
         found.append(base)
     return np.array(found)
@@ -134,7 +144,9 @@ def main() -> None:
                 print(f"{source}, {who}: {found.verdict}")
                 columns[f"{Path(source).stem}, {who}"] = cells(found)
     names = list(next(iter(columns.values())))
-    show_table("judged", ["", *columns], [[name, *(of[name] for of in columns.values())] for name in names], docs=asked.docs)
+    show_table(
+        "judged", ["", *columns], [[name, *(of[name] for of in columns.values())] for name in names], docs=asked.docs
+    )
 
 
 if __name__ == "__main__":

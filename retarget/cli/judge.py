@@ -52,17 +52,19 @@ def judge(
     body = load_robot(robot)
     layout, motion = read_motion(file, body, fps=fps, quaternion=quaternion)
     frames = None if source is None else playback.open(source)
-    found = judged(motion, body, layout=layout, source=frames, scene=scene)
-    show(found)
+    judgement = judged(motion, body, layout=layout, source=frames, scene=scene)
+    show(judgement)
     if as_json is not None:
-        write_atomic(as_json, (json.dumps(plain(found), indent=2, allow_nan=False) + "\n").encode(), option="--json")
+        text = json.dumps(plain(judgement), indent=2, allow_nan=False) + "\n"
+        write_atomic(as_json, text.encode(), option="--json")
         echo(f"json: {as_json}")
 
 
 def show(found: Judgement) -> None:
     """Print the table, and the verdict below it."""
     beside = "" if found.performer is None else f" beside {found.performer}"
-    echo(f"{found.file} ({found.layout}) on {found.robot}{beside}: {found.rows} rows at {found.rate_hz:g} Hz, {found.duration_s:.2f} s")
+    rows = f"{found.rows} rows at {found.rate_hz:g} Hz, {found.duration_s:.2f} s"
+    echo(f"{found.file} ({found.layout}) on {found.robot}{beside}: {rows}")
     table = Table("", "", "", box=None, pad_edge=False, show_header=False)
     for line in found.lines:
         word = {True: "kept", False: "LOST", None: ""}[line.kept]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from retarget import _solver
 from retarget.model.body import BodyModel
 from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
-from retarget.model.robot import RobotBody
 from retarget.model.observers import Observers, placed
+from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState
 from retarget.report.blocks import blocks

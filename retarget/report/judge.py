@@ -9,8 +9,8 @@ from math import ceil
 
 import numpy as np
 
-from hardware.clock import VirtualClock
-from hardware.no_bus import NoBus
+from hardware.bus import ServoBus
+from hardware.clock import Clock, VirtualClock
 from retarget.frames import SensorFrames
 from retarget.human.samples import Clip, Playback
 from retarget.ik.support_polygon import plant
@@ -26,11 +26,11 @@ from retarget.report.measure import measure
 from retarget.report.motion_metrics import (
     CONTACT_M,
     OUTSIDE_M,
-    LimitShare,
+    BeyondLimit,
     Standing,
+    beyond_limits,
     foot_slide,
     jerk_p95,
-    limit_shares,
     shake_share,
     standing_of,
     support_margin,
@@ -42,7 +42,6 @@ from retarget.robot.landmarks import PELVIS
 from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.run.options import RunOptions
 from retarget.run.prepare import performance_of, prepare_for, scene_of, stage_priorities
-from retarget.run.record import Record
 from retarget.run.run_result import RunResult, RunSetup
 from retarget.schema.catalogue import HUMAN
 from retarget.types import MM, FloatArray, HumanPosture
@@ -82,8 +81,8 @@ class Nearness:
 class Feet:
     """slide_mm: farthest that a sole got while it touched the floor; air_share: of the time in which none touches it;
     air_mm: highest of the lowest corner; sink_mm: of the deepest corner below the floor. com_outside_share,
-    zmp_outside_share: of the ticks in which soles touch, those with the centre of mass, or the zero-moment point, beyond
-    the edge of their hull."""
+    zmp_outside_share: of the ticks in which soles touch, those with the centre of mass, or the zero-moment point,
+    beyond the edge of their hull."""
 
     slide_mm: float
     air_share: float
@@ -107,7 +106,7 @@ class Judgement:
     rows: int
     rate_hz: float
     duration_s: float
-    limits: dict[str, LimitShare]
+    limits: dict[str, BeyondLimit]
     clearance: dict[str, Nearness]
     feet: Feet | None
     jerk_p95: float | None
@@ -140,6 +139,7 @@ def judge(
     height = float(plant(robot, robot.profile.postures.stand).q[2]) if robot.stands else 0.0
     run = None if source is None else beside(motion, robot, source)
     report, asked = (None, None) if run is None else (measure(run), tracking.performance_of(run))
+    still: float | None
     if run is None or asked is None:
         still = float((np.abs(np.diff(positions, axis=0)).max(axis=1) < ASLEEP_RAD_S * dt).mean())
     else:
@@ -153,7 +153,7 @@ def judge(
         rows=len(motion),
         rate_hz=motion.rate_hz,
         duration_s=float(motion.time[-1] - motion.time[0]),
-        limits=limit_shares(names, positions, limits, dt, tolerance=ROUND_OFF),
+        limits=beyond_limits(names, positions, limits, dt, tolerance=ROUND_OFF),
         clearance=_nearness(motion, robot, world),
         feet=_feet(standing_of(robot, q), dt) if robot.stands else None,
         jerk_p95=jerk_p95(positions, dt),
@@ -213,8 +213,8 @@ def _feet(stand: Standing, dt: float) -> Feet:
 # A motion beside its performer: a run in which the robot was moved by somebody else.
 
 GOES_M, TURNS_DEG = 0.2, 30.0
-"""A robot whose soles get so far, in heights of its root, or turn so much, goes and turns as its performer does; else it
-is planted, and sees them in their own heading."""
+"""A robot whose soles get so far, in heights of its root, or turn so much, goes and turns as its performer does; else
+it is planted, and sees them in their own heading."""
 
 
 def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
@@ -235,7 +235,9 @@ def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
     asked = np.empty((ticks, len(landmarks.names), 3))
     for row in range(ticks):
         joints, human_q = record.human_joints[row], record.human_q[row]
-        seen = HumanPosture(human_q, record.human_joint_names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0))
+        seen = HumanPosture(
+            human_q, record.human_joint_names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0)
+        )
         asked[row] = landmarks.ask(seen, dt).landmarks
     if robot.body.root == "free":
         q = _placed(robot, q, asked, landmarks.names, goes)
@@ -265,7 +267,7 @@ def _human_run(source: SensorFrames, robot: RobotBody, rate: float, lasts: float
     def clip(keep: bool) -> RunResult:
         playback = Playback(keep_calibration_frame=keep)
         perform = performance_of(lambda: source, playback, rate_hz=rate)
-        with prepare_for(perform, options, clock=VirtualClock(), make_bus=lambda *_: NoBus()) as prepared:
+        with prepare_for(perform, options, clock=VirtualClock(), make_bus=_no_bus) as prepared:
             return prepared.run()
 
     found = clip(False)
@@ -273,6 +275,10 @@ def _human_run(source: SensorFrames, robot: RobotBody, rate: float, lasts: float
         return found
     off = abs(_lasts(found.clip) - lasts), abs(source.duration_s - lasts)
     return found if off[0] <= off[1] else clip(True)
+
+
+def _no_bus(robot: RobotBody, clock: Clock) -> ServoBus:
+    raise AssertionError("a human alone has no bus")
 
 
 def _lasts(clip: Clip) -> float:
@@ -283,11 +289,9 @@ def _goes(robot: RobotBody, q: FloatArray) -> bool:
     """Whether the soles of a robot go or turn."""
     if not robot.stands or PELVIS not in robot.profile.landmarks:
         return False
-    stand = plant(robot, robot.profile.postures.stand)
     place = standing_of(robot, q).place.mean(axis=1)[:, :2]
-    return tracking.extent(place) > GOES_M * stand.q[2] or tracking.turn_extent(_sole_headings(robot, q)) > np.deg2rad(
-        TURNS_DEG
-    )
+    far = GOES_M * float(plant(robot, robot.profile.postures.stand).q[2])
+    return tracking.extent(place) > far or tracking.turn_extent(_sole_headings(robot, q)) > np.deg2rad(TURNS_DEG)
 
 
 def _sole_headings(robot: RobotBody, q: FloatArray) -> FloatArray:
@@ -364,17 +368,31 @@ def _foot_lines(feet: Feet, slide_mm: float) -> list[Finding]:
     high, mm = f"; highest {feet.air_mm:.0f} mm" if feet.air_share else "", MM * CONTACT_M
     lines = [
         Finding("soles slide", f"{feet.slide_mm:.1f} mm", f"{slide_mm:.0f} mm", feet.slide_mm <= slide_mm),
-        Finding("soles float", f"none touches in {feet.air_share:.1%} of ticks{high}", f"in less than {IN_AIR:.0%}", feet.air_share < IN_AIR),
+        Finding(
+            "soles float",
+            f"none touches in {feet.air_share:.1%} of ticks{high}",
+            f"in less than {IN_AIR:.0%}",
+            feet.air_share < IN_AIR,
+        ),
         Finding("soles sink", f"{feet.sink_mm:.1f} mm", f"{mm:.0f} mm", feet.sink_mm <= mm),
     ]
     if feet.com_outside_share is not None and feet.zmp_outside_share is not None:
-        measured = f"would tip in {feet.zmp_outside_share:.1%} of ticks on the floor; centre of mass outside in {feet.com_outside_share:.1%}"
+        tips = f"would tip in {feet.zmp_outside_share:.1%} of ticks on the floor"
+        measured = f"{tips}; centre of mass outside in {feet.com_outside_share:.1%}"
         allowed = f"zero-moment point inside the soles, but for {OUTSIDE:.0%}"
         lines.append(Finding("balance", measured, allowed, feet.zmp_outside_share < OUTSIDE))
     return lines
 
 
-FROM_REPORT = ("following", "likeness", "hands within reach", "hand path", "pelvis height", "foot path", "over the ground")
+FROM_REPORT = (
+    "following",
+    "likeness",
+    "hands within reach",
+    "hand path",
+    "pelvis height",
+    "foot path",
+    "over the ground",
+)
 """Lines of the report of a run that are those of a motion beside its performer."""
 
 
@@ -384,7 +402,9 @@ def _beside_lines(run: RunResult | None, report: Report | None) -> list[Finding]
     lines = [line for line in findings(run, report) if line.name in FROM_REPORT]
     means = [spread.mean for spread in report.tracking_mm.values()]
     if means:
-        lines.append(Finding("tracking", f"{np.mean(means):.0f} mm off on average, {max(means):.0f} of the worst landmark"))
+        lines.append(
+            Finding("tracking", f"{np.mean(means):.0f} mm off on average, {max(means):.0f} of the worst landmark")
+        )
     if report.lag_s is not None:
         lines.append(Finding("lag", f"{1e3 * report.lag_s:.0f} ms"))
     return lines

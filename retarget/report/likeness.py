@@ -74,7 +74,9 @@ def frozen_share(robot: RobotBody, q: FloatArray, asked: ReferenceMotion) -> flo
     human, own = _human_limbs(asked, asked.joints), _robot_limbs(robot, q)
     if not own:
         return None
-    performer, moved = (_turned_lately(np.concatenate([of[limb] for limb in own], axis=1), asked.dt) for of in (human, own))
+    performer, moved = (
+        _turned_lately(np.concatenate([of[limb] for limb in own], axis=1), asked.dt) for of in (human, own)
+    )
     moves = performer > np.deg2rad(MOVES_DEG)
     return float((moved[moves] < STILL_SHARE * performer[moves]).mean()) if moves.any() else None
 
@@ -84,7 +86,9 @@ def _turned_lately(lines: FloatArray, dt: float) -> FloatArray:
     window = min(max(round(STILL_S / dt), 1), len(lines) - 1)
     steps = sorted({max(window // part, 1) for part in (1, 2, 4)})
     now = lines[window:]
-    return np.max([_angle(now, lines[window - step : len(lines) - step]).max(axis=1) for step in steps], axis=0)
+    return np.asarray(
+        np.max([_angle(now, lines[window - step : len(lines) - step]).max(axis=1) for step in steps], axis=0)
+    )
 
 
 LEG_AWAY_DEG = 45.0

@@ -73,6 +73,43 @@ def limit_violations(
     return LimitViolations(*counts.tolist())
 
 
+def _beyond(
+    track: FloatArray, step: FloatArray, limits: JointLimits, joint: int, dt: float, tolerance: float
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Whether positions (T,), displacements (s,) of one tick, and changes (s - 1,) of these are beyond the limits of a
+    joint."""
+    return (
+        (track < limits.lower[joint] - tolerance) | (track > limits.upper[joint] + tolerance),
+        np.abs(step) > limits.max_velocity[joint] * dt + tolerance,
+        np.abs(np.diff(step)) > limits.max_acceleration[joint] * dt**2 + 2.0 * tolerance,
+    )
+
+
+@dataclass(frozen=True)
+class BeyondLimit:
+    """share: of the ticks, those in which any joint is beyond its limit. joint: the one that is so most often, and
+    joint_share: how often; None and 0 where none is."""
+
+    share: float
+    joint: str | None
+    joint_share: float
+
+
+def beyond_limits(
+    names: tuple[str, ...], positions: FloatArray, limits: JointLimits, dt: float, *, tolerance: float
+) -> dict[str, BeyondLimit]:
+    """How often joints are beyond limits of `position`, `velocity` and `acceleration`, by their positions (T, n), `dt`
+    s apart, T at least 3, cut from a motion. tolerance: as TOLERANCE, of the numbers of a file."""
+    by_joint = [_beyond(track, np.diff(track), limits, joint, dt, tolerance) for joint, track in enumerate(positions.T)]
+    found = {}
+    for kind, flags in zip(("position", "velocity", "acceleration"), zip(*by_joint, strict=True), strict=True):
+        shares = [float(of_joint.mean()) for of_joint in flags]
+        worst = int(np.argmax(shares))
+        whole = float(np.any(flags, axis=0).mean())
+        found[kind] = BeyondLimit(whole, names[worst] if shares[worst] else None, shares[worst])
+    return found
+
+
 @dataclass(frozen=True)
 class LimitShares:
     """Shares of the ticks that followed in which a joint at least is at its limit."""
@@ -207,8 +244,8 @@ ZMP_S = 0.05
 
 
 def zero_moment_points(com: FloatArray, dt: float) -> FloatArray:
-    """Where (T, 2) m on the floor a centre of mass at com (T, 3) m, `dt` s apart, turns nothing over; NaN where it falls
-    freely, and at both ends. All mass is in one point: p = c - z / (g + z'') c''."""
+    """Where (T, 2) m on the floor a centre of mass at com (T, 3) m, `dt` s apart, turns nothing over; NaN where it
+    falls freely, and at both ends. All mass is in one point: p = c - z / (g + z'') c''."""
     half = max(round(ZMP_S / dt), 1)
     found = np.full((len(com), 2), np.nan)
     if len(com) <= 2 * half:

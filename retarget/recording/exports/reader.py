@@ -24,7 +24,7 @@ from retarget.recording.reading import MAGIC
 from retarget.rotations import from_euler, rotate
 from retarget.run.record import Phase
 from retarget.schema.arrays import ArrayFile, open_arrays
-from retarget.types import FloatArray
+from retarget.types import MM, FloatArray
 
 LAYOUTS = {
     "a run of --save or --record": "NPZ, MCAP",
@@ -187,7 +187,9 @@ def _of_text(path: Path, robot: RobotBody, quaternion: str | None) -> _Played:
     names = tuple(map(str, range(len(head))))
     whole = _numbers(path, [list(names), *rows], names)
     if len(names) < 7:
-        raise InputError("no root", where=str(path)[:200], found=f"{len(names)} columns", allowed="xyz, quaternion, joints")
+        raise InputError(
+            "no root", where=str(path)[:200], found=f"{len(names)} columns", allowed="xyz, quaternion, joints"
+        )
     turn = _wxyz(whole[:, 3:7], quaternion or FORMATS["unitree"].conventions.quaternion)
     return _Played("unitree", np.hstack([whole[:, :3], turn]), whole[:, 7:])
 
@@ -291,9 +293,7 @@ HIGH = 10.0
 """No root of a robot is so many times as far above the floor as that of its body file."""
 
 
-def _refuse_units(
-    where: str, names: tuple[str, ...], joints: FloatArray, root: FloatArray, model: BodyModel
-) -> None:
+def _refuse_units(where: str, names: tuple[str, ...], joints: FloatArray, root: FloatArray, model: BodyModel) -> None:
     """Raise InputError for degrees, centimetres, and a quaternion in another order."""
     slides = _slides(model)
     hinges = [column for column, name in enumerate(names) if name not in slides]
@@ -301,7 +301,9 @@ def _refuse_units(
     if far > 2.0 * np.pi:
         joint = names[hinges[int(np.abs(joints[:, hinges]).max(axis=0).argmax())]]
         step = "Convert it: numpy.deg2rad"
-        raise InputError("degrees instead of rad", where=where, found=f"{joint} {far:.1f}", allowed="rad", next_step=step)
+        raise InputError(
+            "degrees instead of rad", where=where, found=f"{joint} {far:.1f}", allowed="rad", next_step=step
+        )
     height = float(np.abs(root[:, 2]).max())
     if height > max(HIGH * float(model.qpos0[2]), HIGH):
         found = f"a root {height:.0f} above the floor"
@@ -321,20 +323,15 @@ def _as_links(played: _Played, motion: Motion) -> Motion:
     """The motion with its joints in the order, of the body file or breadth first, in which links are where the file has
     them. Raises InputError where they are there in none."""
     assert played.links is not None, "the file has links"
-    of_links, of_joints = breadth_first(motion.body)
+    body = motion.body
+    of_links, of_joints = breadth_first(body)
     if played.links.shape[1] != len(of_links):
         return motion
     other = motion.q.copy()
-    other[:, [motion.body.joint_qpos[motion.body.joint_index(motion.joint_names[one])] for one in of_joints]] = (
-        played.joints
-    )
-    tries = {"npz": (motion, slice(None)), "beyondmimic": (replace(motion, q=other), of_links)}
-    off: dict[str, float] = {}
-    for name, (tried, order) in tries.items():
-        off[name] = float(np.abs(links_of(tried).position[:, order] - played.links).max())
-    best = min(off, key=lambda name: off[name])
-    if off[best] > SAME_M:
-        found = f"{1e3 * off[best]:.0f} mm off"
+    other[:, [body.joint_qpos[body.joint_index(motion.joint_names[joint])] for joint in of_joints]] = played.joints
+    tries = [(motion, list(range(len(of_links)))), (replace(motion, q=other), of_links)]
+    off = [float(np.abs(links_of(one).position[:, order] - played.links).max()) for one, order in tries]
+    if min(off) > SAME_M:
+        found = f"{MM * min(off):.0f} mm off"
         raise InputError("links are not where this robot has them", where=motion.source[:200], found=found)
-    return tries[best][0]
-
+    return tries[off.index(min(off))][0]
