@@ -124,6 +124,9 @@ def cells(found: Judgement) -> dict[str, str]:
         "thighs, shanks, °": ", ".join(f"{limbs[limb].mean:.0f}" for limb in ("thighs", "shanks")),
         "hands within reach, mm off": f"{hands['mean']:.0f}" if hands else "",
         "lag, ms": "" if report.lag_s is None else f"{1e3 * report.lag_s:.0f}",
+        "follows": next(
+            {True: "yes", None: "in part", False: "no"}[one.kept] for one in found.lines if one.name == "following"
+        ),
         "lines lost": str(len(found.lost)),
     }
 
