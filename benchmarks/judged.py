@@ -102,6 +102,9 @@ def fit(robot: RobotBody, asked: FloatArray, names: tuple[str, ...]) -> FloatArr
     return np.array(found)
 
 
+FOLLOWS = {True: "yes", None: "in part", False: "no"}
+
+
 def cells(found: Judgement) -> dict[str, str]:
     """The figures of a judgement, by what they are."""
     report, feet = found.report, found.feet
