@@ -20,45 +20,55 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks.batch_driver import FAULTS
 from hardware.clock import MonotonicClock
 
-SAMPLE = Path(__file__).parent.parent / "retarget/sources/sample_recording.bvh"
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests/support"))
+from made_layouts import Made, made, named_rig, write_amass, write_bvh, write_glb, write_kimodo, write_mvnx
+
 PLANTED = ("raises", "sleeps", "exits", "allocates")
-FRAMES = 31
+RATE_HZ, FRAMES = 30.0, 31
 """A second at 30 frames a second."""
+WRITERS: tuple[Callable[[Path, Made], Path], ...] = (
+    lambda folder, motion: write_bvh(folder, named_rig("bandai"), motion),
+    write_amass,
+    write_kimodo,
+    write_glb,
+    write_mvnx,
+)
+"""A BVH, two kinds of NPZ, a GLB and an MVNX."""
 LEAST_RATE, MOST_MEMORY = 0.9, 1.2
 ENVIRONMENT = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def synthesise(folder: Path, count: int, *, faults: bool) -> None:
-    """Write so many clips of a second, windows of the sample that begin at other frames and turn by other angles, with
-    joint names of three programs; and one of each fault among the first."""
-    lines = SAMPLE.read_text(encoding="utf-8").splitlines()
-    begin = next(number for number, line in enumerate(lines) if line.startswith("MOTION"))
-    head, rows = lines[:begin], [line.split() for line in lines[begin + 3 :]]
-    heads = ["\n".join(head), "\n".join(prefixed(head, "mixamorig:")), "\n".join(prefixed(head, "Character1_"))]
+    """Write so many clips of a second in five layouts, windows of a made motion that begin at other frames and places;
+    and one of each fault among the first."""
     folder.mkdir(parents=True)
+    whole = made(RATE_HZ)
     for number in range(count):
-        first = number * 7 % (len(rows) - FRAMES)
-        motion = [list(row) for row in rows[first : first + FRAMES]]
-        for row in motion:
-            row[0] = f"{float(row[0]) + 0.01 * (number % 1000):.4f}"  # cm to the side: no two clips are the same
-        text = "\n".join(
-            [heads[number % 3], "MOTION", f"Frames: {FRAMES}", "Frame Time: 0.0333333", *map(" ".join, motion)]
+        first = number * 7 % (len(whole.time) - FRAMES)
+        rows, aside = (
+            slice(first, first + FRAMES),
+            np.array([0.0, 1e-4 * (number % 10_000), 0.0]),
+        )  # no two are the same
+        window = replace(
+            whole,
+            time=whole.time[:FRAMES],
+            joints={name: places[rows] + aside for name, places in whole.joints.items()},
+            turns={name: turns[rows] for name, turns in whole.turns.items()},
         )
-        (folder / f"{number:06}.bvh").write_text(text + "\n", encoding="utf-8")
+        path = WRITERS[number % len(WRITERS)](folder, window)
+        path.rename(folder / f"{number:06}{path.suffix}")
     for at, name in enumerate(PLANTED if faults else ()):
         (folder / f"{5 * at:06}_{name}.bvh").write_bytes((folder / "000000.bvh").read_bytes())
-
-
-def prefixed(head: list[str], prefix: str) -> list[str]:
-    """The skeleton with this before the names of its joints."""
-    words = [line.split() for line in head]
-    return [" ".join([one[0], prefix + one[1]]) if one[0] in ("ROOT", "JOINT") else " ".join(one) for one in words]
 
 
 def command(data: Path, out: Path, *more: str) -> list[str]:

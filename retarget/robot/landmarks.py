@@ -348,8 +348,7 @@ class LandmarkMap:
         self._over_feet = PelvisOverFeet(pelvis.robot_length, apart) if pelvis is not None and by_legs else None
         self._free = _free_legs(profile, dimensions, rest, scale) if floats else None
         self._sums += [] if self._free is None else self._free.sums
-        self._joint_names: tuple[str, ...] = ()
-        self._weights = np.zeros((len(self._sums), 0))
+        self._summed: tuple[tuple[str, ...], FloatArray] = (), np.zeros((len(self._sums), 0))
         line = matmul(_weights([TRUNK_LINE], POINTS), dimensions.standing())
         self._upright = arc(as_vector(line[0]), UP)
         self._marks: list[_Mark] = []
@@ -403,12 +402,13 @@ class LandmarkMap:
 
     def ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
         """What this posture asks of the robot, `dt` s of the robot's clock after the one before."""
-        if human.joint_names is not self._joint_names:
-            self._weights = _weights(self._sums, human.joint_names)
-            self._joint_names = human.joint_names
+        names, weights = self._summed
+        if human.joint_names is not names:
+            weights = _weights(self._sums, human.joint_names)
+            self._summed = human.joint_names, weights
         # All limbs at once: each is a weighted sum of joints, already scaled to the robot.
         # k limbs, the trunk, two feet, two legs, the line between the ankles; performer's world
-        rows = matmul(self._weights, human.joints).tolist()
+        rows = matmul(weights, human.joints).tolist()
         pelvis_seen, chest_seen, head_seen = map(as_quat, human.orientations)
         feet = len(self.names) + 1
         # The heading of a robot that goes where the performer does stays that in which they began.
@@ -426,8 +426,8 @@ class LandmarkMap:
             left_x, left_y, _ = rotated(product(from_world, pelvis_seen), LEFT)
             across = hypot(left_x, left_y) or inf
             free, aside = self._free, (left_x / across, left_y / across)
-            weights = free.weights(human.carrying, dt)
-            return self._asked_free(free, limbs, seen, gaze, aside=aside, weights=weights)
+            carried = free.weights(human.carrying, dt)
+            return self._asked_free(free, limbs, seen, gaze, aside=aside, weights=carried)
         pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.

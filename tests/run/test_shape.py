@@ -19,8 +19,8 @@ RECEIVER = {"retarget/live/receivers.py"}
 """What the simulated sender of the test stands for."""
 MOST_ATTRIBUTES = 15
 SMALL_CLASSES = ("retarget/run", "retarget/robot", "retarget/safety")
-DATA = {"RunTable"}
-"""Lists of fields, which are data: files and docs are made from them."""
+DATA = {"RunTable", "RunOptions"}
+"""Lists of fields, which are data: files, command line and docs are made from them."""
 
 
 def test_a_tick_passes_few_modules(monkeypatch: pytest.MonkeyPatch) -> None:
