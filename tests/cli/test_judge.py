@@ -23,7 +23,7 @@ def test_the_table_and_the_json(run: Path, tmp_path: Path, capsys: pytest.Captur
     shows(out.replace(str(tmp_path), ""), "60 rows", "LOST")
     said = json.loads(out_file.read_text())
     lost = [line["name"] for line in said["lines"] if line["kept"] is False]
-    assert "joint speeds" in lost and all(name in said["verdict"] and name in out for name in lost)
+    assert len(lost) > 2 and all(name in said["verdict"] and name in out for name in lost)
     assert said["limits"]["velocity"]["share"] > 0.0 and said["report"] is None and said["rows"] == 60
 
 
