@@ -149,9 +149,10 @@ def test_a_run_that_does_not_end_stays_the_only_one(
     device: HumanoidDevice, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device.connect()
-    monkeypatch.setattr(background, "JOIN_S", 0.3)
     bench.free.clear()
-    device.disconnect()
+    with monkeypatch.context() as impatient:
+        impatient.setattr(background, "JOIN_S", 0.3)
+        device.disconnect()
     assert bench.said == [background.CUT_POWER] and bench.closed == 0
     with refuses(GuardError, "connect"):
         device.connect()
