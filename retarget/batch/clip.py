@@ -28,7 +28,7 @@ from retarget.model.body_file import Root
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.exports.formats import export_motion, format_named
 from retarget.recording.motion import Motion, resampled
-from retarget.recording.npz import write_npz
+from retarget.recording.npz import human_body_path, write_npz
 from retarget.recording.read_run import read_run
 from retarget.recording.session import config_files
 from retarget.report.findings import findings
@@ -326,6 +326,13 @@ class _BenchOperator(Operator):
         return OperatorInput(fault=self._bench.look(self._machine, self._samples))
 
 
+def places_of(clip: BatchClip, settings: BatchSettings) -> list[Path]:
+    """What a clip leaves: its output and, of a whole run of the virtual human, its body beside it."""
+    place = settings.out / clip.output
+    with_body = settings.options.is_human and settings.format == RUN
+    return [place, human_body_path(place)] if with_body else [place]
+
+
 def _write(run: RunResult, clip: BatchClip, settings: BatchSettings) -> None:
     place = settings.out / clip.output
     place.parent.mkdir(parents=True, exist_ok=True)
@@ -335,7 +342,8 @@ def _write(run: RunResult, clip: BatchClip, settings: BatchSettings) -> None:
     motion = motion_of(run, clip.source)
     if settings.fps is not None:
         motion = resampled(motion, settings.fps)
-    if place.is_dir():  # of an earlier batch: an export replaces nothing
+    # The index has seen that what is here was made of this source: an export itself replaces nothing.
+    if place.is_dir() and not place.is_symlink():
         shutil.rmtree(place)
     place.unlink(missing_ok=True)
     export_motion(motion, format_named(settings.format), place)

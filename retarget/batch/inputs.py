@@ -65,7 +65,7 @@ def _refuse_sources(clips: Sequence[BatchClip], out: Path) -> None:
     real_folder = cache(os.path.realpath)
 
     def real(path: Path) -> Path:
-        return Path(os.path.realpath(path) if path.is_symlink() else os.path.join(real_folder(path.parent), path.name))
+        return Path(os.path.realpath(path)) if path.is_symlink() else Path(real_folder(path.parent), path.name)
 
     sources = {real(Path(clip.source)) for clip in clips}
     folders = {source.parent for source in sources}
