@@ -51,7 +51,7 @@ class BatchIndex:
         try:
             self._file = self.path.open("ab+")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _cut_half_line(self._file)
+            _cut_half_line(self._file, self.path)
         except BlockingIOError as error:
             step = "Wait for it, or give another --out or --shard"
             raise UsageError(
@@ -85,7 +85,8 @@ class BatchIndex:
         """Take the outputs of these clips: each is new, or of the same source. They are kept beside the index until
         they have rows, for a driver that is killed. Raises UsageError where something else would be replaced; then
         nothing is taken."""
-        begun, strange = dict[str, str](), list[Path]()
+        begun, table = dict[str, str](), self.path.with_suffix(".parquet")
+        strange = [table] if not known and os.path.lexists(table) else []
         for path in self.folder.glob(ALL_BEGUN):
             begun |= _read_begun(path)
         for clip in clips:
@@ -95,7 +96,9 @@ class BatchIndex:
         if strange:
             found = f"{strange[0]}{f', and {len(strange) - 1} more' if len(strange) > 1 else ''}"
             step = f"Give another --out, or move {'them' if len(strange) > 1 else 'it'} away"
-            raise UsageError("a clip would replace what was not made of it", where="--out", found=found, next_step=step)
+            raise UsageError(
+                "an output would replace what was not made of its source", where="--out", found=found, next_step=step
+            )
         self._begun = {output: source for output, source in self._begun.items() if output not in known}
         self._begun |= {clip.output: clip.source for clip in clips}
         write_atomic(self._begun_path, json.dumps(self._begun).encode(), option="--out")
@@ -149,8 +152,9 @@ def _read_begun(path: Path) -> dict[str, str]:
     return begun
 
 
-def _cut_half_line(file: typing.BinaryIO) -> None:
-    """Cut what stands behind the last end of a line: a driver was killed while it wrote it."""
+def _cut_half_line(file: typing.BinaryIO, path: Path) -> None:
+    """Cut what stands behind the last end of a line: a driver was killed while it wrote it. Raises InputError where
+    that is no row."""
     end, block = file.seek(0, os.SEEK_END), 1 << 16
     while end > 0:
         begin = max(end - block, 0)
@@ -160,9 +164,14 @@ def _cut_half_line(file: typing.BinaryIO) -> None:
             end = begin + found + 1
             break
         end = begin
+    file.seek(end)
+    if not BEGINS.startswith(half := file.read(len(BEGINS))):
+        raise InputError("no row of an index", where=str(path), found=half, next_step="Give another --out")
     file.truncate(end)
 
 
+BEGINS = b'{"source": "'
+"""What each row begins with."""
 NEEDED = frozenset({"output", *(field.name for field in fields(KnownClip))})
 STATUSES = frozenset(ClipStatus)
 
@@ -221,7 +230,7 @@ def still_to_do(
     """The clips whose output is not there, or was made of another source or with other settings. A clip that has failed
     is run again with `retry_failed`, and where its source or the settings are others.
 
-    A source of the same size and time of change is the same; else its hash decides.
+    A source of the same path, size and time of change is the same; else its hash decides.
     """
     reading, todo, done, failed = dict(settings.reading), [], 0, 0
     for clip in clips:
@@ -242,7 +251,7 @@ def still_to_do(
 
 def _is_same(clip: BatchClip, then: KnownClip, reading: dict[str, Any]) -> bool:
     source, state = Path(clip.source), source_state(Path(clip.source), reading)
-    if (state.bytes, state.time_ns) == (then.source_bytes, then.source_time_ns):
+    if (clip.source, state.bytes, state.time_ns) == (then.source, then.source_bytes, then.source_time_ns):
         return True
     return source_hash(source, reading) == then.source_hash
 

@@ -87,6 +87,14 @@ def test_the_hash_of_settings_changes_with_all_that_an_output_depends_on(tmp_pat
     assert len(set(found)) == len(found) and of(op3) == found[0]
 
 
+def test_another_source_of_the_same_size_and_time_is_another(settings: BatchSettings, tmp_path: Path) -> None:
+    a, b = clips(tmp_path, "a", "b")
+    kept(settings, a)
+    state = Path(a.source).stat()
+    os.utime(b.source, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert left(settings, [BatchClip(b.source, a.output)]) == [a.output]
+
+
 def begun(settings: BatchSettings, *of: BatchClip) -> None:
     with BatchIndex(settings.out) as index:
         index.begin(of, settings, index.known())
@@ -110,11 +118,25 @@ def test_a_batch_that_would_replace_what_no_batch_wrote_does_not_begin(
     a, b = clips(tmp_path, "a", "b")
     place = settings.out / "a.npz"
     settings.out.mkdir()
-    {"file": place.touch, "folder": place.mkdir, "link": lambda: place.symlink_to("nowhere")}[kind]()
+    if kind == "file":
+        place.touch()
+    elif kind == "folder":
+        place.mkdir()
+    else:
+        place.symlink_to("nowhere")
     for _ in range(2):
         with BatchIndex(settings.out) as index, refuses(UsageError, where="--out", found="a.npz"):
             run_batch([a, b], settings, index, LOOP)
         assert os.path.lexists(place) and {path.name for path in settings.out.iterdir()} == {"a.npz", "index.jsonl"}
+
+
+@pytest.mark.parametrize("name", ["index.jsonl", "index.parquet"])
+def test_an_index_or_table_of_others_stays(name: str, settings: BatchSettings, tmp_path: Path) -> None:
+    settings.out.mkdir()
+    (settings.out / name).write_text("theirs")
+    with refuses((UsageError, InputError), name):
+        begun(settings, *clips(tmp_path, "a"))
+    assert (settings.out / name).read_text() == "theirs"
 
 
 def test_the_body_of_a_virtual_human_is_an_output_too(tmp_path: Path) -> None:
