@@ -62,16 +62,18 @@ def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchC
 
 def _refuse_sources(clips: Sequence[BatchClip], out: Path) -> None:
     """Raise UsageError where an output is a source, or a folder with one in it; links are followed."""
-    real_folder = cache(os.path.realpath)
+    real_folder, place = cache(os.path.realpath), out.absolute()
 
-    def real(path: Path) -> Path:
-        return Path(os.path.realpath(path)) if path.is_symlink() else Path(real_folder(path.parent), path.name)
+    def real(path: str) -> str:
+        folder, _, name = path.rpartition("/")
+        linked = os.path.islink(path)  # noqa: PTH114 - of a million paths
+        return os.path.realpath(path) if linked else f"{real_folder(folder or '/').rstrip('/')}/{name}"
 
-    sources = {real(Path(clip.source)) for clip in clips}
-    folders = {source.parent for source in sources}
-    above = {one for folder in folders for one in (folder, *folder.parents)}
-    if replaced := sorted({real(out / clip.output) for clip in clips} & (sources | above)):
-        found, step = str(replaced[0])[:200], "Give another --out"
+    sources = {real(clip.source) for clip in clips}
+    folders = {Path(folder) for folder in {source.rpartition("/")[0] for source in sources}}
+    above = {str(one) for folder in folders for one in (folder, *folder.parents)}
+    if replaced := sorted({real(f"{place}/{clip.output}") for clip in clips} & (sources | above)):
+        found, step = replaced[0][:200], "Give another --out"
         raise UsageError("an output would replace a source", where="--out", found=found, next_step=step)
 
 
