@@ -53,9 +53,12 @@ def run_batch(
     clock: Clock | None = None,
 ) -> BatchTally:
     """Run the clips that are not done yet, and keep each row in the index. look: sees the tally at the beginning, and
-    with each row. Whatever ends it, it can be called again. Raises RetargetError where no clip can be begun."""
+    with each row. Whatever ends it, it can be called again. Raises RetargetError where no clip can be begun, or
+    one would replace what was not made of its source."""
     clock = clock or MonotonicClock()
-    todo = still_to_do(clips, settings, index.known(), retry_failed=retry_failed)
+    known = index.known()
+    todo = still_to_do(clips, settings, known, retry_failed=retry_failed)
+    index.begin(todo.clips, settings, known)
     remove_parts(settings.out, todo.clips)
     tally, begun = BatchTally(len(todo.clips), todo.done, todo.failed), clock.now()
     look(tally, None)

@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import numpy as np
@@ -27,9 +26,9 @@ from retarget.human.samples import Samples
 from retarget.model.body_file import Root
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.exports.formats import export_motion, format_named
-from retarget.recording.motion import Motion, resampled
-from retarget.recording.npz import write_npz
-from retarget.recording.read_run import read_run
+from retarget.recording.motion import followed, resampled
+from retarget.recording.npz import human_body_path, write_npz
+from retarget.recording.read_run import motion_of
 from retarget.recording.session import config_files
 from retarget.report.findings import findings
 from retarget.report.measure import measure
@@ -38,7 +37,6 @@ from retarget.report.report import DIGITS, Report
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import performance_of, prepare_for
-from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import OperatorInput
 from retarget.run.tick import Machine
@@ -254,7 +252,7 @@ def process_clip(clip: BatchClip, settings: BatchSettings, follow: Follow | None
         row = failed_row(clip, settings, ClipStatus.OUT_OF_MEMORY, type(error).__name__, str(error) or "no memory")
     except RetargetError as error:
         row = failed_row(clip, settings, ClipStatus.REFUSED, type(error).__name__, str(error))
-    except Exception as error:  # noqa: BLE001 - it costs this clip alone
+    except Exception as error:  # noqa: BLE001 - it does not affect the other clips
         last = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{error} ({Path(last.filename).name}:{last.lineno}, {last.name})"
         row = failed_row(clip, settings, ClipStatus.FAILED, type(error).__name__, text)
@@ -326,32 +324,27 @@ class _BenchOperator(Operator):
         return OperatorInput(fault=self._bench.look(self._machine, self._samples))
 
 
+def places_of(clip: BatchClip, settings: BatchSettings) -> list[Path]:
+    """What a clip leaves: its output and, of a whole run of the virtual human, its body beside it."""
+    place = settings.out / clip.output
+    with_body = settings.options.is_human and settings.format == RUN
+    return [place, human_body_path(place)] if with_body else [place]
+
+
 def _write(run: RunResult, clip: BatchClip, settings: BatchSettings) -> None:
     place = settings.out / clip.output
     place.parent.mkdir(parents=True, exist_ok=True)
     if settings.format == RUN:
         write_npz(run, place)
         return
-    motion = motion_of(run, clip.source)
+    motion = followed(motion_of(run, clip.source), found=run.reason or "no such tick")
     if settings.fps is not None:
         motion = resampled(motion, settings.fps)
-    if place.is_dir():  # of an earlier batch: an export replaces nothing
+    # The index has seen that what is here was made of this source: an export itself replaces nothing.
+    if place.is_dir() and not place.is_symlink():
         shutil.rmtree(place)
     place.unlink(missing_ok=True)
     export_motion(motion, format_named(settings.format), place)
-
-
-def motion_of(run: RunResult, source: str) -> Motion:
-    """The ticks of a run that followed, as `retarget export` has them. source: their name in messages. Raises
-    InputError where there is none."""
-    with TemporaryDirectory(prefix="retarget.") as folder:
-        saved = Path(folder, "run.npz")
-        write_npz(run, saved)
-        motion = replace(read_run(saved, of_human=run.robot is None), source=source)
-    following = motion.phase == Phase.FOLLOW
-    if not following.any():
-        raise InputError("nothing was followed in this run", where=source, found=run.reason or "no such tick")
-    return motion[following]
 
 
 def _measured(run: RunResult, clip: BatchClip, settings: BatchSettings) -> ClipRow:

@@ -15,13 +15,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, source_hash, source_state
+from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, places_of, source_hash, source_state
 from retarget.batch.inputs import Shard
 from retarget.errors import InputError, UsageError
 from retarget.recording.exports.tables import arrow
-from retarget.schema.files import make_folder, write_stream
+from retarget.schema.files import make_folder, write_atomic, write_stream
 
-ALL = "index*.jsonl"
+ALL, ALL_BEGUN = "index*.jsonl", "index*.begun"
 BLOCK = 500
 """Rows of the table that are in memory at once."""
 
@@ -30,6 +30,7 @@ BLOCK = 500
 class KnownClip:
     """What an index says of a clip; the names are those of `ClipRow`."""
 
+    source: str
     status: ClipStatus
     source_hash: str
     source_bytes: int
@@ -45,11 +46,12 @@ class BatchIndex:
         name = "index" if shard is None else f"index-{shard.number}-of-{shard.count}"
         self.folder, self.path = folder, folder / f"{name}.jsonl"
         self._whole = shard is None
+        self._begun_path = self.path.with_suffix(".begun")
         make_folder(folder, option="--out")
         try:
             self._file = self.path.open("ab+")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _cut_half_line(self._file)
+            _cut_half_line(self._file, self.path)
         except BlockingIOError as error:
             step = "Wait for it, or give another --out or --shard"
             raise UsageError(
@@ -57,11 +59,14 @@ class BatchIndex:
             ) from error
         except OSError as error:
             raise UsageError("cannot write here", where="--out", found=f"{self.path}: {error.strerror}") from error
+        self._begun = _read_begun(self._begun_path)
 
     def __enter__(self) -> "BatchIndex":
         return self
 
     def __exit__(self, *_: object) -> None:
+        if not self._begun:
+            self._begun_path.unlink(missing_ok=True)
         self._file.close()
 
     def known(self) -> dict[str, KnownClip]:
@@ -76,10 +81,33 @@ class BatchIndex:
                 found[row["output"]] = KnownClip(**values)
         return found
 
+    def begin(self, clips: Sequence[BatchClip], settings: BatchSettings, known: dict[str, KnownClip]) -> None:
+        """Take the outputs of these clips: each is new, or of the same source. They are kept beside the index until
+        they have rows, for a driver that is killed. Raises UsageError where something else would be replaced; then
+        nothing is taken."""
+        begun, table = dict[str, str](), self.path.with_suffix(".parquet")
+        strange = [table] if not known and os.path.lexists(table) else []
+        for path in self.folder.glob(ALL_BEGUN):
+            begun |= _read_begun(path)
+        for clip in clips:
+            of = known[clip.output].source if clip.output in known else None
+            if clip.source not in (of, begun.get(clip.output)):
+                strange += [place for place in places_of(clip, settings) if os.path.lexists(place)]
+        if strange:
+            found = f"{strange[0]}{f', and {len(strange) - 1} more' if len(strange) > 1 else ''}"
+            step = f"Give another --out, or move {'them' if len(strange) > 1 else 'it'} away"
+            raise UsageError(
+                "an output would replace what was not made of its source", where="--out", found=found, next_step=step
+            )
+        self._begun = {output: source for output, source in self._begun.items() if output not in known}
+        self._begun |= {clip.output: clip.source for clip in clips}
+        write_atomic(self._begun_path, json.dumps(self._begun).encode(), option="--out")
+
     def add(self, row: ClipRow) -> None:
         """Add a row; it is out of this process when the call returns."""
         self._file.write(row.as_json().encode() + b"\n")
         self._file.flush()
+        self._begun.pop(row.output, None)
 
     def write_table(self) -> Path:
         """Write the latest row of each clip as Parquet beside the index, sorted by output. Without a shard, of all
@@ -110,8 +138,23 @@ class BatchIndex:
         return sorted(self.folder.glob(ALL), key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
-def _cut_half_line(file: typing.BinaryIO) -> None:
-    """Cut what stands behind the last end of a line: a driver was killed while it wrote it."""
+def _read_begun(path: Path) -> dict[str, str]:
+    """Sources by their outputs, of a file of `BatchIndex.begin`. Raises InputError."""
+    try:
+        begun = json.loads(path.read_bytes())
+    except FileNotFoundError:  # another shard has ended
+        return {}
+    except ValueError:
+        begun = None
+    if not isinstance(begun, dict):
+        step = "Remove it, and the outputs that have no row in the index"
+        raise InputError("no clips that were begun", where=str(path), next_step=step)
+    return begun
+
+
+def _cut_half_line(file: typing.BinaryIO, path: Path) -> None:
+    """Cut what stands behind the last end of a line: a driver was killed while it wrote it. Raises InputError where
+    that is no row."""
     end, block = file.seek(0, os.SEEK_END), 1 << 16
     while end > 0:
         begin = max(end - block, 0)
@@ -121,9 +164,14 @@ def _cut_half_line(file: typing.BinaryIO) -> None:
             end = begin + found + 1
             break
         end = begin
+    file.seek(end)
+    if not BEGINS.startswith(half := file.read(len(BEGINS))):
+        raise InputError("no row of an index", where=str(path), found=half, next_step="Give another --out")
     file.truncate(end)
 
 
+BEGINS = b'{"source": "'
+"""What each row begins with."""
 NEEDED = frozenset({"output", *(field.name for field in fields(KnownClip))})
 STATUSES = frozenset(ClipStatus)
 
@@ -182,7 +230,7 @@ def still_to_do(
     """The clips whose output is not there, or was made of another source or with other settings. A clip that has failed
     is run again with `retry_failed`, and where its source or the settings are others.
 
-    A source of the same size and time of change is the same; else its hash decides.
+    A source of the same path, size and time of change is the same; else its hash decides.
     """
     reading, todo, done, failed = dict(settings.reading), [], 0, 0
     for clip in clips:
@@ -203,7 +251,7 @@ def still_to_do(
 
 def _is_same(clip: BatchClip, then: KnownClip, reading: dict[str, Any]) -> bool:
     source, state = Path(clip.source), source_state(Path(clip.source), reading)
-    if (state.bytes, state.time_ns) == (then.source_bytes, then.source_time_ns):
+    if (clip.source, state.bytes, state.time_ns) == (then.source, then.source_bytes, then.source_time_ns):
         return True
     return source_hash(source, reading) == then.source_hash
 

@@ -3,9 +3,11 @@
 import glob
 import hashlib
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from retarget.batch.clip import BatchClip
@@ -17,6 +19,8 @@ LISTS = (".txt", ".lst", ".list")
 MAX_LIST_BYTES = 256 * 2**20
 MAX_CLIPS = 1_000_000
 """Most bytes of a list, and most clips of a batch: more is a mistake."""
+TABLE = re.compile(r"index(-\d+-of-\d+)?\.parquet", re.IGNORECASE)
+"""Name of a table at the top of `out`, which no output has."""
 
 
 def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchClip, ...]:
@@ -25,18 +29,23 @@ def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchC
     A folder is searched with all below it for the suffixes of motion files, but for hidden ones and for `out`. A path
     in a list that is not there is a clip, which fails by itself. An output has the path of its source below the folder,
     the fixed part of the pattern or the folder of the list, and the name of its source with `ending`. Where two sources
-    would share it, both names get a hash of the source's path. Raises UsageError where an input holds no clip,
-    InputError for a list that cannot be read.
+    would share it, or the index has it, names get a hash of the source's path. Raises UsageError where an input holds
+    no clip, or an output would be in place of a source, InputError for a list that cannot be read.
     """
+    real_out = Path(os.path.realpath(out))
     below = dict[str, str]()  # source: path of the output without its ending
     for text in inputs:
         found = False
-        for source, base in _sources(text, out.absolute()):
+        for source, base in _sources(text, real_out):
             below.setdefault(str(source), _below(source, base))
             found = True
         if not found:
             suffixes = ", ".join(f".{suffix}" for suffix in SUFFIXES)
-            raise UsageError("no motion file here", where="INPUT", found=text[:200], allowed=f"files {suffixes}")
+            inside = Path(os.path.realpath(text)).is_relative_to(real_out)
+            step = "Give another --out: what is in it is no input" if inside else ""
+            raise UsageError(
+                "no motion file here", where="INPUT", found=text[:200], allowed=f"files {suffixes}", next_step=step
+            )
         if len(below) > MAX_CLIPS:
             raise UsageError(
                 "too many clips", where="INPUT", allowed=f"up to {MAX_CLIPS}", next_step="Use several --out"
@@ -44,9 +53,28 @@ def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchC
     shared = Counter(name.casefold() for name in below.values())
     clips = []
     for path, name in below.items():
-        mark = f"-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}" if shared[name.casefold()] > 1 else ""
+        taken = shared[name.casefold()] > 1 or TABLE.fullmatch(name + ending)
+        mark = f"-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}" if taken else ""
         clips.append(BatchClip(path, f"{name}{mark}{ending}"))
+    _refuse_sources(clips, out)
     return tuple(sorted(clips, key=lambda clip: clip.output))
+
+
+def _refuse_sources(clips: Sequence[BatchClip], out: Path) -> None:
+    """Raise UsageError where an output is a source, or a folder with one in it; links are followed."""
+    real_folder, place = cache(os.path.realpath), out.absolute()
+
+    def real(path: str) -> str:
+        folder, _, name = path.rpartition("/")
+        linked = os.path.islink(path)  # noqa: PTH114 - of a million paths
+        return os.path.realpath(path) if linked else f"{real_folder(folder or '/').rstrip('/')}/{name}"
+
+    sources = {real(clip.source) for clip in clips}
+    folders = {Path(folder) for folder in {source.rpartition("/")[0] for source in sources}}
+    above = {str(one) for folder in folders for one in (folder, *folder.parents)}
+    if replaced := sorted({real(f"{place}/{clip.output}") for clip in clips} & (sources | above)):
+        found, step = replaced[0][:200], "Give another --out"
+        raise UsageError("an output would replace a source", where="--out", found=found, next_step=step)
 
 
 def _below(source: Path, base: Path) -> str:
@@ -73,7 +101,7 @@ def _sources(text: str, out: Path) -> Iterator[tuple[Path, Path]]:
             if found.is_dir():
                 if "**" not in parts:  # else its files match by themselves
                     yield from ((inside, base) for inside in _in_folder(found, out))
-            elif not found.is_relative_to(out) and found.suffix.lower() != ".asf":
+            elif not Path(os.path.realpath(found.parent)).is_relative_to(out) and found.suffix.lower() != ".asf":
                 yield found, base
     else:
         raise UsageError("no such file or folder", where="INPUT", found=text[:200], next_step="Check the path")
@@ -86,7 +114,10 @@ def _absolute(path: str | Path) -> Path:
 def _in_folder(folder: Path, out: Path) -> Iterator[Path]:
     suffixes = {f".{suffix}" for suffix in SUFFIXES}
     for place, folders, files in os.walk(folder):
-        folders[:] = sorted(name for name in folders if name[0] != "." and Path(place, name) != out)
+        if os.path.realpath(place) == str(out):
+            folders.clear()
+            continue
+        folders[:] = sorted(name for name in folders if name[0] != ".")
         yield from (
             Path(place, name) for name in sorted(files) if name[0] != "." and Path(name).suffix.lower() in suffixes
         )

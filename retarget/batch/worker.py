@@ -1,4 +1,4 @@
-"""A process of its own for clips, one after the other: what a clip does to it costs that clip alone.
+"""A process of its own for clips, one after the other: what a clip does to it does not affect the others.
 
 A clip that raises has its row from the process itself. One that hangs, ends the process or takes too much memory is
 known by what its process was doing, and the next clip gets a new one.
@@ -29,6 +29,8 @@ MAX_STARTS = 3
 """Processes in a row that end before they begin a clip; then something is wrong with the machine, not with a clip."""
 ENDED_S = 5.0
 """Time, s, that a killed process is waited for; one that hangs in a disk is left behind."""
+LOOK_S = 3600.0
+"""Time, s, that a worker is waited for at once: the system's `poll` takes no more than 24 days."""
 
 Work = Callable[[BatchClip, BatchSettings], ClipRow]
 """What is done with a clip: `process_clip`, or it with another `follow`. It is pickled by its name."""
@@ -77,7 +79,7 @@ class ClipWorker:
     @property
     def time_left(self) -> float:
         """Time, s, after which the worker is to be looked at in any case."""
-        return max(self._deadline - self._clock.now(), 0.0)
+        return min(max(self._deadline - self._clock.now(), 0.0), LOOK_S)
 
     def look(self) -> ClipRow | None:
         """The row of the clip, once it is over. Raises WorkerError where processes do not start."""

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +30,8 @@ BENCH = "retarget.cli.buses:PhysicsBench"
 ENGINES = ("processes", "ray")
 TIME_LIMIT_S, MEMORY_GB = 1800.0, 4.0
 """A recording of 28 minutes, the longest that is read, is through in half of the time, and takes 1 GB of the memory."""
+MOST_TIME_S, MOST_MEMORY = 30 * 24 * 3600.0, 2**62
+"""s, bytes: more than any clip needs, and what timers and limits of the system can hold."""
 SHOWN_FAILURES = 20
 """Failures that are printed; the others are counted, and all are in the index."""
 EVERY_S = 60.0
@@ -48,7 +49,7 @@ class BatchOptions:
         engine processes|ray: What shares the clips: processes of this machine, or Ray.
         address A: Ray cluster to join (auto: of this machine); else that of RAY_ADDRESS, else one is started here.
         time_limit S: Wall time that a clip may take.
-        memory GB: Address space of a process; a clip that takes more costs itself.
+        memory GB: Memory (address space) that the process of a clip may take; a clip that takes more fails.
         retry_failed: Run also those again that have failed.
     """
 
@@ -96,11 +97,12 @@ class BatchOptions:
             )
         if options.playback.loop:
             raise UsageError("a clip of a batch ends", where="--loop", next_step="Leave it out")
-        if not (isfinite(self.time_limit) and self.time_limit > 0.0):
-            raise UsageError("no time", where="--time-limit", found=f"{self.time_limit:g} s", allowed="above 0")
-        if not LEAST_MEMORY <= 1e9 * self.memory < float("inf"):
-            allowed = f"{LEAST_MEMORY / 1e9:g} GB and more"
-            raise UsageError("too little memory", where="--memory", found=f"{self.memory:g} GB", allowed=allowed)
+        if not 0.0 < self.time_limit <= MOST_TIME_S:
+            found, allowed = f"{self.time_limit:g} s", f"above 0, up to {MOST_TIME_S:.0f} (30 days)"
+            raise UsageError("impossible time", where="--time-limit", found=found, allowed=allowed)
+        if not LEAST_MEMORY <= 1e9 * self.memory <= MOST_MEMORY:
+            found, allowed = f"{self.memory:g} GB", f"{LEAST_MEMORY / 1e9:g} to {MOST_MEMORY / 1e9:.0f}"
+            raise UsageError("impossible memory", where="--memory", found=found, allowed=allowed)
         limits = ClipLimits(self.time_limit, int(1e9 * self.memory))
         if self.engine == "ray":
             return partial(on_ray, limits=limits, jobs=self.jobs, address=self.address)

@@ -7,7 +7,7 @@ import numpy as np
 from hardware.errors import counted
 from retarget.cli.application import note
 from retarget.cli.exit import echo
-from retarget.errors import InputError, UsageError
+from retarget.errors import UsageError
 from retarget.recording.exports.formats import (
     export_episodes,
     export_motion,
@@ -16,7 +16,7 @@ from retarget.recording.exports.formats import (
     format_named,
 )
 from retarget.recording.exports.lerobot_dataset import DEFAULT_TASK
-from retarget.recording.motion import Motion, resampled
+from retarget.recording.motion import Motion, followed, resampled
 from retarget.recording.read_run import read_run
 from retarget.run.record import PHASE_NAMES, Phase
 
@@ -64,7 +64,8 @@ def export(
         note(text)
     place = export_place(form, files[0], out, of_human=of == HUMAN)
     fps = form.conventions.fps if fps is None else fps
-    chosen = [_chosen(whole, phase) for whole in wholes]
+    step = "Export all of it: --phase all"
+    chosen = wholes if phase == ALL else [followed(whole, next_step=step) for whole in wholes]
     motions = chosen if fps is None else [resampled(motion, fps) for motion in chosen]
     if len(motions) > 1:
         export_episodes(motions, place, task=task)
@@ -77,17 +78,6 @@ def export(
 
 
 export.__doc__ = str(export.__doc__).replace("{formats}", format_help())
-
-
-def _chosen(motion: Motion, phase: str) -> Motion:
-    """The chosen part of a run. Raises InputError where it is empty."""
-    if phase == ALL:
-        return motion
-    following = motion.phase == Phase.FOLLOW
-    if not following.any():
-        step = "Export all of it: --phase all"
-        raise InputError("nothing was followed in this run", where=motion.source, found="no such tick", next_step=step)
-    return motion[following]
 
 
 def _summary(whole: Motion, motion: Motion, phase: str, fps: float | None) -> str:

@@ -11,6 +11,7 @@ from retarget.model.body_file import BodyFile
 from retarget.model.robot import RobotBody
 from retarget.recording.reading import Recording
 from retarget.rotations import conjugate, log, multiply, normalise, slerp
+from retarget.run.record import Phase
 from retarget.run.table import RunTable
 from retarget.types import FloatArray
 
@@ -89,6 +90,14 @@ class Motion(RunTable):
         rate = len(steps) / float(self.time[-1] - self.time[0])
         whole = round(rate)
         return float(whole) if abs(rate - whole) < 1e-6 * rate else rate
+
+
+def followed(motion: Motion, *, found: str = "no such tick", next_step: str = "") -> Motion:
+    """The rows in which the body followed. found, next_step: for the InputError where there is none."""
+    following = motion.phase == Phase.FOLLOW
+    if not following.any():
+        raise InputError("nothing was followed in this run", where=motion.source, found=found, next_step=next_step)
+    return motion[following]
 
 
 def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, root: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Done
 from retarget.recording.motion import Motion, posture, quaternion_columns, unit_quaternions
-from retarget.recording.npz import NO_RUN, NO_SERVO, joints_and_root, read_arrays, refuse_no_file
+from retarget.recording.npz import NO_RUN, NO_SERVO, joints_and_root, read_arrays, refuse_no_file, run_arrays
 from retarget.recording.reading import (
     MAGIC,
     Recording,
@@ -31,7 +31,7 @@ from retarget.recording.reading import (
 from retarget.recording.topics import LANDMARKS
 from retarget.rotations import normalise
 from retarget.run.record import PHASE_NAMES, Phase
-from retarget.run.run_result import truth_names
+from retarget.run.run_result import RunResult, truth_names
 from retarget.run.table import FIELDS, STAGES, ByteArray, RunTable, TextArray
 from retarget.schema.arrays import ArrayFile
 from retarget.types import FloatArray
@@ -96,7 +96,18 @@ READ = ("human_q", "sensors", "present", "goal_ticks", "landmarks_asked", "landm
 
 def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
     used = ROBOT_KEYS | HUMAN_KEYS | {"phase", *NAMES.values(), *(FIELDS[name].npz for name in READ)}
-    file = read_arrays(path, needed=ROBOT_KEYS if robot else HUMAN_KEYS, used=used)
+    return _of_arrays(read_arrays(path, needed=ROBOT_KEYS if robot else HUMAN_KEYS, used=used), path, robot, body)
+
+
+def motion_of(run: RunResult, source: str) -> Motion:
+    """The motion of a run that is over, the same as if it had been saved and read. source: its name in messages. Raises
+    InputError."""
+    body = source if run.robot is None else run.robot.profile.body_path
+    file = ArrayFile(source, run_arrays(run, Path(body)), advice="")
+    return _of_arrays(file, Path(source), run.robot is not None, None)
+
+
+def _of_arrays(file: ArrayFile, path: Path, robot: bool, body: Path | None) -> Motion:
     time, human = _npz_time(file), None
     named = {word: tuple(map(str, file.texts(key, None))) for word, key in NAMES.items() if key in file}
     widths = {word: len(names) for word, names in named.items()}
@@ -113,6 +124,7 @@ def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
             else:
                 known[one.name] = file.floats(one.npz, *shape, unknown=one.name != "human_q")
     if human is not None:
+        known["human_q"] = known["human_q"].copy()
         known["human_q"][:, 3:7] = unit_quaternions(known["human_q"][:, 3:7], where=file.source)
         if not robot:
             return _of_human(known | {"landmarks_asked": None}, human)

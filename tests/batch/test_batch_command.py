@@ -33,7 +33,11 @@ REFUSED = {
     "endless": ["--loop"],
     "shard": ["--shard", "3/2"],
     "no time": ["--time-limit", "0"],
+    "endless time": ["--time-limit", "inf"],
+    "time beyond timers": ["--time-limit", "1e11"],
     "no memory": ["--memory", "0.1"],
+    "memory beyond limits": ["--memory", "1e12"],
+    "memory that is no number": ["--memory", "nan"],
     "no jobs": ["--jobs", "0"],
     "scene": ["--scene", "tabel"],
 }

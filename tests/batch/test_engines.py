@@ -25,6 +25,7 @@ from retarget.batch.engines import on_processes, on_ray
 from retarget.batch.index import BatchIndex
 from retarget.batch.inputs import find_clips
 from retarget.batch.worker import ClipLimits, ClipWorker, WorkerError
+from retarget.cli.batch import MOST_MEMORY, MOST_TIME_S
 from retarget.human.samples import Playback
 from retarget.run.options import RunOptions
 
@@ -82,6 +83,13 @@ def test_each_fault_has_its_row_and_costs_itself_alone(engine: str, tmp_path: Pa
     assert "7" in said["exits"] and "SIGSEGV" in said["breaks"] and "2 s" in said["sleeps"]
     assert "planted" in said["raises"]
     assert not multiprocessing_children()
+
+
+def test_the_largest_limits_are_ones_that_the_system_can_hold(tmp_path: Path) -> None:
+    settings, clips = made(tmp_path, 1)
+    good = [clip for clip in clips if "_" not in clip.output]
+    most = ClipLimits(MOST_TIME_S, MOST_MEMORY)
+    assert [row.status for row in on_processes(good, settings, limits=most, jobs=1, work=INSTANT)] == [ClipStatus.DONE]
 
 
 def multiprocessing_children() -> list[str]:

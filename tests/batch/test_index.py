@@ -1,18 +1,23 @@
 """The index: what it keeps, what a killed driver leaves of it, and which clips are run again."""
 
 import os
+from collections.abc import Generator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from benchmarks.batch_driver import instant
+from benchmarks.batch_driver import in_loop, instant
 from messages import refuses
+from retarget.batch.batch import run_batch
 from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, batch_settings, process_clip
 from retarget.batch.index import BatchIndex, remove_parts, still_to_do
 from retarget.batch.inputs import Shard
 from retarget.errors import InputError, UsageError
 from retarget.run.options import RunOptions
+
+LOOP = partial(in_loop, work=partial(process_clip, follow=instant))
 
 
 @pytest.fixture
@@ -80,6 +85,94 @@ def test_the_hash_of_settings_changes_with_all_that_an_output_depends_on(tmp_pat
         of(op3, form="csv", fps=30.0),
     ]
     assert len(set(found)) == len(found) and of(op3) == found[0]
+
+
+def test_another_source_of_the_same_size_and_time_is_another(settings: BatchSettings, tmp_path: Path) -> None:
+    a, b = clips(tmp_path, "a", "b")
+    kept(settings, a)
+    state = Path(a.source).stat()
+    os.utime(b.source, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert left(settings, [BatchClip(b.source, a.output)]) == [a.output]
+
+
+def begun(settings: BatchSettings, *of: BatchClip) -> None:
+    with BatchIndex(settings.out) as index:
+        index.begin(of, settings, index.known())
+
+
+def test_a_batch_replaces_only_what_was_made_of_the_same_source(settings: BatchSettings, tmp_path: Path) -> None:
+    a, b = clips(tmp_path, "a", "b")
+    kept(settings, a)
+    begun(settings, a, b)
+    other = BatchClip(b.source, a.output)
+    with refuses(UsageError, where="--out", found="a.npz"):
+        begun(settings, other)
+    (settings.out / "a.npz").unlink()
+    begun(settings, other)
+
+
+@pytest.mark.parametrize("kind", ["file", "folder", "link"])
+def test_a_batch_that_would_replace_what_no_batch_wrote_does_not_begin(
+    kind: str, settings: BatchSettings, tmp_path: Path
+) -> None:
+    a, b = clips(tmp_path, "a", "b")
+    place = settings.out / "a.npz"
+    settings.out.mkdir()
+    if kind == "file":
+        place.touch()
+    elif kind == "folder":
+        place.mkdir()
+    else:
+        place.symlink_to("nowhere")
+    for _ in range(2):
+        with BatchIndex(settings.out) as index, refuses(UsageError, where="--out", found="a.npz"):
+            run_batch([a, b], settings, index, LOOP)
+        assert os.path.lexists(place) and {path.name for path in settings.out.iterdir()} == {"a.npz", "index.jsonl"}
+
+
+@pytest.mark.parametrize("name", ["index.jsonl", "index.parquet"])
+def test_an_index_or_table_of_others_stays(name: str, settings: BatchSettings, tmp_path: Path) -> None:
+    settings.out.mkdir()
+    (settings.out / name).write_text("theirs")
+    with refuses((UsageError, InputError), name):
+        begun(settings, *clips(tmp_path, "a"))
+    assert (settings.out / name).read_text() == "theirs"
+
+
+def test_the_body_of_a_virtual_human_is_an_output_too(tmp_path: Path) -> None:
+    (tmp_path / "a_human.xml").touch()
+    settings = batch_settings(tmp_path, RunOptions(robot="human"), bench="none")
+    with refuses(UsageError, where="--out", found="a_human.xml"):
+        begun(settings, *clips(tmp_path, "a"))
+
+
+def test_outputs_of_a_killed_driver_that_have_no_row_are_its_own(settings: BatchSettings, tmp_path: Path) -> None:
+    a, b, bad = clips(tmp_path, "a", "b", "raises")
+
+    class Killed(BaseException):
+        """Ends the driver between an output and its row."""
+
+    def engine(of: Sequence[BatchClip], settings: BatchSettings) -> Generator[ClipRow, None, None]:
+        yield rows(settings, of[0])[0]
+        rows(settings, of[1])
+        raise Killed
+
+    with BatchIndex(settings.out, Shard(1, 1)) as index, pytest.raises(Killed):
+        run_batch([a, b, bad], settings, index, engine)
+    assert (settings.out / "b.npz").exists()
+    with BatchIndex(settings.out) as index, refuses(UsageError, where="--out", found="b.npz"):
+        run_batch([BatchClip(a.source, b.output)], settings, index, LOOP)
+    with BatchIndex(settings.out, Shard(1, 1)) as index:
+        assert run_batch([a, b, bad], settings, index, LOOP).done_before == 1
+    assert not [*settings.out.glob("*.begun")]
+
+
+def test_a_file_of_begun_clips_that_is_none_is_refused(settings: BatchSettings) -> None:
+    settings.out.mkdir()
+    for text in ("", "[]", "\xff"):
+        (settings.out / "index.begun").write_bytes(text.encode("latin-1"))
+        with refuses(InputError, where="index.begun"):
+            BatchIndex(settings.out)
 
 
 def test_what_has_failed_is_run_again_only_if_asked(settings: BatchSettings, tmp_path: Path) -> None:

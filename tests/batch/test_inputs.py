@@ -1,5 +1,6 @@
 """Files, folders, patterns and lists become clips: each source once, each output of its own, in one order."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,47 @@ def test_a_folder_is_searched_with_all_below_it(data: Path, tmp_path: Path) -> N
 
 def test_outputs_are_no_inputs(data: Path) -> None:
     assert list(outputs(data, out=data / "a")) == ["walk.npz"]
+
+
+@pytest.mark.parametrize("inputs", ["data", "data/*.bvh", "data/**/*.bvh", "link"])
+def test_the_folder_of_outputs_is_no_input(inputs: str, data: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(data)
+    with refuses(UsageError, "--out", where="INPUT"):
+        outputs(tmp_path / inputs, out=data)
+    if inputs != "link":
+        with refuses(UsageError, "--out", where="INPUT"):
+            outputs(tmp_path / inputs, out=tmp_path / "link")
+
+
+def test_an_output_that_would_replace_a_source_is_refused(data: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(data)
+    (data / "amass.npz").touch()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/amass.npz").symlink_to(data / "amass.npz")
+    inside = data / "run_sonic/jump.bvh"
+    inside.parent.mkdir()
+    inside.touch()
+    for inputs, out, ending in (
+        ([data / "amass.npz"], data, ".npz"),
+        ([tmp_path / "link/amass.npz"], data, ".npz"),
+        ([data / "amass.npz"], tmp_path / "link", ".npz"),
+        ([data / "amass.npz"], tmp_path / "out", ".npz"),
+        ([tmp_path / "out/amass.npz"], data, ".npz"),
+        ([data / "walk.bvh"], data, ".bvh"),
+        ([data / "a/run.c3d", inside], data, "_sonic"),
+    ):
+        with refuses(UsageError, "source", where="--out"):
+            find_clips([str(one) for one in inputs], out=out, ending=ending)
+
+
+def test_no_output_has_the_name_of_a_table_of_the_index(data: Path, tmp_path: Path) -> None:
+    for name in ("index.bvh", "INDEX-3-of-40.bvh", "index-of.bvh", "a/index.bvh"):
+        (data / name).touch()
+    found = [clip.output for clip in find_clips([str(data)], out=tmp_path / "out", ending=".parquet")]
+    assert {"a/index.parquet", "index-of.parquet"} < set(found)
+    for marked in (r"index-[0-9a-f]{8}\.parquet", r"INDEX-3-of-40-[0-9a-f]{8}\.parquet"):
+        assert sum(re.fullmatch(marked, name) is not None for name in found) == 1
+    assert "index.npz" in outputs(data, out=tmp_path / "out")
 
 
 @pytest.mark.parametrize("pattern", ["**/*.bvh", "*/*.bvh", "a*/", "a/[rw]*"])
