@@ -2,6 +2,7 @@
 
 import json
 import struct
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from io import BytesIO
@@ -416,13 +417,22 @@ def test_nodes_with_scales_above_a_matrix_and_a_twin_animation_are_read(tmp_path
         ("<segment label=", "<segment name=", ()),
         ('label="Pelvis"', 'label="Prop1"', "Prop1"),
         ("orientation>", "velocity>", "position"),
+        ("</frames>", '</frames><segment label="Late"/>', "Late"),
     ],
-    ids=range(11),
+    ids=range(12),
 )
 def test_faults_of_an_mvnx_are_named(tmp_path: Path, old: str, new: str, facts: Facts) -> None:
     path = write_mvnx(tmp_path, made(30.0))
     path.write_text(path.read_text().replace(old, new))
     with refuses(InputError, facts, where=str(path)):
+        open_source(path)
+
+
+def test_an_mvnx_in_utf_16_cannot_hide_definitions(tmp_path: Path) -> None:
+    path = write_mvnx(tmp_path, made(30.0))
+    text = path.read_text().replace("UTF-8", "UTF-16").replace("<mvnx", "<!DOCTYPE a [<!ENTITY b 'c'>]><mvnx")
+    path.write_text(text, encoding="utf-16")
+    with refuses(InputError, where=str(path), allowed="UTF-8"):
         open_source(path)
 
 
@@ -445,6 +455,19 @@ def test_faults_of_a_trc_have_their_line(tmp_path: Path, old: str, new: str, fac
     path.write_text(path.read_text().replace(old, new))
     with refuses(InputError, facts, where=str(path)):
         open_source(path)
+
+
+def test_a_trc_of_many_markers_and_short_lines_takes_no_memory(tmp_path: Path) -> None:
+    head = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tUnits\n30\tmm\nFrame#\tTime\t"
+    path = tmp_path / "a.trc"
+    path.write_text(head + "\t\t\t".join(f"m{at}" for at in range(1000)) + "\n\n" + 20_000 * "1\t1\n")
+    tracemalloc.start()
+    try:
+        with refuses(InputError, where=str(path), found=(20_000, 1000), allowed=5_000_000):
+            open_source(path)
+        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    finally:
+        tracemalloc.stop()
 
 
 def test_markers_of_a_trc_without_known_names_are_refused_as_those_of_a_c3d(tmp_path: Path) -> None:
