@@ -332,8 +332,8 @@ class _Track:
     interpolation: str
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Values (T, n) at times (T,) s, rotations wxyz; the first and the last key hold beyond them. NaN where a spline
-        between rotations passes through zero."""
+        """Values (T, n) at times (T,) s, rotations wxyz; the first and the last key hold beyond them. NaN where a
+        spline between rotations passes through zero."""
         spline = self.interpolation == "CUBICSPLINE"
         later = times + KEY_ROUNDING * np.maximum(np.abs(times), 1.0)
         before = np.clip(np.searchsorted(self.times, later, side="right") - 1, 0, len(self.times) - 1)

@@ -1,5 +1,6 @@
 """Every layout of motion files: one made motion is written in each, read back, and compared with the truth."""
 
+import ast
 import json
 import struct
 import tracemalloc
@@ -239,6 +240,18 @@ def test_what_is_never_read_is_refused_with_what_converts_it(
         open_source(path)
 
 
+@pytest.mark.parametrize("suffix", ["pt", "pkl", "npy"])
+def test_a_file_s_name_is_a_text_in_the_lines_that_convert_it(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f'w"); import os; os.abort(); ("{suffix}.{suffix}'
+    path.write_bytes(b"?")
+    with refuses(InputError, "numpy.savez") as caught:
+        open_source(path)
+    lines = caught.value.problems[0].next_step.partition("docs/motion-files.md): ")[2]
+    tree = list(ast.walk(ast.parse(lines)))
+    assert not any(isinstance(node, ast.alias) and node.name == "os" for node in tree)
+    assert any(isinstance(node, ast.Constant) and node.value == path.name for node in tree)
+
+
 def test_what_torch_saves_is_known_by_its_content(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     with zipfile.ZipFile(path, "w") as archive:
@@ -329,6 +342,7 @@ BROKEN: dict[str, tuple[Callable[[Document], object], Facts]] = {
     "a channel of no node": (lambda d: d["animations"][0]["channels"][0]["target"].update(node=9999), "channels.0"),
     "a sampler of no accessor": (lambda d: d["animations"][0]["samplers"][0].update(input=9999), "accessors.9999"),
     "another interpolation": (lambda d: d["animations"][0]["samplers"][0].update(interpolation="X"), "interpolation"),
+    "a channel twice": (lambda d: d["animations"][0]["channels"].append(d["animations"][0]["channels"][1]), "node 0"),
     "more keys than bytes": (lambda d: d["accessors"][0].update(count=2**31), "accessors.0"),
     "another type": (lambda d: d["accessors"][0].update(type="MAT4"), "accessors.0"),
     "integers as they are": (lambda d: d["accessors"][1].update(componentType=5122), "accessors.1"),
@@ -353,6 +367,60 @@ def test_parts_of_a_gltf_that_are_wrong_are_named(tmp_path: Path, name: str) -> 
     path = tmp_path / "a.glb"
     path.write_bytes(edited(change))
     with refuses(InputError, facts, where=str(path)):
+        open_source(path)
+
+
+@pytest.mark.parametrize("shared", ["one sampler", "the same bytes"])
+def test_many_channels_of_few_bytes_take_little_memory(tmp_path: Path, shared: str) -> None:
+    """900 more joints turn by the values of one sampler, or each by its own view of the same bytes."""
+    keys, more = 20_000, range(900)
+    times, turns = np.arange(keys, dtype="<f4") / 30.0, np.tile(np.array([0.0, 0.0, 0.0, 1.0], "<f4"), (keys, 1))
+    data, document = times.tobytes() + turns.tobytes(), json.loads(json.dumps(PARTS[0]))
+    views = [(0, times.nbytes), (times.nbytes, turns.nbytes)]
+    document["bufferViews"] = [{"buffer": 0, "byteOffset": at, "byteLength": size} for at, size in views]
+    kinds = ["SCALAR", *(["VEC4"] * (len(more) if shared == "the same bytes" else 1))]
+    document["accessors"] = [
+        {"bufferView": min(at, 1), "componentType": 5126, "count": keys, "type": kind} for at, kind in enumerate(kinds)
+    ]
+    document["nodes"][0]["children"] += [len(document["nodes"]) + at for at in more]
+    first = len(document["nodes"])
+    document["nodes"] += [{} for _ in more]
+    channels = [{"sampler": at % (len(kinds) - 1), "target": {"node": first + at, "path": "rotation"}} for at in more]
+    samplers = [{"input": 0, "output": at} for at in range(1, len(kinds))]
+    document["animations"] = [{"channels": channels, "samplers": samplers}]
+    document["buffers"] = [{"byteLength": len(data)}]
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb_bytes(document, data))
+    assert path.stat().st_size < 600_000
+    tracemalloc.start()
+    try:
+        with refuses(InputError, where=str(path)):  # 20,000 frames of more than 900 joints
+            open_source(path)
+        assert tracemalloc.get_traced_memory()[1] < (300 if shared == "the same bytes" else 20) * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_spline_through_no_rotation_is_refused(tmp_path: Path) -> None:
+    """From q to -q the middle is zero, which is no rotation."""
+    data, document = np.array([0.0, 1.0], "<f4").tobytes(), json.loads(json.dumps(PARTS[0]))
+    keys = np.zeros((2, 3, 4), "<f4")
+    keys[:, 1, 3] = 1.0, -1.0
+    document["bufferViews"] = [{"buffer": 0, "byteLength": 8}, {"buffer": 0, "byteOffset": 8, "byteLength": 96}]
+    document["accessors"] = [
+        {"bufferView": at, "componentType": 5126, "count": count, "type": kind}
+        for at, (count, kind) in enumerate(((2, "SCALAR"), (6, "VEC4")))
+    ]
+    document["animations"] = [
+        {
+            "channels": [{"sampler": 0, "target": {"node": 0, "path": "rotation"}}],
+            "samplers": [{"input": 0, "output": 1, "interpolation": "CUBICSPLINE"}],
+        }
+    ]
+    document["buffers"] = [{"byteLength": 104}]
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb_bytes(document, data + keys.tobytes()))
+    with refuses(InputError, where="nodes.0.rotation"):
         open_source(path)
 
 
