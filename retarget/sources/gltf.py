@@ -143,16 +143,17 @@ JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
 """Types of chunks of a container: "JSON" and "BIN"."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _File:
     """path: of the file. document: what it says. binary: the bytes of its second chunk, empty without one. buffers and
-    values: of buffers and accessors that were read."""
+    values: of buffers and accessors that were read; taken: bytes of these values."""
 
     path: Path
     document: _Document
     binary: bytes
     buffers: dict[int, bytes] = field(default_factory=dict)
     values: dict[int, FloatArray] = field(default_factory=dict)
+    taken: int = 0
 
     def error(
         self, what: str, part: str, *, found: object = "", allowed: object = "", next_step: str = ""
@@ -291,7 +292,8 @@ def _values(file: _File, index: int, kind: str) -> FloatArray:
             "an accessor beyond its bytes", part, found=f"{accessor.count} elements", next_step="Get the file again"
         )
     shape, strides = (accessor.count, TYPES[kind]), (stride, dtype.itemsize)
-    if sum(one.nbytes for one in file.values.values()) + 8 * prod(shape) > MAX_VALUES_BYTES:
+    file.taken += 8 * prod(shape)
+    if file.taken > MAX_VALUES_BYTES:
         allowed, step = f"up to {MAX_VALUES_BYTES} bytes of them", "Cut it into parts"
         raise file.error("too many values", part, found=f"{accessor.count} elements", allowed=allowed, next_step=step)
     raw = np.ndarray(shape, dtype, buffer, start, strides)
