@@ -21,6 +21,7 @@ COMMANDS = {
     "replay": "Run a recording again and compare, or send its goals to a bus.",
     "stop": "Stop a live run that has a --control-socket.",
     "inspect": "Say what is in a motion file.",
+    "judge": "Judge the motion of a robot, from any program.",
     "export": "Export a recorded run: CSV, NPZ, Parquet, BVH, LeRobot.",
     "check": "Validate profiles, priorities, performers, scenes and sessions.",
     "doctor": "Say what is wrong with a stream, a servo port or this machine.",

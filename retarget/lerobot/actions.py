@@ -1,8 +1,8 @@
-"""Actions of LeRobot, `{"<joint>.pos": rad}`, as targets of a run: checked, with their time, the newest counts."""
+"""Actions of LeRobot, `{"<joint>.pos": rad}`, as targets of a run: validated, time-stamped; only the newest is used."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf
 from numbers import Real
 
 import numpy as np
@@ -23,7 +23,9 @@ STALE_MS = (20.0, 2000.0)
 LONGEST_STEP_S = 0.1
 """Actions are bridged over the time between the last two, at most this long."""
 FOR_EVER = 10**9
-"""Ticks of a run that something else ends."""
+"""No limit on ticks."""
+MOST_RAD = 100.0
+"""No joint turns this far, rad: a larger value is in other units."""
 
 
 def action_names(joints: Sequence[str]) -> tuple[str, ...]:
@@ -33,7 +35,7 @@ def action_names(joints: Sequence[str]) -> tuple[str, ...]:
 
 def read_action(action: Mapping[str, object], names: Sequence[str]) -> FloatArray:
     """The targets (n,), rad, of an action with these keys; other keys are left alone. Raises InputError that names
-    every key without a finite number."""
+    every key without a finite number, or with one beyond `MOST_RAD`."""
     missing = [name for name in names if name not in action]
     if missing:
         raise InputError(
@@ -44,14 +46,15 @@ def read_action(action: Mapping[str, object], names: Sequence[str]) -> FloatArra
             next_step="Use a teleoperator, a policy or a data set of the same robot",
         )
     values = [_number(action[name]) for name in names]
-    wrong = [f"{name} = {action[name]!r:.40}" for name, value in zip(names, values, strict=True) if not isfinite(value)]
+    pairs = zip(names, values, strict=True)
+    wrong = [f"{name} = {action[name]!r:.40}" for name, value in pairs if not abs(value) <= MOST_RAD]
     if wrong:
         raise InputError(
-            "an action that is not finite",
+            "an action with an impossible angle",
             where="send_action",
             found=_few(wrong),
-            allowed="finite numbers, rad",
-            next_step="The robot holds until the next good action. See what sends this",
+            allowed=f"finite numbers, -{MOST_RAD:g} to {MOST_RAD:g} rad",
+            next_step="Send radians, not degrees. The robot holds until the next good action",
         )
     return np.array(values)
 
@@ -67,7 +70,7 @@ def _number(value: object) -> float:
         return np.nan
     try:
         return float(value) if isinstance(value, Real) else float(np.asarray(value, dtype=np.float64).item())
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # RuntimeError: a tensor that needs its gradient
         return np.nan
 
 
@@ -163,8 +166,10 @@ class Actions:
         if newest.joints is None:
             return
         left = newest.step_s - (now - newest.time) + step  # [s] from the tick before
-        share = 1.0 if left <= step else step / left
-        self._target = self._target + share * (newest.joints - self._target)
+        if left <= step:
+            self._target = newest.joints
+        else:
+            self._target = self._target + step / left * (newest.joints - self._target)
 
     def target(self) -> FloatArray:
         """The target of this tick, (n,) rad."""

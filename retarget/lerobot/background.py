@@ -30,8 +30,8 @@ SWITCH_S = 5e-4
 """Longest time, s, that Python lets another thread of this program run on while a tick waits: its usual 5 ms are more
 than half a tick."""
 DISCONNECTED = "disconnected"
-HOLD_IT = "it stands, with torque: hold the robot, then press Ctrl-C, and torque goes off"
-CUT_POWER = "torque may be on: hold the robot, and cut its power"
+HOLD_IT = "the robot stands, torque is on: support it, then press Ctrl-C to switch torque off"
+CUT_POWER = "torque may be on: support the robot and cut its power"
 Begins = Callable[[], bool]
 """Whether the robot is to be armed; called in every tick before it is."""
 
@@ -41,17 +41,18 @@ class Reading:
     """The robot at one tick.
 
     present, goal (n,): rad, servo order, where the servos were read, and the posture that was sent then, without what
-    makes up for a load; before the robot is armed, both are where it was read. state: of the run. reason: why it holds
-    or has stopped.
+    makes up for a load; before the robot is armed, both are where it was read. time: s, when this was kept. state: of
+    the run. reason: why it holds or has stopped.
     """
 
     present: FloatArray
     goal: FloatArray
+    time: float
     state: RunState = RunState.ARMING
     reason: str = ""
 
 
-class StopAsked(Operator):
+class StopRequested(Operator):
     """Another operator, and a stop that another thread asks for. why: "" while none is; torque_off: at once."""
 
     def __init__(self) -> None:
@@ -88,7 +89,7 @@ class BackgroundRun(Observer):
         self._prepared, self._operator, self._begins = prepared, operator, begins
         self._clock, self._notify = clock, notify
         self._reading: Reading | None = None
-        self._stop = StopAsked()
+        self._stop = StopRequested()
         self._ready, self._over = threading.Event(), threading.Event()
         self._machine: Machine | None = None
         self.error: Exception | None = None
@@ -101,6 +102,11 @@ class BackgroundRun(Observer):
         return self._reading
 
     @property
+    def began(self) -> bool:
+        """True if there is a reading."""
+        return self._reading is not None
+
+    @property
     def over(self) -> bool:
         """Whether the run has ended."""
         return self._over.is_set()
@@ -111,8 +117,7 @@ class BackgroundRun(Observer):
         self._thread.start()
         while not self._ready.wait(WAKE_S):
             pass
-        if self._reading is None:
-            assert self.error is not None, "there is a reading, or a reason"
+        if self.error is not None:
             raise self.error
 
     def refuse_ended(self) -> None:
@@ -120,22 +125,31 @@ class BackgroundRun(Observer):
         if self._stop.why:
             raise KeyboardInterrupt
 
-    def end(self, why: str) -> None:
-        """Stop: the robot brakes, goes to rest, and its torque goes off; wait for it, for `JOIN_S` at most. Raises
-        nothing. Ctrl-C while this waits switches torque off at once."""
+    def end(self, why: str) -> bool:
+        """Stop: the robot brakes, goes to rest, and its torque goes off; wait for it, for `JOIN_S` at most. True if the
+        thread has ended. Raises nothing. Ctrl-C while this waits switches torque off at once."""
         self._stop.why = self._stop.why or why
-        deadline, told = self._clock.now() + JOIN_S, False
-        while self._thread.is_alive() and self._clock.now() < deadline:
+        deadline, ended, interrupted, notified = self._clock.now() + JOIN_S, False, False, False
+        while True:
             try:
+                if interrupted:
+                    interrupted, self._stop.torque_off = False, True
+                    deadline = min(deadline, self._clock.now() + FORCED_S)
+                ended = not self._thread.is_alive()
+                if ended or self._clock.now() >= deadline:
+                    self._refer_to_power(ended)
+                    return ended
                 self._thread.join(WAKE_S)
-                if self._stands and not told:
-                    told = True
+                if self._stands and not notified:
+                    notified = True
                     self._say(HOLD_IT)
             except KeyboardInterrupt:
-                self._stop.torque_off = True
-                deadline = min(deadline, self._clock.now() + FORCED_S)
+                interrupted = True
+
+    def _refer_to_power(self, ended: bool) -> None:
+        """Notify the operator where torque may be on."""
         machine = self._machine
-        if self._thread.is_alive() or (machine is not None and machine.guard.torque is not Torque.OFF):
+        if not ended or (machine is not None and machine.guard.torque is not Torque.OFF):
             self._say(CUT_POWER)
 
     @property
@@ -183,7 +197,7 @@ class BackgroundRun(Observer):
         """Read servos that have no torque."""
         states = machine.guard.read()
         present = machine.robot.joint_map.to_radians(states.position)
-        self._reading = Reading(present, present)
+        self._reading = Reading(present, present, self._clock.now())
         return states
 
     def see(self, tick: Tick) -> None:
@@ -194,13 +208,15 @@ class BackgroundRun(Observer):
         goal, stop, supervisor = machine.guard.goal, machine.guard.stop, machine.supervisor
         held = supervisor.hold_reason if supervisor.state is RunState.HOLD else ""
         reason = held if stop is None else stop.reason
-        self._reading = Reading(present, before.goal if goal is None else goal.posture, supervisor.state, reason)
+        posture = before.goal if goal is None else goal.posture
+        self._reading = Reading(present, posture, self._clock.now(), supervisor.state, reason)
 
 
 class Connection:
     """Whether a device is connected: the run that it has, from `connect` to `disconnect`, or the end of the program.
 
-    name: of the device, in messages. close: what is closed after the run.
+    A run whose thread does not end stays its run, so that there is never a second one on its bus. name: of the device,
+    in messages. close: what is closed after the run.
     """
 
     def __init__(self, name: str, close: Callable[[], object] = lambda: None) -> None:
@@ -210,16 +226,17 @@ class Connection:
     @property
     def is_connected(self) -> bool:
         """Whether there are readings: also of a run that has ended, until `close`."""
-        return self._run is not None
+        return self._run is not None and self._run.began
 
     @property
     def state(self) -> RunState:
         """The state of the run; OFF where there is none."""
-        return RunState.OFF if self._run is None or self._run.over else self._run.reading.state
+        run = self._run
+        return RunState.OFF if run is None or run.over or not run.began else run.reading.state
 
     def run(self, what: str) -> BackgroundRun:
         """The run. what: is asked of it. Raises GuardError where there is none."""
-        if self._run is None:
+        if self._run is None or not self._run.began:
             raise GuardError(f"the {self._name} is not connected", where=what, then="Call connect() first")
         return self._run
 
@@ -227,19 +244,18 @@ class Connection:
         """Start the run. Raises GuardError where there is one, RetargetError where it cannot start."""
         if self._run is not None:
             raise GuardError(f"the {self._name} is connected already", where="connect", then="Disconnect it first")
+        self._run = run
+        atexit.register(self.close)
         try:
             run.start()
         except BaseException:
-            run.end(DISCONNECTED)
-            self._close()
+            self.close()
             raise
-        self._run = run
-        atexit.register(self.close)
 
     def close(self) -> None:
-        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none."""
-        run, self._run = self._run, None
-        if run is not None:
-            atexit.unregister(self.close)
-            run.end(DISCONNECTED)
+        """End the run, within `JOIN_S`. Raises nothing, and does nothing where there is none. Call it again where
+        the run has not ended by then."""
+        if self._run is not None and self._run.end(DISCONNECTED):
             self._close()
+            atexit.unregister(self.close)
+            self._run = None

@@ -23,6 +23,8 @@ from retarget.types import Notify
 
 LONGEST_DELAY_S = 600.0
 """Longest time, s, before a file begins."""
+STALE_S = 0.5
+"""Goals that are older than this, s, are not given: some 50 ticks are missing, so the thread that makes them hangs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,12 +99,21 @@ class PerformerDevice:
 
     def action(self) -> dict[str, float]:
         """The newest goals, rad, by the keys of `action_features`. Raises GuardError where the performer was lost for
-        too long, with the reason, or it is not connected."""
+        too long, with the reason, where the run hangs, or it is not connected."""
         run = self.connection.run("get_action")
         self._begins_at = min(self._begins_at, self._clock.now() + self._delay_s)
         if run.over and run.error is not None:
             raise GuardError("the performer is not followed any more", where="get_action", found=str(run.error))
-        return dict(zip(self._names, run.reading.goal.tolist(), strict=True))
+        reading = run.reading
+        age = self._clock.now() - reading.time
+        if age > STALE_S and not run.over:
+            raise GuardError(
+                "the performer gives no new goals",
+                where="get_action",
+                found=f"the last is {age:.1f} s old, allowed {STALE_S:g} s",
+                then="See what blocks this program: the source, or a busy machine",
+            )
+        return dict(zip(self._names, reading.goal.tolist(), strict=True))
 
     def disconnect(self) -> None:
         """Close the source. Raises nothing, and does nothing if it is not connected."""

@@ -29,10 +29,11 @@ HELD_S = 0.1
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
     """What only the program that wires knows. make_bus: the bus that the options name. operator: who may stop a run
-    beside the device. notify: receives sentences for the operator."""
+    beside the device. close: ends what `operator` opened. notify: receives sentences for the operator."""
 
     make_bus: MakeBus
     operator: Callable[[Prepared], Operator]
+    close: Callable[[], None] = lambda: None
     notify: Notify
 
 
@@ -77,7 +78,7 @@ class HumanoidDevice:
         self.joints = self.robot.joint_map.joints
         self._names = action_names(self.joints)
         self._actions: Actions | None = None
-        self.connection = Connection("robot")
+        self.connection = Connection("robot", wiring.close)
 
     @property
     def action_features(self) -> dict[str, type]:
@@ -147,5 +148,6 @@ class HumanoidDevice:
 
     def disconnect(self) -> None:
         """Brake, go to rest, torque off; within `background.JOIN_S`. Raises nothing, and does nothing if it is not
-        connected. Ctrl-C while it waits switches torque off at once."""
+        connected. Ctrl-C while it waits switches torque off at once. A run that has not ended by then stays connected:
+        cut the robot's power, or call this again."""
         self.connection.close()

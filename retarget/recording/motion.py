@@ -10,7 +10,7 @@ from retarget.model.body import BodyModel, JointType
 from retarget.model.body_file import BodyFile
 from retarget.model.robot import RobotBody
 from retarget.recording.reading import Recording
-from retarget.rotations import conjugate, log, multiply, slerp
+from retarget.rotations import conjugate, log, multiply, normalise, slerp
 from retarget.run.table import RunTable
 from retarget.types import FloatArray
 
@@ -100,6 +100,20 @@ def posture(body: BodyModel, joint_names: tuple[str, ...], joints: FloatArray, r
     q[:, :7] = root
     q[:, [body.joint_qpos[body.joint_index(name)] for name in joint_names]] = joints
     return q
+
+
+UNIT = 0.01
+"""A quaternion may miss unit length by this."""
+
+
+def unit_quaternions(turn: FloatArray, *, where: str) -> FloatArray:
+    """Quaternions (T, 4) made exactly unit. Raises InputError where they are none."""
+    off = np.abs(np.linalg.norm(turn, axis=1) - 1.0)
+    if off.max() > UNIT:
+        row = int(np.argmax(off)) + 1
+        found = f"{turn[row - 1]} in row {row}"
+        raise InputError("no unit quaternion", where=f"{where}: orientation of the root", found=found)
+    return normalise(turn)
 
 
 def quaternion_columns(body: BodyModel) -> list[int]:

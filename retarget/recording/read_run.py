@@ -18,7 +18,7 @@ from retarget.model.human import build_human
 from retarget.model.robot import RobotBody
 from retarget.recording.configs import as_recorded
 from retarget.recording.cycles import Done
-from retarget.recording.motion import Motion, posture, quaternion_columns
+from retarget.recording.motion import Motion, posture, quaternion_columns, unit_quaternions
 from retarget.recording.npz import NO_RUN, NO_SERVO, joints_and_root, read_arrays, refuse_no_file
 from retarget.recording.reading import (
     MAGIC,
@@ -92,8 +92,6 @@ NAMES = {"landmarks": "landmark_names", "sensors": "sensor_names", "servos": "jo
 OF_SERVOS = ("present", "goal_ticks", "temperature", "current")
 READ = ("human_q", "sensors", "present", "goal_ticks", "landmarks_asked", "landmarks_reached", *STAGES)
 """The fields that are read where the file has them."""
-UNIT = 0.01
-"""A quaternion may miss unit length by this."""
 
 
 def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
@@ -115,7 +113,7 @@ def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
             else:
                 known[one.name] = file.floats(one.npz, *shape, unknown=one.name != "human_q")
     if human is not None:
-        known["human_q"][:, 3:7] = _unit(file, known["human_q"][:, 3:7])
+        known["human_q"][:, 3:7] = unit_quaternions(known["human_q"][:, 3:7], where=file.source)
         if not robot:
             return _of_human(known | {"landmarks_asked": None}, human)
         if body_from_file(human).scalar_names == named["servos"]:
@@ -137,7 +135,7 @@ def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
 def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows: int) -> FloatArray:
     """Postures (T, nq) from what the file has of root and joints."""
     joints = file.floats("joint_positions", rows, len(names))
-    turn = _unit(file, file.floats("root_quaternion", rows, 4))
+    turn = unit_quaternions(file.floats("root_quaternion", rows, 4), where=file.source)
     root = np.hstack([file.floats("root_position", rows, 3), turn])
     try:
         return posture(model, names, joints, root)
@@ -185,16 +183,6 @@ def _npz_phase(file: ArrayFile, rows: int) -> ByteArray:
         where, allowed = f"{file.source}: phase", ", ".join(PHASE_NAMES)
         raise InputError("unknown phase", where=where, found=repr(strange[0])[:80], allowed=allowed)
     return np.array([PHASE_NAMES.index(name) for name in phase.tolist()], dtype=np.int8)
-
-
-def _unit(file: ArrayFile, turn: FloatArray) -> FloatArray:
-    """Quaternions made exactly unit. Raises InputError where they are none."""
-    off = np.abs(np.linalg.norm(turn, axis=1) - 1.0)
-    if off.max() > UNIT:
-        row = int(np.argmax(off)) + 1
-        where, found = f"{file.source}: orientation of the root", f"{turn[row - 1]} in row {row}"
-        raise InputError("no unit quaternion", where=where, found=found)
-    return normalise(turn)
 
 
 # A run that `--record FILE.mcap` wrote.

@@ -16,6 +16,7 @@ from retarget import _solver
 from retarget.model.body import BodyModel
 from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
 from retarget.model.observers import Observers, placed
+from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState
 from retarget.report.blocks import blocks
@@ -455,26 +456,38 @@ NEUTRAL = "attractor"
 """The human's posture in which pairs that touch are left out."""
 
 
+NOTHING = Clearance(None, 0, None)
+"""Nothing to compare."""
+
+
+def robot_clearances(
+    robot: RobotBody, q: FloatArray, scene: SceneState | None, times: FloatArray
+) -> tuple[Clearance, Clearance, Clearance]:
+    """The clearance of a robot in postures (T, nq), at times (T,) s on the clock of the scene: to itself, to the
+    obstacles of the scene, and of links without a sole to its ground."""
+    profile, placed = robot.profile, place_body(robot.profile.body_path, q, root=robot.profile.root)
+    ignored, neutral = [entry.pair for entry in profile.ignore_pairs], robot.posture(profile.postures.neutral)
+    to_itself = placed.to_itself(neutral=neutral, ignored=ignored)
+    if scene is None:
+        return to_itself, NOTHING, NOTHING
+    soles = robot.soles if robot.on_floor else ()
+    standing = [robot.body.body_names[sole.body] for sole in soles]
+    return to_itself, placed.to_scene(scene, times), placed.to_ground(scene, times, soles=standing)
+
+
 def clearances(run: RunResult) -> tuple[dict[str, Any], Clearances]:
     """The clearance of the postures that were sent to a robot, or else of the reconstructed human: on its own geoms, by
     the keys of the report, and of its observers. Of ticks that penetrate, one that does both counts twice."""
-    robot, sent = run.robot, run.record.robot
+    robot, sent, times = run.robot, run.record.robot, np.maximum(run.record.time, 0.0)
     if robot is not None and sent is not None:
-        profile, body, q = robot.profile, robot.body, sent.q
-        placed = place_body(profile.body_path, q, root=profile.root)
-        ignored, neutral = [entry.pair for entry in profile.ignore_pairs], robot.posture(profile.postures.neutral)
+        body, q = robot.body, sent.q
+        to_itself, to_scene, to_ground = robot_clearances(robot, q, run.scene, times)
     else:
         body, q = run.human.body, run.record.human_q
         placed = place_body(run.human.mjcf, q)
-        ignored, neutral = [], run.human.posture(NEUTRAL)
-    to_itself = placed.to_itself(neutral=neutral, ignored=ignored)
-    to_scene = to_ground = Clearance(None, 0, None)
-    if run.scene is not None:
-        times = np.maximum(run.record.time, 0.0)
-        to_scene = placed.to_scene(run.scene, times)
-        soles = () if robot is None or not robot.on_floor else robot.soles
-        standing = [body.body_names[sole.body] for sole in soles]
-        to_ground = placed.to_ground(run.scene, times, soles=standing)
+        to_itself, to_scene, to_ground = placed.to_itself(neutral=run.human.posture(NEUTRAL)), NOTHING, NOTHING
+        if run.scene is not None:
+            to_scene, to_ground = placed.to_scene(run.scene, times), placed.to_ground(run.scene, times, soles=())
     compared = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
     seen: tuple[float | None, float | None, float | None] = (None, None, None)
     if run.observers is not None:

@@ -140,7 +140,9 @@ def _moving(speeds: Sequence[FloatArray], dt: float) -> Iterator[list[FloatArray
 
 
 def _speed(track: FloatArray, dt: float) -> FloatArray:
-    """Speed (T,) m/s along a track (T, 3) m, averaged over SMOOTHED_S without a delay."""
+    """Speed (T,) m/s along a track (T, 3) m, averaged over SMOOTHED_S without a delay; NaN for a single place."""
+    if len(track) < 2:
+        return np.full(len(track), np.nan)
     size = max(round(SMOOTHED_S / dt), 1)
     speed = np.linalg.norm(np.gradient(track, dt, axis=0), axis=1)
     return np.convolve(speed, np.full(size | 1, 1.0 / (size | 1)), mode="same")

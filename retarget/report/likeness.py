@@ -63,6 +63,34 @@ def _performer_lean(asked: ReferenceMotion, joints: FloatArray) -> FloatArray:
     return _lean(turned(at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"]), asked.heading)) - _lean(upright[None])
 
 
+STILL_S, MOVES_DEG, STILL_SHARE = 0.5, 10.0, 0.2
+"""A performer moves who turns a limb by so many degrees, from where it was at any time within so many s before; a robot
+whose limbs turn by less than this share of that does not move."""
+
+
+def frozen_share(robot: RobotBody, q: FloatArray, asked: ReferenceMotion) -> float | None:
+    """Share of the time in which the performer moves, in which the robot in postures (T, nq) does not; None where the
+    performer stands still, or the robot has none of these limbs."""
+    human, own = _human_limbs(asked, asked.joints), _robot_limbs(robot, q)
+    if not own:
+        return None
+    performer, moved = (
+        _turned_lately(np.concatenate([of[limb] for limb in own], axis=1), asked.dt) for of in (human, own)
+    )
+    moves = performer > np.deg2rad(MOVES_DEG)
+    return float((moved[moves] < STILL_SHARE * performer[moves]).mean()) if moves.any() else None
+
+
+def _turned_lately(lines: FloatArray, dt: float) -> FloatArray:
+    """How far (T - w,) rad any of lines (T, k, 3) turned from where it was within the last w rows, `STILL_S`."""
+    window = min(max(round(STILL_S / dt), 1), len(lines) - 1)
+    steps = sorted({max(window // part, 1) for part in (1, 2, 4)})
+    now = lines[window:]
+    return np.asarray(
+        np.max([_angle(now, lines[window - step : len(lines) - step]).max(axis=1) for step in steps], axis=0)
+    )
+
+
 LEG_AWAY_DEG = 45.0
 """A thigh or shank that is farther off than this is not where the performer's is: one that is level is 90 from one that
 hangs."""

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from retarget import rotations
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.body import JointLimits
 from retarget.model.human import human_limits
 from retarget.model.robot import RobotBody
@@ -65,15 +66,48 @@ def limit_violations(
         step = np.diff(track)  # (T-1,) [rad or m]
         before = np.zeros_like(step[:1]) if from_rest else step[:1]
         after = np.zeros_like(step[:1] if to_rest else step[:0])
-        change = np.diff(np.concatenate([before, step, after]))
-        outside = (track < limits.lower[joint] - TOLERANCE) | (track > limits.upper[joint] + TOLERANCE)
+        outside, fast, hard = _beyond(track, np.concatenate([before, step, after]), limits, joint, dt, TOLERANCE)
         came_in = np.logical_or.accumulate(~outside)
-        counts += (
-            np.count_nonzero(outside & came_in),
-            np.count_nonzero(np.abs(step) > limits.max_velocity[joint] * dt + TOLERANCE),
-            np.count_nonzero(np.abs(change) > limits.max_acceleration[joint] * dt**2 + 2.0 * TOLERANCE),
-        )
+        begin, end = len(before), len(before) + len(step)
+        counts += (np.count_nonzero(outside & came_in), np.count_nonzero(fast[begin:end]), np.count_nonzero(hard))
     return LimitViolations(*counts.tolist())
+
+
+def _beyond(
+    track: FloatArray, step: FloatArray, limits: JointLimits, joint: int, dt: float, tolerance: float
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Whether positions (T,), displacements (s,) of one tick, and changes (s - 1,) of these are beyond the limits of a
+    joint."""
+    return (
+        (track < limits.lower[joint] - tolerance) | (track > limits.upper[joint] + tolerance),
+        np.abs(step) > limits.max_velocity[joint] * dt + tolerance,
+        np.abs(np.diff(step)) > limits.max_acceleration[joint] * dt**2 + 2.0 * tolerance,
+    )
+
+
+@dataclass(frozen=True)
+class BeyondLimit:
+    """share: of the ticks, those in which any joint is beyond its limit. joint: the one that is so most often, and
+    joint_share: how often; None and 0 where none is."""
+
+    share: float
+    joint: str | None
+    joint_share: float
+
+
+def beyond_limits(
+    names: tuple[str, ...], positions: FloatArray, limits: JointLimits, dt: float, *, tolerance: float
+) -> dict[str, BeyondLimit]:
+    """How often joints are beyond limits of `position`, `velocity` and `acceleration`, by their positions (T, n), `dt`
+    s apart, T at least 3, cut from a motion. tolerance: as TOLERANCE, of the numbers of a file."""
+    by_joint = [_beyond(track, np.diff(track), limits, joint, dt, tolerance) for joint, track in enumerate(positions.T)]
+    found = {}
+    for kind, flags in zip(("position", "velocity", "acceleration"), zip(*by_joint, strict=True), strict=True):
+        shares = [float(of_joint.mean()) for of_joint in flags]
+        worst = int(np.argmax(shares))
+        whole = float(np.any(flags, axis=0).mean())
+        found[kind] = BeyondLimit(whole, names[worst] if shares[worst] else None, shares[worst])
+    return found
 
 
 @dataclass(frozen=True)
@@ -112,6 +146,22 @@ def jerk_p95(positions: FloatArray, dt: float) -> float | None:
     for joint, track in enumerate(positions.T):
         np.abs(np.diff(track, n=3), out=sizes[joint])
     return float(np.percentile(sizes, 95, overwrite_input=True) / dt**3)
+
+
+SHAKE_HZ = 6.0
+"""People move below this: it is where movement analysis cuts off (Winter, Biomechanics of Human Movement, 2009)."""
+
+
+def shake_share(positions: FloatArray, dt: float) -> float | None:
+    """Share of the power of all joints' speeds, of positions (T, n) rad, above `SHAKE_HZ`; None where rows are too few
+    or too far apart to tell, or nothing moves."""
+    if 0.5 / dt <= SHAKE_HZ or len(positions) * dt < 2.0 / SHAKE_HZ:
+        return None
+    speeds = np.diff(positions, axis=0)
+    power = np.abs(np.fft.rfft(speeds * np.hanning(len(speeds))[:, None], axis=0)) ** 2
+    whole = float(power.sum())
+    high = np.fft.rfftfreq(len(speeds), dt) > SHAKE_HZ
+    return float(power[high].sum()) / whole if whole > 1e-12 else None
 
 
 # Whether a robot would stand, from the postures sent alone: centre of mass, support polygon, soles on the ground.
@@ -187,6 +237,28 @@ def standing_of(robot: RobotBody, q: FloatArray) -> Standing:
         return {"com": com, "margin": margin, "place": place, "tilt": tilt(turn), "corners": corners}
 
     return Standing(**in_named_blocks(measured, len(q)), sizes=sizes)
+
+
+ZMP_S = 0.05
+"""The acceleration of the centre of mass is that of a parabola through what it did so long before and after, s."""
+
+
+def zero_moment_points(com: FloatArray, dt: float) -> FloatArray:
+    """Where (T, 2) m on the floor a centre of mass at com (T, 3) m, `dt` s apart, turns nothing over; NaN where it
+    falls freely, and at both ends. All mass is in one point: p = c - z / (g + z'') c''."""
+    half = max(round(ZMP_S / dt), 1)
+    found = np.full((len(com), 2), np.nan)
+    if len(com) <= 2 * half:
+        return found
+    at = dt * np.arange(-half, half + 1)
+    # Rows of the pseudo-inverse give the coefficients of the parabola as weighted sums of the window.
+    weights = np.linalg.pinv(np.vander(at, 3))
+    windows = np.lib.stride_tricks.sliding_window_view(com, 2 * half + 1, axis=0)  # (T - 2 half, 3, window)
+    acceleration, place = 2.0 * windows @ weights[0], windows @ weights[2]
+    pull = GRAVITY + acceleration[:, 2:]
+    point = place[:, :2] - place[:, 2:] / np.where(pull > 0.0, pull, np.nan) * acceleration[:, :2]
+    found[half:-half] = point
+    return found
 
 
 def foot_slide(place: FloatArray, lowest: FloatArray) -> float:

@@ -234,7 +234,7 @@ class Report:
 
     def as_json(self) -> str:
         """The report as JSON text; numbers that are not finite become null."""
-        return json.dumps(_plain(self), indent=2, allow_nan=False) + "\n"
+        return json.dumps(plain(self), indent=2, allow_nan=False) + "\n"
 
 
 def report_path(text: str | Path) -> Path:
@@ -275,14 +275,14 @@ def write_report(report: Report, path: Path) -> None:
     write_atomic(path, report.as_json().encode(), option="--report")
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Data for JSON: dataclasses as objects, numbers rounded, null for what is not finite."""
     if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
     return value

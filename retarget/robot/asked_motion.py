@@ -22,14 +22,14 @@ from retarget.rotations import Quat, arc, as_vector, inverse, product, rotated, 
 from retarget.types import FloatArray
 
 SMOOTH_S = 0.018
-"""Time constant (s) of each of three low passes. What they are behind an even motion is added by their velocity, so
-that a swing of 2 Hz goes 21 % too far. Two of 0.025 s as far behind let through twice the noise above 20 Hz."""
+"""Time constant (s) of each of three low passes. Their lag at constant velocity is compensated by feed-forward; a sine
+of 2 Hz overshoots by 21 %. Two low passes of 0.025 s, with the same lag, let through twice the noise above 20 Hz."""
 RATE = 14.0
 """Share of the gap that is closed per s. The larger, the more noise and the harder braking; the smaller, the more lag
 of what is not even."""
 FREE, CARRYING = (1.0, 0.4, 1.0), (0.5, 0.2, 0.5)
-"""Limits of what carries nothing, and of what carries the robot, as shares of those of the weakest joint at the length
-of the limb: of its acceleration for the asked motion's own, and for catching up and braking; of its speed for that.
+"""Limits of what carries nothing, and of what carries the robot: of the asked motion's own acceleration, and of the
+acceleration and the speed of catching up, as shares of those of the weakest joint at the length of the limb.
 
 How a limb's acceleration maps to a joint's depends on the posture, and a robot on its soles can tip. A jump of what is
 asked has more acceleration than its own motion may have, and is caught up with."""

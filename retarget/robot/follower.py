@@ -411,6 +411,10 @@ class Follower:
         move."""
         return None if self._soles.stop is None else self._soles.stop.path(q, velocity, dt, contact=self._contact)
 
+    def resume(self) -> None:
+        """Follow again after a hold: what was asked before is no motion to it."""
+        self._motion.restart()
+
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
         self.scene_obstacles.tick(None, dt)

@@ -281,6 +281,8 @@ class Follow(Controller):
     def begin(self, commanded: Commanded) -> None:
         """Follow from where the robot is."""
         self.posture, self.lost = None, False
+        if self._ticks > 0:
+            self._follower.resume()
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """Return the target for the sample of a performer; None: no posture was found."""

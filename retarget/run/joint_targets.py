@@ -1,8 +1,8 @@
 """Joint targets from outside: a robot that follows a posture which another program changes, not a performer.
 
-The targets come at a rate of their own, late or in jumps. They are smoothed, and what separates the robot from them at
-first is made up for slowly, so that a target far away is approached, never leapt to. The gate checks the result with
-the path of its stop, as it does for a performer.
+The targets come at a rate of their own, late or in jumps. They are smoothed, and the initial offset decays at approach
+speed, so that a target far away is approached, never leapt to. The gate checks the result with the path of its stop, as
+it does for a performer.
 """
 
 from typing import Protocol
@@ -34,10 +34,10 @@ class JointTargets(Protocol):
 
 
 class TargetFollower(Controller):
-    """Follows joint targets: the smoothed target, and an offset that fades at the speed of an approach.
+    """Follows joint targets: the smoothed target, plus an offset that decays at approach speed.
 
-    The offset is where the robot is less where the target is. It begins anew whenever following does, when the gate let
-    something else pass, and when the target jumps.
+    offset = commanded - target. It begins anew whenever following does, when the gate let something else pass, and when
+    the target jumps.
     """
 
     def __init__(self, robot: RobotBody, follower: Follower, targets: JointTargets, *, dt: float) -> None:

@@ -202,12 +202,13 @@ class Prepared:
         return (f"{capped} linear solves took too many steps and were ended: they keep all limits, and follow less",)
 
 
-def performance_of(read: Callable[[], SensorFrames], playback: Playback) -> Perform:
-    """A recorded performance. read: opens the recording."""
+def performance_of(read: Callable[[], SensorFrames], playback: Playback, *, rate_hz: float | None = None) -> Perform:
+    """A recorded performance. read: opens the recording. rate_hz: of the ticks; None: the robot's, else the
+    recording's."""
 
     def perform(performer: Performer, robot: RobotBody | None) -> Performance:
         frames = read()
-        rate = None if robot is None else robot.profile.safety.rate_hz
+        rate = rate_hz if robot is None or rate_hz is not None else robot.profile.safety.rate_hz
         clip = lay_on_ticks(frames, performer=performer, playback=playback, rate_hz=rate)
         size = calibrate(frames.mirror() if playback.mirror else frames)
         left_out = () if clip.left_out is None else (f"{frames.source} {clip.left_out}",)

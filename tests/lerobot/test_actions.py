@@ -27,10 +27,36 @@ NAMES = action_names(("lift", "swing"))
 FPS = 30.0
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), "1.0", None, True, [1.0, 2.0]])
-def test_an_action_that_is_no_number_is_named(value: object) -> None:
+class NeedsGradient:
+    """Refuses to be an array as a tensor of PyTorch does that needs its gradient."""
+
+    def __array__(self, *_: object, **__: object) -> FloatArray:
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad. Use tensor.detach().numpy() instead.")
+
+    def __repr__(self) -> str:
+        return "tensor(0.5, requires_grad=True)"
+
+
+@pytest.mark.parametrize(
+    "value",
+    [float("nan"), float("inf"), "1.0", None, True, [1.0, 2.0], -180.0, 1.7e308, NeedsGradient()],
+    ids=repr,
+)
+def test_an_action_that_is_no_angle_is_named(value: object) -> None:
     with refuses(InputError, "swing.pos", "finite"):
         read_action({"lift.pos": 0.5, "swing.pos": value}, NAMES)
+
+
+def test_the_target_is_the_newest_action_whatever_came_before(robot: RobotBody, stance: FloatArray) -> None:
+    clock = VirtualClock()
+    wiring = Wiring(make_bus=mock_bus, operator=lambda prepared: Operator(), notify=lambda text: None)
+    with following_actions(robot, RunOptions(robot="op3"), wiring, clock=clock) as (_, actions):
+        for value in (1.7e308, -1.7e308, 0.1, 0.3):
+            with np.errstate(over="ignore"):
+                actions.put(np.full_like(stance, value))
+                clock.sleep_until(clock.now() + 0.15)
+                actions.poll()
+            assert (actions.target() == value).all()
 
 
 def test_an_action_without_a_joint_is_refused_and_other_keys_are_left_alone() -> None:

@@ -4,23 +4,27 @@ always reached."""
 import re
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import pytest
 
-from hardware.bus import ServoBus
+from faulty_bus import FaultKind, MockFault
+from hardware.bus import ServoBus, ServoStates
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import BusError, GuardError
 from messages import refuses
 from recordings import mock_bus
 from retarget.errors import InputError, UsageError
 from retarget.human.samples import Playback
+from retarget.lerobot import background
 from retarget.lerobot.performer import PerformerDevice, PerformerWiring
 from retarget.lerobot.robot import HumanoidDevice, Wiring
 from retarget.model.robot import RobotBody
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.prepare import performance_of
+from retarget.run.supervisor import OperatorInput
 from retarget.sources.open import open_source
 from retarget.types import RunState
 
@@ -33,21 +37,35 @@ class Bench:
 
     make: Callable[[RobotBody, Clock], ServoBus] = mock_bus
     torque_on: int = 0
+    closed: int = 0
     said: list[str] = field(default_factory=list)
+    free: threading.Event = field(default_factory=threading.Event)  # cleared: the bus hangs
+
+    def __post_init__(self) -> None:
+        self.free.set()
 
     def bus(self, robot: RobotBody, clock: Clock) -> ServoBus:
         bus = self.make(robot, clock)
-        torque = bus.torque
+        torque, read = bus.torque, bus.read
 
         def counted(on: bool) -> None:
             self.torque_on += on
             torque(on)
 
-        vars(bus)["torque"] = counted
+        def hanging() -> ServoStates:
+            self.free.wait()
+            return read()
+
+        vars(bus).update(torque=counted, read=hanging)
         return bus
 
+    def close(self) -> None:
+        self.closed += 1
+
     def device(self) -> HumanoidDevice:
-        wiring = Wiring(make_bus=self.bus, operator=lambda prepared: Operator(), notify=self.said.append)
+        wiring = Wiring(
+            make_bus=self.bus, operator=lambda prepared: Operator(), close=self.close, notify=self.said.append
+        )
         return HumanoidDevice(RunOptions(robot="op3"), wiring)
 
 
@@ -96,6 +114,52 @@ def test_a_bus_that_cannot_be_opened_is_the_error_of_connect() -> None:
         device.connect()
     assert not device.connection.is_connected
     device.disconnect()
+
+
+def test_what_the_program_opened_is_closed_where_connect_fails() -> None:
+    def dead(robot: RobotBody, clock: Clock) -> ServoBus:
+        return mock_bus(robot, clock, faults=(MockFault(FaultKind.MISSING, 0, 10**6, servo=2),))
+
+    bench = Bench(make=dead)
+    device = bench.device()
+    for tries in (1, 2):
+        with refuses(GuardError, "does not answer"):
+            device.connect()
+        assert not device.connection.is_connected and bench.closed == tries
+
+
+def test_ctrl_c_at_any_instant_of_disconnect_does_not_escape(
+    device: HumanoidDevice, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.connect()
+    [thread] = [thread for thread in threading.enumerate() if thread.name == "retarget"]
+    alive, pressed = thread.is_alive, iter([True, True])
+
+    def interrupted() -> bool:
+        if next(pressed, False):
+            raise KeyboardInterrupt
+        return alive()
+
+    monkeypatch.setattr(thread, "is_alive", interrupted)
+    device.disconnect()
+    assert not alive() and not device.connection.is_connected and bench.closed == 1
+
+
+def test_a_run_that_does_not_end_stays_the_only_one(
+    device: HumanoidDevice, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.connect()
+    bench.free.clear()
+    with monkeypatch.context() as impatient:
+        impatient.setattr(background, "JOIN_S", 0.3)
+        device.disconnect()
+    assert bench.said == [background.CUT_POWER] and bench.closed == 0
+    with refuses(GuardError, "connect"):
+        device.connect()
+    bench.free.set()
+    device.disconnect()
+    assert not device.connection.is_connected and bench.closed == 1
+    device.connect()
 
 
 @pytest.mark.long
@@ -151,11 +215,11 @@ def test_ctrl_c_while_it_goes_to_rest_switches_torque_off(
     assert CLOCK.now() - begun < 2.5
 
 
-def performer(*, end: float, delay_s: float = 0.0) -> PerformerDevice:
+def performer(*, end: float, delay_s: float = 0.0, operator: Operator | None = None) -> PerformerDevice:
     options = RunOptions(robot="op3", bus="profile", playback=Playback(end=end))
     wiring = PerformerWiring(
         perform=lambda look: performance_of(lambda: open_source("sample"), options.playback),
-        operator=lambda prepared: Operator(),
+        operator=lambda prepared: operator or Operator(),
         close=lambda: None,
         notify=lambda text: None,
     )
@@ -173,6 +237,37 @@ def test_a_performer_gives_every_key_of_the_robot(bench: Bench) -> None:
     device.disconnect()
     device.disconnect()
     assert not device.connection.is_connected
+
+
+@dataclass
+class Hanging(Operator):
+    """Blocks the thread of a run while it is not free."""
+
+    free: threading.Event
+
+    def ask(self, state: RunState | None) -> OperatorInput:
+        self.free.wait()
+        return OperatorInput()
+
+
+def test_a_performer_whose_thread_hangs_gives_no_goals() -> None:
+    free = threading.Event()
+    free.set()
+    device = performer(end=0.2, delay_s=100.0, operator=Hanging(free))
+    device.connect()
+    device.action()
+    free.clear()
+    with refuses(GuardError, "get_action", varies=re.compile(r"[\d.]+ s")):
+        wait_for(lambda: False, seconds=5.0, each=device.action)
+    free.set()
+
+    def recovered() -> bool:
+        with suppress(GuardError):
+            return bool(device.action())
+        return False
+
+    wait_for(recovered)
+    device.disconnect()
 
 
 @pytest.mark.long

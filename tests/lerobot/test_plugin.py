@@ -52,9 +52,12 @@ def test_the_name_is_found_by_lerobot() -> None:
     assert not [name for name in ours["dependencies"] if "lerobot" in name]
 
 
-def test_a_loop_by_hand(environment: Mapping[str, str]) -> None:
-    done = by_hand(environment, "--robot.stale_ms=300", "--teleop.delay_s=0", "--seconds=5")
+def test_a_loop_by_hand(environment: Mapping[str, str], tmp_path: Path) -> None:
+    socket = tmp_path / "socket"
+    options = ("--robot.stale_ms=300", f"--robot.control_socket={socket}", "--teleop.delay_s=0", "--seconds=5")
+    done = by_hand(environment, *options)
     assert done.returncode == 0, done.stderr
+    assert not socket.exists()
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     assert found["types"] == ["retarget_humanoid", "retarget_performer"] and found["cameras"] == {}
     assert found["not_connected"] and found["kinds"] == ["float"]

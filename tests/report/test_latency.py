@@ -52,6 +52,13 @@ def test_a_hand_that_stands_still_shows_none(run: RunResult) -> None:
     assert found is not None and found.hand_to_shaft is None and list(found.stages) == ["bus"]
 
 
+def test_a_run_of_a_single_tick_shows_none() -> None:
+    options = RunOptions(robot="op3", playback=Playback(end=1e-3))
+    with prepare(synthetic_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        found = latency_of(prepared.run())
+    assert found is not None and found.hand_to_shaft is None
+
+
 def test_the_summary_names_the_stages_also_where_the_whole_way_is_not_known(run: RunResult) -> None:
     report = replace(
         measure_run(run),

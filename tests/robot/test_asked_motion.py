@@ -170,3 +170,12 @@ def test_only_what_carries_nothing_is_led_and_is_as_fast_as_its_servos() -> None
     led, not_led = np.array(goals(2.0)), np.array(goals(0.0))
     assert led[0] - not_led[0] == pytest.approx(0.05 * 2.0 * late * RATE * DT, rel=0.1)
     assert led[1] == not_led[1]
+
+
+def test_what_was_asked_before_a_hold_is_no_motion_to_what_is_asked_after_it() -> None:
+    passing, still = MotionFilter(np.array([[OWN, CATCH_UP, SPEED]]), np.zeros(1)), np.zeros((1, 3))
+    for _ in range(100):
+        passing.step(np.array([[0.5 * DT, 0.0, 0.0]]), still, DT)
+    assert passing.step(still, still, DT)[0, 0] > 0.2 * DT
+    passing.restart()
+    assert not passing.step(still, still, DT).any()

@@ -85,6 +85,9 @@ class StubFollower(Follower):
     def settle(self, human: HumanPosture, dt: float) -> RobotPosture | None:
         return None
 
+    def resume(self) -> None:
+        pass
+
     def step(self, human: HumanPosture, dt: float) -> RobotPosture:
         self.tick += 1
         return self._made(self.tick - 1)

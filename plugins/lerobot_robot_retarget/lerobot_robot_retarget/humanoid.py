@@ -1,6 +1,5 @@
 """The robot `retarget_humanoid`: `retarget.lerobot.robot.HumanoidDevice` as LeRobot calls it."""
 
-from contextlib import ExitStack
 from typing import Any
 
 from lerobot.robots import Robot
@@ -13,7 +12,6 @@ from retarget.cli.controls import (
     NEVER_GOES_ON,
     Control,
     ControlSocket,
-    LiveStatus,
     Oversight,
     StopFile,
     refuse_oversight,
@@ -45,9 +43,9 @@ class RetargetHumanoid(Robot):
             torque_off_at_end=config.torque_off_at_end,
         )
         bench = PhysicsBench(options, log)
-        self._stack = ExitStack()
         self._bench = bench
-        wiring = Wiring(make_bus=bench.make_bus, operator=self._operator, notify=log)
+        self._socket: ControlSocket | None = None
+        wiring = Wiring(make_bus=bench.make_bus, operator=self._operator, close=self._close, notify=log)
         self._device = HumanoidDevice(options, wiring, stale_ms=config.stale_ms)
 
     def _operator(self, prepared: Prepared) -> RunOperator:
@@ -57,15 +55,16 @@ class RetargetHumanoid(Robot):
         if self.config.stop_file is not None:
             controls.append(StopFile(self.config.stop_file))
         if self.config.control_socket is not None:
-
-            def status() -> LiveStatus:
-                return operator.status()
-
             path = socket_path(self.config.control_socket)
-            socket = ControlSocket(path, status=status, goes_on=NEVER_GOES_ON)
-            self._stack.callback(socket.close)
-            controls.append(socket)
+            self._socket = ControlSocket(path, status=operator.status, goes_on=NEVER_GOES_ON)
+            controls.append(self._socket)
         return operator
+
+    def _close(self) -> None:
+        """Close the control socket, if there is one."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
 
     @property
     def observation_features(self) -> dict[str, type]:
@@ -111,4 +110,3 @@ class RetargetHumanoid(Robot):
     def disconnect(self) -> None:
         """Go to rest, and torque off. Raises nothing; Ctrl-C while it waits switches torque off at once."""
         self._device.disconnect()
-        self._stack.close()

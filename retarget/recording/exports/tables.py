@@ -27,15 +27,19 @@ class Column:
     values: NDArray[Any]
 
 
+TIME_COLUMN = "time_s"
+ROOT_COLUMNS = ("root_x_m", "root_y_m", "root_z_m", "root_qw", "root_qx", "root_qy", "root_qz")
+
+
 def columns_of(motion: Motion) -> tuple[Column, ...]:
     """Time, the root (position m, quaternion wxyz, of the first link in the world), every joint as it was sent.
 
     Then, where they are known: `servo_` where the servo was, `ticks_` its goal, `asked_` the landmarks asked for. The
     phase only where rows differ in it. Raises InputError where two columns would have one name.
     """
-    columns = [_column("time", "s", motion.time)]
-    columns += [_column(f"root_{axis}", "m", motion.root_position[:, i]) for i, axis in enumerate("xyz")]
-    columns += [_column(f"root_q{axis}", "", motion.root_quaternion[:, i]) for i, axis in enumerate("wxyz")]
+    columns = [Column(TIME_COLUMN, "s", motion.time)]
+    root = np.hstack([motion.root_position, motion.root_quaternion])
+    columns += [Column(name, "m" if i < 3 else "", root[:, i]) for i, name in enumerate(ROOT_COLUMNS)]
     named = list(zip(motion.joint_names, motion.joint_units, strict=True))
     columns += [_column(name, unit, motion.joints[:, i]) for i, (name, unit) in enumerate(named)]
     points = [(f"{name}_{axis}", "m") for name in motion.landmark_names for axis in "xyz"]

@@ -171,6 +171,7 @@ def write_gmr_npz(motion: Motion, stream: IO[bytes]) -> None:
 
 DECIMALS = 9
 """Decimals of a number in CSV: 1 nm."""
+BONES_ROOT = tuple(f"root_{kind}{axis}" for kind in ("translate", "rotate") for axis in "XYZ")
 
 
 def write_unitree(motion: Motion, stream: IO[bytes]) -> None:
@@ -188,7 +189,7 @@ def write_bones(motion: Motion, stream: IO[bytes]) -> None:
     turned = np.unwrap(to_euler(motion.root_quaternion, "zyx")[:, ::-1], axis=0)
     scale = np.array([CM if unit == "m" else np.rad2deg(1.0) for unit in motion.joint_units])
     values = np.hstack([CM * motion.root_position, np.rad2deg(turned), scale * motion.joints])
-    header = ["Frame", *(f"root_{kind}{axis}" for kind in ("translate", "rotate") for axis in "XYZ")]
+    header = ["Frame", *BONES_ROOT]
     header += [f"{name}_dof" for name in motion.joint_names]
     rows = np.column_stack([np.arange(len(motion)), values])
     fmt = ["%d", *[f"%.{DECIMALS}f"] * values.shape[1]]

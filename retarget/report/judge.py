@@ -1,0 +1,419 @@
+"""A neutral referee of robot motion, whatever program it is from: one table of lines, and whether each is kept.
+
+The figures are those of the report of our own runs, by the same functions; beside a performer it is that report. What
+has no unit of its own is judged in the size of the robot.
+"""
+
+from dataclasses import dataclass, replace
+from math import ceil
+
+import numpy as np
+
+from hardware.bus import ServoBus
+from hardware.clock import Clock, VirtualClock
+from retarget.frames import SensorFrames
+from retarget.human.samples import Clip, Playback
+from retarget.ik.support_polygon import plant
+from retarget.model.human import PostureReader
+from retarget.model.robot import RobotBody, load_robot
+from retarget.model.scene_state import SceneState
+from retarget.recording.motion import MAX_FPS, Motion, posture, resampled
+from retarget.report import tracking
+from retarget.report.clearance import Clearance, robot_clearances
+from retarget.report.findings import Finding, findings
+from retarget.report.likeness import frozen_share
+from retarget.report.measure import measure
+from retarget.report.motion_metrics import (
+    CONTACT_M,
+    OUTSIDE_M,
+    BeyondLimit,
+    Standing,
+    beyond_limits,
+    foot_slide,
+    jerk_p95,
+    shake_share,
+    standing_of,
+    support_margin,
+    zero_moment_points,
+)
+from retarget.report.report import Report
+from retarget.robot.follower import Follower
+from retarget.robot.landmarks import PELVIS
+from retarget.rotations import from_axis_angle, multiply, rotate
+from retarget.run.options import RunOptions
+from retarget.run.prepare import performance_of, prepare_for, scene_of, stage_priorities
+from retarget.run.run_result import RunResult, RunSetup
+from retarget.schema.catalogue import HUMAN
+from retarget.types import MM, FloatArray, HumanPosture
+
+SWEPT_HZ = 240.0
+"""Between rows, postures are looked at so often a second: a hand at 2 m/s then moves by 8 mm."""
+ROUND_OFF = 1e-6
+"""Joint positions of a file in single precision, or of nine decimals, miss a limit by less than this, rad."""
+SLIDE = 0.03
+"""Of the height of the root: a sole that goes farther on the floor slides; 2 cm of a robot of 1.3 m."""
+IN_AIR, OUTSIDE = 0.1, 0.05
+"""Share of the time in which no sole touches the floor, and in which the robot would tip, that is let pass: a hop, and
+the ends of a window in which accelerations are measured."""
+SHAKES, FROZEN, ASLEEP = 0.1, 0.2, 0.9
+"""Share of the power of joint speeds above the band of people, and of the time in which a performer moves and the robot
+does not, from which on it is seen. Without a performer, share of the time in which nothing moves."""
+NEARLY_FLAT = np.deg2rad(10.0)
+"""A sole that is tilted by less than this, rad, settles on the floor: two servos of a leg give as much."""
+SPIKES, RESAMPLED = 0.005, 1.05
+"""Share of ticks with a joint acceleration beyond its limit that is let pass, and by how much beyond it begins: what
+straight lines between the ticks of a motion that keeps its limits make of them at another rate."""
+ASLEEP_RAD_S = 0.01
+"""No joint is faster than this, rad/s, in a robot that does not move: a degree in two seconds."""
+
+
+@dataclass(frozen=True)
+class Nearness:
+    """clearance_mm: least distance, negative inside, of postures at rows and between them; null: nothing to compare.
+    deep_share: of the time, with more than 1 mm inside. pair: what came closest."""
+
+    clearance_mm: float | None
+    deep_share: float
+    pair: tuple[str, str] | None
+
+
+@dataclass(frozen=True)
+class Feet:
+    """slide_mm: farthest that a sole got while it touched the floor; air_share: of the time in which none touches it;
+    air_mm: highest of the lowest corner; sink_mm: of the deepest corner below the floor. com_outside_share,
+    zmp_outside_share: of the ticks in which soles touch, those with the centre of mass, or the zero-moment point,
+    beyond the edge of their hull."""
+
+    slide_mm: float
+    air_share: float
+    air_mm: float
+    sink_mm: float
+    com_outside_share: float | None
+    zmp_outside_share: float | None
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A motion, its figures, and what is held against it. limits: of position, velocity and acceleration. clearance:
+    to `self`, `scene` and `ground`. jerk_p95: rad/s^3. shake_share: of the power of joint speeds above 6 Hz.
+    frozen_share: of the time in which the performer moves, or of all time without one. report: beside a performer; its
+    ticks are those that both have. A share is from 0 to 1; null: not known, or none of this robot."""
+
+    file: str
+    layout: str
+    robot: str
+    performer: str | None
+    rows: int
+    rate_hz: float
+    duration_s: float
+    limits: dict[str, BeyondLimit]
+    clearance: dict[str, Nearness]
+    feet: Feet | None
+    jerk_p95: float | None
+    shake_share: float | None
+    frozen_share: float | None
+    report: Report | None
+    lines: tuple[Finding, ...]
+    verdict: str
+    notes: tuple[str, ...]
+
+    @property
+    def lost(self) -> tuple[Finding, ...]:
+        """The lines that are not kept."""
+        return tuple(line for line in self.lines if line.kept is False)
+
+
+def judge(
+    motion: Motion, robot: RobotBody, *, layout: str, source: SensorFrames | None = None, scene: str | None = None
+) -> Judgement:
+    """Judge a motion of a robot. source: the performer that it is to look like, from the same moment on; scene: by name
+    or file, in the world of the motion.
+
+    Raises InputError where rows are not evenly spaced; ConfigError and UsageError for a scene, and for a performer that
+    cannot be followed.
+    """
+    dt, q = 1.0 / motion.rate_hz, _postures(motion, robot)
+    names, positions = robot.joint_map.joints, q[:, robot.servo_columns]
+    limits = replace(robot.limits, max_acceleration=RESAMPLED * robot.limits.max_acceleration)
+    world = scene_of(robot, RunOptions(robot=robot.profile.name, scene=scene))
+    height = float(plant(robot, robot.profile.postures.stand).q[2]) if robot.stands else 0.0
+    run = None if source is None else beside(motion, robot, source)
+    report, asked = (None, None) if run is None else (measure(run), tracking.performance_of(run))
+    still: float | None
+    if run is None or asked is None:
+        still = float((np.abs(np.diff(positions, axis=0)).max(axis=1) < ASLEEP_RAD_S * dt).mean())
+    else:
+        assert run.robot is not None and run.record.robot is not None, "a robot moves"
+        still = frozen_share(run.robot, run.record.robot.q, asked)
+    found = Judgement(
+        file=motion.source,
+        layout=layout,
+        robot=robot.profile.name,
+        performer=None if source is None else source.source,
+        rows=len(motion),
+        rate_hz=motion.rate_hz,
+        duration_s=float(motion.time[-1] - motion.time[0]),
+        limits=beyond_limits(names, positions, limits, dt, tolerance=ROUND_OFF),
+        clearance=_nearness(motion, robot, world),
+        feet=_feet(standing_of(robot, q), dt) if robot.stands else None,
+        jerk_p95=jerk_p95(positions, dt),
+        shake_share=shake_share(positions, dt),
+        frozen_share=still,
+        report=report,
+        lines=(),
+        verdict="",
+        notes=motion.notes if run is None else (*motion.notes, *run.notes),
+    )
+    found = replace(found, lines=(*_lines(found, SLIDE * MM * height), *_beside_lines(run, report)))
+    return replace(found, verdict=_verdict(found))
+
+
+def _postures(motion: Motion, robot: RobotBody) -> FloatArray:
+    """Postures (T, nq) of the robot's own tree, which may have no free root."""
+    if robot.body.root == "free":
+        return posture(robot.body, motion.joint_names, motion.joints, motion.q[:, :7])
+    q = np.tile(robot.body.qpos0, (len(motion), 1))
+    q[:, [robot.body.joint_qpos[robot.body.joint_index(name)] for name in motion.joint_names]] = motion.joints
+    return q
+
+
+def _nearness(motion: Motion, robot: RobotBody, scene: SceneState | None) -> dict[str, Nearness]:
+    """Swept: at rows and between them."""
+    between = max(min(ceil(SWEPT_HZ / motion.rate_hz), int(MAX_FPS / motion.rate_hz)), 1)
+    swept = resampled(motion, between * motion.rate_hz) if between > 1 else motion
+    parts = robot_clearances(robot, _postures(swept, robot), scene, swept.time - swept.time[0])
+
+    def near(part: Clearance) -> Nearness:
+        return Nearness(None if part.smallest is None else MM * part.smallest, part.deep / len(swept), part.pair)
+
+    return dict(zip(("self", "scene", "ground"), map(near, parts), strict=True))
+
+
+def _feet(stand: Standing, dt: float) -> Feet:
+    """Balance is that of soles that bear as a whole where they touch and are nearly flat, as servos let them settle."""
+    lowest = np.stack([corners[..., 2].min(axis=1) for corners in stand.soles], axis=1)  # (T, k) [m]
+    bears = (lowest <= CONTACT_M) & (stand.tilt < NEARLY_FLAT)
+    corners = stand.corners.copy()
+    corners[np.repeat(bears, stand.sizes, axis=1), 2] = 0.0
+    touching = (lowest <= CONTACT_M).any(axis=1)
+    point = np.column_stack([zero_moment_points(stand.com, dt), np.zeros(len(lowest))])
+    known = touching & np.isfinite(point).all(axis=1)
+    outside, tips = (support_margin(of, corners) < -OUTSIDE_M for of in (stand.com, point))
+    slides = [foot_slide(stand.place[:, sole], lowest[:, sole]) for sole in range(lowest.shape[1])]
+    return Feet(
+        slide_mm=MM * max(slides),
+        air_share=float((~touching).mean()),
+        air_mm=MM * max(float(lowest.min(axis=1).max()), 0.0),
+        sink_mm=MM * max(-float(lowest.min()), 0.0),
+        com_outside_share=float(outside[touching].mean()) if touching.any() else None,
+        zmp_outside_share=float(tips[known].mean()) if known.any() else None,
+    )
+
+
+# A motion beside its performer: a run in which the robot was moved by somebody else.
+
+GOES_M, TURNS_DEG = 0.2, 30.0
+"""A robot whose soles get so far, in heights of its root, or turn so much, goes and turns as its performer does; else
+it is planted, and sees them in their own heading."""
+
+
+def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
+    """A motion as a run that followed a performer, over the ticks that both have. Place and heading on the floor, of
+    which no two programs think alike, are those in which the robot is nearest to what is asked."""
+    q, dt, rate = _postures(motion, robot), 1.0 / motion.rate_hz, motion.rate_hz
+    goes = _goes(robot, q)
+    options = RunOptions(robot=robot.profile.name, legs="free" if goes else None)
+    if goes:
+        robot = load_robot(robot.profile.path, root="floating")
+    human = _human_run(source, robot, rate, float(motion.time[-1] - motion.time[0]))
+    _, for_robot, _ = stage_priorities(robot, options)
+    assert for_robot is not None, "there is a robot"
+    landmarks = Follower(robot, for_robot, human.human.dimensions).landmark_map
+    ticks = min(len(q), len(human.record))
+    record, q = human.record[:ticks], q[:ticks]
+    turns = PostureReader(human.human).orientations(record.human_q)
+    asked = np.empty((ticks, len(landmarks.names), 3))
+    for row in range(ticks):
+        joints, human_q = record.human_joints[row], record.human_q[row]
+        seen = HumanPosture(
+            human_q, record.human_joint_names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0)
+        )
+        asked[row] = landmarks.ask(seen, dt).landmarks
+    if robot.body.root == "free":
+        q = _placed(robot, q, asked, landmarks.names, goes)
+    goals = q[:, robot.servo_columns]
+    none = np.zeros((ticks, 0), dtype=np.uint8)
+    moved = replace(
+        record, q=q, goals=goals, start=goals[0], observer_modes=none, landmarks_asked=asked,
+        landmark_names=landmarks.names, from_start=False, to_end=False,
+    )  # fmt: skip
+    notes = human.notes
+    if abs(len(motion) - len(human.record)) * dt > UNLIKE_S:
+        both = f"the motion takes {len(motion) * dt:.1f} s, its performer {len(human.record) * dt:.1f} s"
+        notes = (*notes, f"{both}: only what both have is compared")
+    setup = RunSetup(human.setup.performer, (*human.setup.priorities, for_robot), has_bus=False)
+    return replace(human, record=moved, robot=robot, setup=setup, notes=notes, observers=None)
+
+
+UNLIKE_S = 0.5
+"""A motion that is longer or shorter than its performer's by less than this, s, is as long."""
+
+
+def _human_run(source: SensorFrames, robot: RobotBody, rate: float, lasts: float) -> RunResult:
+    """The performer, reconstructed as in a run of the robot. A pose of calibration before the motion counts where the
+    robot's motion, which `lasts` so many s, is nearer to the whole in its length."""
+    options = RunOptions(robot=HUMAN, priorities=robot.profile.reconstruct)
+
+    def clip(keep: bool) -> RunResult:
+        playback = Playback(keep_calibration_frame=keep)
+        perform = performance_of(lambda: source, playback, rate_hz=rate)
+        with prepare_for(perform, options, clock=VirtualClock(), make_bus=_no_bus) as prepared:
+            return prepared.run()
+
+    found = clip(False)
+    if found.clip.left_out is None:
+        return found
+    off = abs(_lasts(found.clip) - lasts), abs(source.duration_s - lasts)
+    return found if off[0] <= off[1] else clip(True)
+
+
+def _no_bus(robot: RobotBody, clock: Clock) -> ServoBus:
+    raise AssertionError("a human alone has no bus")
+
+
+def _lasts(clip: Clip) -> float:
+    return len(clip) * clip.dt
+
+
+def _goes(robot: RobotBody, q: FloatArray) -> bool:
+    """Whether the soles of a robot go or turn."""
+    if not robot.stands or PELVIS not in robot.profile.landmarks:
+        return False
+    place = standing_of(robot, q).place.mean(axis=1)[:, :2]
+    far = GOES_M * float(plant(robot, robot.profile.postures.stand).q[2])
+    return tracking.extent(place) > far or tracking.turn_extent(_sole_headings(robot, q)) > np.deg2rad(TURNS_DEG)
+
+
+def _sole_headings(robot: RobotBody, q: FloatArray) -> FloatArray:
+    """Mean direction (T, 2) on the floor of all soles."""
+    frames = tuple(foot.frame for foot in robot.profile.feet.values())
+    ahead = rotate(robot.orientations(q, frames), np.array([1.0, 0.0, 0.0]))[..., :2].mean(axis=1)
+    return np.asarray(ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9))
+
+
+def _placed(robot: RobotBody, q: FloatArray, asked: FloatArray, names: tuple[str, ...], goes: bool) -> FloatArray:
+    """The postures (T, nq), the whole motion turned and moved on the floor: planted soles to where a robot stands, else
+    its landmarks as near as can be to those asked (T, k, 3) m."""
+    reached = robot.points(q, robot.landmark_frames(names))
+    if goes:
+        a, b = (points[..., :2] - points[..., :2].mean(axis=(0, 1)) for points in (reached, asked))
+        x, y = float((a * b).sum()), float((a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum())
+        yaw = np.arctan2(y, x)
+    elif robot.stands:
+        x, y = _sole_headings(robot, q)[0]
+        yaw = -np.arctan2(y, x)
+    else:
+        return q
+    turn = from_axis_angle(np.array([0.0, 0.0, 1.0]), yaw)
+    found = q.copy()
+    found[:, :3], found[:, 3:7] = rotate(turn, q[:, :3]), multiply(turn, q[:, 3:7])
+    if goes:
+        middle = robot.points(found, robot.landmark_frames(names))[..., :2].mean(axis=(0, 1))
+        found[:, :2] += asked[..., :2].mean(axis=(0, 1)) - middle
+    else:
+        found[:, :2] -= standing_of(robot, found[:1]).place[0, :, :2].mean(axis=0)
+    return found
+
+
+# The lines of the table.
+
+
+LIMITS = {"position": "joint positions", "velocity": "joint speeds", "acceleration": "joint accelerations"}
+
+
+def _lines(found: Judgement, slide_mm: float) -> list[Finding]:
+    lines = []
+    for kind, name in LIMITS.items():
+        limit = found.limits[kind]
+        worst = f", most often {limit.joint} ({limit.joint_share:.1%})" if limit.joint else ""
+        measured = f"beyond in {limit.share:.1%} of ticks{worst}" if limit.share else "kept"
+        allowed, most = "within the limits of the servos", 0.0
+        if kind == "acceleration":
+            allowed, most = f"{allowed}, but for {SPIKES:.1%} of ticks", SPIKES
+        lines.append(Finding(name, measured, allowed, limit.share <= most))
+    for part, name in {"self": "its own links", "scene": "obstacles", "ground": "the floor"}.items():
+        near = found.clearance[part]
+        if near.clearance_mm is not None:
+            mm = near.clearance_mm
+            gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside"
+            deep = f", in {near.deep_share:.1%} of the time" if near.deep_share else ""
+            pair = f" ({' and '.join(near.pair)})" if near.pair else ""
+            lines.append(Finding(name, gap + deep + pair, "no more than 1 mm inside each other", not near.deep_share))
+    if found.feet is not None:
+        lines += _foot_lines(found.feet, slide_mm)
+    if found.jerk_p95 is not None:
+        lines.append(Finding("jerk", f"{found.jerk_p95:.0f} rad/s³ (p95)"))
+    if found.shake_share is not None:
+        measured = f"{found.shake_share:.1%} of the power of joint speeds above 6 Hz"
+        lines.append(Finding("shake", measured, f"less than {SHAKES:.0%}", found.shake_share < SHAKES))
+    if found.frozen_share is not None:
+        when = "of the time" if found.report is None else "of the time in which the performer moves"
+        most = ASLEEP if found.report is None else FROZEN
+        measured = f"does not move in {found.frozen_share:.1%} {when}"
+        lines.append(Finding("frozen", measured, f"in less than {most:.0%}", found.frozen_share < most))
+    return lines
+
+
+def _foot_lines(feet: Feet, slide_mm: float) -> list[Finding]:
+    high, mm = f"; highest {feet.air_mm:.0f} mm" if feet.air_share else "", MM * CONTACT_M
+    lines = [
+        Finding("soles slide", f"{feet.slide_mm:.1f} mm", f"{slide_mm:.0f} mm", feet.slide_mm <= slide_mm),
+        Finding(
+            "soles float",
+            f"none touches in {feet.air_share:.1%} of ticks{high}",
+            f"in less than {IN_AIR:.0%}",
+            feet.air_share < IN_AIR,
+        ),
+        Finding("soles sink", f"{feet.sink_mm:.1f} mm", f"{mm:.0f} mm", feet.sink_mm <= mm),
+    ]
+    if feet.com_outside_share is not None and feet.zmp_outside_share is not None:
+        tips = f"would tip in {feet.zmp_outside_share:.1%} of ticks on the floor"
+        measured = f"{tips}; centre of mass outside in {feet.com_outside_share:.1%}"
+        allowed = f"zero-moment point inside the soles, but for {OUTSIDE:.0%}"
+        lines.append(Finding("balance", measured, allowed, feet.zmp_outside_share < OUTSIDE))
+    return lines
+
+
+FROM_REPORT = (
+    "following",
+    "likeness",
+    "hands within reach",
+    "hand path",
+    "pelvis height",
+    "foot path",
+    "over the ground",
+)
+"""Lines of the report of a run that are those of a motion beside its performer."""
+
+
+def _beside_lines(run: RunResult | None, report: Report | None) -> list[Finding]:
+    if run is None or report is None:
+        return []
+    lines = [line for line in findings(run, report) if line.name in FROM_REPORT]
+    means = [spread.mean for spread in report.tracking_mm.values()]
+    if means:
+        lines.append(
+            Finding("tracking", f"{np.mean(means):.0f} mm off on average, {max(means):.0f} of the worst landmark")
+        )
+    if report.lag_s is not None:
+        lines.append(Finding("lag", f"{1e3 * report.lag_s:.0f} ms"))
+    return lines
+
+
+def _verdict(found: Judgement) -> str:
+    """One sentence."""
+    judged = sum(line.kept is not None for line in found.lines)
+    if not found.lost:
+        return f"The motion keeps all {judged} lines that are judged."
+    lost = "; ".join(f"{line.name}: {line.measured}" for line in found.lost)
+    return f"The motion loses {len(found.lost)} of {judged} lines: {lost}."
