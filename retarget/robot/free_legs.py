@@ -18,7 +18,7 @@ LEFT, UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 """Unit vectors in the robot's world."""
 SIDES = ("l", "r")
 SWING = 0.3
-"""Weight of the place of a sole whose foot does not carry: it may lag, and neither drags the body nor the other one."""
+"""Weight of a sole that does not carry: a swing foot may lag without pulling the pelvis or the stance foot."""
 CARRY_S = 0.05
 """Time constant (s) with which a sole takes the other weight."""
 

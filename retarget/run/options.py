@@ -126,7 +126,7 @@ class RunOptions:
         stand_at_end: End standing, with torque.
         torque_off_at_end: End at rest, even if it topples there.
         parts whole|upper: What follows; 'upper' keeps the legs still.
-        legs planted|free: 'free': as the performer's; on no servos.
+        legs free: Pelvis and feet as the performer's; on no servos.
         steps WAY: When the performer lifts a foot: planted, shift (steps in place), follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
         faults FILE.yaml: What goes wrong on the emulator's wire.
@@ -184,7 +184,7 @@ class RunOptions:
             raise UsageError("no goal goes to real servos unchecked", where="--no-gate", found=bus)
         if self.stand_at_end and self.torque_off_at_end:
             raise UsageError("a run has one end", where="--stand-at-end", found="--torque-off-at-end as well")
-        if self.legs == "free":
+        if self.legs is not None:
             self._check_free_legs()
         if self.steps == "shift" and self.parts != "whole":
             raise UsageError("legs that do not move make no steps", where="--steps", found=f"--parts {self.parts}")
@@ -239,7 +239,7 @@ class RunOptions:
     @property
     def root(self) -> Mounting | None:
         """The root with which the robot follows; None: that of its profile."""
-        return "floating" if self.legs == "free" else self.physics.root
+        return "floating" if self.legs else self.physics.root
 
     @property
     def is_human(self) -> bool:
@@ -262,7 +262,7 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
     """The priority files of the stages, by name or path; `--priorities` replaces that of the last stage."""
     if robot is None:
         return (options.priorities or HUMAN_PRIORITIES,)
-    if options.legs == "free":
+    if options.legs:
         return robot.profile.reconstruct, options.priorities or FREE_LEGS
     usual = name_with_mass(robot) if options.has_mass or options.steps == "shift" else robot.profile.retarget
     return robot.profile.reconstruct, options.priorities or usual

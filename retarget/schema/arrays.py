@@ -25,11 +25,13 @@ BROKEN = (
 
 @dataclass(frozen=True, eq=False)
 class ArrayFile:
-    """Arrays by key, the file that they are from, and the next step where that is something else."""
+    """Arrays by key, the file that they are from, and the next step where that is something else. notes: to the user,
+    of arrays that were passed over."""
 
     source: str
     arrays: dict[str, NDArray[Any]]
     advice: str
+    notes: tuple[str, ...] = ()
 
     def __contains__(self, key: str) -> bool:
         return key in self.arrays
@@ -76,9 +78,12 @@ Wanted = Callable[[Collection[str]], Collection[str]]
 """From the names in a file to those that are read; it may raise InputError."""
 
 
-def open_arrays(path: Path, wanted: Wanted, *, max_bytes: int, advice: str) -> ArrayFile:
+def open_arrays(
+    path: Path, wanted: Wanted, *, max_bytes: int, advice: str, optional: Collection[str] = ()
+) -> ArrayFile:
     """The wanted arrays of a file, as far as it has them. max_bytes: of all these, unpacked. advice: the next step for
-    a file that is something else. Raises InputError: no NPZ, cut short, too large, an array of Python objects."""
+    a file that is something else. optional: arrays that are passed over, with a note, where they hold Python objects.
+    Raises InputError: no NPZ, cut short, too large, another array of Python objects."""
     try:
         with zipfile.ZipFile(path) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
@@ -86,28 +91,34 @@ def open_arrays(path: Path, wanted: Wanted, *, max_bytes: int, advice: str) -> A
             size = int(fsum(entry.file_size for name, entry in entries.items() if name in read))
             if size > max_bytes:
                 raise InputError("too large", where=str(path), found=f"{size} bytes", allowed=f"up to {max_bytes}")
-            arrays = {name: _read_array(archive, entries[name]) for name in entries if name in read}
-            return ArrayFile(str(path), arrays, advice)
+            found = {name: _read_array(archive, entries[name]) for name in entries if name in read}
+            arrays = {name: array for name, array in found.items() if array is not None}
+            objects = sorted(found.keys() - arrays.keys())
+            for name in objects:
+                if name not in optional:
+                    raise InputError(
+                        "an array of Python objects, which is a pickle and never read",
+                        where=f"{path}: {name}",
+                        next_step="Save it as numbers: numpy.asarray(values, float)",
+                    )
+            notes = tuple(f"{name} is an array of Python objects: it is passed over" for name in objects)
+            return ArrayFile(str(path), arrays, advice, notes)
     except zipfile.BadZipFile as error:
         step = f"If it was one, it is cut short: get it again. {advice}"
         raise InputError("not an NPZ file", where=str(path), found=error, next_step=step) from error
     except BROKEN as error:
-        found = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError("a damaged NPZ file", where=str(path), found=found, next_step="Get it again") from error
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError("a damaged NPZ file", where=str(path), found=reason, next_step="Get it again") from error
 
 
-def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
-    """An array of a .npy file, for which no room is made before its header agrees with the size of the file. Raises
-    InputError for Python objects, ValueError and what else is BROKEN."""
+def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any] | None:
+    """An array of a .npy file, for which no room is made before its header agrees with the size of the file; None of
+    Python objects. Raises ValueError and what else is BROKEN."""
     with archive.open(entry) as stream:
         header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
         shape, _, dtype = header(stream)
         if dtype.hasobject:
-            raise InputError(
-                "an array of Python objects, which is a pickle and never read",
-                where=f"{archive.filename}: {entry.filename.removesuffix('.npy')}",
-                next_step="Save it as numbers: numpy.asarray(values, float)",
-            )
+            return None
         if not dtype.itemsize or stream.tell() + dtype.itemsize * prod(shape) != entry.file_size:
             raise ValueError(f"{entry.filename} has another size than its header says")
     with archive.open(entry) as stream:

@@ -292,8 +292,8 @@ class HeadingSettings(Schema):
 Steps = Literal["planted", "shift", "follow"]
 """What the feet of a robot do when its performer lifts one: stay; lift as well, once the mass is over the other; or,
 where something else carries the robot, whatever the performer's do."""
-Legs = Literal["planted", "free"]
-"""What carries a robot: what its profile says; or nothing, so that pelvis and feet are where the performer's are."""
+Legs = Literal["free"]
+"""That nothing carries a robot, so that pelvis and feet are where the performer's are; else its profile says what."""
 
 
 class ObserverSettings(Schema):

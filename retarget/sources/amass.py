@@ -89,7 +89,7 @@ def smpl_frames(
         rate=_rate(file) if rate is None else check_rate(rate, "--rate"),
         source=file.source,
         up=up,
-        notes=notes,
+        notes=(*file.notes, *notes),
     )
 
 

@@ -7,8 +7,9 @@ sampled at one rate. The rest pose is that of the nodes. A file with VRM's table
 import base64
 import binascii
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from struct import Struct
 from typing import Annotated, Literal
@@ -23,7 +24,15 @@ from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS
 from retarget.sources.canonical import canonical_frames, named_unit
-from retarget.sources.files import MAX_FRAMES, MAX_RATE_HZ, MAX_VALUE, check_frame_count, check_rate, read_bytes
+from retarget.sources.files import (
+    MAX_FILE_BYTES,
+    MAX_FRAMES,
+    MAX_RATE_HZ,
+    MAX_VALUE,
+    check_frame_count,
+    check_rate,
+    read_bytes,
+)
 from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
 
@@ -134,13 +143,17 @@ JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
 """Types of chunks of a container: "JSON" and "BIN"."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _File:
-    """path: of the file. document: what it says. binary: the bytes of its second chunk, empty without one."""
+    """path: of the file. document: what it says. binary: the bytes of its second chunk, empty without one. buffers and
+    values: of buffers and accessors that were read; taken: bytes of these values."""
 
     path: Path
     document: _Document
     binary: bytes
+    buffers: dict[int, bytes] = field(default_factory=dict)
+    values: dict[int, FloatArray] = field(default_factory=dict)
+    taken: int = 0
 
     def error(
         self, what: str, part: str, *, found: object = "", allowed: object = "", next_step: str = ""
@@ -243,10 +256,12 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
 """Types of numbers by their codes."""
 TYPES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 """Numbers of an element."""
+MAX_VALUES_BYTES = 2 * MAX_FILE_BYTES
+"""Most bytes of values: a file of the largest size holds as much in single precision. Accessors may share bytes."""
 
 
-def _values(file: _File, index: int, kind: str, buffers: dict[int, bytes]) -> FloatArray:
-    """Elements (count, n) of an accessor; normalised integers as floats. buffers: those that were read."""
+def _values(file: _File, index: int, kind: str) -> FloatArray:
+    """Elements (count, n) of an accessor; normalised integers as floats. Each is read once."""
     document, part = file.document, f"accessors.{index}"
     if index >= len(document.accessors):
         raise file.error("no such accessor", part)
@@ -263,31 +278,37 @@ def _values(file: _File, index: int, kind: str, buffers: dict[int, bytes]) -> Fl
         raise file.error(
             "numbers of another type", part, found=f"{accessor.type[:20]} of {accessor.componentType}", allowed=allowed
         )
-    if where.buffer not in buffers:
-        buffers[where.buffer] = _buffer(file, where.buffer)
+    if index in file.values:
+        return file.values[index]
+    if where.buffer not in file.buffers:
+        file.buffers[where.buffer] = _buffer(file, where.buffer)
+    buffer = file.buffers[where.buffer]
     dtype = np.dtype(COMPONENTS[accessor.componentType])
     size = dtype.itemsize * TYPES[kind]
     stride = where.byteStride or size
-    start, end = (
-        where.byteOffset + accessor.byteOffset,
-        min(where.byteOffset + where.byteLength, len(buffers[where.buffer])),
-    )
+    start, end = where.byteOffset + accessor.byteOffset, min(where.byteOffset + where.byteLength, len(buffer))
     if accessor.count < 1 or start + stride * (accessor.count - 1) + size > end:
         raise file.error(
             "an accessor beyond its bytes", part, found=f"{accessor.count} elements", next_step="Get the file again"
         )
     shape, strides = (accessor.count, TYPES[kind]), (stride, dtype.itemsize)
-    raw = np.ndarray(shape, dtype, buffers[where.buffer], start, strides)
+    file.taken += 8 * prod(shape)
+    if file.taken > MAX_VALUES_BYTES:
+        allowed, step = f"up to {MAX_VALUES_BYTES} bytes of them", "Cut it into parts"
+        raise file.error("too many values", part, found=f"{accessor.count} elements", allowed=allowed, next_step=step)
+    raw = np.ndarray(shape, dtype, buffer, start, strides)
     values = raw.astype(float)
     if not floats:
         values = np.maximum(values / np.iinfo(dtype).max, -1.0)
     if not np.abs(values).max() <= MAX_VALUE:  # nor NaN
         raise file.error("not a usable number", part, allowed="finite numbers up to 1e9")
-    return values
+    return file.values.setdefault(index, values)
 
 
 # Channels, and their values at common times.
 
+WXYZ = [3, 0, 1, 2]
+"""Columns of a quaternion xyzw in the order wxyz."""
 PATHS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
 """Properties of a node that are animated, and the type of their values; morph weights are passed over."""
 LEAST_RATE_HZ = 30.0
@@ -296,23 +317,25 @@ SAME_RATE = 2e-4
 """A rate within this share of a whole number is that number: keys are in single precision."""
 KEY_ROUNDING = 1e-6
 """Share of its time by which a key may be late, s beyond 1 s: keys are in single precision."""
+NEAR_ZERO = 1e-6
+"""Length of a quaternion between keys of a spline below which it is no rotation, but rounding."""
 MAX_POSES = 5_000_000
 """Most poses of joints in all frames: as many as a BVH of the largest size holds."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """Keys of a property of a node: times (k,) s, rising; values (k, n), of a cubic spline (k, 3, n): in-tangent,
-    value, out-tangent."""
+    """Keys of a property of a node: times (k,) s, rising; values (k, n) as in the file, of a cubic spline (k, 3, n):
+    in-tangent, value, out-tangent."""
 
-    node: int
-    path: str
     times: FloatArray
     values: FloatArray
+    path: str
     interpolation: str
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Values (T, n) at times (T,) s; the first and the last key hold beyond them."""
+        """Values (T, n) at times (T,) s, rotations wxyz; the first and the last key hold beyond them. NaN where a
+        spline between rotations passes through zero."""
         spline = self.interpolation == "CUBICSPLINE"
         later = times + KEY_ROUNDING * np.maximum(np.abs(times), 1.0)
         before = np.clip(np.searchsorted(self.times, later, side="right") - 1, 0, len(self.times) - 1)
@@ -320,8 +343,6 @@ class _Track:
         gap = self.times[after] - self.times[before]
         share = np.clip((times - self.times[before]) / np.where(gap > 0.0, gap, 1.0), 0.0, 1.0)[:, None]
         a, b = (self.values[row, 1] if spline else self.values[row] for row in (before, after))
-        if self.interpolation == "STEP":
-            return a
         if spline:  # specification, appendix C.5
             s2, s3 = share * share, share * share * share
             out, into = gap[:, None] * self.values[before, 2], gap[:, None] * self.values[after, 0]
@@ -331,16 +352,17 @@ class _Track:
                 + (3.0 * s2 - 2.0 * s3) * b
                 + (s3 - s2) * into
             )
-        elif self.path == "rotation":
-            return rotations.slerp(a, b, share[:, 0])
-        else:
-            return a + share * (b - a)
-        return rotations.normalise(a) if self.path == "rotation" else a
+        if self.path == "rotation":
+            if spline:
+                a = np.where(norms(a)[:, None] > NEAR_ZERO, a, np.nan)
+            a, b = (rotations.normalise(one[:, WXYZ]) for one in (a, b))
+            return rotations.slerp(a, b, share[:, 0]) if self.interpolation == "LINEAR" else a
+        return a + share * (b - a) if self.interpolation == "LINEAR" else a
 
 
-def _tracks(file: _File, animation: _Animation, number: int) -> list[_Track]:
-    """The channels of an animation that move nodes; rotations wxyz, of unit length. Raises InputError."""
-    found, buffers = list[_Track](), dict[int, bytes]()
+def _tracks(file: _File, animation: _Animation, number: int) -> dict[tuple[int, str], _Track]:
+    """The channels of an animation that move nodes, by node and path. Raises InputError."""
+    found = dict[tuple[int, str], _Track]()
     for at, channel in enumerate(animation.channels):
         part = f"animations.{number}.channels.{at}"
         node, path = channel.target.node, channel.target.path
@@ -348,28 +370,28 @@ def _tracks(file: _File, animation: _Animation, number: int) -> list[_Track]:
             continue
         if node >= len(file.document.nodes) or channel.sampler >= len(animation.samplers):
             raise file.error("a channel of no node or sampler", part)
+        if (node, path) in found:
+            raise file.error(
+                "a second channel of the same property", part, found=f"{path} of node {node}", allowed="one"
+            )
         sampler = animation.samplers[channel.sampler]
-        times = _values(file, sampler.input, "SCALAR", buffers)[:, 0]
-        values = _values(file, sampler.output, PATHS[path], buffers)
+        times = _values(file, sampler.input, "SCALAR")[:, 0]
+        values = _values(file, sampler.output, PATHS[path])
         per_key = 3 if sampler.interpolation == "CUBICSPLINE" else 1
         if len(values) != per_key * len(times) or not (np.diff(times) > 0.0).all():
             found_text = f"{len(times)} times, {len(values)} values"
             raise file.error(
                 "keys that do not fit", part, found=found_text, allowed=f"rising times, {per_key} values of each"
             )
-        if path == "rotation":
-            values = values[:, [3, 0, 1, 2]]
         if per_key == 3:
             values = values.reshape(len(times), 3, -1)
-        elif path == "rotation":
-            values = rotations.normalise(values)
-        if path == "rotation" and not np.isfinite(rotations.normalise(values[:, 1] if per_key == 3 else values)).all():
+        if path == "rotation" and not norms(values[:, 1] if per_key == 3 else values).all():
             raise file.error("a rotation of length zero", part)
-        found.append(_Track(node, path, times, values, sampler.interpolation))
+        found[node, path] = _Track(times, values, path, sampler.interpolation)
     return found
 
 
-def _clock(file: _File, tracks: Sequence[_Track], joints: int, rate: float | None) -> tuple[FloatArray, float]:
+def _clock(file: _File, tracks: Collection[_Track], joints: int, rate: float | None) -> tuple[FloatArray, float]:
     """Times (T,) s at which the keys are sampled, and their rate: the densest of the channels, 30 Hz at least."""
     start, end = min(float(one.times[0]) for one in tracks), max(float(one.times[-1]) for one in tracks)
     if rate is None:
@@ -458,11 +480,10 @@ def _rest(file: _File, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _moved(
-    file: _File, joints: _Joints, tracks: Sequence[_Track], times: FloatArray
+    file: _File, joints: _Joints, own: Mapping[tuple[int, str], _Track], times: FloatArray
 ) -> tuple[JointPoses, tuple[str, ...]]:
     """Poses of all joints at times (T,), in the axes and units of the file; a single frame at rest where there are no
     tracks. Also notes."""
-    own = {(track.node, track.path): track for track in tracks}
     shape, notes = (len(joints.nodes), len(times)), list[str]()
     position, orientation, scales = np.empty((*shape, 3)), np.empty((*shape, 4)), np.ones((shape[0], 3))
     for at, (node, parent) in enumerate(zip(joints.nodes, joints.parents, strict=True)):
@@ -471,6 +492,9 @@ def _moved(
             path: own[node, path].at(times) if (node, path) in own else rest[path]
             for path in ("translation", "rotation")
         }
+        if not np.isfinite(now["rotation"]).all():
+            step = "Export it with linear interpolation, or with neighbouring keys of the same sign"
+            raise file.error("a rotation that a spline takes through zero", f"nodes.{node}.rotation", next_step=step)
         scale = own[node, "scale"].at(times[:1])[0] if (node, "scale") in own else rest["scale"]
         if (node, "scale") in own and np.ptp(own[node, "scale"].at(times), axis=0).max() > EVEN:
             notes.append(f"the changing size of {joints.names[at]!r} is left out")
@@ -512,9 +536,9 @@ def read_gltf(
     if len(animations) > 1:
         named = animations[0].name[:40] or "the first"
         notes.append(f"{len(animations)} animations in the file: only {named!r} is read")
-    joints = _joints(file, {track.node for track in tracks[0]})
-    times, rate = _clock(file, tracks[0], len(joints.nodes), rate)
-    rest, _ = _moved(file, joints, [], np.zeros(1))
+    joints = _joints(file, {node for node, _ in tracks[0]})
+    times, rate = _clock(file, tracks[0].values(), len(joints.nodes), rate)
+    rest, _ = _moved(file, joints, {}, np.zeros(1))
     pose, moved_notes = _moved(file, joints, tracks[0], times)
     # Frames are unturned at rest, so that the zero pose is the rest pose.
     offsets = [rest.position[0, at] - rest.position[0, max(parent, 0)] for at, parent in enumerate(joints.parents)]

@@ -48,12 +48,12 @@ PARENTS = _parents()
 
 @dataclass(eq=False)
 class _Subject:
-    """A subject as it is read. labels: of all segments. rows: positions and quaternions of each frame, flat. top (3,):
-    of the head, in its segment's frame; zero if the file has none."""
+    """A subject as it is read. labels (n): of all segments. rows: positions (3 n,) and quaternions (4 n,) of each
+    frame. top (3,): of the head, in its segment's frame; zero if the file has none."""
 
     rate: str = ""
     labels: list[str] = field(default_factory=list)
-    rows: list[tuple[list[float], list[float]]] = field(default_factory=list)
+    rows: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     top: FloatArray = field(default_factory=lambda: np.zeros(3))
     others: int = 0
 
@@ -73,21 +73,11 @@ def read_mvnx(
     labels = subject.labels or list(SEGMENTS)
     position = np.array([row[0] for row in subject.rows]).reshape(len(subject.rows), -1, 3)
     turns = np.array([row[1] for row in subject.rows]).reshape(len(subject.rows), -1, 4)
-    if position.shape[1] != len(labels):
-        found = f"{position.shape[1]} positions in a frame"
-        raise InputError(
-            "frames of other segments", where=str(path), found=found, allowed=f"{len(labels)}, one of each segment"
-        )
     names = tuple(name for name in PARENTS if name in labels)
     columns = [labels.index(name) for name in names]
     if missing := [name for name in names if PARENTS[name] and PARENTS[name] not in names] or ["Pelvis"] * (not names):
         found = ", ".join(filter(None, labels))[:200]
-        raise InputError(
-            "no whole body of MVN",
-            where=str(path),
-            found=", ".join(filter(None, labels))[:200],
-            allowed=f"all above {missing[0]}",
-        )
+        raise InputError("no whole body of MVN", where=str(path), found=found, allowed=f"all above {missing[0]}")
     pose = JointPoses(position[:, columns], rotations.normalise(turns[:, columns]))
     if not np.isfinite(pose.orientation).all():
         raise InputError("no quaternion", where=str(path), found="four zeros", next_step="Export the recording again")
@@ -98,12 +88,14 @@ def read_mvnx(
             step = "Say the frames per second with --rate"
             raise InputError("no frame rate in the file", where=str(path), allowed="frameRate", next_step=step)
         rate = check_rate(numbers([subject.rate], f"{path}: frameRate")[0], f"{path}: frameRate")
+    else:
+        rate = check_rate(rate, "--rate")
     notes = (f"{subject.others + 1} subjects in the file: only the first is read",) if subject.others else ()
     return canonical_frames(
         tree,
         pose,
         unit=named_unit(unit) or 1.0,
-        rate=check_rate(rate, "--rate"),
+        rate=rate,
         source=str(path),
         stature=stature,
         up=up,
@@ -115,6 +107,8 @@ def _parsed(path: Path) -> _Subject:
     """The first subject of a file. Raises InputError."""
     content = read_bytes(path)
     step = "Get the file again, or export it as MVNX from MVN"
+    if b"\0" in content:  # as UTF-16 has it, in which the next check would see nothing
+        raise InputError("not UTF-8", where=str(path), found="a NUL byte", allowed="XML in UTF-8", next_step=step)
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise InputError(
             "XML with definitions of its own", where=str(path), found="<!DOCTYPE or <!ENTITY", next_step=step
@@ -153,12 +147,20 @@ def _parsed(path: Path) -> _Subject:
 def _take(subject: _Subject, tag: str, element: Element, path: Path) -> None:
     """Take a segment or a frame of the subject that has ended."""
     if tag == "segment":
+        if subject.rows:
+            raise InputError(
+                "a segment after the first frame",
+                where=str(path),
+                found=repr(element.get("label", "")[:80]),
+                allowed="all segments before all frames",
+                next_step="Export the recording again",
+            )
         subject.labels.append(element.get("label", "")[:80])
         if len(subject.labels) > MAX_SEGMENTS:
             raise InputError("too many segments", where=str(path), allowed=f"up to {MAX_SEGMENTS}")
         for point in element.iter():
             if point.get("label") == TOP_OF_HEAD and subject.labels[-1] == "Head" and len(point):
-                subject.top = np.array(_numbers(point[0], 3, f"{path}: {TOP_OF_HEAD}"))
+                subject.top = _numbers(point[0], 3, f"{path}: {TOP_OF_HEAD}")
     elif tag == "frame" and element.get("type", "normal") == "normal":
         where = f"{path}: frame {element.get('index', '') or len(subject.rows)}"[:200]
         if len(subject.rows) >= MAX_FRAMES:
@@ -177,10 +179,10 @@ def _take(subject: _Subject, tag: str, element: Element, path: Path) -> None:
         subject.rows.append((position, _numbers(parts["orientation"], 4 * count, where)))
 
 
-def _numbers(element: Element, count: int, where: str) -> list[float]:
-    """So many numbers of an element. Raises InputError."""
+def _numbers(element: Element, count: int, where: str) -> FloatArray:
+    """So many numbers (count,) of an element. Raises InputError."""
     words = (element.text or "").split()
     if len(words) != count:
         tag = element.tag.rpartition("}")[2]
         raise InputError(f"wrong number of values in {tag}", where=where, found=len(words), allowed=count)
-    return numbers(words, where)
+    return np.array(numbers(words, where))

@@ -15,7 +15,7 @@ from retarget.errors import InputError
 from retarget.frames import ANKLE, HEAD_CENTRE, JOINTS, SensorFrames
 from retarget.model.human_dimensions import STATURE_M
 from retarget.schema.arrays import ArrayFile, open_arrays
-from retarget.sources.amass import KEYS, is_smpl, smpl_frames
+from retarget.sources.amass import KEYS, MARKERS, is_smpl, smpl_frames
 from retarget.sources.axes import UP_AXES
 from retarget.sources.canonical import canonical_frames, joint_frames, named_unit
 from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, read_head
@@ -46,7 +46,7 @@ KIMODO_RATE_HZ = 30.0
 SMPL_COUNTS = (22, 24, 52, 55)
 """Joints of bodies of the SMPL family: without hands, SMPL, SMPL-H and SMPL-X."""
 G1_COUNT = 34
-"""Joints of Kimodo's skeleton of Unitree's G1, a robot without a head."""
+"""Joints of Kimodo's skeleton of Unitree's G1, a robot."""
 TURNED = 0.01
 """Most that rows of a rotation matrix may miss unit length: single precision misses 1e-6."""
 
@@ -64,7 +64,9 @@ def read_npz(
     InputError with the file and the array."""
     read_head(path)
     metres = named_unit(unit) or 1.0
-    file = open_arrays(path, lambda names: _wanted(names, path), max_bytes=MAX_ARRAY_BYTES, advice=ADVICE)
+    file = open_arrays(
+        path, lambda names: _wanted(names, path), max_bytes=MAX_ARRAY_BYTES, advice=ADVICE, optional=MARKERS
+    )
     if is_smpl(file.arrays):
         return smpl_frames(file, unit=metres, rate=rate, stature=stature, up=up)
     if "global_joint_positions" in file:
@@ -164,25 +166,12 @@ def _beyond(start: FloatArray, end: FloatArray, length: float) -> FloatArray:
 def _read_kimodo(
     file: ArrayFile, *, unit: float, rate: float | None, stature: float | None, up: FloatArray | None
 ) -> SensorFrames:
-    """Poses of all joints, y up: SOMA with 77 or 30 joints, SMPL with 22, or Unitree's G1 with 34."""
+    """Poses of all joints, y up: SOMA with 77 or 30 joints, or SMPL with 22."""
     position = _positions(file, "posed_joints")
     notes: tuple[str, ...] = ()
     if rate is None:
         notes = (f"frame rate not stated: taken as {KIMODO_RATE_HZ:g} Hz (change it with --rate)",)
     rate = KIMODO_RATE_HZ if rate is None else check_rate(rate, "--rate")
-    if position.shape[1] == G1_COUNT:
-        tracks = {name: position[:, at] for name, at in TABLES["g1"].items()}
-        middle = [0.5 * (tracks[f"l_{part}"] + tracks[f"r_{part}"]) for part in ("hip", "shoulder")]
-        # The share of the trunk that a human's head is above the shoulders: (0.936 - 0.818) / (0.818 - 0.530).
-        tracks |= {"neck": middle[1], "head": middle[1] + 0.41 * (middle[1] - middle[0])}
-        notes = (
-            *notes,
-            "a robot without a head (G1): a head is taken above its shoulders, and orientations are not read",
-        )
-        axis = UP_AXES["y"]
-        return joint_frames(
-            tracks, declared=axis, rate=rate, source=file.source, unit=unit, stature=stature, up=up, notes=notes
-        )
     names, parents = _kimodo_skeleton(position.shape[1], file)
     matrices = file.floats("global_rot_mats", *position.shape[:2], 3, 3)
     if float(np.abs(squares(matrices) - 1.0).max()) > TURNED:
@@ -212,10 +201,18 @@ def _kimodo_skeleton(count: int, file: ArrayFile) -> tuple[tuple[str, ...], tupl
         return names, tuple(kept)
     if count == 22:
         return SMPL_NAMES[:count], SMPL_PARENTS[:count]
+    if count == G1_COUNT:
+        raise InputError(
+            "the motion of a robot, not of a performer",
+            where=f"{file.source}: posed_joints",
+            found=f"{count} joints, as Kimodo's G1 has them",
+            allowed="77 or 30 (SOMA), 22 (SMPL)",
+            next_step="Generate the motion with Kimodo's model of SOMA or SMPL",
+        )
     raise InputError(
         "joints of no known skeleton",
         where=f"{file.source}: posed_joints",
         found=f"{count} joints",
-        allowed=f"77 or 30 (SOMA), 22 (SMPL), {G1_COUNT} (G1)",
+        allowed="77 or 30 (SOMA), 22 (SMPL)",
         next_step=ADVICE,
     )

@@ -178,12 +178,12 @@ def _binary_kind(head: bytes, first: bytes) -> str:
 # What is refused: pickles run code when they are read, and FBX has no open specification.
 
 _CONVERT = {
-    "torch": 'import torch, numpy; p = torch.load("{name}", map_location="cpu")["smpl_params_global"]; '
-    'numpy.savez("{stem}_motion.npz", **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)',
-    "pickle": 'import joblib, numpy; p = next(iter(joblib.load("{name}").values())); '
+    "torch": 'import torch, numpy; p = torch.load({name!r}, map_location="cpu")["smpl_params_global"]; '
+    "numpy.savez({made!r}, **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)",
+    "pickle": "import joblib, numpy; p = next(iter(joblib.load({name!r}).values())); "
     'r = p["pose_world"]; '
-    'numpy.savez("{stem}_motion.npz", global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
-    "npy": 'import numpy; p = numpy.load("{name}"); numpy.savez("{stem}_motion.npz", global_joint_positions=p)',
+    'numpy.savez({made!r}, global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
+    "npy": "import numpy; p = numpy.load({name!r}); numpy.savez({made!r}, global_joint_positions=p)",
 }
 """Kind of file -> lines of Python that make of it what is read here, as GVHMR (torch) and WHAM (joblib) write it."""
 _REFUSED_SUFFIXES = {
@@ -221,6 +221,6 @@ def _refuse_foreign(path: Path, head: bytes, suffix: str) -> None:
 def _refused(path: Path, kind: str) -> InputError:
     """The error for a file that could run code, with the lines that convert it."""
     what = "a single array, of what is not known" if kind == "npy" else "a pickle can run any code, so none is read"
-    lines = _CONVERT[kind].format(name=path.name, stem=path.stem)
+    lines = _CONVERT[kind].format(name=path.name, made=f"{path.stem}_motion.npz")
     step = f"If you trust it, convert it in Python (layouts: docs/motion-files.md): {lines}"
     return InputError(what, where=str(path), found=f"a {kind} file", allowed=", ".join(FORMATS), next_step=step)

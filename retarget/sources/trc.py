@@ -11,12 +11,14 @@ import numpy as np
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.sources.axes import UP_AXES
-from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
+from retarget.sources.files import check_frame_count, cut_short, frames_held, numbers, read_lines
 from retarget.sources.markers import MAX_POINTS, MarkerRecording, marker_frames
 from retarget.types import BoolArray, FloatArray
 
 HEADER_LINES = 5
 """Lines before the data: the file, names and values of what holds for all, names of markers, names of columns."""
+MAX_POSITIONS = 5_000_000
+"""Most positions of markers in all frames: more than a file of the largest size holds at 8 characters a number."""
 LOST = ("", "nan")
 """Cells, in lower case, of a marker that was not seen."""
 
@@ -39,7 +41,6 @@ def read_trc(
     about = _about(lines, path)
     labels = _labels(lines, path)
     position = _positions(lines, len(labels), path)
-    check_frame_count(len(position), str(path))
     notes: tuple[str, ...] = ()
     if declared := about.get("numframes", ""):
         if not (declared.isascii() and declared.isdecimal() and len(declared) <= 12):
@@ -50,7 +51,7 @@ def read_trc(
     recording = MarkerRecording(
         labels=labels,
         points=lambda columns: _points(position, columns),
-        rate_hz=_rate(about, path, stated=rate is None),
+        rate_hz=_rate(about, path) if rate is None else rate,
         units=tuple(filter(None, (about.get("units", ""),))),
         up=None,
         usual_up=UP_AXES["y"],
@@ -73,14 +74,12 @@ def _about(lines: Sequence[str], path: Path) -> dict[str, str]:
     return {name.strip().lower(): value.strip() for name, value in zip(names, values, strict=False)}
 
 
-def _rate(about: dict[str, str], path: Path, *, stated: bool) -> float:
-    """Frames per second by the file. stated: they are needed."""
-    if not stated:
-        return 1.0
+def _rate(about: dict[str, str], path: Path) -> float:
+    """Frames per second by the file."""
     if "datarate" not in about:
         step = "Say the frames per second with --rate"
         raise InputError("no frame rate in the file", where=f"{path}:2", allowed="DataRate", next_step=step)
-    return check_rate(numbers([about["datarate"]], f"{path}:3")[0], f"{path}:3")
+    return numbers([about["datarate"]], f"{path}:3")[0]
 
 
 def _labels(lines: Sequence[str], path: Path) -> tuple[str, ...]:
@@ -97,11 +96,19 @@ def _labels(lines: Sequence[str], path: Path) -> tuple[str, ...]:
 
 
 def _positions(lines: Sequence[str], count: int, path: Path) -> FloatArray:
-    """Positions (T, count, 3), NaN where lost."""
-    width, rows = 2 + 3 * count, list[list[float]]()
-    for index in range(HEADER_LINES, len(lines)):
-        if not lines[index].strip():
-            continue
+    """Positions (T, count, 3), NaN where lost. Room is made for them once it is known to be little enough."""
+    rows = [index for index in range(HEADER_LINES, len(lines)) if lines[index].strip()]
+    check_frame_count(len(rows), str(path))
+    if len(rows) * count > MAX_POSITIONS:
+        raise InputError(
+            "too many positions",
+            where=str(path),
+            found=f"{len(rows)} frames of {count} markers",
+            allowed=f"up to {MAX_POSITIONS} positions",
+            next_step="Cut the recording into parts, or export fewer markers",
+        )
+    width, position = 2 + 3 * count, np.full((len(rows), 3 * count), np.nan)
+    for row, index in enumerate(rows):
         where, cells = f"{path}:{index + 1}", [cell.strip() for cell in lines[index].split("\t")]
         try:
             if len(cells) < 2 or any(cells[width:]):
@@ -112,19 +119,19 @@ def _positions(lines: Sequence[str], count: int, path: Path) -> FloatArray:
                     allowed=f"up to {width}: number, time and {count} markers, with tabs between them",
                 )
             cells = (cells + [""] * width)[2:width]
-            there = np.array([cell.lower() not in LOST for cell in cells]).reshape(count, 3)
-            if (there.any(axis=1) != there.all(axis=1)).any():
+            there = np.array([cell.lower() not in LOST for cell in cells])
+            seen = there.reshape(count, 3)
+            if (seen.any(axis=1) != seen.all(axis=1)).any():
                 raise InputError(
                     "a marker with a part of its position",
                     where=where,
                     allowed="three numbers, or three empty cells where it was not seen",
                     next_step="Check that tabs stand between the values, or export the file again",
                 )
-            values = iter(numbers([cell for cell in cells if cell.lower() not in LOST], where))
-            rows.append([np.nan if cell.lower() in LOST else next(values) for cell in cells])
+            position[row, there] = numbers([cell for cell in cells if cell.lower() not in LOST], where)
         except InputError as error:
             raise cut_short(error, lines[index + 1 :]) from None
-    return np.array(rows).reshape(len(rows), count, 3)
+    return position.reshape(len(rows), count, 3)
 
 
 def _points(position: FloatArray, columns: list[int]) -> tuple[FloatArray, BoolArray, tuple[str, ...]]:

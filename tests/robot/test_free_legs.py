@@ -132,6 +132,7 @@ REFUSED = {
     "steps": ({"steps": "shift"}, "--steps"),
     "a human": ({"robot": "human"}, "--legs"),
     "other legs": ({"legs": "fre"}, "Did you mean free"),
+    "legs of the profile": ({"legs": "planted"}, "free"),
 }
 
 

@@ -353,11 +353,6 @@ def write_kimodo(folder: Path, motion: Made, *, count: int = 77) -> Path:
     rig = {77: soma_rig(), 30: soma_rig(tuple(TABLES["soma_30"])), 22: smpl_rig()}.get(count, smpl_rig(24))
     position, orientation, _ = rig.poses(motion, Y_UP)
     turned = rotations.to_matrix(orientation)
-    if count == 34:  # a robot: joints that stand for those that it has
-        places = np.zeros((len(position), count, 3))
-        for name, at in TABLES["g1"].items():
-            places[:, at] = motion.joints[name] @ Y_UP
-        position, turned = places, np.broadcast_to(np.eye(3), (len(places), count, 3, 3))
     path = folder / "kimodo.npz"
     np.savez(path, posed_joints=position, global_rot_mats=turned, root_positions=position[:, 0])
     return path
@@ -532,7 +527,6 @@ LAYOUTS: dict[str, Any] = {
     "Kimodo, SOMA-77": write_kimodo,
     "Kimodo, SOMA-30": lambda folder, motion: write_kimodo(folder, motion, count=30),
     "Kimodo, SMPL": lambda folder, motion: write_kimodo(folder, motion, count=22),
-    "Kimodo, G1": lambda folder, motion: write_kimodo(folder, motion, count=34),
     "GLB": write_glb,
     "GLB, cubic splines": lambda folder, motion: write_glb(folder, motion, interpolation="CUBICSPLINE", every=3),
     "GLB, steps": lambda folder, motion: write_glb(folder, motion, interpolation="STEP"),
@@ -546,5 +540,5 @@ LAYOUTS: dict[str, Any] = {
 """Layout -> what writes the motion in it."""
 NO_RATE = {name for name in LAYOUTS if name.startswith("joints")}
 NO_LENGTHS = {name for name in LAYOUTS if name.startswith("AMASS")}
-NO_TURNS = {*NO_RATE, "Kimodo, G1", "TRC"}
+NO_TURNS = {*NO_RATE, "TRC"}
 RATES_HZ: Sequence[float] = (30.0, 120.0)

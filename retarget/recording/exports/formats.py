@@ -31,8 +31,8 @@ Files = Callable[[Motion, str], dict[str, bytes]]
 """From a motion, and what is done in it, in words, to the files of a folder."""
 NAMED, IN_ORDER, BREADTH_FIRST = "by name", "as in the body file", "breadth first"
 """Orders of joints, and of links where a format has them. Isaac numbers them breadth first."""
-APART = "apart"
-"""The place of a root that is not among the joints."""
+COLUMNS = "in named columns"
+"""Where the numbers of a quaternion are that have no order."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class Format:
     files: Files | None = None
 
 
-_TABLE = Conventions("by name", NAMED, APART)
-_GMR = Conventions("xyzw", IN_ORDER, APART, fps=30.0)
+_TABLE = Conventions(COLUMNS, NAMED, "in separate columns")
+_GMR = Conventions("xyzw", IN_ORDER, "in separate arrays", fps=30.0)
 _ALL = (
     Format("csv", ".csv", "a table with named columns", _TABLE, write_csv),
     Format("parquet", ".parquet", "the same table, in full precision", _TABLE, write_parquet),
@@ -124,7 +124,7 @@ _ALL = (
         "lerobot",
         "_lerobot",
         "a LeRobot dataset v3.0: an episode for each FILE, no videos (tried with LeRobot 0.6.1)",
-        Conventions("by name", NAMED, "in observation.root"),
+        Conventions(COLUMNS, NAMED, "in observation.root"),
         files=lambda motion, task: lerobot_files(motion, task=task),
     ),
 )

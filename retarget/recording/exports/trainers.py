@@ -32,7 +32,7 @@ CM: Final = 100.0
 
 
 def _fps(motion: Motion) -> int | float:
-    """Rows per second, a whole number where they are."""
+    """Rows per second, a whole number where they are. Raises InputError where rows are not evenly spaced."""
     rate = motion.rate_hz
     return int(rate) if rate.is_integer() else rate
 
@@ -142,12 +142,22 @@ def gmr_arrays(motion: Motion) -> Arrays:
     }
 
 
+class _AnyNumpy(pickle.Pickler):
+    """Arrays by names that every NumPy has: from 2 on it writes numpy._core, which those below 1.26 do not open."""
+
+    def reducer_override(self, value: object) -> Any:
+        """The call that makes an array, NotImplemented for all else."""
+        if isinstance(value, np.ndarray):
+            return np.ndarray, (value.shape, value.dtype.str, bytearray(value.tobytes()))
+        return NotImplemented
+
+
 def write_gmr(motion: Motion, stream: IO[bytes]) -> None:
     """Write the pickle that GMR writes: a dict of arrays, texts and a number. It is written for GMR's readers; this
     program reads no pickle, as that may run anything."""
     names = {"link_body_list": list(links_of(motion).names), "joint_names": list(motion.joint_names)}
-    arrays = {key: np.ascontiguousarray(values) for key, values in gmr_arrays(motion).items()}
-    pickle.dump({"fps": motion.rate_hz, **arrays, **names, "quaternion_order": "xyzw"}, stream, protocol=4)
+    kept = {"fps": motion.rate_hz, **gmr_arrays(motion), **names, "quaternion_order": "xyzw"}
+    _AnyNumpy(stream, protocol=4).dump(kept)
 
 
 def write_gmr_npz(motion: Motion, stream: IO[bytes]) -> None:
@@ -166,7 +176,7 @@ BONES_ROOT = tuple(f"root_{kind}{axis}" for kind in ("translate", "rotate") for 
 
 def write_unitree(motion: Motion, stream: IO[bytes]) -> None:
     """Write rows x y z, quaternion **xyzw**, joints; no header. Raises InputError where rows are not evenly spaced."""
-    assert motion.rate_hz > 0.0, "rows are evenly spaced: the file says no times"
+    _fps(motion)  # the file says no times
     root = sign_aligned(motion.root_quaternion)[:, XYZW]
     np.savetxt(stream, np.hstack([motion.root_position, root, motion.joints]), fmt=f"%.{DECIMALS}f", delimiter=",")
 
@@ -174,7 +184,7 @@ def write_unitree(motion: Motion, stream: IO[bytes]) -> None:
 def write_bones(motion: Motion, stream: IO[bytes]) -> None:
     """Write Frame, root_translateX/Y/Z (**cm**), root_rotateX/Y/Z (**degrees**: about the fixed axes x, then y, then
     z), and <joint>_dof (**degrees**; of a slide cm). Raises InputError where rows are not evenly spaced."""
-    assert motion.rate_hz > 0.0, "rows are evenly spaced: the file says no times"
+    _fps(motion)  # the file says no times
     # About fixed axes x, y, z in this order is about moving axes z, y, x.
     turned = np.unwrap(to_euler(motion.root_quaternion, "zyx")[:, ::-1], axis=0)
     scale = np.array([CM if unit == "m" else np.rad2deg(1.0) for unit in motion.joint_units])
