@@ -114,18 +114,19 @@ MakeBench = Callable[[RunOptions, Notify], ClipBench]
 class ClipRow:
     """What is known of a clip. A number that is not known is None.
 
-    error: class of the error; message: in a sentence. verdict: whether the robot followed, and differs: what differs,
-    as `retarget run` prints them. stop: why the guard ended the run. frames: of the source that were played; ticks: of
-    the run; seconds: that followed; took_s: wall time. tracking_mm, tracking_max_mm: of landmarks, mean of all and
-    largest; likeness_deg, likeness_worst_deg: of limbs, mean of all and mean of the worst. foot_slide_mm: as in a
-    report. penetrating_ticks: in which the body was in itself or in the scene; clearance_mm: to itself.
-    at_position_limit, at_velocity_limit, at_acceleration_limit, gated: shares of the ticks that followed. fallen: in
-    physics. source_bytes, source_time_ns: size and time of change of the source.
+    format: of the output. error: class of the error; message: in a sentence. verdict: whether the robot followed, and
+    differs: what differs, as `retarget run` prints them. stop: why the guard ended the run. frames: of the source that
+    were played; ticks: of the run; seconds: that followed; took_s: wall time. tracking_mm, tracking_max_mm: of
+    landmarks, mean of all and largest; likeness_deg, likeness_worst_deg: of limbs, mean of all and mean of the worst.
+    foot_slide_mm: as in a report. penetrating_ticks: in which the body was in itself or in the scene; clearance_mm: to
+    itself. at_position_limit, at_velocity_limit, at_acceleration_limit, gated: shares of the ticks that followed.
+    fallen: in physics. source_bytes, source_time_ns: size and time of change of the source.
     """
 
     source: str
     output: str
     status: ClipStatus
+    format: str = ""
     error: str = ""
     message: str = ""
     verdict: str = ""
@@ -274,6 +275,7 @@ def _row(clip: BatchClip, settings: BatchSettings, status: ClipStatus, **known: 
         source=clip.source,
         output=clip.output,
         status=status,
+        format=settings.format,
         source_hash=source_hash(source, reading),
         source_bytes=state.bytes,
         source_time_ns=state.time_ns,

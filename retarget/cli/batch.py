@@ -24,6 +24,7 @@ from retarget.model.robot import load_robot
 from retarget.recording.exports.formats import FORMATS, format_named
 from retarget.run.options import RunOptions
 from retarget.run.prepare import try_robot
+from retarget.sources.open import refuse_values
 
 BENCH = "retarget.cli.buses:PhysicsBench"
 """What stands in for hardware, by the name under which each process finds it."""
@@ -131,6 +132,7 @@ def batch(inputs: list[str], out: Path, options: RunOptions, file: FileOptions, 
     shard = None if batched.shard is None else Shard.parsed(batched.shard)
     clips = find_clips(inputs, out=out, ending=ending)
     reading = {name: str(value) if isinstance(value, Path) else value for name, value in vars(file).items()}
+    refuse_values(**{name: value for name, value in vars(file).items() if name != "performer_root"})
     settings = batch_settings(out, options, bench=BENCH, reading=reading, form=batched.form, fps=batched.fps)
     if not options.is_human:
         try_robot(load_robot(options.robot, root=options.root), options)

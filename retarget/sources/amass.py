@@ -72,6 +72,15 @@ def smpl_frames(
     if max(float(np.abs(values).max()) for values in (vectors, trans)) > MAX_VALUE:
         raise InputError("not a usable number", where=file.source, allowed="numbers up to 1e9")
     size, notes = _dimensions(file, unit=unit, stature=stature)
+    height = abs(float(np.median(trans[:, 1 if "transl" in file else 2]))) * unit
+    if height > HIGHEST * size.stature:
+        raise InputError(
+            "a body far above its ground",
+            where=f"{file.source}: {'transl' if 'transl' in file else 'trans'}",
+            found=f"{height:.3g} m",
+            allowed=f"up to {HIGHEST * size.stature:.3g} m",
+            next_step="If lengths are not in m, say their unit: --unit cm, for example",
+        )
     tree = _tree(size)
     local = rotations.from_rotation_vector(vectors)
     if "transl" in file:  # y up, as the body is at rest
@@ -93,6 +102,8 @@ def smpl_frames(
     )
 
 
+HIGHEST = 5.0
+"""Most height of a body in the middle of a motion, in statures: more is a unit that is not m."""
 AT_REST = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes left, up and forward of a body at rest, as rows in x forward, y left, z up."""
 

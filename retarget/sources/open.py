@@ -20,7 +20,8 @@ from retarget.sources.asf_amc import read_amc
 from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
-from retarget.sources.files import read_head
+from retarget.sources.canonical import named_unit
+from retarget.sources.files import check_rate, read_head
 from retarget.sources.gltf import read_gltf
 from retarget.sources.mvnx import read_mvnx
 from retarget.sources.npz_motion import read_npz
@@ -96,7 +97,7 @@ def open_source(
         if kind not in owners:
             step = f"Leave --{option} out"
             raise UsageError(what, where=str(path), found=f"{kind.upper()}", next_step=step)
-    _refuse_scales(stature, None if kind in ("c3d", "trc") else unit)
+    refuse_values(stature=stature, unit=None if kind in ("c3d", "trc") else unit)
     frames = READERS[kind](
         path,
         unit=unit,
@@ -108,9 +109,26 @@ def open_source(
     return replace(frames, source=SAMPLE) if is_sample else frames
 
 
-def _refuse_scales(stature: float | None, unit: str | None) -> None:
-    """Raise UsageError for a stature that no human has, and for a second scale beside it."""
+def refuse_values(
+    *,
+    stature: float | None = None,
+    unit: str | None = None,
+    rate: float | None = None,
+    up: str | None = None,
+    skeleton: str | Path | None = None,
+    markers: str | Path | None = None,
+) -> None:
+    """Raise UsageError or InputError for a value of `open_source` that no file can take: a stature that no human has, a
+    second scale beside it, no unit, rate or axis, and files that are not there."""
     low, high = STATURE_M
+    named_unit(unit)
+    if rate is not None:
+        check_rate(rate, "--rate")
+    if up is not None:
+        named_axis(up)
+    for option, path in (("--skeleton", skeleton), ("--markers", markers)):
+        if path is not None and not Path(path).is_file():
+            raise InputError("no such file", where=option, found=str(path)[:200], next_step="Check the path")
     if stature is not None and not low <= stature <= high:  # nor NaN
         allowed = f"{low:g} to {high:g} m"
         raise UsageError("stature out of range", where="--stature", found=f"{stature:g}", allowed=allowed)

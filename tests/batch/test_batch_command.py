@@ -94,6 +94,24 @@ def test_without_pyarrow_the_lines_stay_and_a_note_says_so(
     assert "pyarrow" in capsys.readouterr().err and Path("out/index.jsonl").is_file()
 
 
+@pytest.mark.parametrize(
+    ("options", "where"),
+    [
+        (["--unit", "km"], "km"),
+        (["--up", "q"], "--up"),
+        (["--rate", "-1"], "--rate"),
+        (["--stature", "17"], "--stature"),
+        (["--skeleton", "no.asf"], "--skeleton"),
+    ],
+)
+def test_a_value_that_no_file_can_take_is_refused_before_any_clip(
+    data: Path, options: list[str], where: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (data / "one.bvh").write_bytes(SAMPLE.read_bytes())
+    assert command_line.code_of("batch", "--robot", "op3", *options, "--out", "out", "data") == 2
+    assert where in capsys.readouterr().err and not Path("out").exists()
+
+
 class NothingToDo:
     clips, done, failed = (), 2, 0
 

@@ -139,6 +139,16 @@ def test_labels_of_markers_that_are_objects_are_passed_over(tmp_path: Path) -> N
     np.testing.assert_array_equal(frames.position, plain.position)
 
 
+def test_an_amass_file_in_cm_is_refused_until_its_unit_is_said(tmp_path: Path) -> None:
+    motion = made(30.0)
+    path = write_amass(tmp_path, motion)
+    arrays = dict(np.load(path))
+    np.savez(path, **arrays | {"trans": 100.0 * arrays["trans"]})
+    with pytest.raises(InputError, match=r"a body far above its ground.*--unit"):
+        open_source(path)
+    assert len(open_source(path, unit="cm").time) == len(motion.time)
+
+
 @pytest.mark.parametrize("width", [66, 72, 156, 165])
 def test_poses_of_every_body_of_the_family(tmp_path: Path, width: int) -> None:
     motion = made(30.0)
