@@ -144,7 +144,7 @@ def test_an_amass_file_in_cm_is_refused_until_its_unit_is_said(tmp_path: Path) -
     path = write_amass(tmp_path, motion)
     arrays = dict(np.load(path))
     np.savez(path, **arrays | {"trans": 100.0 * arrays["trans"]})
-    with pytest.raises(InputError, match=r"a body far above its ground.*--unit"):
+    with pytest.raises(InputError, match="--unit"):
         open_source(path)
     assert len(open_source(path, unit="cm").time) == len(motion.time)
 
