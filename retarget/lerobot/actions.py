@@ -75,7 +75,7 @@ def _number(value: object) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Received:
+class ReceivedAction:
     """The newest action. joints (n,): rad; None: it was refused. time: s when it came. step_s: s since the one before,
     within which the robot goes there. reason: why it was refused."""
 
@@ -107,8 +107,8 @@ class Actions:
                 allowed=f"{low:g} to {high:g} ms",
             )
         self._held, self._clock, self._stale_s = held, clock, stale_s
-        self._newest = Received(None, -inf, reason="no action yet")
-        self._taken: Received | None = None
+        self._newest = ReceivedAction(None, -inf, reason="no action yet")
+        self._taken: ReceivedAction | None = None
         self._target, self._fastest, self._now = np.array(first), fastest, clock.now()
         self._good, self._engaged = Debounce(), True
         self.dt = self.motion_dt = held.dt
@@ -122,11 +122,11 @@ class Actions:
         now = self._clock.now()
         step = min(max(now - self._newest.time, self.dt), LONGEST_STEP_S)
         jumps = (np.abs(joints - self._target) > JUMP * self._fastest * step).any()
-        self._newest = Received(joints, now, 0.0 if jumps else step)
+        self._newest = ReceivedAction(joints, now, 0.0 if jumps else step)
 
     def refuse(self, reason: str) -> None:
         """The newest action cannot be used: the robot holds until there is another."""
-        self._newest = Received(None, self._clock.now(), reason=reason)
+        self._newest = ReceivedAction(None, self._clock.now(), reason=reason)
 
     def clutch(self, *, engaged: bool) -> None:
         """Follow actions again, slowly from where the robot is; or hold it, without a limit in time."""
@@ -191,7 +191,7 @@ class Actions:
         """The held sample."""
         return self._held
 
-    def _problem(self, newest: Received, now: float) -> str:
+    def _problem(self, newest: ReceivedAction, now: float) -> str:
         if not self._engaged:
             return "paused by the operator"
         if newest.joints is None:

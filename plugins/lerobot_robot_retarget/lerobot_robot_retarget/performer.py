@@ -30,7 +30,7 @@ from retarget.viewer.feed import ViewFeed
 from retarget.web.link import PoseReceiver
 
 
-class Source:
+class PerformerSource:
     """The source of a performer, and what may hold the robot beside it."""
 
     def __init__(self, config: RetargetPerformerConfig) -> None:
@@ -121,7 +121,7 @@ class RetargetPerformer(Teleoperator):
     def __init__(self, config: RetargetPerformerConfig) -> None:
         super().__init__(config)
         self.config = config
-        source = Source(config)
+        source = PerformerSource(config)
         usual = "web" if config.source.startswith("web:") else None
         # The priorities of a robot with mass, as for real servos.
         options = RunOptions(

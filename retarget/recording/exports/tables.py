@@ -97,10 +97,9 @@ def arrow() -> Any:
         return importlib.import_module("pyarrow")
     except ImportError as error:
         raise UsageError(
-            "pyarrow is missing, which writes Parquet and LeRobot datasets",
-            where="--to",
+            "pyarrow is missing, which writes Parquet and LeRobot data sets",
             found=error,
-            allowed="csv, npz and bvh without it",
+            allowed="every other format without it",
             next_step="Install the extra: pip install 'retarget[record]'",
         ) from error
 
