@@ -11,7 +11,7 @@ from functools import wraps
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from typing import IO, TYPE_CHECKING, Annotated, Any, Literal, cast, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand
@@ -371,8 +371,24 @@ def console(*, err: bool = False) -> "Console":
             for text, style, control in super().render(renderable, options):
                 yield Segment(text if control else printable(text), style, control)
 
-    shown = (sys.stderr if err else sys.stdout).isatty()
-    return PlainConsole(stderr=err, width=None if shown else UNWRAPPED)
+    stream = sys.stderr if err else sys.stdout
+    if stream.isatty():
+        return PlainConsole(stderr=err)
+    return PlainConsole(file=cast(IO[str], Unpadded(stream)), width=UNWRAPPED)
+
+
+class Unpadded:
+    """A stream that gets lines without the blanks at their ends, with which tables fill their columns."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write whole lines."""
+        return self._stream.write(re.sub(r" +(?=\n)", "", text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 # A question to the operator at the terminal.

@@ -1,80 +1,24 @@
-"""What a person reads of a run, on the terminal and on its page: what was measured, what was allowed, whether it was
-kept, and what went wrong."""
+"""What is known of a run, in words: a table of figures with their bounds and sentences, which terminal, page and
+`judge` show."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, Generic, TypeVar
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
-from retarget.report.likeness import ARMS, LEAN, LEG_AWAY_DEG, LIMBS
-from retarget.report.motion_metrics import PhysicsReport, moved_joints
-from retarget.report.report import BusReport, Report, Spread
-from retarget.report.tracking import AWAY_M
+from retarget.report.motion_metrics import CONTACT_M, LimitUse, Nearest, PhysicsReport, limit_use
+from retarget.report.report import Report
 from retarget.report.unfollowed import INSTEAD
+from retarget.report.verdict import Verdict, to_follow, verdict_of
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
-from retarget.schema.priorities import LimbTask
-from retarget.types import MM, FloatArray
-
-# How much of each kind of joint limit a run used: the joint that came nearest to its own.
-
-
-@dataclass(frozen=True)
-class Nearest:
-    """The joint that used most of its limit. value: what it did; limit: what it may do; rad, s (or m)."""
-
-    joint: str
-    value: float
-    limit: float
-
-
-@dataclass(frozen=True)
-class LimitUse:
-    """None where no joint has such a limit, or where too few ticks were sent. room: rad (or m) between a joint
-    and the limit of its position that it came nearest to, and its joint; negative: beyond."""
-
-    room: tuple[str, float] | None
-    velocity: Nearest | None
-    acceleration: Nearest | None
-
-
-def limit_use(run: RunResult) -> LimitUse:
-    """The use of limits by the goals that were sent (of a human: by its postures), by finite differences."""
-    moved, sent = moved_joints(run), run.record.robot
-    names, limits, dt = moved.names, moved.limits, moved.dt
-    positions = moved.positions if sent is None else np.vstack([sent.start, sent.goals])
-    if len(positions) < 3 or not names:
-        return LimitUse(None, None, None)
-    room, fastest, hardest = np.zeros((3, len(names)))
-    for joint, track in enumerate(positions.T):  # one by one: of a long run each step of this is as large as it
-        step = np.diff(track)
-        room[joint] = np.minimum(track - limits.lower[joint], limits.upper[joint] - track).min()
-        fastest[joint], hardest[joint] = np.abs(step).max() / dt, np.abs(np.diff(step)).max() / dt**2
-    near = int(np.argmin(room))
-    return LimitUse(
-        room=(names[near], float(room[near])) if np.isfinite(room[near]) else None,
-        velocity=_nearest(names, fastest, limits.max_velocity),
-        acceleration=_nearest(names, hardest, limits.max_acceleration),
-    )
-
-
-def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> Nearest | None:
-    share = values / np.where(limits > 0.0, limits, np.inf)
-    joint = int(np.argmax(share))
-    return Nearest(names[joint], float(values[joint]), float(limits[joint])) if np.isfinite(limits[joint]) else None
-
-
-TIPS_MM = 0.05
-"""Nearer to the edge of the soles than this, a robot begins to tip."""
-ROUND_OFF = 1e-4
-"""Nearer to its limit than this, rad, a joint is at it."""
+from retarget.types import MM
 
 
 @dataclass(frozen=True)
@@ -88,122 +32,84 @@ class Finding:
     kept: bool | None = None
 
 
-def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
-    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
-    found = (*_following(run, report), *_joints(report, limit_use(run)), *_body(report), *_observers(report))
-    found = (*found, Finding("stream", stream_line(report.live)), *physics_findings(report.physics))
-    found = (*found, *_machine(run, report))
-    return tuple(finding for finding in found if finding.measured)
-
-
-NOT_FOLLOWED = "not followed"
-
-# Whether the robot follows, in one sentence: by what a person sees who looks from the performer to the robot.
+Seen = TypeVar("Seen")
 
 
 @dataclass(frozen=True)
-class DifferenceLimits:
-    """From where on a person sees it that robot and performer differ, and from where on it is another motion."""
+class Line(Generic[Seen]):
+    """A row of a table of findings. figure: what the sentence is of, one value or a tuple of them; None: not known, so
+    there is no line. bound: what is allowed, in words; kept: whether it was, without which there is no bound."""
 
-    difference: float
-    lost: float = math.inf
-
-
-LIMB_DEG = DifferenceLimits(20.0, LEG_AWAY_DEG)
-"""Degrees, on average. The hands of a clock are 30 apart from hour to hour, so 20 are seen at a glance; limbs that have
-nothing to do with each other are 90 apart, and 45 is half of that."""
-LEG_AWAY_S = DifferenceLimits(0.3)
-"""Longest time, s, that a thigh or shank is more than `LEG_AWAY_DEG` off: as for a hand. A robot that bears itself on
-both feet is not another motion because the performer lifts one."""
-LEAN_DEG = DifferenceLimits(15.0, 45.0)
-"""Degrees, in all but a twentieth of the time. A trunk 15 off looks tired, one that is 45 off is folded over."""
-HAND_SHARE = DifferenceLimits(0.2, 0.5)
-"""Of the length of the arm, on average, within reach: 0.2 is a hand's length, 0.5 is from the chin to the belt."""
-HAND_AWAY_S = DifferenceLimits(0.3, 2.0)
-"""Longest time, s, that a hand is more than `AWAY_M` off, within reach: a gesture takes two seconds."""
-SQUAT_SHARE = DifferenceLimits(0.15, 0.4)
-"""Of the length of the leg, in all but a twentieth of the time: a squat with level thighs goes down by a half. 0.15 off
-is seen beside the performer; with 0.4 off it is missed."""
-RATIO = DifferenceLimits(0.3, 0.75)
-"""Of what was asked is missing, or of what was done too much: a third is seen, a quarter of a motion is another one."""
-TRAVEL_M, TURN_DEG = DifferenceLimits(0.5), DifferenceLimits(60.0)
-"""A performer's step, and more than a planted robot turns: by so much performers go away who seemed to be followed."""
+    name: str
+    figure: Callable[[Seen], Any]
+    sentence: str = "{}"
+    bound: str | Callable[[Seen], str] = ""
+    kept: Callable[[Seen], bool | None] | None = None
 
 
-def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
-    """Whether the robot followed, and what differs."""
-    if run.robot is None or not run.ticks_followed:
-        return
-    differs = [(words, value, seen) for words, value, seen in _differences(run, report) if value >= seen.difference]
-    lost = [words for words, value, seen in differs if value >= seen.lost]
-    verdict, kept = "follows", False if lost else None if differs else True
-    if differs:
-        shown = lost or [words for words, _, _ in differs]
-        verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
-    whose = "reconstructed" if report.likeness_recorded_deg is None else "recorded"
-    allowed = (
-        f"limbs within {LIMB_DEG.difference:g}° of the {whose} performer's (in part: {LIMB_DEG.lost:g}°), "
-        + f"no leg more than {LEG_AWAY_DEG:g}° off for {LEG_AWAY_S.difference:g} s, "
-        + f"trunk within {LEAN_DEG.difference:g}° (in part: {LEAN_DEG.lost:g}°), "
-        + f"pelvis within {SQUAT_SHARE.difference:.0%} of the leg (in part: {SQUAT_SHARE.lost:.0%}), "
-        + f"hands on their way, none more than {MM * AWAY_M:.0f} mm off for {HAND_AWAY_S.difference:g} s "
-        + f"(in part: {HAND_AWAY_S.lost:g} s)"
-    )
-    yield Finding("following", verdict, allowed, kept)
+def found(lines: Iterable[Line[Seen]], seen: Seen) -> tuple[Finding, ...]:
+    """The findings of those lines whose figures are known and not empty."""
+    findings = []
+    for line in lines:
+        figure = line.figure(seen)
+        if figure is None or figure == "":
+            continue
+        measured = line.sentence.format(*(figure if isinstance(figure, tuple) else (figure,)))
+        allowed = line.bound if isinstance(line.bound, str) else line.bound(seen)
+        findings.append(Finding(line.name, measured, allowed, None if line.kept is None else line.kept(seen)))
+    return tuple(findings)
 
 
-def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, DifferenceLimits]]:
-    """What may differ between robot and performer, in words; by how much; and what is seen of that."""
-    assert run.robot is not None, "a robot follows"
-    if report.fallen:
-        yield "it fell", math.inf, DifferenceLimits(0.0, 0.0)
-    limbs, best = report.likeness_recorded_deg, dict[str, Spread]()
-    if limbs is None:  # the best is known of the reconstructed body alone
-        lean = {} if report.trunk_lean_deg is None else {LEAN: report.trunk_lean_deg}
-        limbs, best = (report.likeness_deg or {}) | lean, report.best_likeness_deg or {}
-    # Where a level asks for hands and not for forearms, these are as like as the hands leave them.
-    levels = run.setup.priorities[-1].levels if run.setup.priorities else ()
-    asked = [{name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels]
-    hands_first = any("l_hand" in names and "l_forearm" not in names for names in asked)
-    arms = DifferenceLimits(LIMB_DEG.difference) if hands_first else LIMB_DEG
-    for limb in (limb for limb in LIMBS if limb in limbs):
-        at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
-        words = f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off on average{at_best}"
-        yield words, limbs[limb].mean, arms if limb in ARMS else LIMB_DEG
-    for part, seconds in _longest(report.legs_away_s):
-        yield f"{part} more than {LEG_AWAY_DEG:g}° off for {seconds:.1f} s", seconds, LEG_AWAY_S
-    if LEAN in limbs:
-        yield f"its trunk {limbs[LEAN].p95:.0f}° off (p95)", limbs[LEAN].p95, LEAN_DEG
-    if report.reachable_hands_mm:
-        off, arm = report.reachable_hands_mm["worse"], MM * run.robot.profile.landmarks["l_hand"].robot_length
-        yield f"a hand {off:.0f} mm off on average", off / arm, HAND_SHARE
-    away = max((report.hands_away_s or {}).values(), default=0.0)
-    yield f"a hand more than {MM * AWAY_M:.0f} mm off for {away:.1f} s", away, HAND_AWAY_S
-    if report.pelvis_height_mm is not None:
-        off, leg = report.pelvis_height_mm.p95, MM * run.robot.profile.landmarks["pelvis"].robot_length
-        yield f"its pelvis {off:.0f} mm too high or low (p95)", off / leg, SQUAT_SHARE
-    ratio = report.hand_path_ratio
-    if ratio is not None:
-        yield f"hands on {ratio:.0%} of their way", 1.0 - min(ratio, 1.0 / max(ratio, 1e-9)), RATIO
-    travel, turn = report.travelled_m, report.turned_deg
-    if travel.performer is not None and (report.foot_path_ratio or 0.0) < 1.0 - RATIO.difference:
-        yield f"feet that stay (the performer travels {travel.performer:.1f} m)", travel.performer, TRAVEL_M
-    if turn.performer is not None and turn.robot is not None:
-        words = f"{turn.robot:.0f}° turned of the performer's {turn.performer:.0f}°"
-        yield words, turn.performer - turn.robot, TURN_DEG
+TIPS_MM = 0.05
+"""Nearer to the edge of the soles than this, a robot begins to tip."""
+ROUND_OFF = 1e-4
+"""Nearer to its limit than this, rad, a joint is at it."""
+MOST = 3
+"""Reasons for data that were not used that the line names, those of which there were most; and times of a posture that
+was not followed, the first ones."""
+FOLLOWING, NOT_FOLLOWED = "following", "not followed"
+STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
+"""Words for the stages of `LiveReport.latency_ms`."""
+SIDES = {"l_": "left ", "r_": "right "}
 
 
-def _longest(away: dict[str, float] | None) -> Iterator[tuple[str, float]]:
-    """The part, in words, that was away for the longest time, s; nothing where none is known."""
-    if away:
-        name = max(away, key=lambda name: away[name])
-        side, part = name.split("_")
-        yield f"its {'left' if side == 'l' else 'right'} {part}", away[name]
+class RunFindings:
+    """A run and its report, as the lines need them."""
+
+    def __init__(self, run: RunResult, report: Report) -> None:
+        self.run, self.report, self.robot = run, report, run.robot
+
+    @cached_property
+    def verdict(self) -> Verdict | None:
+        """Whether the robot follows."""
+        return verdict_of(self.run, self.report)
+
+    @cached_property
+    def use(self) -> LimitUse:
+        """The use of joint limits."""
+        return limit_use(self.run)
+
+    @property
+    def deep(self) -> bool:
+        """Whether anything was in anything else."""
+        return bool(self.report.penetrating_frames)
 
 
-def _like(report: Report) -> str:
-    """How far the limbs and the trunk are off, in words."""
-    parts = []
+def words_of(name: str) -> str:
+    """The name of a body part in words."""
+    return (SIDES.get(name[:2], "") + name[2:] if name[:2] in SIDES else name).replace("_", " ")
+
+
+def _times(what: str, seen: RunFindings) -> str:
+    """When the performer did what the robot cannot."""
+    times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in seen.report.unfollowed or () if one.what == what]
+    more = [counted(len(times) - MOST, "more time")] if len(times) > MOST else []
+    return ", ".join([*times[:MOST], *more])
+
+
+def _likeness(seen: RunFindings) -> str:
+    """How far the limbs and the trunk are off."""
+    parts, report = [], seen.report
     for angles, words in (
         (dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg), "{} off on average"),
         (report.likeness_recorded_deg or {}, "from the recorded body {}"),
@@ -214,148 +120,163 @@ def _like(report: Report) -> str:
     return "; ".join(parts)
 
 
-def _travel(report: Report) -> str:
-    """How far performer and robot got and turned, in words."""
-    way, turn = report.travelled_m, report.turned_deg
-    both = (("performer", way.performer, turn.performer), ("robot", way.robot, turn.robot))
-    known = [(who, far, turned) for who, far, turned in both if far is not None and turned is not None]
-    return "; ".join(f"{who} {far:.2f} m, turned {turned:.0f}°" for who, far, turned in known)
-
-
-def _following(run: RunResult, report: Report) -> Iterator[Finding]:
-    yield from _verdict(run, report)
-    for what, instead in INSTEAD.items():
-        times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in report.unfollowed or () if one.what == what]
-        if times:
-            shown = [*times[:MOST], *([counted(len(times) - MOST, "more time")] if len(times) > MOST else [])]
-            yield Finding(NOT_FOLLOWED, f"the performer {what} {', '.join(shown)}: the robot {instead} instead")
-    yield Finding("likeness", _like(report))
-    hands = report.reachable_hands_mm or {}
-    within = [
-        f"{name} in {share:.0%} of ticks, then {hands[name]:.1f} mm off" if name in hands else f"{name} never"
-        for name, share in (report.reachable_share or {}).items()
-    ]
-    if run.ticks_followed:
-        yield Finding("hands within reach", "; ".join(within))
-    if run.robot is not None:
-        yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
-        yield Finding("latency", latency_line(report))
-    yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
-    height = report.pelvis_height_mm
-    if height is not None:
-        yield Finding("pelvis height", f"{height.mean:.0f} mm off, {height.p95:.0f} at p95, {height.max:.0f} at most")
-    if report.foot_path_ratio == 0.0:
-        yield Finding("foot path", "none: the performer's feet move, its own stay planted")
-    else:
-        yield Finding("foot path", _number(report.foot_path_ratio, "% of the performer's", scale=100.0))
-    yield Finding("over the ground", _travel(report))
-    yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
-    missed = _number(report.priority_violation_max, "mm, or mrad of a turn, at most", digits=3)
-    yield Finding("highest priority", f"missed by {missed}" if missed else "")
-    servos = report.servo_error_deg
-    if servos and run.robot is not None:
-        worst = max(servos, key=lambda name: servos[name].max)
-        mean = sum(spread.mean for spread in servos.values()) / len(servos)
-        measured = f"{mean:.1f} degrees behind what was sent on average, {servos[worst].max:.1f} at most ({worst})"
-        allowed = f"{np.rad2deg(run.robot.profile.safety.following_error):.3g}° from the trajectory to its goal"
-        stopped = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
-        yield Finding("servos", measured, allowed, not stopped)
-
-
-def _number(value: float | None, unit: str, *, scale: float = 1.0, digits: int = 1) -> str:
-    return "" if value is None else f"{scale * value:.{digits}f} {unit}"
-
-
-def _joints(report: Report, use: LimitUse) -> Iterator[Finding]:
-    broken = report.limit_violations
-    measured = "no limit came near"
-    if use.room is not None:
-        joint, room = use.room
-        measured = f"{joint} reached its limit"
-        if abs(room) > ROUND_OFF:
-            measured = f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
-    yield _limited("joint positions", measured, "within their limits", broken.position)
-    for name, nearest, unit, count in (
-        ("joint speeds", use.velocity, "rad/s", broken.velocity),
-        ("joint accelerations", use.acceleration, "rad/s²", broken.acceleration),
-    ):
-        if nearest is not None:
-            share = nearest.value / nearest.limit
-            measured = f"nearest: {nearest.joint}, {nearest.value:.3g} {unit}, {share:.0%} of its limit"
-            yield _limited(name, measured, f"{nearest.joint}: {nearest.limit:.3g} {unit}", count)
-
-
-def _limited(name: str, measured: str, allowed: str, broken: int) -> Finding:
-    return Finding(name, f"{measured}; {counted(broken, 'value')} beyond" if broken else measured, allowed, not broken)
-
-
-def _body(report: Report) -> Iterator[Finding]:
-    """The body in the postures that were sent: of a simulated robot, which may move otherwise, they are the plan."""
-    planned = "" if report.physics is None else ", as planned"
-    outside, margin = report.com_outside_support_frames, report.com_margin_mm
-    if outside is not None:
-        measured = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
-        if outside:
-            by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
-            measured = f"outside in {counted(outside, 'tick')}{by}"
-        yield Finding("centre of mass" + planned, measured, "over the support polygon", outside == 0)
-    if report.soles is not None and report.foot_slide_mm is not None:
-        height, tilt = f"{report.soles.height_mm:.2f} mm off the ground", f"{report.soles.tilt_deg:.2f} degrees tilted"
-        yield Finding("soles" + planned, f"at most {height}, {tilt}, {report.foot_slide_mm:.2f} mm slid")
-    deep = (report.penetrating_frames or 0) > 0
-    clearance = report.min_clearance_mm
-    for name, allowed, mm, pair in (
-        ("its own links", "do not meet", clearance.self, report.closest_links),
-        ("obstacles", "are not touched", clearance.scene, report.deep.obstacle),
-        ("the floor", "is touched by soles alone", clearance.ground, report.deep.ground),
-    ):
-        if mm is not None:
-            gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside each other"
-            named = f" ({' and '.join(pair)})" if pair else ""
-            yield Finding(name + planned, gap + named, allowed, not deep or mm >= 0.0)
-    if deep:
-        yield Finding(
-            "penetration" + planned,
-            f"in {counted(report.penetrating_frames or 0, 'tick')}, by more than 1 mm in {report.deep.frames}",
-        )
-
-
-def _observers(report: Report) -> Iterator[Finding]:
-    switches, steps = report.mode_switches_per_s, report.steps
-    if switches is not None:
-        worst = f", {switches.worst:.1f} of {switches.name}" if switches.name else ""
-        share = report.observers.reactive_share if report.observers else 0.0
-        contact = f"; in contact in {share:.1%} of ticks" if share else ""
-        yield Finding("observers", f"{switches.mean:.1f} changes of mode a second on average{worst}{contact}")
-    if report.gated_frames is not None:
-        alone = (
-            f"; no goal in {counted(report.no_command_frames, 'tick')}: joints braked"
-            if report.no_command_frames
-            else ""
-        )
-        yield Finding("gate", f"changed {report.gated_frames} of {report.ticks} goals{alone}")
-    if steps is not None:
-        late = f"{steps.declined} declined, for it could not be in time"
-        yield Finding("steps", f"{steps.made} made of {steps.asked} asked; {late}")
-
-
-MOST = 3
-"""Reasons for data that were not used that the line names, those of which there were most; and times of a posture that
-was not followed, the first ones."""
-
-
-STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
-"""Words for the stages of `LiveReport.latency_ms`."""
+def _hands(seen: RunFindings) -> str:
+    hands = seen.report.reachable_hands_mm or {}
+    return "; ".join(
+        f"{words_of(name)} {hands[name]:.1f} mm off where it gets there ({share:.0%} of ticks)"
+        if name in hands
+        else f"{words_of(name)} never gets there"
+        for name, share in (seen.report.reachable_share or {}).items()
+        if seen.run.ticks_followed
+    )
 
 
 def latency_line(report: Report) -> str:
-    """The way from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where nothing
-    is known."""
+    """The path from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where
+    nothing is known."""
     whole, stages = report.hand_to_shaft_ms, report.latency_ms or {}
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
     if whole is None:
         return taken and f"{taken} ms; from hand to shaft it is not known"
     return f"{whole.p50:.0f} ms from hand to shaft (p99 {whole.p99:.0f}): {taken}"
+
+
+def _foot_path(seen: RunFindings) -> str:
+    ratio = seen.report.foot_path_ratio
+    if ratio is None:
+        return ""
+    return f"{ratio:.1%} of the performer's" if ratio else "none: the performer's feet move, its own stay planted"
+
+
+def _travel(seen: RunFindings) -> str:
+    """How far performer and robot got and turned."""
+    path, turn = seen.report.travelled_m, seen.report.turned_deg
+    both = (("performer", path.performer, turn.performer), ("robot", path.robot, turn.robot))
+    known = [(whose, far, turned) for whose, far, turned in both if far is not None and turned is not None]
+    return "; ".join(f"{whose} {far:.2f} m, turned {turned:.0f}°" for whose, far, turned in known)
+
+
+def _servos(seen: RunFindings) -> tuple[float, float, str] | None:
+    servos = seen.report.servo_error_deg
+    if not servos or seen.robot is None:
+        return None
+    worst = max(servos, key=lambda name: servos[name].max)
+    return sum(spread.mean for spread in servos.values()) / len(servos), servos[worst].max, worst
+
+
+def _room(seen: RunFindings) -> str:
+    if seen.use.room is None:
+        return "no limit came near"
+    joint, room = seen.use.room
+    if abs(room) <= ROUND_OFF:
+        return f"{joint} reached its limit"
+    return f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
+
+
+def _joint_line(name: str, kind: str, figure: Callable[[RunFindings], str], bound: Any) -> Line[RunFindings]:
+    """A line of joint limits. kind: of `LimitViolations`."""
+
+    def beyond(seen: RunFindings) -> int:
+        return int(getattr(seen.report.limit_violations, kind))
+
+    def measured(seen: RunFindings) -> str:
+        words, count = figure(seen), beyond(seen)
+        return f"{words}; {counted(count, 'value')} beyond" if words and count else words
+
+    return Line(name, measured, "{}", bound, lambda seen: not beyond(seen))
+
+
+def _rate_line(name: str, kind: str, unit: str) -> Line[RunFindings]:
+    """A line of the joint that used most of a limit of velocity or acceleration."""
+
+    def figure(seen: RunFindings) -> str:
+        use: Nearest | None = getattr(seen.use, kind)
+        share = "" if use is None else f"{use.value / use.limit:.0%} of its limit"
+        return share and f"nearest: {use.joint}, {use.value:.3g} {unit}, {share}"  # type: ignore[union-attr]
+
+    def bound(seen: RunFindings) -> str:
+        use: Nearest = getattr(seen.use, kind)
+        return f"{use.joint}: {use.limit:.3g} {unit}"
+
+    return _joint_line(name, kind, figure, bound)
+
+
+def _mass(seen: RunFindings) -> str | None:
+    outside, margin = seen.report.com_outside_support_frames, seen.report.com_margin_mm
+    if outside:
+        by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
+        return f"outside in {counted(outside, 'tick')}{by}"
+    nearest = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
+    return None if outside is None else nearest
+
+
+def _soles(seen: RunFindings) -> str | None:
+    soles, slid = seen.report.soles, seen.report.foot_slide_mm
+    if slid is None:
+        return None
+    if soles is None:
+        return f"at most {slid:.2f} mm slid within {MM * CONTACT_M:.0f} mm of the ground"
+    raised = f"{soles.height_mm:.2f} mm off the ground, {soles.tilt_deg:.2f} degrees tilted"
+    return f"at most {raised}, {slid:.2f} mm slid"
+
+
+def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside each other") -> str:
+    """A distance of two things, mm, negative inside, in words."""
+    gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm {inside}"
+    return gap + (f" ({' and '.join(pair)})" if pair else "")
+
+
+def _gap_line(name: str, kind: str, bound: str, pair: Callable[[Report], Any]) -> Line[RunFindings]:
+    """A line of a clearance. kind: of `Clearances`."""
+
+    def distance(seen: RunFindings) -> float | None:
+        mm: float | None = getattr(seen.report.min_clearance_mm, kind)
+        return mm
+
+    def figure(seen: RunFindings) -> str | None:
+        mm = distance(seen)
+        return None if mm is None else gap_words(mm, pair(seen.report))
+
+    return Line(name, figure, "{}", bound, lambda seen: not seen.deep or (distance(seen) or 0.0) >= 0.0)
+
+
+def _observers(seen: RunFindings) -> str | None:
+    switches, observers = seen.report.mode_switches_per_s, seen.report.observers
+    if switches is None:
+        return None
+    worst = f", {switches.worst:.1f} of {switches.name}" if switches.name else ""
+    share = observers.reactive_share if observers else 0.0
+    contact = f"; in contact in {share:.1%} of ticks" if share else ""
+    return f"switched on or off {switches.mean:.1f} times a second on average{worst}{contact}"
+
+
+def _gate(seen: RunFindings) -> str | None:
+    """How often the gate refused a goal, and what to do about the pair for which it did so most often."""
+    report = seen.report
+    if report.gated_frames is None:
+        return None
+    parts = [f"changed {report.gated_frames} of {report.ticks} goals"]
+    if report.no_command_frames:
+        parts.append(f"no goal in {counted(report.no_command_frames, 'tick')}: joints braked")
+    if report.gated_frames and report.refused_pair is not None:
+        parts.append(refused_words(report))
+    return "; ".join(parts)
+
+
+def refused_words(report: Report) -> str:
+    """The pair for which the gate refused most goals, and what to do; "" without one."""
+    pair = report.refused_pair
+    if pair is None:
+        return ""
+    words = f"refused for {pair.first} - {pair.second} in {counted(pair.ticks, 'tick')}"
+    if pair.obstacle:
+        return words
+    step = "fit their observers closer (retarget fit-observers), or if they cannot meet put them into ignore_pairs"
+    return f"{words}: {step}"
+
+
+def _stream(seen: RunFindings) -> str:
+    return stream_line(seen.report.live)
 
 
 def stream_line(live: LiveReport | None) -> str:
@@ -378,117 +299,241 @@ def stream_line(live: LiveReport | None) -> str:
     return "; ".join(parts)
 
 
-def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
-    """The simulated mechanics of a run; nothing where nothing has mass."""
-    if seen is None:
-        return
+# The simulated mechanics of a run.
+
+
+def _stands(seen: PhysicsReport) -> str:
     how = {"floor": "did not fall", "stand": "on a stand", "gantry": "hangs on a gantry"}[seen.mount]
     if seen.fallen:
         how = f"fallen at {seen.fallen_at_s or 0.0:.2f} s: {seen.how}"
     if seen.perturbations:
         how += f" (perturbations: {', '.join(seen.perturbations)}; seed {seen.seed})"
-    yield Finding("physics", how, "it does not fall", not seen.fallen)
-    yield Finding("at rest", "" if seen.toppled is None else f"it did not stay: {seen.toppled}")
+    return how
+
+
+def _pressure(seen: PhysicsReport) -> tuple[float, float, float] | None:
     margin = seen.min_zmp_margin_mm
-    if margin is not None:
-        near = f"never nearer to the edge of the soles than {margin:z.2f} mm"
-        slipped = f"{seen.foot_slip_mm['total']:.1f} mm slipped, tipped by {seen.sole_tilt_max_deg:.1f} degrees"
-        yield Finding("pressure", f"{near}; {slipped}", f"more than {TIPS_MM:g} mm inside the soles", margin > TIPS_MM)
-    torque, heat = seen.torque_nm, {joint: heat for joint, heat in seen.temperature_c.items() if heat == heat}
-    if torque:
-        most = max(torque, key=lambda joint: torque[joint].max)
-        yield Finding("torque", f"{torque[most].max:.2f} N m at most, 95 % below {torque[most].p95:.2f} ({most})")
-    if heat:
-        most = max(heat, key=lambda joint: heat[joint])
-        warm = f"{heat[most]:.1f} degrees Celsius at most ({most}), by a model {seen.heat_model}"
-        yield Finding("heat", warm)
+    return None if margin is None else (margin, seen.foot_slip_mm["total"], seen.sole_tilt_max_deg)
+
+
+def _most(values: Mapping[str, Any], size: Callable[[Any], float]) -> str | None:
+    """The joint with the largest of some values, of those that are known; None where there is none."""
+    known = {joint: size(value) for joint, value in values.items() if not math.isnan(size(value))}
+    return max(known, key=known.__getitem__) if known else None
+
+
+def _torque(seen: PhysicsReport) -> tuple[float, float, str] | None:
+    most = _most(seen.torque_nm, lambda torque: torque.max)
+    return None if most is None else (seen.torque_nm[most].max, seen.torque_nm[most].p95, most)
+
+
+def _heat(seen: PhysicsReport) -> tuple[float, str, str] | None:
+    most = _most(seen.temperature_c, float)
+    return None if most is None else (seen.temperature_c[most], most, seen.heat_model)
+
+
+def _contacts(seen: PhysicsReport) -> str:
     counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
-    touches = ", ".join(f"touches {what} in {counted(ticks, 'tick')}" for what, ticks in counts.items() if ticks)
-    yield Finding("contacts", touches or "none", "none but the soles", not touches)
-    yield Finding("simulation", _number(seen.realtime_factor, "times as fast as real time"))
+    touches = [f"touches {what} in {counted(ticks, 'tick')}" for what, ticks in counts.items() if ticks]
+    return ", ".join(touches) or "none"
 
 
-def _machine(run: RunResult, report: Report) -> Iterator[Finding]:
-    if report.bus is not None and run.robot is not None:
-        yield from _bus(run, report.bus, report.ticks)
+PHYSICS: tuple[Line[PhysicsReport], ...] = (
+    Line("physics", _stands, "{}", "it does not fall", lambda seen: not seen.fallen),
+    Line("at rest", lambda seen: seen.toppled, "it did not stay: {}", "it stays without torque", lambda seen: False),
+    Line(
+        "pressure",
+        _pressure,
+        "never nearer to the edge of the soles than {:z.2f} mm; {:.1f} mm slipped, tipped by {:.1f} degrees",
+        f"more than {TIPS_MM:g} mm inside the soles",
+        lambda seen: (seen.min_zmp_margin_mm or 0.0) > TIPS_MM,
+    ),
+    Line("torque", _torque, "{:.2f} N m at most, 95 % below {:.2f} ({})"),
+    Line("heat", _heat, "{:.1f} degrees Celsius at most ({}), by a model {}"),
+    Line("contacts", _contacts, "{}", "none but the soles", lambda seen: not seen.self_contacts + seen.fixture_contacts),
+    Line("simulation", lambda seen: seen.realtime_factor, "{:.1f} times as fast as real time"),
+)
+
+
+# Bus, cost and end.
+
+
+def _missed(seen: RunFindings) -> str | None:
+    bus = seen.report.bus
+    if bus is None or bus.missed_ticks is None or not seen.run.setup.real_time:
+        return None
+    missed = f"{bus.missed_ticks} of {seen.report.ticks + bus.missed_ticks}" if bus.missed_ticks else "none"
+    longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
+    return missed + longest + (", see retarget doctor" if bus.missed_ticks else "")
+
+
+def _of_bus(key: str) -> Callable[[RunFindings], Any]:
+    """A value of the bus and its joint; None where it is not known."""
+
+    def figure(seen: RunFindings) -> tuple[float, str] | None:
+        found = None if seen.report.bus is None else getattr(seen.report.bus, key)
+        return None if found is None or seen.robot is None else (found.value, found.joint)
+
+    return figure
+
+
+def _safety(seen: RunFindings) -> Any:
+    assert seen.robot is not None, "a bus is a robot's"
+    return seen.robot.profile.safety
+
+
+def _faults(seen: RunFindings) -> str | None:
+    bus = seen.report.bus
+    return None if bus is None or seen.robot is None else counted(bus.faults, "fault") if bus.faults else "none"
+
+
+def _voltage_kept(seen: RunFindings) -> bool:
+    (low, high), (lowest, _) = _safety(seen).voltage, _of_bus("lowest_voltage")(seen)
+    return bool(low <= lowest <= high)
+
+
+def _cool(seen: RunFindings) -> bool:
+    hottest, _ = _of_bus("hottest")(seen)
+    return bool(hottest < _safety(seen).temperature_c)
+
+
+def _cost(seen: RunFindings) -> str:
+    report = seen.report
     costs = {"human": report.reconstruct_us, "robot": report.retarget_us}
     ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
     known = [f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items()]
-    speed = f"{counted(round(report.frames_per_s), 'frame')}/s"
-    yield Finding("cost per tick", f"{', '.join(known)}; {speed}" if known else "")
-    reason = report.stop.reason
-    ended = "to its end" if reason is None else ": ".join(part for part in (report.stop.state, reason) if part)
-    yield Finding("end", ended, kept=reason is None)
+    return f"{', '.join(known)}; {counted(round(report.frames_per_s), 'frame')}/s" if known else ""
 
 
-def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
-    assert run.robot is not None, "a bus is a robot's"
-    safety, faults = run.robot.profile.safety, bus.faults
-    seen = counted(faults, "fault") if faults else "none"
-    yield Finding("faults", seen, "all servos answer, none is alarmed", not faults)
-    if bus.missed_ticks is not None and run.setup.real_time:
-        missed = f"{bus.missed_ticks} of {ticks + bus.missed_ticks}" if bus.missed_ticks else "none"
-        longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
-        advice = ", see retarget doctor" if bus.missed_ticks else ""
-        allowed = f"none, {1e3 * run.clip.dt:.3g} ms each"
-        yield Finding("ticks missed", missed + longest + advice, allowed, not bus.missed_ticks)
-    if bus.hottest is not None:
-        kept = bus.hottest.value < safety.temperature_c
-        measured = f"{bus.hottest.value:.0f} °C ({bus.hottest.joint})"
-        yield Finding("temperature", measured, f"below {safety.temperature_c:g} °C", kept)
-    if bus.lowest_voltage is not None:
-        low, high = safety.voltage
-        kept = low <= bus.lowest_voltage.value <= high
-        measured = f"lowest {bus.lowest_voltage.value:.1f} V ({bus.lowest_voltage.joint})"
-        yield Finding("voltage", measured, f"{low:g} to {high:g} V", kept)
+def _end(seen: RunFindings) -> str:
+    stop = seen.report.stop
+    return "to its end" if stop.reason is None else ": ".join(part for part in (stop.state, stop.reason) if part)
 
 
-# The summary on the terminal: who followed how well, and what was measured.
+FOLLOWED: tuple[Line[RunFindings], ...] = (
+    Line(
+        FOLLOWING,
+        lambda seen: seen.verdict and seen.verdict.sentence,
+        "{}",
+        lambda seen: to_follow(seen.report),
+        lambda seen: seen.verdict and seen.verdict.kept,
+    ),
+    *(
+        Line(NOT_FOLLOWED, partial(_times, what), f"the performer {what} {{}}: the robot {instead} instead")
+        for what, instead in INSTEAD.items()
+    ),
+    Line("likeness", _likeness),
+    Line("hands within reach", _hands),
+    Line(
+        "lag",
+        lambda seen: None if seen.robot is None or seen.report.lag_s is None else 1e3 * seen.report.lag_s,
+        "{:.1f} ms from what is asked to what is sent",
+    ),
+    Line("latency", lambda seen: latency_line(seen.report) if seen.robot is not None else None),
+    Line("hand path", lambda seen: seen.report.hand_path_ratio, "{:.1%} of what was asked"),
+    Line(
+        "pelvis height",
+        lambda seen: (height := seen.report.pelvis_height_mm) and (height.mean, height.p95, height.max),
+        "{:.0f} mm off, {:.0f} at p95, {:.0f} at most",
+    ),
+    Line("foot path", _foot_path),
+    Line("over the ground", _travel),
+)
+"""How the performer was followed."""
+KEPT: tuple[Line[RunFindings], ...] = (
+    Line(
+        "joints without sensor",
+        lambda seen: (seen.report.unsensed_mm or {}).get("mean"),
+        "{:.1f} mm from the recorded ones on average",
+    ),
+    Line("highest priority", lambda seen: seen.report.priority_violation_max, "off by {:.3f} mm or mrad at most"),
+    Line(
+        "servos",
+        _servos,
+        "{:.1f} degrees behind what was sent on average, {:.1f} at most ({})",
+        lambda seen: f"{np.rad2deg(_safety(seen).following_error):.3g}° from the trajectory to its goal",
+        lambda seen: seen.run.stop is None or seen.run.stop.cause is not StopCause.FOLLOWING_ERROR,
+    ),
+    _joint_line("joint positions", "position", _room, "within their limits"),
+    _rate_line("joint speeds", "velocity", "rad/s"),
+    _rate_line("joint accelerations", "acceleration", "rad/s²"),
+)
+"""The human, servos and joints."""
+PLANNED: tuple[Line[RunFindings], ...] = (
+    Line(
+        "centre of mass",
+        _mass,
+        "{}",
+        "over the support polygon",
+        lambda seen: not seen.report.com_outside_support_frames,
+    ),
+    Line("soles", _soles),
+    _gap_line("its own links", "self", "do not meet", lambda report: report.closest_links),
+    _gap_line("obstacles", "scene", "are not touched", lambda report: report.deep.obstacle),
+    _gap_line("the floor", "ground", "is touched by soles alone", lambda report: report.deep.ground),
+    Line(
+        "penetration",
+        lambda seen: (counted(seen.report.penetrating_frames or 0, "tick"), seen.report.deep.frames)
+        if seen.deep
+        else None,
+        "in {}, by more than 1 mm in {}",
+    ),
+)
+"""The body in the postures that were sent. A simulated robot may move otherwise: there they are the plan."""
+CONTROL: tuple[Line[RunFindings], ...] = (
+    Line("observers", _observers),
+    Line("gate", _gate),
+    Line(
+        "steps",
+        lambda seen: (steps := seen.report.steps) and (steps.made, steps.asked, steps.declined),
+        "{} made of {} asked; {} declined, for it could not be in time",
+    ),
+    Line("stream", _stream),
+)
+"""What stood between the performer and the goals."""
+MACHINE: tuple[Line[RunFindings], ...] = (
+    Line(
+        "faults",
+        _faults,
+        "{}",
+        "all servos answer, none is alarmed",
+        lambda seen: not (seen.report.bus and seen.report.bus.faults),
+    ),
+    Line(
+        "ticks missed",
+        _missed,
+        "{}",
+        lambda seen: f"none, {1e3 * seen.run.clip.dt:.3g} ms each",
+        lambda seen: not (seen.report.bus and seen.report.bus.missed_ticks),
+    ),
+    Line(
+        "temperature",
+        _of_bus("hottest"),
+        "{:.0f} °C ({})",
+        lambda seen: f"below {_safety(seen).temperature_c:g} °C",
+        _cool,
+    ),
+    Line(
+        "voltage",
+        _of_bus("lowest_voltage"),
+        "lowest {:.1f} V ({})",
+        lambda seen: "{:g} to {:g} V".format(*_safety(seen).voltage),
+        _voltage_kept,
+    ),
+    Line("cost per tick", _cost),
+    Line("end", _end, "{}", "", lambda seen: seen.report.stop.reason is None),
+)
+"""The bus, the computer, and the end."""
 
 
-def show_summary(run: RunResult, report: Report, console: Console) -> None:
-    """Print the report of a run as two tables."""
-    what = "human" if report.robot == "human" else report.robot
-    lasted = f", {report.duration_s:.1f} s from the first to the end" if report.frames else ""
-    by = " and ".join(report.priorities)
-    console.print(
-        f"{report.source} on {what} by {by}: {counted(report.frames, 'frame')} followed{lasted}, "
-        + f"at {report.rate_hz:g} Hz"
-        + (f", speed {report.speed:g}" if report.speed != 1.0 else ""),
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
-    )
-    console.print()
-    if report.tracking_mm:
-        console.print(_tracking_table(report))
-        console.print()
-    facts = Table("", "", box=None, pad_edge=False, show_header=False)
-    for finding in findings(run, report):
-        broken = f" [allowed: {finding.allowed}]" if finding.allowed and not finding.kept else ""
-        facts.add_row(finding.name, Text(finding.measured + broken))
-    console.print(facts)
-    for note in report.notes:
-        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-
-
-def _tracking_table(report: Report) -> Table:
-    """Errors of everything that was followed, mm: as it was sent and, where there are servos, as they were."""
-    table = Table(box=None, pad_edge=False)
-    servos = report.servo_tracking_mm
-    table.add_column("tracking, mm" if servos is None else "tracking, mm: sent")
-    for heading in ("mean", "p95", "max", *(() if servos is None else ("servos: mean", "p95", "max"))):
-        table.add_column(heading, justify="right", min_width=7)
-    for name, spread in report.tracking_mm.items():
-        table.add_row(name, *_spread(spread), *_spread((servos or {}).get(name)))
-    if report.robot != "human":
-        for name, spread in report.sensors_mm.items():
-            table.add_row("human " + name, *_spread(spread))
-    return table
-
-
-def _spread(spread: Spread | None) -> list[str]:
-    return [] if spread is None else [f"{value:.1f}" for value in (spread.mean, spread.p95, spread.max)]
+def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
+    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
+    seen, physics = RunFindings(run, report), report.physics
+    planned = found(PLANNED, seen)
+    if physics is not None:
+        planned = tuple(replace(finding, name=f"{finding.name}, as planned") for finding in planned)
+    simulated = () if physics is None else found(PHYSICS, physics)
+    return (*found(FOLLOWED, seen), *found(KEPT, seen), *planned, *found(CONTROL, seen), *simulated, *found(MACHINE, seen))
 
 
 # The moments at which a run went wrong, on the time of the run: what stopped it, and a fall.

@@ -147,6 +147,7 @@ def measure(run: RunResult) -> Report:
         unfollowed=unfollowed_of(run, performance),
         physics=physics_report(run),
         steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),
+        refused_pair=run.refused_pair,
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
         latency_ms=None if latency is None else latency.stages,

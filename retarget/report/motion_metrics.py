@@ -138,6 +138,51 @@ def limit_shares(run: RunResult) -> LimitShares | None:
     return LimitShares(*(float(at.any(axis=1).mean()) for at in (near, fast, hard)))
 
 
+@dataclass(frozen=True)
+class Nearest:
+    """The joint that used most of its limit. value: what it did; limit: what it may do; rad, s (or m)."""
+
+    joint: str
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """None where no joint has such a limit, or where too few ticks were sent. room: rad (or m) between a joint
+    and the limit of its position that it came nearest to, and its joint; negative: beyond."""
+
+    room: tuple[str, float] | None
+    velocity: Nearest | None
+    acceleration: Nearest | None
+
+
+def limit_use(run: RunResult) -> LimitUse:
+    """The use of limits by the goals that were sent (of a human: by its postures), by finite differences."""
+    moved, sent = moved_joints(run), run.record.robot
+    names, limits, dt = moved.names, moved.limits, moved.dt
+    positions = moved.positions if sent is None else np.vstack([sent.start, sent.goals])
+    if len(positions) < 3 or not names:
+        return LimitUse(None, None, None)
+    room, fastest, hardest = np.zeros((3, len(names)))
+    for joint, track in enumerate(positions.T):  # one by one: of a long run each step of this is as large as it
+        step = np.diff(track)
+        room[joint] = np.minimum(track - limits.lower[joint], limits.upper[joint] - track).min()
+        fastest[joint], hardest[joint] = np.abs(step).max() / dt, np.abs(np.diff(step)).max() / dt**2
+    near = int(np.argmin(room))
+    return LimitUse(
+        room=(names[near], float(room[near])) if np.isfinite(room[near]) else None,
+        velocity=_nearest(names, fastest, limits.max_velocity),
+        acceleration=_nearest(names, hardest, limits.max_acceleration),
+    )
+
+
+def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> Nearest | None:
+    share = values / np.where(limits > 0.0, limits, np.inf)
+    joint = int(np.argmax(share))
+    return Nearest(names[joint], float(values[joint]), float(limits[joint])) if np.isfinite(limits[joint]) else None
+
+
 def jerk_p95(positions: FloatArray, dt: float) -> float | None:
     """95th percentile of the size of the jerk of joint positions (T, n), rad/s^3; None for fewer than four ticks."""
     if len(positions) < 4 or positions.shape[1] == 0:

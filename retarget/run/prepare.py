@@ -190,6 +190,7 @@ class Prepared:
             scene=self.scene,
             observers=self.observers,
             steps=None if self.steps is None else replace(self.steps),
+            refused_pair=None if machine is None else machine.refused_pair,
         )
 
     def _capped(self) -> tuple[str, ...]:
