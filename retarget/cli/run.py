@@ -540,6 +540,9 @@ def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: 
 
 # The command.
 
+USUAL_OPTIONS = ("--robot", "--source", "--bus", "--speed", "--report", "--view", "--verbose")
+"""Options that `--help` lists, with which it fits a screen of 80 by 24; `--help-all` lists all."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest:
@@ -608,8 +611,6 @@ def run(request: RunRequest, session: Session = None) -> None:
         retarget run --robot op3 --source sample --view
         retarget run --robot op3 --source vmc://:39539 --bus profile
         retarget run session.yaml --speed 0.5
-
-    Exit code 0: done, 1: stopped by the guard or by Ctrl-C, or a file not written, 2: refused before anything moved.
     """
     options, outputs = request.checked()
     source, live = request.source, request.live
