@@ -1,23 +1,26 @@
-"""What is known of a run, in words: a table of figures with their bounds and sentences, which terminal, page and
-`judge` show."""
+"""What is known of a run, in words: terminal and page show the lines of `findings.yaml`, a table of figures with their
+bounds and sentences."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, Generic, TypeVar
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
-from retarget.report.motion_metrics import CONTACT_M, LimitUse, Nearest, PhysicsReport, limit_use
+from retarget.report.motion_metrics import CONTACT_M, LimitUse, limit_use
 from retarget.report.report import Report
 from retarget.report.unfollowed import INSTEAD
 from retarget.report.verdict import Verdict, to_follow, verdict_of
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
+from retarget.schema import strict_yaml
 from retarget.types import MM
 
 
@@ -32,33 +35,60 @@ class Finding:
     kept: bool | None = None
 
 
-Seen = TypeVar("Seen")
+# From figures to lines.
+
+_FIELD = re.compile(r"{([^{}:]+):?([^{}]*)}")
 
 
-@dataclass(frozen=True)
-class Line(Generic[Seen]):
-    """A row of a table of findings. figure: what the sentence is of, one value or a tuple of them; None: not known, so
-    there is no line. bound: what is allowed, in words; kept: whether it was, without which there is no bound."""
+def figure_of(seen: object, path: str) -> Any:
+    """The figure at a path of attributes, keys and numbers; None where any of them is not known."""
+    value: Any = seen
+    for part in path.split("."):
+        if isinstance(value, Mapping):
+            value = value.get(part)
+        elif isinstance(value, tuple) and part.isdecimal():
+            value = value[int(part)]
+        elif value is not None:
+            value = getattr(value, part)
+    return value
 
-    name: str
-    figure: Callable[[Seen], Any]
-    sentence: str = "{}"
-    bound: str | Callable[[Seen], str] = ""
-    kept: Callable[[Seen], bool | None] | None = None
+
+def in_words(text: str, seen: object) -> str:
+    """A sentence with its figures; "" where one of them is not known or empty."""
+    figures = {path: figure_of(seen, path) for path, _ in _FIELD.findall(text)}
+    if any(value is None or value == "" for value in figures.values()):
+        return ""
+    return _FIELD.sub(lambda found: format(figures[found[1]], found[2]), text)
 
 
-def found(lines: Iterable[Line[Seen]], seen: Seen) -> tuple[Finding, ...]:
-    """The findings of those lines whose figures are known and not empty."""
-    findings = []
-    for line in lines:
-        figure = line.figure(seen)
-        if figure is None or figure == "":
+@cache
+def _table() -> Mapping[str, Any]:
+    return strict_yaml.load(Path(__file__).with_name("findings.yaml")).data
+
+
+def found(table: str, seen: object, *, planned: str = "") -> Iterator[Finding]:
+    """The lines of a table of `findings.yaml` that are known. planned: goes behind the names of lines of the plan."""
+    for line in _table()[table]:
+        ways = [line["says"]] if isinstance(line["says"], str) else line["says"]
+        says = next(filter(None, (in_words(text, seen) for text in ways)), "")
+        if not says:
             continue
-        measured = line.sentence.format(*(figure if isinstance(figure, tuple) else (figure,)))
-        allowed = line.bound if isinstance(line.bound, str) else line.bound(seen)
-        findings.append(Finding(line.name, measured, allowed, None if line.kept is None else line.kept(seen)))
-    return tuple(findings)
+        also = filter(None, (in_words(text, seen) for text in line.get("also", ())))
+        broken = figure_of(seen, line["broken"]) if "broken" in line else None
+        yield Finding(
+            line["name"] + planned * line.get("planned", False),
+            "; ".join([says, *also]),
+            in_words(line.get("bound", ""), seen),
+            None if broken is None else not broken,
+        )
 
+
+def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
+    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
+    return (*found("run", RunFigures(run, report), planned="" if report.physics is None else ", as planned"),)
+
+
+# The figures of a run that are no keys of its report.
 
 TIPS_MM = 0.05
 """Nearer to the edge of the soles than this, a robot begins to tip."""
@@ -70,19 +100,106 @@ was not followed, the first ones."""
 FOLLOWING, NOT_FOLLOWED = "following", "not followed"
 STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
 """Words for the stages of `LiveReport.latency_ms`."""
-SIDES = {"l_": "left ", "r_": "right "}
+GAPS: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
+    "self": lambda report: report.closest_links,
+    "scene": lambda report: report.deep.obstacle,
+    "ground": lambda report: report.deep.ground,
+}
+"""What came closest, by the keys of `Clearances`."""
 
 
-class RunFindings:
-    """A run and its report, as the lines need them."""
+class RunFigures:
+    """Figures of a run by the names of `findings.yaml`: keys of the report, and what is made of them."""
+
+    contact_mm, tips_mm = MM * CONTACT_M, TIPS_MM
 
     def __init__(self, run: RunResult, report: Report) -> None:
         self.run, self.report, self.robot = run, report, run.robot
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.report, name)
+
+    # How it followed.
 
     @cached_property
     def verdict(self) -> Verdict | None:
         """Whether the robot follows."""
         return verdict_of(self.run, self.report)
+
+    @property
+    def to_follow(self) -> str:
+        """What the verdict allows."""
+        return to_follow(self.report)
+
+    @property
+    def not_followed(self) -> str:
+        """When the performer did what the robot cannot."""
+        said = []
+        for what, instead in INSTEAD.items():
+            known = [one for one in self.report.unfollowed or () if one.what == what]
+            times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in known[:MOST]]
+            times += [counted(len(known) - MOST, "more time")] if len(known) > MOST else []
+            said += [f"the performer {what} {', '.join(times)}: the robot {instead} instead"] if known else []
+        return "; ".join(said)
+
+    @property
+    def likeness(self) -> dict[str, str]:
+        """How far the limbs and the trunk are off: as `reached`, from the body as `recorded`, and at `best`."""
+        report = self.report
+        angles = {
+            "reached": dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg),
+            "recorded": report.likeness_recorded_deg or {},
+            "best": report.best_likeness_deg or {},
+        }
+        return {
+            whose: ", ".join(f"{name.replace('_', ' ')} {off.mean:.0f}°" for name, off in of.items() if off is not None)
+            for whose, of in angles.items()
+        }
+
+    @property
+    def hands(self) -> str:
+        """How far each hand is off where it gets to the performer's."""
+        off, shares = self.report.reachable_hands_mm or {}, self.report.reachable_share or {}
+        return "; ".join(
+            f"{side_words(name)} {off[name]:.1f} mm off where it gets there ({share:.0%} of ticks)"
+            if name in off
+            else f"{side_words(name)} never gets there"
+            for name, share in shares.items()
+            if self.run.ticks_followed
+        )
+
+    @property
+    def lag_ms(self) -> float | None:
+        """Lag of a robot."""
+        return None if self.robot is None or self.report.lag_s is None else 1e3 * self.report.lag_s
+
+    @property
+    def latency(self) -> str:
+        """As `latency_line`, of a robot."""
+        return "" if self.robot is None else latency_line(self.report)
+
+    @property
+    def stays(self) -> str:
+        """Not empty where the feet stay planted while the performer's move."""
+        return "none" if self.report.foot_path_ratio == 0.0 else ""
+
+    # Joints and servos.
+
+    @property
+    def servos(self) -> dict[str, Any] | None:
+        """How far the servos were behind their goals, degrees, and the joint that was farthest."""
+        servos, robot = self.report.servo_error_deg, self.robot
+        if not servos or robot is None:
+            return None
+        worst = max(servos, key=lambda name: servos[name].max)
+        mean = sum(spread.mean for spread in servos.values()) / len(servos)
+        allowed = np.rad2deg(robot.profile.safety.following_error)
+        return {"mean": mean, "max": servos[worst].max, "joint": worst, "allowed": allowed}
+
+    @property
+    def stopped_by_servos(self) -> bool:
+        """True if the guard stopped the robot because a servo was too far behind."""
+        return self.run.stop is not None and self.run.stop.cause is StopCause.FOLLOWING_ERROR
 
     @cached_property
     def use(self) -> LimitUse:
@@ -90,45 +207,237 @@ class RunFindings:
         return limit_use(self.run)
 
     @property
-    def deep(self) -> bool:
-        """Whether anything was in anything else."""
-        return bool(self.report.penetrating_frames)
+    def room(self) -> str:
+        """The joint that came nearest to a limit of its position."""
+        if self.use.room is None:
+            return "no limit came near"
+        joint, room = self.use.room
+        if abs(room) <= ROUND_OFF:
+            return f"{joint} reached its limit"
+        return f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
+
+    @property
+    def beyond(self) -> dict[str, str]:
+        """Values beyond a limit, by its kind."""
+        return {kind: counted(count, "value") for kind, count in vars(self.report.limit_violations).items() if count}
+
+    # Balance, contact and the gate.
+
+    @property
+    def mass(self) -> str:
+        """Where the centre of mass was."""
+        outside, margin = self.report.com_outside_support_frames, self.report.com_margin_mm
+        if outside:
+            by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
+            return f"outside in {counted(outside, 'tick')}{by}"
+        nearest = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
+        return "" if outside is None else nearest
+
+    @property
+    def gaps(self) -> dict[str, str]:
+        """The least distances, and between what they were."""
+        known = {kind: mm for kind, mm in vars(self.report.min_clearance_mm).items() if mm is not None}
+        return {kind: gap_words(mm, GAPS[kind](self.report)) for kind, mm in known.items()}
+
+    @property
+    def inside(self) -> dict[str, bool]:
+        """True where something was in something else, by the keys of `gaps`."""
+        gaps, deep = vars(self.report.min_clearance_mm), bool(self.report.penetrating_frames)
+        return {kind: deep and mm is not None and mm < 0.0 for kind, mm in gaps.items()}
+
+    @property
+    def penetrating(self) -> str:
+        """Ticks in which something was in something else."""
+        ticks = self.report.penetrating_frames
+        return counted(ticks, "tick") if ticks else ""
+
+    @property
+    def contact(self) -> float | None:
+        """Share of the ticks in which an observer was in contact; None without any."""
+        return (self.report.observers.reactive_share or None) if self.report.observers else None
+
+    @property
+    def braked(self) -> str:
+        """Ticks without a goal."""
+        return counted(self.report.no_command_frames, "tick") if self.report.no_command_frames else ""
+
+    @property
+    def refused(self) -> str:
+        """The pair for which the gate refused goals most often, and what to do."""
+        pair = self.report.refused_pair
+        if pair is None or not self.report.gated_frames:
+            return ""
+        step = "" if pair.obstacle else f": {TIGHTEN}"
+        return f"refused for {pair.first} - {pair.second} in {counted(pair.ticks, 'tick')}{step}"
+
+    @property
+    def stream(self) -> str:
+        """The stream of a live run."""
+        return stream_line(self.report.live)
+
+    # A simulated robot.
+
+    @property
+    def stands(self) -> str:
+        """Whether it fell, and what was done to it."""
+        seen = self.report.physics
+        if seen is None:
+            return ""
+        how = {"floor": "did not fall", "stand": "on a stand", "gantry": "hangs on a gantry"}[seen.mount]
+        if seen.fallen:
+            how = f"fallen at {seen.fallen_at_s or 0.0:.2f} s: {seen.how}"
+        if seen.perturbations:
+            how += f" (perturbations: {', '.join(seen.perturbations)}; seed {seen.seed})"
+        return how
+
+    @property
+    def tips(self) -> bool:
+        """True if the pressure came to the edge of the soles."""
+        return figure_of(self, "physics.min_zmp_margin_mm") <= TIPS_MM  # type: ignore[no-any-return]
+
+    @property
+    def torque(self) -> dict[str, Any] | None:
+        """The joint with the largest torque."""
+        return _most(figure_of(self, "physics.torque_nm"), lambda torque: float(torque.max))
+
+    @property
+    def heat(self) -> dict[str, Any] | None:
+        """The joint with the hottest servo."""
+        return _most(figure_of(self, "physics.temperature_c"), float)
+
+    @property
+    def touching_ticks(self) -> int:
+        """Ticks in which a simulated body touched itself, a fixture or the floor."""
+        seen = self.report.physics
+        return 0 if seen is None else seen.self_contacts + seen.fixture_contacts
+
+    @property
+    def contacts(self) -> str:
+        """What a simulated body touched."""
+        seen = self.report.physics
+        if seen is None:
+            return ""
+        counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
+        return ", ".join(f"touches {what} in {counted(n, 'tick')}" for what, n in counts.items() if n) or "none"
+
+    # The bus, the computer, and the end.
+
+    @property
+    def safety(self) -> Any:
+        """Limits of the profile."""
+        return None if self.robot is None else self.robot.profile.safety
+
+    @property
+    def faults(self) -> str:
+        """Faults of the bus."""
+        bus = self.report.bus
+        return "" if bus is None or self.robot is None else counted(bus.faults, "fault") if bus.faults else "none"
+
+    @property
+    def missed(self) -> str:
+        """Ticks that did not come in time."""
+        bus = self.report.bus
+        if bus is None or bus.missed_ticks is None or not self.run.setup.real_time:
+            return ""
+        missed = f"{bus.missed_ticks} of {self.report.ticks + bus.missed_ticks}" if bus.missed_ticks else "none"
+        longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
+        return missed + longest + (", see retarget doctor" if bus.missed_ticks else "")
+
+    @property
+    def tick_ms(self) -> float:
+        """Time between two ticks."""
+        return 1e3 * self.run.clip.dt
+
+    @property
+    def too_hot(self) -> bool:
+        """True if a servo was as hot as it may not be."""
+        return figure_of(self, "bus.hottest.value") >= self.safety.temperature_c  # type: ignore[no-any-return]
+
+    @property
+    def voltage_off(self) -> bool:
+        """True if the lowest voltage is none that the servos may have."""
+        low, high = self.safety.voltage
+        return not low <= figure_of(self, "bus.lowest_voltage.value") <= high
+
+    @property
+    def cost(self) -> str:
+        """What a tick took."""
+        costs = {"human": self.report.reconstruct_us, "robot": self.report.retarget_us}
+        ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
+        known = [f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items()]
+        return f"{', '.join(known)}; {counted(round(self.report.frames_per_s), 'frame')}/s" if known else ""
+
+    @property
+    def end(self) -> str:
+        """How the run ended."""
+        stop = self.report.stop
+        return "to its end" if stop.reason is None else ": ".join(part for part in (stop.state, stop.reason) if part)
+
+    @property
+    def ended_early(self) -> bool:
+        """True if the run did not go on to its end."""
+        return self.report.stop.reason is not None
+
+    # What only the sentence says.
+
+    @property
+    def sensors(self) -> float | None:
+        """Mean distance, mm, of a reconstructed performer from the sensors."""
+        known = [spread.mean for spread in self.report.sensors_mm.values()] if self.robot is None else []
+        return sum(known) / len(known) if known else None
+
+    @property
+    def unsensed(self) -> float | None:
+        """Mean error, mm, of a reconstructed performer's joints that no sensor is on."""
+        return (self.report.unsensed_mm or {}).get("mean") if self.robot is None else None
+
+    @property
+    def touched(self) -> str:
+        """Ticks in which something touched that should not."""
+        ticks = self.report.penetrating_frames if self.report.physics is None else self.touching_ticks
+        return counted(ticks, "tick") if ticks else ""
+
+    @property
+    def untouched(self) -> str:
+        """Not empty where anything was looked at."""
+        known = self.report.physics is not None or self.report.penetrating_frames is not None
+        return "nothing touched" if known else ""
+
+    @property
+    def near_falling_mm(self) -> float | None:
+        """Least distance of the centre of pressure from the edge of the soles; without mass, of the centre of mass."""
+        seen = self.report.physics
+        margin = self.report.com_margin_mm if seen is None else seen.min_zmp_margin_mm
+        return margin if self.robot is not None and self.robot.stands else None
+
+    @property
+    def edge(self) -> str:
+        """Not empty for a robot that was at the edge of its soles and did not fall."""
+        margin = self.near_falling_mm
+        return "at the edge of falling" if margin is not None and margin < TIPS_MM and not self.report.fallen else ""
 
 
-def words_of(name: str) -> str:
-    """The name of a body part in words."""
-    return (SIDES.get(name[:2], "") + name[2:] if name[:2] in SIDES else name).replace("_", " ")
+TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
+SIDES = {"l": "left ", "r": "right "}
 
 
-def _times(what: str, seen: RunFindings) -> str:
-    """When the performer did what the robot cannot."""
-    times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in seen.report.unfollowed or () if one.what == what]
-    more = [counted(len(times) - MOST, "more time")] if len(times) > MOST else []
-    return ", ".join([*times[:MOST], *more])
+def side_words(name: str) -> str:
+    """A name like l_hand in words."""
+    side, _, part = name.partition("_")
+    return (SIDES[side] + part if side in SIDES else name).replace("_", " ")
 
 
-def _likeness(seen: RunFindings) -> str:
-    """How far the limbs and the trunk are off."""
-    parts, report = [], seen.report
-    for angles, words in (
-        (dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg), "{} off on average"),
-        (report.likeness_recorded_deg or {}, "from the recorded body {}"),
-        (report.best_likeness_deg or {}, "its joints allow {}"),
-    ):
-        known = [f"{name.replace('_', ' ')} {off.mean:.0f}°" for name, off in angles.items() if off is not None]
-        parts += [words.format(", ".join(known))] if known else []
-    return "; ".join(parts)
+def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside each other") -> str:
+    """A distance of two things, mm, negative inside, in words."""
+    gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm {inside}"
+    return gap + (f" ({' and '.join(pair)})" if pair else "")
 
 
-def _hands(seen: RunFindings) -> str:
-    hands = seen.report.reachable_hands_mm or {}
-    return "; ".join(
-        f"{words_of(name)} {hands[name]:.1f} mm off where it gets there ({share:.0%} of ticks)"
-        if name in hands
-        else f"{words_of(name)} never gets there"
-        for name, share in (seen.report.reachable_share or {}).items()
-        if seen.run.ticks_followed
-    )
+def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dict[str, Any] | None:
+    """The joint with the largest of some values, of those that are known; None where there is none."""
+    known = {joint: value for joint, value in (values or {}).items() if not math.isnan(size(value))}
+    most = max(known, key=lambda joint: size(known[joint]), default=None)
+    return None if most is None else {"joint": most, "value": known[most]}
 
 
 def latency_line(report: Report) -> str:
@@ -139,144 +448,6 @@ def latency_line(report: Report) -> str:
     if whole is None:
         return taken and f"{taken} ms; from hand to shaft it is not known"
     return f"{whole.p50:.0f} ms from hand to shaft (p99 {whole.p99:.0f}): {taken}"
-
-
-def _foot_path(seen: RunFindings) -> str:
-    ratio = seen.report.foot_path_ratio
-    if ratio is None:
-        return ""
-    return f"{ratio:.1%} of the performer's" if ratio else "none: the performer's feet move, its own stay planted"
-
-
-def _travel(seen: RunFindings) -> str:
-    """How far performer and robot got and turned."""
-    path, turn = seen.report.travelled_m, seen.report.turned_deg
-    both = (("performer", path.performer, turn.performer), ("robot", path.robot, turn.robot))
-    known = [(whose, far, turned) for whose, far, turned in both if far is not None and turned is not None]
-    return "; ".join(f"{whose} {far:.2f} m, turned {turned:.0f}°" for whose, far, turned in known)
-
-
-def _servos(seen: RunFindings) -> tuple[float, float, str] | None:
-    servos = seen.report.servo_error_deg
-    if not servos or seen.robot is None:
-        return None
-    worst = max(servos, key=lambda name: servos[name].max)
-    return sum(spread.mean for spread in servos.values()) / len(servos), servos[worst].max, worst
-
-
-def _room(seen: RunFindings) -> str:
-    if seen.use.room is None:
-        return "no limit came near"
-    joint, room = seen.use.room
-    if abs(room) <= ROUND_OFF:
-        return f"{joint} reached its limit"
-    return f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
-
-
-def _joint_line(name: str, kind: str, figure: Callable[[RunFindings], str], bound: Any) -> Line[RunFindings]:
-    """A line of joint limits. kind: of `LimitViolations`."""
-
-    def beyond(seen: RunFindings) -> int:
-        return int(getattr(seen.report.limit_violations, kind))
-
-    def measured(seen: RunFindings) -> str:
-        words, count = figure(seen), beyond(seen)
-        return f"{words}; {counted(count, 'value')} beyond" if words and count else words
-
-    return Line(name, measured, "{}", bound, lambda seen: not beyond(seen))
-
-
-def _rate_line(name: str, kind: str, unit: str) -> Line[RunFindings]:
-    """A line of the joint that used most of a limit of velocity or acceleration."""
-
-    def figure(seen: RunFindings) -> str:
-        use: Nearest | None = getattr(seen.use, kind)
-        share = "" if use is None else f"{use.value / use.limit:.0%} of its limit"
-        return share and f"nearest: {use.joint}, {use.value:.3g} {unit}, {share}"  # type: ignore[union-attr]
-
-    def bound(seen: RunFindings) -> str:
-        use: Nearest = getattr(seen.use, kind)
-        return f"{use.joint}: {use.limit:.3g} {unit}"
-
-    return _joint_line(name, kind, figure, bound)
-
-
-def _mass(seen: RunFindings) -> str | None:
-    outside, margin = seen.report.com_outside_support_frames, seen.report.com_margin_mm
-    if outside:
-        by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
-        return f"outside in {counted(outside, 'tick')}{by}"
-    nearest = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
-    return None if outside is None else nearest
-
-
-def _soles(seen: RunFindings) -> str | None:
-    soles, slid = seen.report.soles, seen.report.foot_slide_mm
-    if slid is None:
-        return None
-    if soles is None:
-        return f"at most {slid:.2f} mm slid within {MM * CONTACT_M:.0f} mm of the ground"
-    raised = f"{soles.height_mm:.2f} mm off the ground, {soles.tilt_deg:.2f} degrees tilted"
-    return f"at most {raised}, {slid:.2f} mm slid"
-
-
-def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside each other") -> str:
-    """A distance of two things, mm, negative inside, in words."""
-    gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm {inside}"
-    return gap + (f" ({' and '.join(pair)})" if pair else "")
-
-
-def _gap_line(name: str, kind: str, bound: str, pair: Callable[[Report], Any]) -> Line[RunFindings]:
-    """A line of a clearance. kind: of `Clearances`."""
-
-    def distance(seen: RunFindings) -> float | None:
-        mm: float | None = getattr(seen.report.min_clearance_mm, kind)
-        return mm
-
-    def figure(seen: RunFindings) -> str | None:
-        mm = distance(seen)
-        return None if mm is None else gap_words(mm, pair(seen.report))
-
-    return Line(name, figure, "{}", bound, lambda seen: not seen.deep or (distance(seen) or 0.0) >= 0.0)
-
-
-def _observers(seen: RunFindings) -> str | None:
-    switches, observers = seen.report.mode_switches_per_s, seen.report.observers
-    if switches is None:
-        return None
-    worst = f", {switches.worst:.1f} of {switches.name}" if switches.name else ""
-    share = observers.reactive_share if observers else 0.0
-    contact = f"; in contact in {share:.1%} of ticks" if share else ""
-    return f"switched on or off {switches.mean:.1f} times a second on average{worst}{contact}"
-
-
-def _gate(seen: RunFindings) -> str | None:
-    """How often the gate refused a goal, and what to do about the pair for which it did so most often."""
-    report = seen.report
-    if report.gated_frames is None:
-        return None
-    parts = [f"changed {report.gated_frames} of {report.ticks} goals"]
-    if report.no_command_frames:
-        parts.append(f"no goal in {counted(report.no_command_frames, 'tick')}: joints braked")
-    if report.gated_frames and report.refused_pair is not None:
-        parts.append(refused_words(report))
-    return "; ".join(parts)
-
-
-def refused_words(report: Report) -> str:
-    """The pair for which the gate refused most goals, and what to do; "" without one."""
-    pair = report.refused_pair
-    if pair is None:
-        return ""
-    words = f"refused for {pair.first} - {pair.second} in {counted(pair.ticks, 'tick')}"
-    if pair.obstacle:
-        return words
-    step = "fit their observers closer (retarget fit-observers), or if they cannot meet put them into ignore_pairs"
-    return f"{words}: {step}"
-
-
-def _stream(seen: RunFindings) -> str:
-    return stream_line(seen.report.live)
 
 
 def stream_line(live: LiveReport | None) -> str:
@@ -297,243 +468,6 @@ def stream_line(live: LiveReport | None) -> str:
     if live.refused:
         parts.append(f"refused senders: {', '.join(live.refused[:MOST])}")
     return "; ".join(parts)
-
-
-# The simulated mechanics of a run.
-
-
-def _stands(seen: PhysicsReport) -> str:
-    how = {"floor": "did not fall", "stand": "on a stand", "gantry": "hangs on a gantry"}[seen.mount]
-    if seen.fallen:
-        how = f"fallen at {seen.fallen_at_s or 0.0:.2f} s: {seen.how}"
-    if seen.perturbations:
-        how += f" (perturbations: {', '.join(seen.perturbations)}; seed {seen.seed})"
-    return how
-
-
-def _pressure(seen: PhysicsReport) -> tuple[float, float, float] | None:
-    margin = seen.min_zmp_margin_mm
-    return None if margin is None else (margin, seen.foot_slip_mm["total"], seen.sole_tilt_max_deg)
-
-
-def _most(values: Mapping[str, Any], size: Callable[[Any], float]) -> str | None:
-    """The joint with the largest of some values, of those that are known; None where there is none."""
-    known = {joint: size(value) for joint, value in values.items() if not math.isnan(size(value))}
-    return max(known, key=known.__getitem__) if known else None
-
-
-def _torque(seen: PhysicsReport) -> tuple[float, float, str] | None:
-    most = _most(seen.torque_nm, lambda torque: torque.max)
-    return None if most is None else (seen.torque_nm[most].max, seen.torque_nm[most].p95, most)
-
-
-def _heat(seen: PhysicsReport) -> tuple[float, str, str] | None:
-    most = _most(seen.temperature_c, float)
-    return None if most is None else (seen.temperature_c[most], most, seen.heat_model)
-
-
-def _contacts(seen: PhysicsReport) -> str:
-    counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
-    touches = [f"touches {what} in {counted(ticks, 'tick')}" for what, ticks in counts.items() if ticks]
-    return ", ".join(touches) or "none"
-
-
-PHYSICS: tuple[Line[PhysicsReport], ...] = (
-    Line("physics", _stands, "{}", "it does not fall", lambda seen: not seen.fallen),
-    Line("at rest", lambda seen: seen.toppled, "it did not stay: {}", "it stays without torque", lambda seen: False),
-    Line(
-        "pressure",
-        _pressure,
-        "never nearer to the edge of the soles than {:z.2f} mm; {:.1f} mm slipped, tipped by {:.1f} degrees",
-        f"more than {TIPS_MM:g} mm inside the soles",
-        lambda seen: (seen.min_zmp_margin_mm or 0.0) > TIPS_MM,
-    ),
-    Line("torque", _torque, "{:.2f} N m at most, 95 % below {:.2f} ({})"),
-    Line("heat", _heat, "{:.1f} degrees Celsius at most ({}), by a model {}"),
-    Line("contacts", _contacts, "{}", "none but the soles", lambda seen: not seen.self_contacts + seen.fixture_contacts),
-    Line("simulation", lambda seen: seen.realtime_factor, "{:.1f} times as fast as real time"),
-)
-
-
-# Bus, cost and end.
-
-
-def _missed(seen: RunFindings) -> str | None:
-    bus = seen.report.bus
-    if bus is None or bus.missed_ticks is None or not seen.run.setup.real_time:
-        return None
-    missed = f"{bus.missed_ticks} of {seen.report.ticks + bus.missed_ticks}" if bus.missed_ticks else "none"
-    longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
-    return missed + longest + (", see retarget doctor" if bus.missed_ticks else "")
-
-
-def _of_bus(key: str) -> Callable[[RunFindings], Any]:
-    """A value of the bus and its joint; None where it is not known."""
-
-    def figure(seen: RunFindings) -> tuple[float, str] | None:
-        found = None if seen.report.bus is None else getattr(seen.report.bus, key)
-        return None if found is None or seen.robot is None else (found.value, found.joint)
-
-    return figure
-
-
-def _safety(seen: RunFindings) -> Any:
-    assert seen.robot is not None, "a bus is a robot's"
-    return seen.robot.profile.safety
-
-
-def _faults(seen: RunFindings) -> str | None:
-    bus = seen.report.bus
-    return None if bus is None or seen.robot is None else counted(bus.faults, "fault") if bus.faults else "none"
-
-
-def _voltage_kept(seen: RunFindings) -> bool:
-    (low, high), (lowest, _) = _safety(seen).voltage, _of_bus("lowest_voltage")(seen)
-    return bool(low <= lowest <= high)
-
-
-def _cool(seen: RunFindings) -> bool:
-    hottest, _ = _of_bus("hottest")(seen)
-    return bool(hottest < _safety(seen).temperature_c)
-
-
-def _cost(seen: RunFindings) -> str:
-    report = seen.report
-    costs = {"human": report.reconstruct_us, "robot": report.retarget_us}
-    ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
-    known = [f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items()]
-    return f"{', '.join(known)}; {counted(round(report.frames_per_s), 'frame')}/s" if known else ""
-
-
-def _end(seen: RunFindings) -> str:
-    stop = seen.report.stop
-    return "to its end" if stop.reason is None else ": ".join(part for part in (stop.state, stop.reason) if part)
-
-
-FOLLOWED: tuple[Line[RunFindings], ...] = (
-    Line(
-        FOLLOWING,
-        lambda seen: seen.verdict and seen.verdict.sentence,
-        "{}",
-        lambda seen: to_follow(seen.report),
-        lambda seen: seen.verdict and seen.verdict.kept,
-    ),
-    *(
-        Line(NOT_FOLLOWED, partial(_times, what), f"the performer {what} {{}}: the robot {instead} instead")
-        for what, instead in INSTEAD.items()
-    ),
-    Line("likeness", _likeness),
-    Line("hands within reach", _hands),
-    Line(
-        "lag",
-        lambda seen: None if seen.robot is None or seen.report.lag_s is None else 1e3 * seen.report.lag_s,
-        "{:.1f} ms from what is asked to what is sent",
-    ),
-    Line("latency", lambda seen: latency_line(seen.report) if seen.robot is not None else None),
-    Line("hand path", lambda seen: seen.report.hand_path_ratio, "{:.1%} of what was asked"),
-    Line(
-        "pelvis height",
-        lambda seen: (height := seen.report.pelvis_height_mm) and (height.mean, height.p95, height.max),
-        "{:.0f} mm off, {:.0f} at p95, {:.0f} at most",
-    ),
-    Line("foot path", _foot_path),
-    Line("over the ground", _travel),
-)
-"""How the performer was followed."""
-KEPT: tuple[Line[RunFindings], ...] = (
-    Line(
-        "joints without sensor",
-        lambda seen: (seen.report.unsensed_mm or {}).get("mean"),
-        "{:.1f} mm from the recorded ones on average",
-    ),
-    Line("highest priority", lambda seen: seen.report.priority_violation_max, "off by {:.3f} mm or mrad at most"),
-    Line(
-        "servos",
-        _servos,
-        "{:.1f} degrees behind what was sent on average, {:.1f} at most ({})",
-        lambda seen: f"{np.rad2deg(_safety(seen).following_error):.3g}° from the trajectory to its goal",
-        lambda seen: seen.run.stop is None or seen.run.stop.cause is not StopCause.FOLLOWING_ERROR,
-    ),
-    _joint_line("joint positions", "position", _room, "within their limits"),
-    _rate_line("joint speeds", "velocity", "rad/s"),
-    _rate_line("joint accelerations", "acceleration", "rad/s²"),
-)
-"""The human, servos and joints."""
-PLANNED: tuple[Line[RunFindings], ...] = (
-    Line(
-        "centre of mass",
-        _mass,
-        "{}",
-        "over the support polygon",
-        lambda seen: not seen.report.com_outside_support_frames,
-    ),
-    Line("soles", _soles),
-    _gap_line("its own links", "self", "do not meet", lambda report: report.closest_links),
-    _gap_line("obstacles", "scene", "are not touched", lambda report: report.deep.obstacle),
-    _gap_line("the floor", "ground", "is touched by soles alone", lambda report: report.deep.ground),
-    Line(
-        "penetration",
-        lambda seen: (counted(seen.report.penetrating_frames or 0, "tick"), seen.report.deep.frames)
-        if seen.deep
-        else None,
-        "in {}, by more than 1 mm in {}",
-    ),
-)
-"""The body in the postures that were sent. A simulated robot may move otherwise: there they are the plan."""
-CONTROL: tuple[Line[RunFindings], ...] = (
-    Line("observers", _observers),
-    Line("gate", _gate),
-    Line(
-        "steps",
-        lambda seen: (steps := seen.report.steps) and (steps.made, steps.asked, steps.declined),
-        "{} made of {} asked; {} declined, for it could not be in time",
-    ),
-    Line("stream", _stream),
-)
-"""What stood between the performer and the goals."""
-MACHINE: tuple[Line[RunFindings], ...] = (
-    Line(
-        "faults",
-        _faults,
-        "{}",
-        "all servos answer, none is alarmed",
-        lambda seen: not (seen.report.bus and seen.report.bus.faults),
-    ),
-    Line(
-        "ticks missed",
-        _missed,
-        "{}",
-        lambda seen: f"none, {1e3 * seen.run.clip.dt:.3g} ms each",
-        lambda seen: not (seen.report.bus and seen.report.bus.missed_ticks),
-    ),
-    Line(
-        "temperature",
-        _of_bus("hottest"),
-        "{:.0f} °C ({})",
-        lambda seen: f"below {_safety(seen).temperature_c:g} °C",
-        _cool,
-    ),
-    Line(
-        "voltage",
-        _of_bus("lowest_voltage"),
-        "lowest {:.1f} V ({})",
-        lambda seen: "{:g} to {:g} V".format(*_safety(seen).voltage),
-        _voltage_kept,
-    ),
-    Line("cost per tick", _cost),
-    Line("end", _end, "{}", "", lambda seen: seen.report.stop.reason is None),
-)
-"""The bus, the computer, and the end."""
-
-
-def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
-    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
-    seen, physics = RunFindings(run, report), report.physics
-    planned = found(PLANNED, seen)
-    if physics is not None:
-        planned = tuple(replace(finding, name=f"{finding.name}, as planned") for finding in planned)
-    simulated = () if physics is None else found(PHYSICS, physics)
-    return (*found(FOLLOWED, seen), *found(KEPT, seen), *planned, *found(CONTROL, seen), *simulated, *found(MACHINE, seen))
 
 
 # The moments at which a run went wrong, on the time of the run: what stopped it, and a fall.

@@ -146,6 +146,11 @@ class Nearest:
     value: float
     limit: float
 
+    @property
+    def share(self) -> float:
+        """The value as a share of its limit."""
+        return self.value / self.limit
+
 
 @dataclass(frozen=True)
 class LimitUse:

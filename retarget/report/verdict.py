@@ -52,6 +52,11 @@ class Verdict:
     kept: bool | None
 
     @property
+    def broken(self) -> bool | None:
+        """True if it does not follow; None: it does in part."""
+        return None if self.kept is None else not self.kept
+
+    @property
     def sentence(self) -> str:
         """The verdict, and what differs."""
         return f"{self.words}: {', '.join(self.differs)}" if self.differs else self.words
