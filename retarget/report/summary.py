@@ -9,6 +9,8 @@ from retarget.run.run_result import RunResult
 
 MOST_REMARKS = 7
 """With the first line, the files, the state of torque and the sentence, a run prints at most 12 lines."""
+CHANGED = 0.05
+"""Share of the goals that the gate may change before that is said: the verdict allows a twentieth of the time, too."""
 MOST_DIFFERENCES = 2
 """Differences that the sentence names, the first ones."""
 
@@ -28,7 +30,8 @@ def remarks(run: RunResult, report: Report, notes: Sequence[str]) -> list[str]:
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
     lines = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]
     said = [one.measured for one in known if one.name == NOT_FOLLOWED]
-    if refused := RunFigures(run, report).refused:
+    refused = RunFigures(run, report).refused
+    if refused and (report.gated_frames or 0) > CHANGED * report.ticks:
         said.append(f"the gate changed {report.gated_frames} of {report.ticks} goals, {refused}")
     lines += [f"note: {text}" for text in (*said, *notes)]
     more = len(lines) - MOST_REMARKS

@@ -12,7 +12,7 @@ from messages import shows
 from physics_rig import PhysicsRig, op3, standing
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.report.animation import animation_of
-from retarget.report.findings import findings, physics_findings
+from retarget.report.findings import findings
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
 from retarget.report.page import page_html
@@ -98,10 +98,14 @@ def test_the_page_shows_the_simulated_body_and_says_what_is_planned(bare: RunRes
     assert {"centre of mass, as planned", "its own links, as planned"} <= planned
 
 
+PHYSICS = ("physics", "at rest", "pressure", "torque", "heat", "contacts", "simulation")
+
+
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
-    report = physics_report(replace(bare, physics=physics))
+    run = replace(bare, physics=physics)
+    report = physics_report(run)
     assert report is not None
-    return report, {one.name: one.measured for one in physics_findings(report) if one.measured}
+    return report, {one.name: one.measured for one in findings(run, measure(run)) if one.name in PHYSICS}
 
 
 def test_a_person_reads_when_and_how_it_fell(bare: RunResult, pushed: PhysicsRun) -> None:
