@@ -174,7 +174,9 @@ DIFFERENCES = (
     Difference("it fell", lambda of: (math.inf,) if of.report.fallen else None, DifferenceLimits(0.0, 0.0)),
     *(Difference("{1} {0:.0f}° off on average{2}", partial(_limb, limb), LIMB_DEG, limb in ARMS) for limb in LIMBS),
     Difference(f"its {{1}} more than {LEG_AWAY_DEG:g}° off for {{0:.1f}} s", _leg, LEG_AWAY_S),
-    Difference("its trunk {0:.0f}° off (p95)", lambda of: (of.limbs[LEAN].p95,) if LEAN in of.limbs else None, LEAN_DEG),
+    Difference(
+        "its trunk {0:.0f}° off (p95)", lambda of: (of.limbs[LEAN].p95,) if LEAN in of.limbs else None, LEAN_DEG
+    ),
     Difference("a hand {1:.0f} mm off on average", _hand, HAND_SHARE),
     Difference(
         f"a hand more than {MM * AWAY_M:.0f} mm off for {{0:.1f}} s",

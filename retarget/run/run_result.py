@@ -97,9 +97,8 @@ class RunResult:
 
     robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
     the loop. stop: the guard's, None without one. scene: of the last stage's body; observers: of that body. physics:
-    what a simulation measured, None without one; steps: None for a robot that makes none. refused_pair: None where the gate
-    refused no goal for one. live: the report of a stream,
-    None for a file.
+    what a simulation measured, None without one; steps: None for a robot that makes none. refused_pair: None where the
+    gate refused no goal for one. live: the report of a stream, None for a file.
     """
 
     record: Record

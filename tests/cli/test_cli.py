@@ -227,7 +227,8 @@ def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert report["hand_path_ratio"] > 0.5
     out = capsys.readouterr().out
     assert len(out.splitlines()) <= 12 and "out/demo/report.json" in out
-    assert re.search(r"^op3 follows: hands \d+ mm off, nothing touched, .* Open out/demo/report.html$", out, re.MULTILINE)
+    said = out.splitlines()[-1]
+    assert re.fullmatch(r"op3 follows: hands \d+ mm off, nothing touched, .* Open out/demo/report.html", said)
 
 
 # `retarget stop` from the command line: confirmed, not confirmed, no run.

@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.physics_runs import play
 from messages import shows
-from retarget.frames import JointTracks, SensorFrames
 from retarget.cli.run import show_summary
+from retarget.frames import JointTracks, SensorFrames
 from retarget.report.findings import Finding, findings, found, in_words
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import limit_use
