@@ -1,12 +1,9 @@
-"""What is known of a run, in words: terminal and page show the lines of `findings.yaml`, a table of figures with their
-bounds and sentences."""
+"""What is known of a run, in words, as terminal and page show it: the figures of `findings.yaml`."""
 
 import math
-import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,104 +11,77 @@ import numpy as np
 from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
-from retarget.report.motion_metrics import CONTACT_M, LimitUse, limit_use
-from retarget.report.report import Report
+from retarget.report.likeness import LEAN
+from retarget.report.lines import Finding, figure_of, in_words, lines_of, table
+from retarget.report.motion_metrics import LimitUse, limit_use
+from retarget.report.report import Report, Spread
 from retarget.report.unfollowed import INSTEAD
-from retarget.report.verdict import Verdict, to_follow, verdict_of
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
-from retarget.schema import strict_yaml
+from retarget.schema.priorities import LimbTask
 from retarget.types import MM
 
-
-@dataclass(frozen=True)
-class Finding:
-    """What was measured, in words, with units. allowed: the limit, in words, if it needs any; kept: whether it was
-    kept, None without a limit."""
-
-    name: str
-    measured: str
-    allowed: str = ""
-    kept: bool | None = None
-
-
-# From figures to lines.
-
-_FIELD = re.compile(r"{([^{}:]+):?([^{}]*)}")
-
-
-def figure_of(seen: object, path: str) -> Any:
-    """The figure at a path of attributes, keys and numbers; None where any of them is not known."""
-    value: Any = seen
-    for part in path.split("."):
-        if isinstance(value, Mapping):
-            value = value.get(part)
-        elif isinstance(value, tuple) and part.isdecimal():
-            value = value[int(part)]
-        elif value is not None:
-            value = getattr(value, part)
-    return value
-
-
-def in_words(text: str, seen: object) -> str:
-    """A sentence with its figures; "" where one of them is not known or empty."""
-    figures = {path: figure_of(seen, path) for path, _ in _FIELD.findall(text)}
-    if any(value is None or value == "" for value in figures.values()):
-        return ""
-    return _FIELD.sub(lambda found: format(figures[found[1]], found[2]), text)
-
-
-@cache
-def _table() -> Mapping[str, Any]:
-    return strict_yaml.load(Path(__file__).with_name("findings.yaml")).data
-
-
-def found(table: str, seen: object, *, planned: str = "") -> Iterator[Finding]:
-    """The lines of a table of `findings.yaml` that are known. planned: goes behind the names of lines of the plan."""
-    for line in _table()[table]:
-        ways = [line["says"]] if isinstance(line["says"], str) else line["says"]
-        says = next(filter(None, (in_words(text, seen) for text in ways)), "")
-        if not says:
-            continue
-        also = filter(None, (in_words(text, seen) for text in line.get("also", ())))
-        broken = figure_of(seen, line["broken"]) if "broken" in line else None
-        yield Finding(
-            line["name"] + planned * line.get("planned", False),
-            "; ".join([says, *also]),
-            in_words(line.get("bound", ""), seen),
-            None if broken is None else not broken,
-        )
-
-
-def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
-    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
-    return (*found("run", RunFigures(run, report), planned="" if report.physics is None else ", as planned"),)
-
-
-# The figures of a run that are no keys of its report.
-
-TIPS_MM = 0.05
-"""Nearer to the edge of the soles than this, a robot begins to tip."""
-ROUND_OFF = 1e-4
-"""Nearer to its limit than this, rad, a joint is at it."""
+FOLLOWING, NOT_FOLLOWED = "following", "not followed"
+"""Names of lines that stand apart from the others."""
 MOST = 3
 """Reasons for data that were not used that the line names, those of which there were most; and times of a posture that
 was not followed, the first ones."""
-FOLLOWING, NOT_FOLLOWED = "following", "not followed"
+TIPS_MM, TOUCH_MM = 0.05, -1e-3
+"""Nearer to the edge of the soles than the first, a robot begins to tip; nearer to each other than the second, things
+are inside each other."""
+ROUND_OFF = 1e-4
+"""Nearer to its limit than this, rad, a joint is at it."""
+STAYS = 0.7
+"""Feet that make a smaller share of the performer's path stay where they are: a third of a motion is seen."""
 STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
 """Words for the stages of `LiveReport.latency_ms`."""
-GAPS: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
+SIDES = {"l": "left", "r": "right"}
+CLOSEST: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
     "self": lambda report: report.closest_links,
     "scene": lambda report: report.deep.obstacle,
     "ground": lambda report: report.deep.ground,
 }
 """What came closest, by the keys of `Clearances`."""
+TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
+"""What to do about two links for which the gate refuses goals."""
+
+
+def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
+    """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
+    return (*lines_of("run", RunFigures(run, report), planned="" if report.physics is None else ", as planned"),)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a robot follows. words: after its name. differs: what a person sees, in words. broken: it does not; None:
+    it does in part."""
+
+    words: str
+    differs: tuple[str, ...]
+    broken: bool | None
+
+    @property
+    def sentence(self) -> str:
+        """The verdict, and what differs."""
+        return f"{self.words}: {', '.join(self.differs)}" if self.differs else self.words
+
+
+def side_words(name: str) -> str:
+    """The name of a body part of one side, as l_hand, in words."""
+    side, part = name.split("_", 1)
+    return f"{SIDES[side]} {part.replace('_', ' ')}"
+
+
+def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside each other") -> str:
+    """A distance of two things, mm, negative inside, in words."""
+    gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm {inside}"
+    return gap + (f" ({' and '.join(pair)})" if pair else "")
 
 
 class RunFigures:
-    """Figures of a run by the names of `findings.yaml`: keys of the report, and what is made of them."""
+    """Figures of a run by the names of `findings.yaml`: keys of its report, and what is made of them."""
 
-    contact_mm, tips_mm = MM * CONTACT_M, TIPS_MM
+    tips_mm, touch_mm = TIPS_MM, TOUCH_MM
 
     def __init__(self, run: RunResult, report: Report) -> None:
         self.run, self.report, self.robot = run, report, run.robot
@@ -119,17 +89,93 @@ class RunFigures:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.report, name)
 
-    # How it followed.
+    # Whether it follows.
 
     @cached_property
     def verdict(self) -> Verdict | None:
-        """Whether the robot follows."""
-        return verdict_of(self.run, self.report)
+        """Robot and performer compared; None where no robot followed."""
+        if self.robot is None or not self.run.ticks_followed:
+            return None
+        known = [(one, figure_of(self, one["figure"])) for one in table("differences")]
+        for words, broken in (("does not follow", True), ("follows in part", None)):
+            differs = [one for one, value in known if value is not None and value >= self._limit(one, broken)]
+            if differs:
+                return Verdict(words, tuple(in_words(one["says"], self) for one in differs), broken)
+        return Verdict("follows", (), False)
+
+    def _limit(self, of: Mapping[str, Any], broken: bool | None) -> float:
+        """The limit of a difference that is seen, or with which it does not follow."""
+        if broken and of.get("arms") and self._hands_first:
+            return math.inf
+        return float(of.get("lost", math.inf) if broken else of["seen"])
 
     @property
-    def to_follow(self) -> str:
-        """What the verdict allows."""
-        return to_follow(self.report)
+    def _hands_first(self) -> bool:
+        """True if a level asks for hands and not for forearms, which are then as like as the hands leave them."""
+        levels = self.run.setup.priorities[-1].levels if self.run.setup.priorities else ()
+        of = [{name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels]
+        return any("l_hand" in names and "l_forearm" not in names for names in of)
+
+    @property
+    def whose(self) -> str:
+        """The body that the robot is compared with."""
+        return "reconstructed" if self.report.likeness_recorded_deg is None else "recorded"
+
+    @property
+    def limbs(self) -> dict[str, Spread | None]:
+        """Angles of limbs and trunk, degrees, against that body."""
+        reached = dict(self.report.likeness_deg or {}) | {LEAN: self.report.trunk_lean_deg}
+        return self.report.likeness_recorded_deg or reached  # type: ignore[return-value]
+
+    @property
+    def best(self) -> dict[str, Spread]:
+        """The same at the robot's best, which is known of the reconstructed body alone."""
+        return {} if self.report.likeness_recorded_deg else self.report.best_likeness_deg or {}
+
+    @property
+    def leg_away(self) -> dict[str, Any]:
+        """The part of a leg that was away for the longest time."""
+        away = self.report.legs_away_s or {}
+        name = max(away, key=away.__getitem__, default=None)
+        return {} if name is None else {"part": side_words(name), "s": away[name]}
+
+    def _share(self, mm: float | None, landmark: str) -> float | None:
+        """A distance as a share of the robot's limb that ends at a landmark."""
+        return None if mm is None else mm / (MM * self.robot.profile.landmarks[landmark].robot_length)  # type: ignore[union-attr]
+
+    @property
+    def hand_share(self) -> float | None:
+        """How far the worse hand is off."""
+        return self._share(figure_of(self, "reachable_hands_mm.worse"), "l_hand")
+
+    @property
+    def squat_share(self) -> float | None:
+        """How far the pelvis is too high or low."""
+        return self._share(figure_of(self, "pelvis_height_mm.p95"), "pelvis")
+
+    @property
+    def hand_away_s(self) -> float:
+        """Longest time that a hand was away."""
+        return max((self.report.hands_away_s or {}).values(), default=0.0)
+
+    @property
+    def path_missing(self) -> float | None:
+        """Share of the hands' path that is missing, or too much."""
+        ratio = self.report.hand_path_ratio
+        return None if ratio is None else 1.0 - min(ratio, 1.0 / max(ratio, 1e-9))
+
+    @property
+    def left_behind_m(self) -> float | None:
+        """How far the performer goes from a robot whose feet stay."""
+        return self.report.travelled_m.performer if (self.report.foot_path_ratio or 0.0) < STAYS else None
+
+    @property
+    def not_turned_deg(self) -> float | None:
+        """How far the performer turns more than the robot."""
+        turn = self.report.turned_deg
+        return None if turn.performer is None or turn.robot is None else turn.performer - turn.robot
+
+    # How it followed.
 
     @property
     def not_followed(self) -> str:
@@ -146,7 +192,7 @@ class RunFigures:
     def likeness(self) -> dict[str, str]:
         """How far the limbs and the trunk are off: as `reached`, from the body as `recorded`, and at `best`."""
         report = self.report
-        angles = {
+        angles: dict[str, Mapping[str, Spread | None]] = {
             "reached": dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg),
             "recorded": report.likeness_recorded_deg or {},
             "best": report.best_likeness_deg or {},
@@ -177,6 +223,11 @@ class RunFigures:
     def latency(self) -> str:
         """As `latency_line`, of a robot."""
         return "" if self.robot is None else latency_line(self.report)
+
+    @property
+    def stream(self) -> str:
+        """As `stream_line`."""
+        return stream_line(self.report.live)
 
     @property
     def stays(self) -> str:
@@ -216,50 +267,24 @@ class RunFigures:
             return f"{joint} reached its limit"
         return f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
 
-    @property
-    def beyond(self) -> dict[str, str]:
-        """Values beyond a limit, by its kind."""
-        return {kind: counted(count, "value") for kind, count in vars(self.report.limit_violations).items() if count}
-
     # Balance, contact and the gate.
 
     @property
-    def mass(self) -> str:
-        """Where the centre of mass was."""
-        outside, margin = self.report.com_outside_support_frames, self.report.com_margin_mm
-        if outside:
-            by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
-            return f"outside in {counted(outside, 'tick')}{by}"
-        nearest = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
-        return "" if outside is None else nearest
+    def com_beyond_mm(self) -> float | None:
+        """How far the centre of mass was outside; None where it was not, or is not known."""
+        margin = self.report.com_margin_mm
+        return None if margin is None or margin > 0.0 else -margin
 
     @property
     def gaps(self) -> dict[str, str]:
         """The least distances, and between what they were."""
         known = {kind: mm for kind, mm in vars(self.report.min_clearance_mm).items() if mm is not None}
-        return {kind: gap_words(mm, GAPS[kind](self.report)) for kind, mm in known.items()}
-
-    @property
-    def inside(self) -> dict[str, bool]:
-        """True where something was in something else, by the keys of `gaps`."""
-        gaps, deep = vars(self.report.min_clearance_mm), bool(self.report.penetrating_frames)
-        return {kind: deep and mm is not None and mm < 0.0 for kind, mm in gaps.items()}
-
-    @property
-    def penetrating(self) -> str:
-        """Ticks in which something was in something else."""
-        ticks = self.report.penetrating_frames
-        return counted(ticks, "tick") if ticks else ""
+        return {kind: gap_words(mm, CLOSEST[kind](self.report)) for kind, mm in known.items()}
 
     @property
     def contact(self) -> float | None:
         """Share of the ticks in which an observer was in contact; None without any."""
         return (self.report.observers.reactive_share or None) if self.report.observers else None
-
-    @property
-    def braked(self) -> str:
-        """Ticks without a goal."""
-        return counted(self.report.no_command_frames, "tick") if self.report.no_command_frames else ""
 
     @property
     def refused(self) -> str:
@@ -269,11 +294,6 @@ class RunFigures:
             return ""
         step = "" if pair.obstacle else f": {TIGHTEN}"
         return f"refused for {pair.first} - {pair.second} in {counted(pair.ticks, 'tick')}{step}"
-
-    @property
-    def stream(self) -> str:
-        """The stream of a live run."""
-        return stream_line(self.report.live)
 
     # A simulated robot.
 
@@ -291,11 +311,6 @@ class RunFigures:
         return how
 
     @property
-    def tips(self) -> bool:
-        """True if the pressure came to the edge of the soles."""
-        return figure_of(self, "physics.min_zmp_margin_mm") <= TIPS_MM  # type: ignore[no-any-return]
-
-    @property
     def torque(self) -> dict[str, Any] | None:
         """The joint with the largest torque."""
         return _most(figure_of(self, "physics.torque_nm"), lambda torque: float(torque.max))
@@ -304,12 +319,6 @@ class RunFigures:
     def heat(self) -> dict[str, Any] | None:
         """The joint with the hottest servo."""
         return _most(figure_of(self, "physics.temperature_c"), float)
-
-    @property
-    def touching_ticks(self) -> int:
-        """Ticks in which a simulated body touched itself, a fixture or the floor."""
-        seen = self.report.physics
-        return 0 if seen is None else seen.self_contacts + seen.fixture_contacts
 
     @property
     def contacts(self) -> str:
@@ -323,55 +332,27 @@ class RunFigures:
     # The bus, the computer, and the end.
 
     @property
-    def safety(self) -> Any:
-        """Limits of the profile."""
-        return None if self.robot is None else self.robot.profile.safety
-
-    @property
-    def faults(self) -> str:
-        """Faults of the bus."""
+    def missed_ticks(self) -> int | None:
+        """Ticks that did not come in time; None where none can."""
         bus = self.report.bus
-        return "" if bus is None or self.robot is None else counted(bus.faults, "fault") if bus.faults else "none"
-
-    @property
-    def missed(self) -> str:
-        """Ticks that did not come in time."""
-        bus = self.report.bus
-        if bus is None or bus.missed_ticks is None or not self.run.setup.real_time:
-            return ""
-        missed = f"{bus.missed_ticks} of {self.report.ticks + bus.missed_ticks}" if bus.missed_ticks else "none"
-        longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
-        return missed + longest + (", see retarget doctor" if bus.missed_ticks else "")
-
-    @property
-    def tick_ms(self) -> float:
-        """Time between two ticks."""
-        return 1e3 * self.run.clip.dt
-
-    @property
-    def too_hot(self) -> bool:
-        """True if a servo was as hot as it may not be."""
-        return figure_of(self, "bus.hottest.value") >= self.safety.temperature_c  # type: ignore[no-any-return]
-
-    @property
-    def voltage_off(self) -> bool:
-        """True if the lowest voltage is none that the servos may have."""
-        low, high = self.safety.voltage
-        return not low <= figure_of(self, "bus.lowest_voltage.value") <= high
+        return bus.missed_ticks if bus is not None and self.run.setup.real_time else None
 
     @property
     def cost(self) -> str:
         """What a tick took."""
         costs = {"human": self.report.reconstruct_us, "robot": self.report.retarget_us}
         ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
-        known = [f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items()]
-        return f"{', '.join(known)}; {counted(round(self.report.frames_per_s), 'frame')}/s" if known else ""
+        return ", ".join(f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items())
 
     @property
-    def end(self) -> str:
-        """How the run ended."""
-        stop = self.report.stop
-        return "to its end" if stop.reason is None else ": ".join(part for part in (stop.state, stop.reason) if part)
+    def safety(self) -> Any:
+        """Limits of the profile."""
+        return None if self.robot is None else self.robot.profile.safety
+
+    @property
+    def tick_ms(self) -> float:
+        """Time between two ticks."""
+        return 1e3 * self.run.clip.dt
 
     @property
     def ended_early(self) -> bool:
@@ -380,57 +361,32 @@ class RunFigures:
 
     # What only the sentence says.
 
+    # What only the sentence says.
+
     @property
-    def sensors(self) -> float | None:
-        """Mean distance, mm, of a reconstructed performer from the sensors."""
+    def sensors_off_mm(self) -> float | None:
+        """Mean distance of a reconstructed performer from the sensors."""
         known = [spread.mean for spread in self.report.sensors_mm.values()] if self.robot is None else []
         return sum(known) / len(known) if known else None
 
     @property
-    def unsensed(self) -> float | None:
-        """Mean error, mm, of a reconstructed performer's joints that no sensor is on."""
-        return (self.report.unsensed_mm or {}).get("mean") if self.robot is None else None
+    def unsensed_off_mm(self) -> float | None:
+        """Mean error of a reconstructed performer's joints that no sensor is on."""
+        return figure_of(self, "unsensed_mm.mean") if self.robot is None else None
 
     @property
-    def touched(self) -> str:
-        """Ticks in which something touched that should not."""
-        ticks = self.report.penetrating_frames if self.report.physics is None else self.touching_ticks
-        return counted(ticks, "tick") if ticks else ""
-
-    @property
-    def untouched(self) -> str:
-        """Not empty where anything was looked at."""
-        known = self.report.physics is not None or self.report.penetrating_frames is not None
-        return "nothing touched" if known else ""
+    def touching_ticks(self) -> int | None:
+        """Ticks in which something touched that should not; of a simulated body, in the simulation."""
+        seen = self.report.physics
+        return self.report.penetrating_frames if seen is None else seen.self_contacts + seen.fixture_contacts
 
     @property
     def near_falling_mm(self) -> float | None:
-        """Least distance of the centre of pressure from the edge of the soles; without mass, of the centre of mass."""
-        seen = self.report.physics
+        """Least distance of the centre of pressure from the edge of the soles; without mass, of the centre of mass; 0
+        beyond it."""
+        seen, stands = self.report.physics, self.robot is not None and self.robot.stands
         margin = self.report.com_margin_mm if seen is None else seen.min_zmp_margin_mm
-        return margin if self.robot is not None and self.robot.stands else None
-
-    @property
-    def edge(self) -> str:
-        """Not empty for a robot that was at the edge of its soles and did not fall."""
-        margin = self.near_falling_mm
-        return "at the edge of falling" if margin is not None and margin < TIPS_MM and not self.report.fallen else ""
-
-
-TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
-SIDES = {"l": "left ", "r": "right "}
-
-
-def side_words(name: str) -> str:
-    """A name like l_hand in words."""
-    side, _, part = name.partition("_")
-    return (SIDES[side] + part if side in SIDES else name).replace("_", " ")
-
-
-def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside each other") -> str:
-    """A distance of two things, mm, negative inside, in words."""
-    gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm {inside}"
-    return gap + (f" ({' and '.join(pair)})" if pair else "")
+        return None if margin is None or not stands else max(margin, 0.0)
 
 
 def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dict[str, Any] | None:

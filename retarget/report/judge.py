@@ -21,9 +21,9 @@ from retarget.model.scene_state import SceneState
 from retarget.recording.motion import MAX_FPS, Motion, posture, resampled
 from retarget.report import tracking
 from retarget.report.clearance import Clearance, robot_clearances
-from retarget.report.findings import Finding, findings, gap_words
-from retarget.report.findings import found as lines_of
+from retarget.report.findings import findings, gap_words
 from retarget.report.likeness import frozen_share
+from retarget.report.lines import Finding, lines_of
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import (
     CONTACT_M,
@@ -342,19 +342,6 @@ class JudgedFigures:
         return getattr(self.found, name)
 
     @property
-    def over(self) -> dict[str, bool]:
-        """True for each bound that is broken; without those of soles for a robot that has none."""
-        found, most, shares = self.found, self.most, {kind: limit.share for kind, limit in self.found.limits.items()}
-        over = {kind: share > (SPIKES if kind == "acceleration" else 0.0) for kind, share in shares.items()}
-        over["shake"] = found.shake_share is not None and found.shake_share >= most["shake"]
-        over["frozen"] = found.frozen_share is not None and found.frozen_share >= most["frozen"]
-        if found.feet is not None:
-            over |= {"slide": found.feet.slide_mm > most["slide_mm"], "air": found.feet.air_share >= most["air"]}
-            over |= {"sink": found.feet.sink_mm > most["sink_mm"]}
-            over["outside"] = (found.feet.zmp_outside_share or 0.0) >= most["outside"]
-        return over
-
-    @property
     def beyond(self) -> dict[str, BeyondLimit]:
         """The limits that were broken at all."""
         return {kind: limit for kind, limit in self.found.limits.items() if limit.share}
@@ -406,9 +393,9 @@ FROM_REPORT = (
 
 
 def _lines(found: Judgement, run: RunResult | None, slide_mm: float) -> tuple[Finding, ...]:
-    seen, beside = JudgedFigures(found, slide_mm), ()
-    if run is not None and found.report is not None:
-        beside = tuple(line for line in findings(run, found.report) if line.name in FROM_REPORT)
+    seen = JudgedFigures(found, slide_mm)
+    known = () if run is None or found.report is None else findings(run, found.report)
+    beside = (line for line in known if line.name in FROM_REPORT)
     return (*lines_of("judge", seen), *beside, *lines_of("beside", seen))
 
 

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from hardware.errors import counted
-from retarget.report.findings import FOLLOWING, NOT_FOLLOWED, RunFigures, findings, found, moments
+from retarget.report.findings import FOLLOWING, NOT_FOLLOWED, RunFigures, findings, moments
+from retarget.report.lines import lines_of
 from retarget.report.report import Report
 from retarget.run.run_result import RunResult
 
@@ -41,7 +42,7 @@ def remarks(run: RunResult, report: Report, notes: Sequence[str]) -> list[str]:
 def sentence(run: RunResult, report: Report) -> str:
     """How the run went, in one sentence without a full stop."""
     seen = RunFigures(run, report)
-    verdict, figures = seen.verdict, ", ".join(one.measured for one in found("sentence", seen))
+    verdict, figures = seen.verdict, ", ".join(one.measured for one in lines_of("sentence", seen))
     whose = "the performer" if run.robot is None else report.robot
     words = "is reconstructed" if run.robot is None else "did not follow"
     if verdict is not None:

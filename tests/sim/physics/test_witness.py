@@ -17,7 +17,8 @@ from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
 from retarget.report.page import page_html
 from retarget.report.plots import plot_pressure
-from retarget.run.run_result import PhysicsRun, RunResult
+from retarget.report.summary import remarks
+from retarget.run.run_result import Fallen, PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
 from sim.buses import simulation_of
 from sim.physics.ground import sole_corners
@@ -116,6 +117,14 @@ def test_a_person_reads_when_and_how_it_fell(bare: RunResult, pushed: PhysicsRun
     shows(lines["torque"])
     shows(lines["simulation"])
     shows(lines)
+
+
+def test_a_robot_that_did_not_stay_at_rest_breaks_a_limit_on_the_page_too(bare: RunResult, pushed: PhysicsRun) -> None:
+    toppled = replace(bare, physics=replace(pushed, toppled=Fallen(9.0, "the pelvis is 195 mm high")))
+    report = measure(toppled)
+    (found,) = [one for one in findings(toppled, report) if one.name == "at rest"]
+    assert found.kept is False and any("195 mm high" in line for line in remarks(toppled, report, ()))
+    assert "195 mm high" in page_html(toppled, report, figures={})
 
 
 def test_what_is_bolted_down_has_no_pressure_and_never_falls(bare: RunResult) -> None:
