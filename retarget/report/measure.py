@@ -8,12 +8,13 @@ import numpy as np
 from hardware.guard_state import StopCause
 from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
-from retarget.report.blocks import in_blocks, in_named_blocks
 from retarget.report.clearance import clearances, in_mm
 from retarget.report.latency import latency_of
 from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
+    in_blocks,
+    in_named_blocks,
     jerk_p95,
     limit_violations,
     moved_joints,

@@ -13,7 +13,7 @@ from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.report import motion_metrics
-from retarget.report.blocks import blocks, in_blocks
+from retarget.report.motion_metrics import blocks, in_blocks
 from retarget.robot.arm_branches import arm_postures, chain_to_anchor, position_limits
 from retarget.robot.landmarks import PELVIS, Facing, limb_scale
 from retarget.run.run_result import RunResult

@@ -12,12 +12,11 @@ from benchmarks.physics_runs import play
 from messages import shows
 from retarget.cli.run import show_summary
 from retarget.frames import JointTracks, SensorFrames
-from retarget.report.findings import findings
+from retarget.report.findings import MOST_REMARKS, findings, remarks, sentence
 from retarget.report.lines import Finding, in_words, lines_of
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import limit_use
 from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
-from retarget.report.summary import MOST_REMARKS, remarks, sentence
 from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase

@@ -203,7 +203,7 @@ def test_the_summary_of_a_long_run_needs_less_memory_than_the_run(clip_run: RunR
 def test_blocks_of_any_size_give_the_same_figures(clip_run: RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
     report = measure(clip_run)
     for block in (7, len(clip_run.record) + 1):
-        monkeypatch.setattr("retarget.report.blocks.BLOCK", block)
+        monkeypatch.setattr("retarget.report.motion_metrics.BLOCK", block)
         again = measure(clip_run)
         assert again.lag_s == pytest.approx(report.lag_s, rel=1e-9)
         assert replace(again, lag_s=report.lag_s) == report
