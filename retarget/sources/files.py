@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 MAX_FILE_BYTES = 128 * 2**20
 """Largest size, bytes, of a motion file that is read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
@@ -139,6 +139,12 @@ def frames_held(held: int, declared: int, where: str) -> tuple[str, ...]:
         allowed=f"{declared}, give or take one frame or {COUNT_SHARE:.0%}",
         next_step="The file is cut short: get it again" if fewer else "Correct the number of frames that it declares",
     )
+
+
+def lost_notes(names: Sequence[str], valid: BoolArray) -> tuple[str, ...]:
+    """A note for each sensor or joint that is not seen in some of the frames; valid (T, k)."""
+    counts = zip(names, (~valid).sum(axis=0).tolist(), strict=True)
+    return tuple(f"{name} lost in {count} of {len(valid)} frames" for name, count in counts if count)
 
 
 def check_frame_count(count: int, where: str) -> None:

@@ -21,7 +21,7 @@ from retarget.schema.strict_models import Name, Schema, Text, listed, read_model
 from retarget.schema.strict_yaml import Document
 from retarget.sources.axes import world_axes
 from retarget.sources.canonical import UNITS, named_unit
-from retarget.sources.files import check_rate, frame_times
+from retarget.sources.files import check_rate, frame_times, lost_notes
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
 
@@ -149,8 +149,7 @@ def marker_frames(
     others = [label for column, label in enumerate(labels) if column not in used]
     if without and others:
         notes.append(f"no markers of {', '.join(without)}; the other labels are {_shown(others)} (see --markers)")
-    counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
-    notes += [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
+    notes += lost_notes(sensors, valid)
     return SensorFrames(
         time=frame_times(len(position), rate),
         names=sensors,

@@ -92,11 +92,11 @@ def _wanted(names: Collection[str], path: Path) -> Collection[str]:
     )
 
 
-def _positions(file: ArrayFile, key: str) -> FloatArray:
-    """Positions (T, J, 3) of joints, in file axes."""
-    position = file.floats(key, None, None, 3)
+def _positions(file: ArrayFile, key: str, *, lost: bool = False) -> FloatArray:
+    """Positions (T, J, 3) of joints, in file axes. lost: they may be NaN."""
+    position = file.floats(key, None, None, 3, unknown=lost)
     check_frame_count(len(position), file.source)
-    if position.size and float(np.abs(position).max()) > MAX_VALUE:
+    if (np.abs(position) > MAX_VALUE).any():
         raise InputError("not a usable number", where=f"{file.source}: {key}", allowed="numbers up to 1e9")
     return position
 
@@ -104,8 +104,8 @@ def _positions(file: ArrayFile, key: str) -> FloatArray:
 def _read_joints(
     file: ArrayFile, *, unit: float, rate: float | None, stature: float | None, up: FloatArray | None
 ) -> SensorFrames:
-    """Joints in SMPL's order, z up. The file may hold the performer's height, but no rate."""
-    position = _positions(file, "global_joint_positions")
+    """Joints in SMPL's order, z up, NaN where lost. The file may hold the performer's height, but no rate."""
+    position = _positions(file, "global_joint_positions", lost=True)
     if position.shape[1] not in SMPL_COUNTS:
         raise InputError(
             "joints of no known layout",
@@ -123,6 +123,14 @@ def _read_joints(
     assert found is not None, "SMPL's joints are known by name"
     tracks = {name: position[:, at] for name, at in found.items() if name in JOINTS}
     tracks["spine"], tracks["chest"] = (position[:, SMPL_NAMES.index(name)] for name in ("spine1", "spine3"))
+    if never := [name for name, track in tracks.items() if not np.isfinite(track).all(axis=1).any()]:
+        raise InputError(
+            "joints that are lost in every frame",
+            where=f"{file.source}: global_joint_positions",
+            found=", ".join(never),
+            allowed="NaN in some of the frames",
+            next_step="Export them too",
+        )
     # SMPL's head joint is below the skull: its middle is on, along the neck.
     tracks["head"] = _beyond(tracks["neck"], tracks["head"], HEAD_RISE * (height or _stature(tracks)))
     return joint_frames(
@@ -153,7 +161,7 @@ def _height(file: ArrayFile) -> float | None:
 def _stature(tracks: dict[str, FloatArray]) -> float:
     """Stature in the file's unit, along the median bones from ankle to head joint."""
     bones = (("l_ankle", "l_knee"), ("l_knee", "l_hip"), ("pelvis", "spine"), ("spine", "chest"), ("chest", "neck"))
-    lengths = [np.median(norms(tracks[b] - tracks[a])) for a, b in (*bones, ("neck", "head"))]
+    lengths = [np.nanmedian(norms(tracks[b] - tracks[a])) for a, b in (*bones, ("neck", "head"))]
     return float(np.sum(lengths)) / (HEAD_CENTRE - ANKLE - HEAD_RISE)
 
 

@@ -218,6 +218,40 @@ def test_joints_need_a_rate_a_known_order_and_a_height_of_a_human(tmp_path: Path
         open_source(path, rate=30.0)
 
 
+def with_gaps(path: Path, gaps: dict[int, slice]) -> Path:
+    """The joints of a file, those of these columns NaN in these frames."""
+    arrays = dict(np.load(path))
+    for column, rows in gaps.items():
+        arrays["global_joint_positions"][rows, column] = np.nan
+    np.savez(path, **arrays)
+    return path
+
+
+def test_joints_that_are_lost_for_a_while_are_read_as_lost_markers_are(tmp_path: Path) -> None:
+    motion = made(30.0)
+    path = with_gaps(write_joints(tmp_path, motion), {0: slice(3, 5), 4: slice(0, 40, 9), 15: slice(2, 9)})
+    frames = open_source(path, rate=30.0)
+    lost = {name: np.flatnonzero(~frames.valid[:, at]).tolist() for at, name in enumerate(frames.names)}
+    expected = {"pelvis": [3, 4], "l_knee": [0, 9, 18, 27, 36], "head": list(range(2, 9))}
+    assert {name: rows for name, rows in lost.items() if rows} == expected
+    assert max(off(frames, motion).values()) < 0.001
+    assert calibrate(frames).stature == pytest.approx(STATURE_M, rel=0.02)
+    shows(" ".join(frames.notes), "head lost in 7 of", "l_knee lost in 5 of")
+    assert code_of("run", "--robot", "op3", "--source", path, "--rate", "30") == 0
+
+
+def test_joints_that_are_never_seen_are_refused(tmp_path: Path) -> None:
+    path = with_gaps(write_joints(tmp_path, made(30.0)), {4: slice(None)})
+    with refuses(InputError, found="l_knee"):
+        open_source(path, rate=30.0)
+    path = with_gaps(write_joints(tmp_path, made(30.0)), {4: slice(0, 40), 7: slice(40, None)})
+    with refuses(InputError, found="l_knee to l_ankle"):
+        open_source(path, rate=30.0)
+    path = with_gaps(write_joints(tmp_path, made(30.0)), {1: slice(0, 40), 2: slice(40, None)})
+    with refuses(InputError, "trunk"):
+        open_source(path, rate=30.0)
+
+
 def test_kimodo_s_counts_and_matrices_are_checked(tmp_path: Path) -> None:
     path = write_kimodo(tmp_path, made(30.0))
     arrays = dict(np.load(path))
