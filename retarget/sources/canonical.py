@@ -147,7 +147,7 @@ def joint_frames(
     world, axis_notes = world_axes(tracks, declared=declared, usual=declared, asked=up)
     names = tuple(name for name in JOINTS if name in tracks)
     position = matmul(np.stack([tracks[name] for name in names], axis=1), world.T)
-    seen = np.isfinite(position).all(axis=-1)
+    seen = np.asarray(np.isfinite(position).all(axis=-1))
     position[~seen] = np.nan
     skeleton = _hanging(names, position, source)
     height = stature_of(skeleton)
