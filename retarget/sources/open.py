@@ -1,8 +1,8 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing.
 
 The word `sample` names the recording that comes with the package; a file of that name is `./sample`.
-A new format needs `retarget/sources/NAME.py` with `read_NAME(path, *, unit, rate, stature, up) -> SensorFrames`, its
-row in READERS, and how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
+A new format needs `retarget/sources/NAME.py` with `read_NAME(path, options) -> SensorFrames`, its row in READERS, and
+how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
 record markers a `MarkerRecording`.
 """
 
@@ -21,14 +21,14 @@ from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.canonical import named_unit
-from retarget.sources.files import check_rate, read_head
+from retarget.sources.files import ReadOptions, check_rate, read_head
 from retarget.sources.gltf import read_gltf
 from retarget.sources.mvnx import read_mvnx
 from retarget.sources.npz_motion import read_npz
 from retarget.sources.streams.raw_record import is_recording
 from retarget.sources.trc import read_trc
 
-READERS: dict[str, Callable[..., SensorFrames]] = {
+READERS: dict[str, Callable[[Path, ReadOptions], SensorFrames]] = {
     "amc": read_amc,
     "bvh": read_bvh,
     "c3d": read_c3d,
@@ -84,26 +84,22 @@ def open_source(
     _refuse_live(str(path))
     path = Path(path)
     kind = recognise(path)
-    given = {
-        "skeleton": None if skeleton is None else Path(skeleton),
-        "markers": None if markers is None else Path(markers),
-        "performer-root": performer_root,
-    }
-    own = {option: value for option, value in given.items() if value is not None}
-    for option in own:
-        owners, what = _OF_SOME_FORMATS[option]
-        if kind not in owners:
+    given = {"skeleton": skeleton, "markers": markers, "performer-root": performer_root}
+    for option, (owners, what) in _OF_SOME_FORMATS.items():
+        if given[option] is not None and kind not in owners:
             step = f"Leave --{option} out"
             raise UsageError(what, where=str(path), found=f"{kind.upper()}", next_step=step)
     refuse_values(stature=stature, unit=None if kind in ("c3d", "trc") else unit)
-    frames = READERS[kind](
-        path,
+    options = ReadOptions(
         unit=unit,
         rate=rate,
         stature=stature,
         up=None if up is None else named_axis(up),
-        **{option.replace("-", "_"): value for option, value in own.items()},
+        skeleton=None if skeleton is None else Path(skeleton),
+        markers=None if markers is None else Path(markers),
+        performer_root=performer_root,
     )
+    frames = READERS[kind](path, options)
     return replace(frames, source=SAMPLE) if is_sample else frames
 
 
