@@ -144,7 +144,7 @@ def joint_frames(
     the up axis that the user says. The skeleton has the median lengths of the frames. Raises InputError if a joint that
     is needed is missing.
     """
-    world, axis_notes = world_axes(tracks, declared=declared, usual=declared, asked=up)
+    world, axis_notes = world_axes(tracks, declared=declared, usual=declared, said=up)
     names = tuple(name for name in JOINTS if name in tracks)
     position = matmul(np.stack([tracks[name] for name in names], axis=1), world.T)
     seen = np.asarray(np.isfinite(position).all(axis=-1))

@@ -131,7 +131,7 @@ def marker_frames(recording: MarkerRecording, path: Path, options: ReadOptions) 
         declared=recording.up,
         declared_by=recording.up_by,
         usual=recording.usual_up,
-        asked=options.up,
+        said=options.up,
     )
     notes = [*recording.notes, *subject_note, *count_note, *unit_note, *axes_note, *far_note]
     without = [sensor for sensor in MARKER_GROUPS if sensor not in chosen]
