@@ -108,7 +108,7 @@ def test_soles_stay_under_a_performer_who_turns_to_and_fro(shared: Path) -> None
     assert robot is not None and sent is not None
     soles = robot.points(sent.q[run.record.following], ("l_sole", "r_sole"))[..., :2]
     assert np.linalg.norm(soles - np.median(soles, axis=0), axis=-1).max() < 0.012
-    assert any(one.name == "soles" and "mm slid" in one.measured for one in findings(run, measure(run)))
+    assert "soles" in [one.name for one in findings(run, measure(run))]
 
 
 def test_a_foot_that_carries_stays_on_its_spot_until_the_performer_s_is_far() -> None:
