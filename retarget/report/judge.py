@@ -12,6 +12,7 @@ import numpy as np
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from retarget.frames import SensorFrames
+from retarget.human.posture_prior import CarryingFeet
 from retarget.human.samples import Clip, Playback
 from retarget.ik.support_polygon import plant
 from retarget.model.human import PostureReader
@@ -233,11 +234,14 @@ def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
     record, q = human.record[:ticks], q[:ticks]
     turns = PostureReader(human.human).orientations(record.human_q)
     desired = np.empty((ticks, len(landmarks.names), 3))
+    names, feet = record.human_joint_names, CarryingFeet()
+    ankles = [names.index(f"{side}_ankle") for side in "lr"]
     for row in range(ticks):
-        joints, human_q = record.human_joints[row], record.human_q[row]
+        joints = record.human_joints[row]
         seen = HumanPosture(
-            human_q, record.human_joint_names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0)
-        )
+            record.human_q[row], names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0),
+            carrying=feet.step(joints[ankles].tolist(), dt),
+        )  # fmt: skip
         desired[row] = landmarks.ask(seen, dt).landmarks
     if robot.body.root == "free":
         q = _placed(robot, q, desired, landmarks.names, goes)
