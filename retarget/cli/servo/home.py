@@ -15,11 +15,12 @@ from hardware.clock import MonotonicClock, VirtualClock, today
 from hardware.dynamixel.serial_port import is_pseudo_terminal
 from hardware.servo import Layout
 from retarget.cli.application import Overwrite, ask, console
-from retarget.cli.buses import make_bus
+from retarget.cli.buses import check_bus, make_bus
 from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 from retarget.run.options import RunOptions
+from retarget.run.own_bus import is_own
 from retarget.schema.catalogue import calibration_path
 from retarget.schema.files import check_place, previous_path, refuse_existing
 from retarget.schema.profile import RobotProfile
@@ -55,6 +56,7 @@ class HomedFile:
         """overwrite: a file that was named and is there may be replaced; the robot's own calibration always may, as the
         one before is kept beside it. Raises UsageError for a file that cannot be written or is there, and for emulated
         servos as the robot's calibration."""
+        check_bus(options.bus)
         if options.bus == "none":
             allowed = "profile, a port, emulator, mock"
             raise UsageError("there is no servo to read", where="--bus", found=options.bus, allowed=allowed)
@@ -144,7 +146,7 @@ def home(
 
     Options:
         robot NAME|PATH: Robot by name or path.
-        bus (--bus, --port) profile|PORT|emulator|mock: Ports of the profile, one port, or an emulator.
+        bus (--bus, --port) profile|PORT|emulator|mock: Ports of the profile, one port, an emulator, or module:Class.
         pose neutral|stand|rest|attractor: Posture of the profile to place it in.
         joints A,B,...: Only these, with commas between.
         force: Also zeros more than 0.35 rad off the profile's.
@@ -167,7 +169,7 @@ def home(
 
     if file.notice:
         echo(file.notice)
-    opening = [] if options.simulated else [f"The bus is opened: {_opening(body)}. Go on?"]
+    opening = [] if options.simulated else [f"The bus is opened: {_opening(body, bus)}. Go on?"]
     if not all(agree(question, False) for question in [*file.doubts, *opening]):
         echo("nothing was written")
         return
@@ -192,14 +194,16 @@ def _say_all(
     """Print what would be done."""
     bent = [f"{joint} {angle:g}" for joint, angle in zip(body.joint_map.joints, posture, strict=True) if angle]
     angles = f"{', '.join(bent)} rad, the others 0" if bent else "all joints at 0"
-    echo(f"would open the bus {options.bus!r}: {_opening(body)};")
+    echo(f"would open the bus {options.bus!r}: {_opening(body, options.bus)};")
     echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
     echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {angles},")
     echo(file.promise)
 
 
-def _opening(body: RobotBody) -> str:
+def _opening(body: RobotBody, bus: str) -> str:
     """The effects of opening the bus of a robot on its servos, in words."""
+    if is_own(bus):
+        return f"{bus} does it"
     buses = body.profile.bus_specs()
     power = [f"device {bus.power.id} switches the servos' power on" for bus in buses if bus.power is not None]
     old = ", status return level" if Layout.OLDER in body.profile.layouts().values() else ""
