@@ -1,6 +1,6 @@
 """`retarget servo setup`: write id, speed and other EEPROM settings of one servo."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import typer
@@ -123,6 +123,7 @@ def setup(
     baud: int | None = None,
     return_delay: float | None = None,
     register: tuple[str, ...] = (),
+    everything: bool = False,
     yes: bool = False,
     dry_run: bool = False,
 ) -> None:
@@ -132,6 +133,9 @@ def setup(
     with --id makes the servo with that id the joint's own. Other options come before the profile. Shows what it has and
     what it gets, and asks. Ctrl-C ends it after the value that is being written.
 
+    With --robot and --all it asks for the servos of the robot one after the other, each connected alone, and sets up
+    each as it is found; those that are set up already are left out. Without --port it finds the port.
+
     Options:
         joint NAME: The servo of this joint of the robot.
         device (--id) N: Its id as it is.
@@ -140,37 +144,66 @@ def setup(
         baud BAUD: Its speed as it is to be.
         return_delay US: Pause before it answers, us.
         register NAME=VALUE: Any other of its EEPROM, as drive_mode=4.
+        everything (--all): All servos of the robot, one after the other.
         yes: Do not ask.
         dry_run: Read and show, write nothing.
     """
     if device is not None:
         check_device(device, protocol)
     asked = Asked(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers_of(register))
+    if everything:
+        from retarget.cli.servo.setup_all import set_up_all
+
+        _check_all(where, {"--joint": joint, "--id": device, "--new-id": new_id, "--protocol": protocol}, asked)
+        set_up_all(where, asked, yes=yes, dry_run=dry_run)
+        return
     target = find_target(where, joint, device)
     _check(target, asked, protocol)
     place = target.place
     with opened([place]):
-        seen = _make_responsive(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
-        if seen is None:
-            return
-        if seen.table is None:
-            what = f"id {seen.found.id} is a model that is not known here ({seen.model})"
-            raise BusError(what, where=place.where, then="See `retarget servo scan`")
-        place.port.set_baud(seen.speed.baud)
-        image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
-        echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
-        wanted = wanted_of(target, asked, seen, image)
-        due = plan(image, settings_of(image.table, wanted))
-        if not due:
-            echo("it has all of this already: nothing to write")
-            return
-        _preview(image, due)
-        new_id = target.device if wanted.new_id is None else wanted.new_id
-        _refuse_taken(place, seen, new_id, wanted.baud or seen.speed.baud)
-        if dry_run:
-            echo("dry run: nothing was written")
-        elif agreed("Write this?", yes=yes):
-            _write(place, seen, due)
+        set_up(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
+
+
+def set_up(target: ServoTarget, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> bool:
+    """Write into a servo, seen on the open port of the target, what it is to hold; whether it holds all of it then.
+
+    Shows what it is and what it gets, and asks (`yes`: does not). Raises BusError.
+    """
+    place = target.place
+    answering = _make_responsive(target, asked, seen, yes=yes, dry_run=dry_run)
+    if answering is None:
+        return False
+    if answering.table is None:
+        what = f"id {answering.found.id} is a model that is not known here ({answering.model})"
+        raise BusError(what, where=place.where, then="See `retarget servo scan`")
+    place.port.set_baud(answering.speed.baud)
+    image = read_image(OneOff(place.port, answering.speed.protocol), target.device, answering.table)
+    echo(f"id {target.device}: {answering.model}, firmware {answering.found.firmware}, {answering.speed}")
+    wanted = wanted_of(target, asked, answering, image)
+    due = plan(image, settings_of(image.table, wanted))
+    if not due:
+        echo("it has all of this already: nothing to write")
+        return True
+    _preview(image, due)
+    new_id = target.device if wanted.new_id is None else wanted.new_id
+    _refuse_taken(place, answering, new_id, wanted.baud or answering.speed.baud)
+    if dry_run:
+        echo("dry run: nothing was written")
+        return False
+    if not agreed("Write this?", yes=yes):
+        return False
+    _write(place, answering, due)
+    return True
+
+
+def _check_all(where: Where, options: Mapping[str, object], asked: Asked) -> None:
+    """Raise UsageError for options that all servos of a robot cannot share, and where no robot is named."""
+    if where.robot is None:
+        raise UsageError("the servos of which robot", where="--all", allowed="--robot NAME beside it")
+    given = ", ".join(option for option, value in options.items() if value is not None)
+    if given:
+        raise UsageError("only one servo can have this", where=given, found="--all", next_step="Leave one of them out")
+    check_asked(asked, None, None)
 
 
 def _check(target: ServoTarget, asked: Asked, protocol: int | None) -> None:
