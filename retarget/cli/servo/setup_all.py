@@ -20,7 +20,7 @@ from retarget.cli.servo.places import (
     opened,
     quick_search,
 )
-from retarget.cli.servo.setup import set_up, wanted_of
+from retarget.cli.servo.write_settings import set_up, wanted_of
 from retarget.errors import suggest
 
 WHERE = "servo setup --all"
