@@ -55,6 +55,11 @@ def _begins_with(monkeypatch: pytest.MonkeyPatch, change: Callable[[], None]) ->
     monkeypatch.setattr(places, "emulated_lines", lines)
 
 
+def _line(out: str, word: str) -> str:
+    """The first line with a word."""
+    return next(line for line in out.splitlines() if word in line)
+
+
 def test_twenty_new_servos_are_set_up_one_at_a_time(lab: ServoLab) -> None:
     code, out, err = lab.run("setup", *ROBOT, typed="\n" * 20)
     assert (code, err) == (0, "")
@@ -74,19 +79,21 @@ def test_twenty_new_servos_are_set_up_one_at_a_time(lab: ServoLab) -> None:
 
 
 @pytest.mark.parametrize(
-    ("joints", "text"),
+    ("joints", "facts"),
     [
-        ((), "no servo answers at the usual speeds. Check its power"),
-        (("r_sho_pitch", "l_sho_pitch"), "several servos with one id answer. Connect that of r_sho_pitch alone"),
-        (
-            ("r_sho_pitch", "l_el"),
-            "2 servos answer; found id 1 (XM430-W350, protocol 2.0, 57600 baud), id 7 (XM430-W350",
-        ),
-        (("head_pan",), "id 1 is not the servo of r_sho_pitch by its model or protocol; found XL430-W250"),
+        ((), ()),
+        (("r_sho_pitch", "l_sho_pitch"), ("r_sho_pitch",)),
+        (("r_sho_pitch", "l_el"), ("id 1", "id 7", 2)),
+        (("head_pan",), ("r_sho_pitch", "XL430-W250", "XM430-W350")),
     ],
+    ids=["none", "one id twice", "several", "model"],
 )
 def test_none_several_or_another_model_is_refused_and_tried_again(
-    joints: Sequence[str], text: str, lab: ServoLab, connected: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
+    joints: Sequence[str],
+    facts: tuple[str | int, ...],
+    lab: ServoLab,
+    connected: list[Sequence[str]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def changed() -> None:
         lab.line.devices[JOINTS.index("head_pan")].memory.put("model_number", XL430)
@@ -100,7 +107,7 @@ def test_none_several_or_another_model_is_refused_and_tried_again(
     assert code == 2  # the input ends at the second servo
     refused, written = (next(line for line in out.splitlines() if word in line) for word in ("not set up", "written"))
     assert out.index(refused) < out.index(written)
-    shows(refused, text)
+    shows(refused, facts)
     assert lab.line.devices[0].baud == 2_000_000 and lab.line.devices[1].baud == 57_600
 
 
@@ -117,8 +124,9 @@ def test_it_goes_on_where_it_ended_and_leaves_out_what_is_set_up(
     _begins_with(monkeypatch, tuned)
     connected.append(("r_sho_pitch", "l_sho_pitch", "r_sho_roll"))
     _, out, _ = lab.run("setup", *ROBOT, typed="r_sho_roll\n\n")
-    assert "l_sho_pitch is set up already" in out and "id: 1 -> 3" in out
-    shows(out.splitlines()[-1], "set up: 3 of 20; left: l_sho_roll")
+    assert "id: 1 -> 3" in out
+    shows(_line(out, "already"), "l_sho_pitch")
+    shows(out.splitlines()[-1], "3 of 20", "l_sho_roll")
     assert [device.id for device in lab.line.devices[:4]] == [1, 2, 3, 1]
 
 
@@ -128,7 +136,7 @@ def test_a_servo_of_another_joint_is_changed_only_when_that_is_agreed_to(
 ) -> None:
     connected += [("r_sho_pitch",), ("r_sho_pitch",)]
     _, out, _ = lab.run("setup", *ROBOT, typed="\n\n" + answer)
-    assert "This is r_sho_pitch (id 1), set up already. Make it l_sho_pitch? [y/N]" in out
+    shows(_line(out, "[y/N]"), "r_sho_pitch", "id 1", "l_sho_pitch")
     assert lab.line.devices[0].id == device
     assert ("left: l_sho_pitch" if device == 1 else "left: r_sho_pitch, r_sho_roll") in out
 
@@ -136,11 +144,11 @@ def test_a_servo_of_another_joint_is_changed_only_when_that_is_agreed_to(
 def test_with_yes_a_servo_of_another_joint_is_never_changed(lab: ServoLab, connected: list[Sequence[str]]) -> None:
     connected += [("r_sho_pitch",), ("r_sho_pitch",)]
     _, out, _ = lab.run("setup", *ROBOT, "--yes", typed="\n\n")
-    assert "only servos that are set up already answer; found r_sho_pitch" in out
+    shows(out.splitlines()[-3], "found r_sho_pitch")
     assert lab.line.devices[0].id == 1
 
 
-@pytest.mark.parametrize(("word", "text"), [("2\n", "id: 2 -> 4"), ("\n", "set up: 0 of 30")])
+@pytest.mark.parametrize(("word", "text"), [("2\n", "id: 2 -> 4"), ("\n", "0 of 30")])
 def test_of_two_servos_in_one_case_the_operator_says_which(
     word: str, text: str, lab: ServoLab, connected: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -156,20 +164,21 @@ def test_of_two_servos_in_one_case_the_operator_says_which(
     connected.append(case)
     typed = f"{case[0]}\n\n{word}"
     _, out, _ = lab.run("setup", "--robot", "toddlerbot", "--all", "--port", "emulator", typed=typed)
-    assert "ids 1 and 2 answer, of one case: which is left_hip_pitch?" in out and text in out
+    shows(_line(out, "which"), 1, 2, "left_hip_pitch")
+    assert text in out
 
 
 def test_words_at_the_question_go_elsewhere(lab: ServoLab) -> None:
     _, out, _ = lab.run("setup", *ROBOT, typed="s\nhead_tlt\nhead_tilt\n\n")
-    assert "'head_tlt' is no joint. Did you mean head_tilt" in out
+    shows(_line(out, "head_tlt"), "head_tilt")
     assert [device.id for device in lab.line.devices[:20]] == [*[1] * 19, 20]
-    shows(out.splitlines()[-1], "set up: 1 of 20")
+    shows(out.splitlines()[-1], "1 of 20")
 
 
 def test_a_dry_run_writes_nothing(lab: ServoLab) -> None:
     code, out, _ = lab.run("setup", *ROBOT, "--dry-run", typed="\n" * 20)
     assert code == 0 and out.count("dry run: nothing was written") == 20
-    assert Instruction.WRITE not in lab.instructions() and "set up: 0 of 20" in out
+    assert Instruction.WRITE not in lab.instructions() and "0 of 20" in out
 
 
 def test_power_that_is_off_is_switched_on_when_that_is_agreed_to(
@@ -177,9 +186,10 @@ def test_power_that_is_off_is_switched_on_when_that_is_agreed_to(
 ) -> None:
     _begins_with(monkeypatch, lambda: lab.line.devices[-1].write(24, bytes([0]), 0.0))
     _, out, _ = lab.run("setup", *ROBOT, typed="\nn\n")
-    assert "device 200 has the servos' power switched off" in out and "no servo answers" in out
+    shows(_line(out, "[Y/n]"), 200)
+    assert out.count("is set up: write") == 0
     _, out, _ = lab.run("setup", *ROBOT, typed="\ny\n\n")
-    assert out.count("has the servos' power") == 1 and out.count("is set up: write") == 2
+    assert out.count("[Y/n]") == 1 and out.count("is set up: write") == 2
 
 
 def test_ctrl_c_says_what_is_set_up(lab: ServoLab, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,7 +204,7 @@ def test_ctrl_c_says_what_is_set_up(lab: ServoLab, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("builtins.input", typed)
     code, out, err = lab.run("setup", *ROBOT)
     assert (code, err) == (130, "interrupted\n")
-    shows(out.splitlines()[-1], "set up: 2 of 20")
+    shows(out.splitlines()[-1], "2 of 20")
 
 
 @pytest.mark.parametrize(
@@ -275,4 +285,4 @@ def test_commands_without_a_port_name_those_that_exist(lab: ServoLab, monkeypatc
     monkeypatch.setattr(places, "existing_ports", lambda: {"/dev/ttyUSB0": "U2D2", "/dev/ttyS0": ""})
     code, _, err = lab.run("scan")
     assert code == 2
-    shows(err, "no port is named", "found /dev/ttyUSB0 (U2D2), /dev/ttyS0")
+    shows(err, "found /dev/ttyUSB0 (U2D2), /dev/ttyS0")
