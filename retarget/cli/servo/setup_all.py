@@ -82,7 +82,8 @@ class SetupWalk:
         left = [_joint(target) for target in self.targets if _joint(target) not in self.ready]
         count = len(self.targets)
         if not left:
-            echo(f"all {count} servos are set up: connect them all, then `retarget servo scan --robot {where.robot}`")
+            port = "" if where.port is None else f" --port {where.port}"
+            echo(f"all {count} servos are set up: connect all, then `retarget servo scan --robot {where.robot}{port}`")
         else:
             echo(f"set up: {count - len(left)} of {count}; left: {', '.join(left)}")
 
