@@ -55,7 +55,8 @@ def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mes
         angle = np.linspace(0.0, 0.5 * np.pi, max(around // 4, 1) + 1)
         cap = np.column_stack([radius * np.sin(angle), y + radius * np.cos(angle)])
         cap[0, 0] = 0.0
-        return _swept(np.concatenate([cap * (1.0, -1.0), cap[::-1]]), around)
+        upper = cap[::-1] if y > 0.0 else cap[-2::-1]  # a sphere has one equator, or its normals would break there
+        return _swept(np.concatenate([cap * (1.0, -1.0), upper]), around)
     if kind == ShapeKind.CYLINDER:
         lines = ([(0.0, -y), (x, -y)], [(x, -y), (x, y)], [(x, y), (0.0, y)])
         return joined([_swept(np.array(line), around) for line in lines])
@@ -214,19 +215,8 @@ class SolidBody:
     kinematics: "_solver.Body"
 
     def as_json(self) -> dict[str, Any]:
-        """What `bodies.js` draws: vertices in m to a tenth of a millimetre. Meshes are numbered as in `poses`."""
-        return {
-            "height": round(self.height, 4),
-            "meshes": [
-                {
-                    "link": number,
-                    "vertices": mesh.vertices.round(4).ravel().tolist(),
-                    "faces": mesh.faces.ravel().tolist(),
-                    "colour": colour.round(3).tolist(),
-                }
-                for number, (mesh, colour) in enumerate(zip(self.meshes, self.colours, strict=True))
-            ],
-        }
+        """What `bodies.js` draws. Meshes are numbered as in `poses`."""
+        return {"height": round(self.height, 4)} | meshes_json(self.meshes, self.colours.tolist())
 
     def poses(self, q: FloatArray) -> FloatArray:
         """Where its links are in postures (T, nq): (T, m, 7) of position, m, and quaternion wxyz."""
@@ -238,6 +228,26 @@ class SolidBody:
         return self.kinematics.centre_of_mass(np.ascontiguousarray(q))
 
 
+def meshes_json(meshes: Iterable[Mesh], colours: Iterable[Sequence[float]]) -> dict[str, Any]:
+    """Meshes and their colours, 0 to 1, as `bodies.js` draws them: vertices in m to a tenth of a millimetre."""
+    return {
+        "meshes": [
+            {
+                "link": number,
+                "vertices": mesh.vertices.round(4).ravel().tolist(),
+                "faces": mesh.faces.ravel().tolist(),
+                "colour": [round(value, 3) for value in colour],
+            }
+            for number, (mesh, colour) in enumerate(zip(meshes, colours, strict=False))
+        ]
+    }
+
+
+def rgb(colour: str) -> list[float]:
+    """Red, green and blue, 0 to 1, of a colour as `#d55e00`."""
+    return [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+
+
 def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> SolidBody:
     """A body in the colours of its sides, see `side_colours`. named: None for the names of the links themselves."""
     if named is None:
@@ -246,6 +256,6 @@ def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> Solid
     links = np.array(list(meshes), dtype=np.int64)
     position, quat = kinematics.forward(body.qpos0)
     heights = [mesh.placed(position[link], quat[link]).vertices[:, 2] for link, mesh in meshes.items()]
-    shades = [[int(colours[link][at : at + 2], 16) / 255.0 for at in (1, 3, 5)] for link in meshes]
+    shades = [rgb(colours[link]) for link in meshes]
     height = max(float(np.ptp(np.concatenate(heights))), LEAST_M) if heights else LEAST_M
     return SolidBody(body, links, tuple(meshes.values()), np.array(shades), height, kinematics)

@@ -10,9 +10,9 @@ import socket
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,14 @@ from retarget.model.robot import Mounting
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.run.table import RunTable
-from retarget.viewer.snapshot import SHOWN
 
-LIVE_PAGE = "retarget.viewer.live_page"
-"""The module that serves the page of `--view`: it takes a port and a title."""
+SERVER = "retarget.web.server"
+"""The module that serves the page."""
+SHOWN = (
+    *("human_q", "sensors", "q", "present", "landmarks_asked", "landmarks_reached", "observer_modes", "temperature"),
+    *("current", "truth", "doing", "reason"),
+)
+"""The fields of a row that a page shows, besides its time, obstacles and latency."""
 SHOWN_HZ = 25.0
 STOP = b"stop"
 READY, REFUSED = b"ready ", b"refused "
@@ -40,6 +44,21 @@ LONGEST_ANSWER = 4096
 """Bytes of an answer of the page, and more."""
 MOST_WORDS = 1024
 """Words of the page that wait for the run: of a minute in which it hears none."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
+    for any. robot: its name. performs: a browser may be the performer, and pause the robot; else it looks on, and can
+    only stop it. dead_man: the robot moves only while it is held. poses: number of the socket to the run for poses, -1:
+    none."""
+
+    listen: bool
+    port: int
+    robot: str
+    performs: bool = True
+    dead_man: bool = False
+    poses: int = -1
 
 
 @dataclass(frozen=True)
@@ -193,19 +212,29 @@ class ViewFeed:
 
 
 @contextmanager
-def open_feed(module: str, *arguments: str, passed: Sequence[int] = ()) -> Iterator[ViewFeed]:
-    """The page of a run, from now on; in the end it shows how the run ended, and ends by itself, or is ended.
+def needing_websockets() -> Iterator[None]:
+    """Raise ConfigError where websockets are missing."""
+    try:
+        yield
+    except ImportError as error:
+        raise ConfigError(
+            "a page needs websockets", found=str(error), next_step="Install it: pip install 'retarget[view]'"
+        ) from error
 
-    module: it is run as `python -m MODULE FD ARGUMENTS`, FD being its end of the pair of sockets. passed: further files
-    that it keeps open. Raises ConfigError or what it refuses.
-    """
+
+@contextmanager
+def open_feed(settings: Settings) -> Iterator[ViewFeed]:
+    """The page of a run, from now on; in the end it shows how the run ended, and ends by itself, or is ended. Raises
+    ConfigError or what it refuses."""
+    with needing_websockets():
+        import websockets  # noqa: F401  (the page's process needs it)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in (ours, theirs):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", module, str(theirs.fileno()), *arguments],
-            pass_fds=(theirs.fileno(), *passed),
+            [sys.executable, "-P", "-m", SERVER, str(theirs.fileno()), json.dumps(asdict(settings))],
+            pass_fds=[theirs.fileno(), *([settings.poses] if settings.poses >= 0 else [])],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},  # the code that the run runs
