@@ -12,15 +12,13 @@ from retarget.cli.application import note
 from retarget.cli.exit import echo, stop_on_signals
 from retarget.live.address import VIEW_PORT
 from retarget.live.performer import LivePerformer
-from retarget.report.animation import obstacle_poses
+from retarget.model.scene_state import obstacle_poses
 from retarget.run.loop import Observer, RowObserver
 from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import Extras
 from retarget.types import FloatArray, Notify
-from retarget.web.feed import PageSetup, Settings, ViewFeed, needing_websockets, open_feed
-from retarget.web.recorded import open_recorded, page_files
-from retarget.web.shown import STATE_WORDS
+from retarget.web.feed import STATE_WORDS, PageSetup, Settings, ViewFeed, needing_websockets, open_feed
 
 
 def view(
@@ -40,11 +38,12 @@ def view(
     Options:
         body FILE: The robot's MJCF or URDF, where FILE names none that is there.
     """
+    with needing_websockets():
+        from retarget.web.recorded import open_recorded, page_files
+        from retarget.web.serving import serve_files
     run = open_recorded(file, body=body)
     for text in run.notes:
         note(f"{file}: {text}")
-    with needing_websockets():
-        from retarget.web.serving import serve_files
     files = page_files(run, file.name)
 
     def opened(address: str) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,7 +93,7 @@ def _box(half: FloatArray) -> Mesh:
 
 # The links of a body.
 
-MOST_TRIANGLES = 4000
+MOST_TRIANGLES = 8000
 """Of a body: so many are seen, and a page that holds two bodies stays small."""
 DETAILS = (AROUND, 20, 16, 12, 8, 6, 4)
 """Corners of a circle that are tried until a body has no more than that."""
@@ -184,6 +185,8 @@ LEAST_M = 0.05
 """Height of a body that has hardly any: something to scale by."""
 LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#b0b0b0"
 """Of Okabe and Ito's palette: the sides of a body, and what is between."""
+OBSTACLE, OBSERVER = "#b0967a", "#9a5b86"
+"""Of the scene's shapes, and of observers that act; the legend of a page has the same ones."""
 SIDES = {"l_": LEFT, "r_": RIGHT}
 """Colours of parts of a body by how their names begin."""
 
@@ -241,6 +244,11 @@ def meshes_json(meshes: Iterable[Mesh], colours: Iterable[Sequence[float]]) -> d
             for number, (mesh, colour) in enumerate(zip(meshes, colours, strict=False))
         ]
     }
+
+
+def shapes_json(meshes: Iterable[Mesh], colour: str) -> dict[str, Any]:
+    """Meshes of one colour, as `bodies.js` draws them."""
+    return meshes_json(meshes, repeat(rgb(colour)))
 
 
 def rgb(colour: str) -> list[float]:

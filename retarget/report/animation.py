@@ -2,49 +2,22 @@
 
 import base64
 import math
-from collections.abc import Iterable, Sequence
-from itertools import repeat
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from retarget import rotations
-from retarget.model.meshes import Mesh, SolidBody, meshes_json, rgb, shape_mesh
+from retarget.model.meshes import OBSERVER, OBSTACLE, Mesh, SolidBody, shapes_json
 from retarget.model.robot import RobotBody
-from retarget.model.scene_shapes import SceneShapes
-from retarget.model.scene_state import ObstaclePoses
+from retarget.model.scene_state import obstacle_meshes, obstacle_poses
 from retarget.report import motion_metrics
 from retarget.report.findings import moments
 from retarget.report.plots import HUMAN_BONES, POSES, unlike_ticks
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.record import PHASE_NAMES
 from retarget.run.run_result import RunResult
-from retarget.schema.scene import FLOOR
 from retarget.types import BoolArray, FloatArray, IntArray
-
-# Obstacles and observers: shapes that move as the links of a body do.
-
-LAYERS = ("servos", "asked", "pass")
-"""Of the page's legend: sensors of a performer, landmarks of a robot, its centre of mass."""
-OBSTACLE, OBSERVER = "#b0967a", "#9a5b86"
-"""Colours of the page's legend."""
-
-
-def obstacle_meshes(shapes: SceneShapes) -> list[Mesh]:
-    """The obstacles of a scene, all but the floor, which a page has anyway, each in its own frame."""
-    solid = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
-    return [shape_mesh(int(kind), size) for name, kind, size in solid if name != FLOOR]
-
-
-def obstacle_poses(shapes: SceneShapes, poses: ObstaclePoses) -> FloatArray:
-    """Where they are, (o, 7): position, m, and quaternion."""
-    return np.column_stack([poses.position, poses.quat])[[name != FLOOR for name in shapes.names]]
-
-
-def shapes_json(meshes: Iterable[Mesh], colour: str) -> dict[str, Any]:
-    """Shapes of one colour, as `bodies.js` draws them."""
-    return meshes_json(meshes, repeat(rgb(colour)))
-
 
 # Tracks as text inside a page.
 
@@ -111,7 +84,7 @@ def _performer(run: RunResult, rows: IntArray) -> dict[str, Any]:
     if scene is not None:
         scene = scene[0], facing_x(scene[1], heading)
     marks = turned(run.sensors_asked[rows], heading)
-    made = figure("performer", run.human.solid, poses, marks=marks, layers=LAYERS[:1], scene=scene)
+    made = figure("performer", run.human.solid, poses, marks=marks, layers=("servos",), scene=scene)
     return made | {"caption": caption}
 
 
@@ -129,7 +102,7 @@ def _robot(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
         return None
     caption = "as sent" if run.physics is None else "as simulated"
     poses, marks, scene = robot.solid.poses(q[rows]), sent.landmarks_asked[rows], _obstacles(run, rows)
-    made = figure(robot.profile.name, robot.solid, poses, marks=marks, layers=LAYERS[1:], scene=scene)
+    made = figure(robot.profile.name, robot.solid, poses, marks=marks, layers=("asked", "pass"), scene=scene)
     return made | {"caption": caption}
 
 

@@ -51,10 +51,8 @@ def _own_ids(tag: str, name: str) -> str:
 
 FOLDER = Path(__file__).parent
 """Folder of the page's template `page.html`, its style and its scripts."""
-SHARED = ("bodies.js", "figure.js", "plot.js", "figure.css")
-"""What draws: modules and a style that every page uses."""
-SCRIPTS = (*SHARED[:3], "motion.js", "ground.js", "player.js")
-"""The parts of the player, which become a module of one scope."""
+SCRIPTS = ("bodies.js", "figure.js", "plot.js", "motion.js", "ground.js", "player.js")
+"""The parts of the player, which become a module of one scope. The pages of a run have the first three, too."""
 _IMPORT = re.compile(r"^import \{.*\n", re.MULTILINE)
 LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""

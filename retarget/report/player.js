@@ -63,7 +63,11 @@ function draw() {
   $("clock").textContent = (data.time[row] / 1000).toFixed(2) + " s";
   const words = { a: "approaching", f: "following", b: "braking" };
   $("scrub").setAttribute("aria-valuetext", $("clock").textContent + ", " + words[data.phase[row]]);
-  if (data.doing) [$("doing").textContent, $("reason").textContent] = data.doing.findLast(([from]) => from <= row).slice(1);
+  if (data.doing) {
+    const [, doing, reason] = data.doing.findLast(([from]) => from <= row);
+    Object.assign($("doing"), { textContent: doing, className: /follow/.test(doing) ? "pass" : /stop|end/.test(doing) ? "fail" : "part" });
+    $("reason").textContent = reason;
+  }
 }
 
 function nearest(time) {

@@ -43,8 +43,8 @@ export class JointPlot {
       pen.fillStyle = colour.soft;
       pen.fillText(`${Number(value.toPrecision(3))} ${unit}`, 46, y(value));
     }
-    for (const [name, curve] of curves) stroke(pen, name === "goal" ? colour.soft : colour.right, name === "goal" ? 3 : 1.5, rows.map((row, i) => [x(times[row]), y(curve[i])]));
-    stroke(pen, colour.ink, 1, [[x(now), 4], [x(now), high - 4]]);
+    for (const [name, curve] of curves) stroke(pen, name === "goal" ? colour.line : colour.ink, name === "goal" ? 5 : 1.5, rows.map((row, i) => [x(times[row]), y(curve[i])]));
+    stroke(pen, colour.fail, 1, [[x(now), 4], [x(now), high - 4]]);
   }
 }
 

@@ -23,6 +23,7 @@ from retarget.model.robot import Mounting
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.run.table import RunTable
+from retarget.types import RunState
 
 SERVER = "retarget.web.server"
 """The module that serves the page."""
@@ -31,6 +32,18 @@ SHOWN = (
     *("current", "truth", "doing", "reason"),
 )
 """The fields of a row that a page shows, besides its time, obstacles and latency."""
+STATE_WORDS = {
+    RunState.APPROACH: "approaching",
+    RunState.FOLLOW: "following",
+    RunState.HOLD: "holding",
+    RunState.STOPPING: "stopping",
+    RunState.RETURN_TO_STANCE: "returning to its stance",
+    RunState.GO_TO_REST: "going to rest",
+    RunState.STANDING: "standing, with torque",
+    RunState.OFF: "ended",
+    RunState.FAULT: "stopped",
+}
+"""What a robot does in a state of the run."""
 SHOWN_HZ = 25.0
 STOP = b"stop"
 READY, REFUSED = b"ready ", b"refused "

@@ -11,12 +11,12 @@ from retarget.errors import RefusedError
 from retarget.model.body import body_from_file
 from retarget.model.meshes import Mesh, solid_body
 from retarget.model.robot import RobotBody, load_robot
-from retarget.model.scene_state import SceneState
+from retarget.model.scene_state import SceneState, obstacle_meshes, obstacle_poses
 from retarget.recording.configs import recorded_scene
 from retarget.recording.cycles import STATES_OF_RUN
 from retarget.recording.motion import Motion
 from retarget.recording.read_run import no_human, read_recorded
-from retarget.report.animation import LAYERS, facing_x, figure, ground, letters, obstacle_meshes, obstacle_poses, packed
+from retarget.report.animation import facing_x, figure, ground, letters, packed
 from retarget.report.page import FOLDER, player_script, template
 from retarget.report.tracking import turned
 from retarget.rotations import rotate
@@ -24,8 +24,8 @@ from retarget.run.record import PHASE_NAMES, Phase
 from retarget.run.table import RunTable
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
-from retarget.web.feed import SHOWN
-from retarget.web.shown import STATE_WORDS, Cast, joint_tracks, moved, observer_poses, present
+from retarget.web.feed import SHOWN, STATE_WORDS
+from retarget.web.shown import Cast, joint_tracks, moved, observer_poses, present
 
 WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
 PHASE_WORDS = ("approaching", "following", "stopping")
@@ -154,7 +154,7 @@ def _performer(run: ShownRun) -> dict[str, Any]:
     poses, scene = facing_x(cast.human.poses(run.human_q), heading), _obstacles(run) if cast.robot is None else None
     if scene is not None:
         scene = scene[0], facing_x(scene[1], heading)
-    made = figure("performer", cast.human, poses, marks=marks, layers=LAYERS[:1], scene=scene)
+    made = figure("performer", cast.human, poses, marks=marks, layers=("servos",), scene=scene)
     return made | {"caption": "as reconstructed"}
 
 
@@ -169,13 +169,13 @@ def _robot(run: ShownRun, q: FloatArray) -> dict[str, Any]:
         cast.robot.poses(present(cast, run, q)),
         goal=cast.robot.poses(run.q),
         marks=marks,
-        layers=LAYERS[1:],
+        layers=("asked", "pass"),
         scene=_obstacles(run),
         observers=(cast.observer_meshes, observer_poses(cast, run))
         if "observer_modes" in run and cast.profile
         else None,
     )
-    return made | {"caption": "as its servos report it, or its physics has it"}
+    return made | {"caption": "as simulated" if "truth" in run else "as its servos report it"}
 
 
 def _obstacles(run: ShownRun) -> tuple[list[Mesh], FloatArray] | None:

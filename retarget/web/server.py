@@ -40,8 +40,7 @@ from retarget.model.body_file import compile_body_text
 from retarget.model.meshes import solid_body
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
-from retarget.report.animation import obstacle_meshes
-from retarget.report.page import SHARED
+from retarget.model.scene_state import obstacle_meshes
 from retarget.run.table import RunTable
 from retarget.schema.scene import load_scene
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM
@@ -53,7 +52,9 @@ from retarget.web.serving import Pages
 from retarget.web.shown import Cast, live_tracks
 
 HERE = Path(__file__).parent
-FILES = {"": HERE / "page" / "index.html"} | {name: HERE.parent / "report" / name for name in SHARED}
+DRAWING = ("bodies.js", "figure.js", "plot.js", "figure.css")
+"""What a report is drawn by, too."""
+FILES = {"": HERE / "page" / "index.html"} | {name: HERE.parent / "report" / name for name in DRAWING}
 """What is served beside the folder of the page and that of the runtime, by its place under the key."""
 
 MOST_HOLDS = 64
@@ -345,7 +346,7 @@ class PageServer:
         for name, off in zip(cast.landmarks, np.linalg.norm(reached - row.landmarks_asked, axis=1), strict=True):
             if off > OUT_OF_REACH_M:
                 side = {"l_": "left ", "r_": "right "}.get(name[:2], "")
-                yield f"{side}{name[2:] if side else name} {100 * off:.0f} cm out of reach"
+                yield f"{side}{(name[2:] if side else name).replace('_', ' ')} {100 * off:.0f} cm out of reach"
 
     def _send_all(self, kind: str, content: dict[str, Any]) -> None:
         self._send_to_all(kind, json.dumps({"hear": kind, **content}))

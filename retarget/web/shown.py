@@ -7,28 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from retarget.model.meshes import Mesh, SolidBody, shape_mesh
+from retarget.model.meshes import OBSERVER, OBSTACLE, Mesh, SolidBody, shape_mesh, shapes_json
 from retarget.model.observers import Observers, robot_observers
 from retarget.model.robot import RobotBody
-from retarget.report.animation import LAYERS, OBSERVER, OBSTACLE, shapes_json
 from retarget.report.motion_metrics import Standing, standing_of
 from retarget.rotations import multiply, rotate
 from retarget.run.run_result import in_truth
 from retarget.run.table import RunTable
-from retarget.types import FloatArray, IntArray, RunState
-
-STATE_WORDS = {
-    RunState.APPROACH: "approaching",
-    RunState.FOLLOW: "following",
-    RunState.HOLD: "holding",
-    RunState.STOPPING: "stopping",
-    RunState.RETURN_TO_STANCE: "returning to its stance",
-    RunState.GO_TO_REST: "going to rest",
-    RunState.STANDING: "standing, with torque",
-    RunState.OFF: "ended",
-    RunState.FAULT: "stopped",
-}
-"""What a robot does in a state of the run."""
+from retarget.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,9 +62,9 @@ class Cast:
         last: dict[str, Any] = {"layers": []}
         if self.obstacles:
             last = {"layers": ["scene"], "scene": shapes_json(self.obstacles, OBSTACLE)}
-        human = {"body": self.human.as_json(), "layers": [*LAYERS[:1]], "sizes": None}
+        human = {"body": self.human.as_json(), "layers": ["servos"], "sizes": None}
         if self.robot is None:
-            return {"human": human | last | {"layers": [*LAYERS[:1], *last["layers"]]}, "robot": None, "joints": []}
+            return {"human": human | last | {"layers": ["servos", *last["layers"]]}, "robot": None, "joints": []}
         body = self.robot.as_json()
         stands = profile is not None and profile.stands
         sizes = [len(foot.polygon) for foot in profile.profile.feet.values()] if profile and stands else None

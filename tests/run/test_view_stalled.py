@@ -18,10 +18,10 @@ from retarget.run.loop import RowObserver
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.record import Record
-from retarget.viewer.feed import ViewFeed
+from retarget.web.feed import ViewFeed
 from sim.performer import synthetic_performer
 
-pytest.importorskip("viser", reason="the viewer's extra is not installed")
+pytest.importorskip("websockets", reason="the extra view is not installed")
 
 HURT_AT = 40
 """The row after which something happens to the page: rows have been shown by then."""

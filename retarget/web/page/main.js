@@ -84,6 +84,7 @@ function welcomed(message) {
   if (message.dead_man) deadMan.use();
   document.title = message.robot;
   document.body.dataset.performs = message.performs;
+  if (!message.performs) byId("taken").lastChild.textContent = "The performer";
   if (!message.performs && page.view === "choose") choose("watch"); // the page of a run with another performer
   for (const place of document.querySelectorAll(".robot")) place.textContent = message.robot;
 }
