@@ -64,7 +64,7 @@ def opened_page(port: int | None, options: RunOptions, notify: Notify) -> Iterat
         yield None
         return
     with open_feed(Settings(listen=False, port=port, robot=options.robot, performs=False)) as feed:
-        notify(f"Look at it: {feed.address.strip()}")
+        notify(f"Look at it: {feed.address}")
         yield feed
 
 

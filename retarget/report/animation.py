@@ -131,8 +131,8 @@ def figure(
     else:
         centre = _smooth(centre, int(FPS))
     reach = float(np.linalg.norm(points[..., :2] - centre[:, None], axis=-1).max())
-    made = {"label": label, "body": solid.as_json(), "poses": packed_poses(poses, centre), "marks": packed(marks)}
-    made |= {"centre": packed(centre), "height": height, "reach": reach}
+    made: dict[str, Any] = {"label": label, "body": solid.as_json(), "height": height, "reach": reach}
+    made |= {"centre": packed(centre), "poses": packed_poses(poses, centre), "marks": packed(marks)}
     if goal is not None:
         made["goal"] = packed_poses(goal, centre)
     if scene is not None:

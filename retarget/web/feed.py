@@ -5,6 +5,7 @@ not take at once is dropped, so that a page that is slow, stopped or dead costs 
 """
 
 import json
+import math
 import os
 import socket
 import subprocess
@@ -96,22 +97,41 @@ class Note:
     note: str
 
 
+ROW = b"\0"
+"""Begins a row; anything else is JSON."""
+
+
 def packed(message: PageSetup | RunTable | Note | str) -> bytes:
-    """A message to the process of the page, as JSON; a text is a state."""
-    known = message.known if isinstance(message, RunTable) else message if isinstance(message, str) else vars(message)
-    return json.dumps(known, default=np.ndarray.tolist).encode()
+    """A message to the process of the page. A text is a state. Of a row: a line of JSON with its words and the types
+    and shapes of its arrays, then their bytes."""
+    if not isinstance(message, RunTable):
+        return json.dumps(message if isinstance(message, str) else vars(message)).encode()
+    known = message.known
+    arrays = {name: value for name, value in known.items() if isinstance(value, np.ndarray) and value.dtype != object}
+    kinds = {name: (value.dtype.str, value.shape) for name, value in arrays.items()}
+    words = {name: value for name, value in known.items() if name not in arrays}
+    head = json.dumps([words, kinds], default=np.ndarray.tolist).encode()
+    return b"".join([ROW, head, b"\n", *(value.tobytes() for value in arrays.values())])
 
 
 def unpacked(data: bytes) -> PageSetup | RunTable | Note | str:
     """The message of these bytes."""
+    if data.startswith(ROW):
+        head, _, body = data[1:].partition(b"\n")
+        known, kinds = json.loads(head)
+        at = 0
+        for name, (kind, shape) in kinds.items():
+            count = math.prod(shape)
+            known[name] = np.frombuffer(body, kind, count, at).reshape(shape)
+            at += known[name].nbytes
+        return RunTable(**known)
     said = json.loads(data)
     if isinstance(said, str):
         return said
     if "note" in said:
         return Note(**said)
-    lists: Any = tuple if "human_mjcf" in said else np.array
-    known = {name: lists(value) if isinstance(value, list) else value for name, value in said.items()}
-    return PageSetup(**known) if lists is tuple else RunTable(**known)
+    lists: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in said.items()}
+    return PageSetup(**lists)
 
 
 class ViewFeed:

@@ -157,7 +157,7 @@ class PageServer:
             hello = _parsed(await asyncio.wait_for(client.socket.recv(), HELLO_S))
         except TimeoutError:
             raise _Ended(f"the page has not said for {HELLO_S:g} s what it is: load it anew") from None
-        client.identity, given = str(hello.get("id", ""))[:64], hello.get("input")
+        client.identity, given = str(hello.get("id", ""))[:64], str(hello.get("input"))
         inputs = ("camera", "headset", "watch") if self.settings.performs else ("watch",)
         if hello.get("say") != "hello" or given not in inputs or not client.identity:
             raise _Ended("the page says something else than its server understands: load it anew")
@@ -457,7 +457,7 @@ async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket |
     listener = await pages.open(settings.port)
     for link in filter(None, (feed, poses)):
         link.setblocking(False)
-    feed.send(READY + f"{pages.access.address} {pages.fingerprint}".encode())
+    feed.send(READY + f"{pages.access.address} {pages.fingerprint}".strip().encode())
     asyncio.get_running_loop().add_reader(feed, server.hear_run)
     beating = asyncio.create_task(server.beat())
     await server.ended.wait()

@@ -12,9 +12,9 @@ from retarget.model.observers import Observers, robot_observers
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import Standing, standing_of
 from retarget.rotations import multiply, rotate
-from retarget.run.run_result import in_truth
+from retarget.run.run_result import PRESSURE, in_truth
 from retarget.run.table import RunTable
-from retarget.types import FloatArray, IntArray
+from retarget.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,13 +76,19 @@ class Cast:
         return {"human": human, "robot": robot, "joints": self.joints, "measured": self.servos_measure}
 
 
+def simulated(rows: RunTable) -> BoolArray:
+    """The rows (T,) in which the state of a simulated body is known."""
+    if "truth" not in rows:
+        return np.zeros(len(rows), dtype=bool)
+    return np.asarray(np.isfinite(rows.truth[:, :-PRESSURE]).all(axis=1))
+
+
 def moved(cast: Cast, rows: RunTable) -> FloatArray:
     """Postures (T, nq) of the robot as its physics has it, else as it was sent."""
     assert cast.robot is not None
     q = rows.q.copy()
-    if "truth" in rows:
-        for row in np.flatnonzero(np.isfinite(rows.truth[:, :-2]).all(axis=1)).tolist():
-            q[row], _ = in_truth(cast.robot.body, q[row], rows.truth[row])
+    for row in np.flatnonzero(simulated(rows)).tolist():
+        q[row], _ = in_truth(cast.robot.body, q[row], rows.truth[row])
     return q
 
 
@@ -92,8 +98,7 @@ def present(cast: Cast, rows: RunTable, q: FloatArray) -> FloatArray:
         return q
     there = q.copy()
     there[:, cast.columns] = np.where(np.isfinite(rows.present), rows.present, q[:, cast.columns])
-    known = np.isfinite(rows.truth[:, :-2]).all(axis=1) if "truth" in rows else np.zeros(len(q), dtype=bool)
-    return np.where(known[:, None], q, there)
+    return np.where(simulated(rows)[:, None], q, there)
 
 
 def standing(cast: Cast, q: FloatArray) -> Standing | None:
@@ -108,8 +113,9 @@ def observer_poses(cast: Cast, rows: RunTable) -> FloatArray:
     found = np.full((len(rows), len(known.names), 7), np.nan)
     if "observer_modes" not in rows or rows.observer_modes.shape[1] != len(known.names):
         return found
-    for row in np.flatnonzero(rows.observer_modes.any(axis=1)).tolist():
-        acts = rows.observer_modes[row] > 0
+    modes = rows.observer_modes > 0
+    for row in np.flatnonzero(modes.any(axis=1)).tolist():
+        acts = modes[row]
         places, turns = cast.robot.kinematics.forward(np.ascontiguousarray(rows.q[row]))
         place, turn = places[known.links[acts]], turns[known.links[acts]]
         found[row, acts, :3] = place + rotate(turn, known.positions[acts])

@@ -382,7 +382,8 @@ def test_the_page_of_a_run_can_only_stop_it() -> None:
             olga.say(say="ping", t=1.0)
             assert olga.hear("pong")
             olga.say(say="stop")
-            assert olga.hear("stop") and one.until(one.feed.stop_asked)
+            assert olga.hear("stop")
+            assert one.until(one.feed.stop_asked)
         for said in ({"say": "pause"}, {"say": "held", "held": True}):
             with one.browser("watch", "olga") as olga:
                 olga.say(**said)
