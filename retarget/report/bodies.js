@@ -92,7 +92,7 @@ uniform vec4 colour;
 out vec4 shown;
 void main() { shown = colour; }`];
 
-function program(gl, texts) {
+export function program(gl, texts) {
   const made = gl.createProgram();
   texts.forEach((text, i) => {
     const shader = gl.createShader(i ? gl.FRAGMENT_SHADER : gl.VERTEX_SHADER);

@@ -6,12 +6,16 @@ const NAMES = ["ink", "soft", "line", "grid", "left", "right", "servos", "fail",
 export const colour = {};
 
 export function readColours() {
-  const style = getComputedStyle(document.documentElement);
-  for (const name of NAMES) colour[name] = style.getPropertyValue("--" + name).trim();
+  const probe = document.body.appendChild(document.createElement("i"));
+  for (const name of NAMES) {
+    probe.style.color = `var(--${name})`;
+    colour[name] = getComputedStyle(probe).color;
+  }
+  probe.remove();
 }
 
 export function rgb(name) {
-  return [1, 3, 5].map((at) => parseInt(colour[name].slice(at, at + 2), 16) / 255);
+  return colour[name].match(/[\d.]+/g).slice(0, 3).map((value) => value / 255);
 }
 
 // What may be shown: the name of a colour, and what it means; a click in the legend hides it.
@@ -27,21 +31,18 @@ const LAYERS = {
 };
 const SHADES = { goal: "line", asked: "ink", observers: "gated" }; // of a layer whose name is no colour
 const GHOSTS = { goal: 0.35, scene: 0.5, observers: 0.35 }; // bodies that are seen through
+const FIXED = ["left", "right"];
 const hidden = new Set();
 
 // Into a list; changed(): draws again.
 export function legend(list, figures, changed) {
-  const has = (name) => !(name in GHOSTS || name in SHADES || name === "servos" || name === "pass") || figures.some(({ about }) => about.layers.includes(name));
-  list.replaceChildren(...Object.keys(LAYERS).filter(has).map((name) => {
-    const item = document.createElement("li"), box = Object.assign(document.createElement("input"), { type: "checkbox", checked: !hidden.has(name) });
-    const swatch = document.createElement("i"), label = document.createElement("label");
-    swatch.style.background = `var(--${SHADES[name] || name})`;
-    if (name !== "left" && name !== "right") label.append(box);
-    label.append(swatch, LAYERS[name]);
-    box.onchange = () => { hidden[box.checked ? "delete" : "add"](name); changed(); };
-    item.append(label);
-    return item;
-  }));
+  const names = Object.keys(LAYERS).filter((name) => FIXED.includes(name) || figures.some(({ about }) => about.layers.includes(name)));
+  list.innerHTML = names.map((name) => `<li><label>${FIXED.includes(name) ? "" : `<input type="checkbox" value="${name}">`}<i></i>${LAYERS[name]}</label></li>`).join("");
+  list.querySelectorAll("i").forEach((swatch, i) => { swatch.style.background = `var(--${SHADES[names[i]] || names[i]})`; });
+  for (const box of list.querySelectorAll("input")) {
+    box.checked = !hidden.has(box.value);
+    box.onchange = () => { hidden[box.checked ? "delete" : "add"](box.value); changed(); };
+  }
 }
 
 export function niceStep(wanted) {

@@ -4,17 +4,12 @@ import { closed, niceStep, rgb, showGround, soles } from "./figure.js";
 
 // Andrew's monotone chain, counter-clockwise.
 function hull(points) {
-  const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
-  const cross = (o, a, b) => (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
-  const chain = (list) => {
-    const kept = [];
-    for (const point of list) {
-      while (kept.length > 1 && cross(kept[kept.length - 2], kept[kept.length - 1], point) <= 0) kept.pop();
-      kept.push(point);
-    }
-    return kept.slice(0, -1);
-  };
-  return [...chain(sorted), ...chain(sorted.reverse())];
+  const sorted = points.toSorted((a, b) => a[0] - b[0] || a[1] - b[1]);
+  const isRight = (o, a, b) => (a[0] - o[0]) * (b[1] - o[1]) <= (a[1] - o[1]) * (b[0] - o[0]);
+  return [sorted, sorted.toReversed()].flatMap((list) => list.reduce((kept, point) => {
+    while (kept.length > 1 && isRight(kept.at(-2), kept.at(-1), point)) kept.pop();
+    return [...kept, point];
+  }, []).slice(0, -1));
 }
 
 const above = ground && Bodies.on($("view-above"));

@@ -105,7 +105,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
         drawings={name: drawn(figure, name) for name, figure in figures.items() if name != "poses"},
         tracking=tracking,
         longest_bar=max([LEAST_BAR, *(spread.p95 for block in tracking.values() for spread in block.values())]),
-        style="".join((FOLDER / name).read_text(encoding="utf-8") for name in ("figure.css", "page.css")),
+        style="".join((FOLDER / name).read_text(encoding="utf-8") for name in ("base.css", "page.css")),
         script=script,
         digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
     )

@@ -71,12 +71,8 @@ function draw() {
 }
 
 function nearest(time) {
-  let low = 0, high = rows - 1;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (data.time[middle] < time) low = middle + 1; else high = middle;
-  }
-  return low;
+  const found = data.time.findIndex((one) => one >= time);
+  return found < 0 ? rows - 1 : found;
 }
 
 let before = 0, shown = 0;

@@ -113,7 +113,7 @@ MOST_ROWS = 60_000
 def page_files(run: ShownRun, title: str) -> dict[str, bytes]:
     """The page of a run, "", and what it loads, by their places."""
     html = template("view.html").render(title=title, animation=_animation(run))
-    styles = {name: (FOLDER / name).read_bytes() for name in ("figure.css", "page.css")}
+    styles = {name: (FOLDER / name).read_bytes() for name in ("base.css", "page.css")}
     return {"": html.encode(), "player.js": player_script().encode()} | styles
 
 

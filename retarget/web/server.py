@@ -52,7 +52,7 @@ from retarget.web.serving import Pages
 from retarget.web.shown import Cast, live_tracks
 
 HERE = Path(__file__).parent
-DRAWING = ("bodies.js", "figure.js", "plot.js", "figure.css")
+DRAWING = ("bodies.js", "figure.js", "plot.js", "base.css")
 """What a report is drawn by, too."""
 FILES = {"": HERE / "page" / "index.html"} | {name: HERE.parent / "report" / name for name in DRAWING}
 """What is served beside the folder of the page and that of the runtime, by its place under the key."""

@@ -132,10 +132,19 @@ def joint_tracks(cast: Cast, rows: RunTable) -> dict[str, FloatArray]:
     return tracks | {name: known[name] for name in ("temperature", "current")}
 
 
+def view_of(solid: SolidBody, poses: FloatArray) -> FloatArray:
+    """What a view of a body at poses (1, m, 7) shows, (4,) m: its middle on the floor, how high and far it reaches."""
+    reach = np.array([np.linalg.norm(mesh.vertices, axis=1).max() for mesh in solid.meshes])
+    middle = poses[0, :, :2].mean(axis=0)
+    far = np.linalg.norm(poses[0, :, :2] - middle, axis=1) + reach
+    return np.array([*middle, (poses[0, :, 2] + reach).max(), far.max()])
+
+
 def live_tracks(cast: Cast, row: RunTable) -> dict[str, FloatArray]:
     """What a page draws of a single row, by figure and part, as `figure.js` and `plot.js` have it."""
     rows = row.each(lambda value: np.asarray(value)[None])
-    found = {"human.poses": cast.human.poses(rows.human_q)}
+    poses = cast.human.poses(rows.human_q)
+    found = {"human.poses": poses, "human.view": view_of(cast.human, poses)}
     if "sensors" in rows:
         found["human.marks"] = rows.sensors
     if "obstacles" in rows:
@@ -143,7 +152,8 @@ def live_tracks(cast: Cast, row: RunTable) -> dict[str, FloatArray]:
     if cast.robot is None:
         return found
     q = moved(cast, rows)
-    found |= {"robot.poses": cast.robot.poses(present(cast, rows, q)), "robot.goal": cast.robot.poses(rows.q)}
+    poses = cast.robot.poses(present(cast, rows, q))
+    found |= {"robot.poses": poses, "robot.view": view_of(cast.robot, poses), "robot.goal": cast.robot.poses(rows.q)}
     if "landmarks_asked" in rows:
         found["robot.marks"] = rows.landmarks_asked
     if (stand := standing(cast, q)) is not None:

@@ -134,7 +134,7 @@ def test_files_are_served_to_who_has_the_key_with_a_policy(shared: Page) -> None
     assert "default-src 'none'" in headers["Content-Security-Policy"]
     status, headers, _ = fetched(f"{shared.address}bodies.js")
     assert status == 200 and headers["Content-Type"] == "text/javascript"
-    assert fetched(f"{shared.address}figure.css")[1]["Content-Type"] == "text/css"
+    assert fetched(f"{shared.address}base.css")[1]["Content-Type"] == "text/css"
     where = urlsplit(shared.address)
     for place, expected in {
         f"http://{where.netloc}/": 401,

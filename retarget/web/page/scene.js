@@ -5,16 +5,6 @@ import { JointPlot } from "../plot.js";
 const SLOWNESS = 0.9; // share of the old place that the view keeps each drawing
 const KEPT_S = 20; // of the plot
 
-// How far each link reaches from its origin, m.
-function reaches(body) {
-  const found = [];
-  for (const { link, vertices: v } of body.meshes) {
-    found[link] ??= 0;
-    for (let i = 0; i < v.length; i += 3) found[link] = Math.max(found[link], Math.hypot(v[i], v[i + 1], v[i + 2]));
-  }
-  return found;
-}
-
 export class Scene {
   // human, robot: canvases; list: of the legend; joint: the place of the plot.
   constructor(human, robot, list, joint) {
@@ -31,7 +21,7 @@ export class Scene {
     this.robot = message.robot?.body;
     for (const [name, canvas] of Object.entries(this.canvases)) {
       if (!message[name]) continue;
-      const { body } = message[name], about = { ...message[name], height: body.height, reach: 0.35 * body.height, reaches: reaches(body) };
+      const about = { ...message[name], height: 0, reach: 0 };
       if (this.figures[name]) this.figures[name].meet(about);
       else (this.figures[name] = new Figure(canvas, about)).turns(this.side, () => this.#later());
     }
@@ -51,21 +41,12 @@ export class Scene {
     this.past = [...this.past.filter((one) => one.time > time - KEPT_S && one.time < time), parts.joints];
     for (const [name, figure] of Object.entries(this.figures)) {
       if (!parts[name].poses) continue;
-      this.frames[name] = { ...parts[name], at: this.#look(figure, parts[name].poses, this.frames[name]?.at) };
+      const { view: [x, y, height, reach] } = parts[name], old = this.frames[name]?.at || [x, y], { about } = figure;
+      Object.assign(about, { height: Math.max(about.height, height), reach: Math.max(about.reach, reach) }); // it widens
+      this.frames[name] = { ...parts[name], at: [x, y].map((value, k) => SLOWNESS * old[k] + (1 - SLOWNESS) * value) };
       this.canvases[name].closest("figure").hidden = !figure.scene;
     }
     this.#later();
-  }
-
-  // Widens the view to what the body does; the middle on the floor, m.
-  #look({ about }, poses, old) {
-    const links = Array.from({ length: poses.length / 7 }, (_, i) => [...poses.subarray(7 * i, 7 * i + 3), about.reaches[i] || 0]).filter(([x]) => !Number.isNaN(x));
-    const middle = [0, 1].map((k) => links.reduce((sum, place) => sum + place[k], 0) / links.length);
-    for (const [x, y, z, r] of links) {
-      about.reach = Math.max(about.reach, Math.hypot(x - middle[0], y - middle[1]) + r);
-      about.height = Math.max(about.height, z + r);
-    }
-    return old ? old.map((value, k) => SLOWNESS * value + (1 - SLOWNESS) * middle[k]) : middle;
   }
 
   #later() {
