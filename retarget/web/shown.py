@@ -65,10 +65,9 @@ class Cast:
         human = {"body": self.human.as_json(), "layers": ["servos"], "sizes": None}
         if self.robot is None:
             return {"human": human | last | {"layers": ["servos", *last["layers"]]}, "robot": None, "joints": []}
-        body = self.robot.as_json()
         stands = profile is not None and profile.stands
         sizes = [len(foot.polygon) for foot in profile.profile.feet.values()] if profile and stands else None
-        robot = last | {"body": body, "goal": body, "sizes": sizes}
+        robot = last | {"body": self.robot.as_json(), "sizes": sizes}
         robot["layers"] = ["asked", "goal", *(["pass"] if stands else []), *last["layers"]]
         if self.observers is not None:
             robot["observers"] = shapes_json(self.observer_meshes, OBSERVER)

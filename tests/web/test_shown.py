@@ -44,10 +44,10 @@ def colours(body: Any) -> set[tuple[float, ...]]:
     return {tuple(mesh["colour"]) for mesh in body["meshes"]}
 
 
-def test_left_is_orange_and_right_is_blue_of_performer_robot_and_goal(cast: Cast) -> None:
+def test_left_is_orange_and_right_is_blue_of_performer_and_robot(cast: Cast) -> None:
     scene = cast.as_json()
     sides = {tuple(round(value, 3) for value in rgb(side)) for side in (LEFT, RIGHT)}
-    for body in (scene["human"]["body"], scene["robot"]["body"], scene["robot"]["goal"]):
+    for body in (scene["human"]["body"], scene["robot"]["body"]):
         assert sides < colours(body)
     assert scene["robot"]["layers"] == ["asked", "goal", "pass", "scene", "observers"]
     assert scene["human"]["layers"] == ["servos"] and scene["joints"] == cast.joints
@@ -57,8 +57,8 @@ def test_every_track_has_the_numbers_of_its_figure(cast: Cast, human: Human) -> 
     scene = cast.as_json()
     asked, sensors = np.full((1, 3), 0.1), np.array([[0.0, 0.0, 1.0], [np.nan] * 3])
     tracks = live_tracks(cast, row(human, landmarks_asked=asked, sensors=sensors, obstacles=AWAY))
-    parts = {"body": "poses", "goal": "goal", "scene": "scene", "observers": "observers"}
-    for part, track in parts.items():
+    parts = {"poses": "body", "goal": "body", "scene": "scene", "observers": "observers"}
+    for track, part in parts.items():
         assert tracks[f"robot.{track}"].size == 7 * len(scene["robot"][part]["meshes"]), part
     assert tracks["human.poses"].size == 7 * len(scene["human"]["body"]["meshes"])
     assert tracks["robot.corners"].size == 3 * sum(scene["robot"]["sizes"]) and tracks["robot.com"].size == 3

@@ -21,7 +21,7 @@ export class Scene {
     this.robot = message.robot?.body;
     for (const [name, canvas] of Object.entries(this.canvases)) {
       if (!message[name]) continue;
-      const about = { ...message[name], height: 0, reach: 0 };
+      const about = { ...message[name], goal: name === "robot" && message[name].body, height: 0, reach: 0 };
       if (this.figures[name]) this.figures[name].meet(about);
       else (this.figures[name] = new Figure(canvas, about)).turns(this.side, () => this.#later());
     }
