@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from retarget import rotations
 from retarget.model.meshes import OBSERVER, OBSTACLE, Mesh, SolidBody, shapes_json
@@ -22,9 +23,17 @@ from retarget.types import BoolArray, FloatArray, IntArray
 # Tracks as text inside a page.
 
 
-def packed(values: FloatArray) -> str:
-    """Pack an array as base64 of little-endian 32-bit floats; NaN stays for what is not known."""
-    return base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")
+class Packed(str):
+    """Numbers of a track, in base64. size: bytes of one."""
+
+    size: int
+
+
+def packed(values: NDArray[Any], kind: str = "<f4") -> Packed:
+    """Pack an array as base64, of little-endian 32-bit floats if nothing is said; NaN stays for what is not known."""
+    text = Packed(base64.b64encode(values.astype(kind).tobytes()).decode("ascii"))
+    text.size = np.dtype(kind).itemsize
+    return text
 
 
 MOST_INTEGER = 2**15 - 1
@@ -38,8 +47,7 @@ def packed_poses(poses: FloatArray, centre: FloatArray) -> dict[str, Any]:
     place = np.nan_to_num(poses[..., :3] - np.pad(centre, ((0, 0), (0, 1)))[:, None])
     step = max(float(np.abs(place).max(initial=0.0)), 1e-6) / MOST_INTEGER
     numbers = np.concatenate([place / step, np.nan_to_num(poses[..., 3:]) * MOST_INTEGER], axis=-1)
-    text = base64.b64encode(numbers.round().astype("<i2").tobytes()).decode("ascii")
-    return {"numbers": text, "step": step, "rows": len(poses)}
+    return {"numbers": packed(numbers.round(), "<i2"), "step": step, "rows": len(poses)}
 
 
 FPS = 30.0
@@ -123,14 +131,15 @@ def figure(
     what it must show."""
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
     corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
-    points = (poses[:, :, None, :3] + rotations.rotate(poses[:, :, None, 3:], corners)).reshape(len(poses), -1, 3)
+    some = poses[:: math.ceil(len(poses) / MOST_ROWS)]
+    points = (some[:, :, None, :3] + rotations.rotate(some[:, :, None, 3:], corners)).reshape(len(some), -1, 3)
     height = float(points[..., 2].max())
     centre = poses[..., :2].mean(axis=1)
     if np.ptp(centre, axis=0).max() < TRAVEL * height:
         centre = np.repeat(np.median(centre, axis=0)[None], len(centre), axis=0)
     else:
         centre = _smooth(centre, int(FPS))
-    reach = float(np.linalg.norm(points[..., :2] - centre[:, None], axis=-1).max())
+    reach = float(np.linalg.norm(points[..., :2] - centre[:: math.ceil(len(poses) / MOST_ROWS), None], axis=-1).max())
     made: dict[str, Any] = {"label": label, "body": solid.as_json(), "height": height, "reach": reach}
     made |= {"centre": packed(centre), "poses": packed_poses(poses, centre), "marks": packed(marks)}
     if goal is not None:

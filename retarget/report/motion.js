@@ -10,11 +10,12 @@ let row = Math.max(0, data.phase.indexOf("f"));
 let playing = false;
 
 function unpack(packed, Kind = Float32Array) {
+  if (tracks) return packed && new Kind(tracks, ...packed);
   return packed && new Kind(Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0)).buffer);
 }
 
-function unpacked(tracks, ...names) {
-  return tracks && { ...tracks, ...Object.fromEntries(names.map((name) => [name, unpack(tracks[name])])) };
+function unpacked(about, ...names) {
+  return about && { ...about, ...Object.fromEntries(names.map((name) => [name, unpack(about[name])])) };
 }
 
 const recorded = unpacked(data.recorded, "points"), ground = unpacked(data.ground, "corners", "com", "margin");

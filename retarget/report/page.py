@@ -69,9 +69,11 @@ def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[s
     write_atomic(path, page_html(run, report, figures=figures).encode(), option="--report")
 
 
-def player_script() -> str:
-    """The player of a motion, as one module."""
-    return _IMPORT.sub("", "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS))
+def player_script(tracks: str = "null") -> str:
+    """The player of a motion, as one module. tracks: an expression for the buffer that has the numbers of its tracks,
+    where they are not in the page."""
+    parts = [f"const tracks = {tracks};", *((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)]
+    return _IMPORT.sub("", "\n".join(parts))
 
 
 def template(name: str) -> jinja2.Template:

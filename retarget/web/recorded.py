@@ -1,5 +1,6 @@
 """A finished run to be looked at, whatever file it is from: its cast, what is shown of each tick, and its page."""
 
+import base64
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from retarget.recording.configs import recorded_scene
 from retarget.recording.cycles import STATES_OF_RUN
 from retarget.recording.motion import Motion
 from retarget.recording.read_run import no_human, read_recorded
-from retarget.report.animation import facing_x, figure, ground, letters, packed
+from retarget.report.animation import Packed, facing_x, figure, ground, letters, packed
 from retarget.report.page import FOLDER, player_script, template
 from retarget.report.tracking import turned
 from retarget.rotations import rotate
@@ -106,15 +107,29 @@ def _profile(body: Path) -> RobotBody | None:
 
 # Its page: the player of a report, with every tick, goals and joints.
 
-MOST_ROWS = 60_000
-"""Rows of a page at most, some 60 MB: eight minutes at 125 Hz; a longer run is shown more coarsely."""
+MOST_ROWS = 40_000
+"""Rows of a page at most, some 70 MB: five minutes at 125 Hz; a longer run is shown more coarsely."""
 
 
 def page_files(run: ShownRun, title: str) -> dict[str, bytes]:
     """The page of a run, "", and what it loads, by their places."""
-    html = template("view.html").render(title=title, animation=_animation(run))
+    tracks = bytearray()
+    html = template("view.html").render(title=title, animation=_lifted(_animation(run), tracks))
+    script = player_script('await (await fetch("tracks")).arrayBuffer()')
     styles = {name: (FOLDER / name).read_bytes() for name in ("base.css", "page.css")}
-    return {"": html.encode(), "player.js": player_script().encode()} | styles
+    return {"": html.encode(), "player.js": script.encode(), "tracks": bytes(tracks)} | styles
+
+
+def _lifted(value: Any, tracks: bytearray) -> Any:
+    """The same with its packed numbers moved into `tracks`: the first byte, and how many numbers."""
+    if isinstance(value, dict):
+        return {name: _lifted(one, tracks) for name, one in value.items()}
+    if not isinstance(value, Packed):
+        return value
+    tracks += bytes(-len(tracks) % 4)
+    begin, numbers = len(tracks), base64.b64decode(value)
+    tracks += numbers
+    return [begin, len(numbers) // value.size]
 
 
 def _animation(run: ShownRun) -> dict[str, Any]:
@@ -125,7 +140,8 @@ def _animation(run: ShownRun) -> dict[str, Any]:
     words = list(zip(shown.doing.tolist(), shown.reason.tolist(), strict=True))
     gated = run.gated if "gated" in run else np.zeros(len(run), dtype=bool)
     q = None if cast.robot is None else moved(cast, run)
-    joints = {name: packed(values) for name, values in joint_tracks(cast, shown).items()} if cast.joints else None
+    known = ("goal", "servo", *(("temperature", "current") if cast.servos_measure else ()))
+    joints = {name: packed(joint_tracks(cast, shown)[name]) for name in known} if cast.joints else None
     return {
         "time": (1e3 * shown.time).round(1).tolist(),
         "phase": "".join(PHASE_NAMES[phase][0] for phase in shown.phase.tolist()),

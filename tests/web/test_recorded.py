@@ -1,6 +1,5 @@
 """The obstacles of a recorded run: as its scene was then, where they were at every tick; and why they are not shown."""
 
-import base64
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -108,36 +107,41 @@ def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
     np.testing.assert_array_equal(run.time, arrays["time"])
 
 
-def animation(run: ShownRun) -> Any:
+class Shown:
     """What the page of a run brings along."""
-    html = page_files(run, "a <b>run</b>")[""].decode()
-    assert "<b>run</b>" not in html
-    return json.loads(html.split('id="motion">')[1].split("</script>")[0])
 
+    def __init__(self, run: ShownRun) -> None:
+        self.files = page_files(run, "a <b>run</b>")
+        html = self.files[""].decode()
+        assert "<b>run</b>" not in html
+        self.data: Any = json.loads(html.split('id="motion">')[1].split("</script>")[0])
 
-def numbers(text: str, dtype: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.frombuffer(base64.b64decode(text), dtype).astype(float)
+    def numbers(self, place: list[int], kind: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Of a track."""
+        begin, count = place
+        return np.frombuffer(self.files["tracks"], kind, count, begin).astype(float)
 
 
 def test_the_page_has_every_tick(run: ShownRun, path: Path) -> None:
-    data, robot = animation(run), run.cast.robot
+    page, robot = Shown(run), run.cast.robot
+    data = page.data
     assert robot is not None and data["every"] == 1 and data["performer"]["layers"] == ["servos"]
     np.testing.assert_allclose(np.array(data["time"]), 1e3 * run.time, atol=0.06)
     shown = data["robot"]["goal"]
-    place = numbers(shown["numbers"], "<i2").reshape(len(run), -1, 7)[..., :3] * shown["step"]
-    place[..., :2] += numbers(data["robot"]["centre"], "<f4").reshape(len(run), 1, 2)
+    place = page.numbers(shown["numbers"], "<i2").reshape(len(run), -1, 7)[..., :3] * shown["step"]
+    place[..., :2] += page.numbers(data["robot"]["centre"], "<f4").reshape(len(run), 1, 2)
     np.testing.assert_allclose(place, robot.poses(run.q)[..., :3], atol=1e-3)
     assert data["robot"]["poses"] != shown, "where its servos are"
     words = [words for _, words, _ in data["doing"]]
     assert words == ["approaching", "following", "stopping"]
-    angles = numbers(data["joints"]["goal"], "<f4").reshape(len(run), -1)
+    angles = page.numbers(data["joints"]["goal"], "<f4").reshape(len(run), -1)
     np.testing.assert_allclose(angles, joint_tracks(run.cast, run)["goal"], atol=1e-4)
     assert not data["joints"]["measured"] and data["joints"]["names"] == list(run.cast.joints)
 
 
 def test_a_long_run_is_shown_more_coarsely(run: ShownRun, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("retarget.web.recorded.MOST_ROWS", len(run) // 2)
-    data = animation(run)
+    data = Shown(run).data
     assert data["every"] == 3 and len(data["time"]) == len(data["phase"]) == -(-len(run) // 3)
 
 

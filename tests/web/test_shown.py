@@ -98,4 +98,4 @@ def test_a_human_alone_has_the_obstacles(human: Human) -> None:
     scene = alone.as_json()
     assert scene["robot"] is None and scene["human"]["layers"] == ["servos", "scene"]
     tracks = live_tracks(alone, RunTable(time=np.array(0.0), human_q=human.body.qpos0, obstacles=AWAY))
-    assert set(tracks) == {"human.poses", "human.scene"}
+    assert set(tracks) == {"human.poses", "human.view", "human.scene"}
