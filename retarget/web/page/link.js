@@ -88,6 +88,7 @@ export class Link {
   // A stop is never lost: without a link it is said first of all when there is one again.
   stop() {
     this.stopOwed = true;
+    this.stopAt = performance.now();
     this.#sayStop();
   }
 
@@ -140,7 +141,7 @@ export class Link {
   #beat() {
     if (this.socket && performance.now() - this.heard > SILENCE_MS) this.#closed("the server is silent");
     else this.say({ say: "ping", t: performance.now() });
-    this.#sayStop();
+    if (performance.now() - this.stopAt > PING_MS) this.#sayStop();
   }
 
   #drop() {
