@@ -375,7 +375,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
 
 
 def test_the_page_of_a_run_can_only_stop_it() -> None:
-    """Whoever looks on cannot perform, pause or hold, and the run hears nothing of it."""
+    """It cannot perform, pause or hold, and nothing of that reaches the run."""
     with page(performs=False) as one:
         with one.browser("watch", "olga") as olga:
             assert olga.hear("welcome")["performs"] is False
