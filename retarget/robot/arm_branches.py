@@ -95,13 +95,15 @@ class ArmBranches:
         *,
         limbs: Sequence[Vector],
         reached: Reached,
+        speed_override: float,
     ) -> bool:
         """Set the targets of a hierarchy for a tick of `dt` s from posture q (nq,), where an arm is led. limbs: lines
-        asked, m, as in `limb_names`; they are set already. Returns whether an arm is led."""
+        asked, m, as in `limb_names`; they are set already. speed_override: (0, 1], share of all
+        speeds. Returns whether an arm is led."""
         hierarchy.reset_posture(targets)
         led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached)]
         for arm in led:
-            arm.lead(hierarchy, targets)
+            arm.lead(hierarchy, targets, speed_override)
         stray = max((arm.stray for arm in self._arms), default=0.0)
         if stray > 0.0:
             for kind, name in TRUNK_TASKS:
@@ -161,12 +163,12 @@ class _Arm:
             self.release()
             self._seen_at, self._unlike.held = wanted, -inf  # not again until the performer's arm has moved
 
-    def lead(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
+    def lead(self, hierarchy: Hierarchy, targets: FloatArray, speed_override: float) -> None:
         """Go on with the way: no limb tasks for the arm, and its joints drawn to where they are to be."""
         assert self._moves is not None and self._goal is not None, "the arm is led"
         for name in self._descent.names:
             hierarchy.weigh(targets, SlotKind.LIMB, name, 0.0)
-        hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal))
+        hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal, speed_override))
 
     def _choose(self, q: FloatArray, wanted: FloatArray, trunk: Quat, dt: float) -> None:
         """Choose where the arm of posture q (nq,) is led from the next tick of `dt` s on, if its branch is wrong."""
