@@ -101,7 +101,7 @@ class ArmBranches:
         asked, m, as in `limb_names`; they are set already. speed_override: (0, 1], share of all
         speeds. Returns whether an arm is led."""
         hierarchy.reset_posture(targets)
-        led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached)]
+        led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached, speed_override=speed_override)]
         for arm in led:
             arm.lead(hierarchy, targets, speed_override)
         stray = max((arm.stray for arm in self._arms), default=0.0)
@@ -140,10 +140,13 @@ class _Arm:
         if self._moves is not None:
             self._moves.reset(q[self._servos])
 
-    def look(self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached) -> bool:
+    def look(
+        self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached, speed_override: float
+    ) -> bool:
         """Whether the arm of posture q (nq,) is led in the tick of `dt` s that comes. limbs: lines asked, m."""
-        self._looked_s += dt
-        self._led.step(dt, holds=self._moves is not None)
+        passed = speed_override * dt  # a slower arm is given as much longer
+        self._looked_s += passed
+        self._led.step(passed, holds=self._moves is not None)
         if self._looked_s >= CHECK_S:
             passed, self._looked_s = self._looked_s, 0.0
             wanted = np.array([limbs[row] for row in self._descent.rows])
