@@ -101,7 +101,7 @@ class ArmBranches:
         asked, m, as in `limb_names`; they are set already. speed_override: (0, 1], share of all
         speeds. Returns whether an arm is led."""
         hierarchy.reset_posture(targets)
-        led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached, speed_override=speed_override)]
+        led = [arm for arm in self._arms if arm.look(q, dt, speed_override, limbs=limbs, reached=reached)]
         for arm in led:
             arm.lead(hierarchy, targets, speed_override)
         stray = max((arm.stray for arm in self._arms), default=0.0)
@@ -141,7 +141,7 @@ class _Arm:
             self._moves.reset(q[self._servos])
 
     def look(
-        self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached, speed_override: float
+        self, q: FloatArray, dt: float, speed_override: float, *, limbs: Sequence[Vector], reached: Reached
     ) -> bool:
         """Whether the arm of posture q (nq,) is led in the tick of `dt` s that comes. limbs: lines asked, m."""
         passed = speed_override * dt  # a slower arm is given as much longer
