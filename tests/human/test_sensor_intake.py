@@ -191,6 +191,34 @@ def test_after_a_hold_no_distance_is_a_jump() -> None:
     assert (intake.position == there).all()
 
 
+def test_a_goal_waits_for_a_sensor_that_comes_to_it() -> None:
+    """The body holds upright, and the performer rises from a squat: no goal is above either of them."""
+    intake, low = SensorIntake(2, SLOW), HERE - np.array([0.0, 0.0, 0.5])
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume()
+    before = HERE
+    for tick in range(300):
+        risen = np.minimum(low + np.array([0.0, 0.0, 0.8 * DT * tick]), HERE)
+        intake.step(risen, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+        assert (intake.position >= risen - 0.8 * DT).all() and (intake.position <= HERE + 1e-12).all()
+        assert np.abs(intake.position - before).max() <= SLOW.speed * DT + 1e-9
+        before = intake.position.copy()
+    assert (before == HERE).all()
+
+
+def test_goals_come_in_together() -> None:
+    """One sensor is twice as far from its goal as the other, at all times."""
+    intake = SensorIntake(2, SLOW)
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume()
+    there = HERE + np.array([[0.2, 0.0, 0.0], [0.0, 0.4, 0.0]])
+    for _ in range(60):
+        intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+        near, far = np.linalg.norm(there - intake.position, axis=1)
+        assert 2.0 * near == pytest.approx(far)
+    assert far == pytest.approx(0.4 - 60 * SLOW.speed * DT)
+
+
 def test_a_sensor_that_flickers_is_followed() -> None:
     """Every other frame is lost, as of a marker that is hidden now and then."""
     time = DT * np.arange(480)
