@@ -43,13 +43,18 @@ class IntakeTimes:
     turn: float = FASTEST_RAD_S
 
 
+SLOW = IntakeTimes(hold=0.08, fade=0.25, speed=0.25, turn=2.0)
+"""Of a stream, and of all sensors after a hold: an elbow then uses at most half of its servo's speed. A sensor of a
+stream becomes invalid within 0.2 s, and with these times takes no part within 0.3 s."""
+
+
 class SensorIntake:
     """`position` (k, 3) m, world: the goal of each of k sensors. `present` (k,): which of them have one; `all_present`:
     whether all do. `orientation` (k, 4) wxyz: the goal of each, NaN where it is not known. `away`: greatest distance of
     a goal from its sensor, m."""
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
-        self._times = times or IntakeTimes()
+        self._times = self._pace = times or IntakeTimes()
         self.position = np.zeros((count, 3))
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.all_present = False
@@ -84,6 +89,7 @@ class SensorIntake:
         self.present[:], self._lost_for[:], self._velocity[:] = False, np.inf, np.nan
         self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present, self._has_lost = False, True
+        self._pace = SLOW
 
     def step(
         self, position: FloatArray, orientation: FloatArray, valid: BoolArray, *, reached: FloatArray, dt: float
@@ -117,7 +123,7 @@ class SensorIntake:
         if self.away > 0.0:
             self._lead_in(dt)
         else:
-            self.position[:] = self.measured
+            self.position[:], self._pace = self.measured, self._times
         known = np.isfinite(self.orientation[:, 0])
         self._turn = np.where(known[:, None], self.orientation, self._turn)
 
@@ -132,8 +138,8 @@ class SensorIntake:
         now, last = self.orientation[rows], self._turn[rows]
         angles = rotations.angle_between(last, now)
         angle = float(angles.max(initial=0.0))
-        times, share = self._times, exp(-dt / self._times.fade)
-        for size, fastest in ((far, times.speed * dt), (angle, times.turn * dt)):
+        pace, share = self._pace, exp(-dt / self._pace.fade)
+        for size, fastest in ((far, pace.speed * dt), (angle, pace.turn * dt)):
             share = max(share, 1.0 - fastest / max(size, fastest))
         self._turns[rows] = share * angles > FADED
         over = share * far <= FADED and not self._turns.any()

@@ -20,7 +20,6 @@ from retarget.frames import (
 from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
-from retarget.human.sensor_intake import IntakeTimes
 from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
 from retarget.live.sensor_validity import Debounce, Engagement, SensorDebounce
@@ -72,9 +71,6 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
         )
 
 
-INTAKE = IntakeTimes(hold=0.08, fade=0.25, speed=0.4, turn=2.0)
-"""A sensor becomes invalid within 0.2 s, and with these times takes no part within 0.3 s. It comes back no faster than
-`speed`, m/s: an elbow then uses at most half of its servo's speed."""
 PLAYED_S = 0.05
 """A recording is over this long after its last datagram; the playout delay is less."""
 
