@@ -61,6 +61,7 @@ from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
 from retarget.setup.import_robot import read_robot
 from retarget.sources.asf_amc import read_amc
+from retarget.sources.files import ReadOptions
 from retarget.sources.markers import MARKER_GROUPS, read_marker_table
 from retarget.sources.mvnx import SEGMENTS
 from retarget.sources.open import open_source
@@ -388,8 +389,8 @@ def corpus(folder: Path) -> list[Kind]:
         Kind(".urdf", 4, load_body, (urdf,), bent_body),
         Kind(".urdf", 4, import_body, (urdf,), bent_body),
         Kind(".bvh", 10, open_source, (bvh,), bent),
-        Kind(".amc", 6, lambda path: read_amc(path, skeleton=folder / "good.asf"), (amc,), bent),
-        Kind(".asf", 6, lambda path: read_amc(folder / "good.amc", skeleton=path), (asf,), bent),
+        Kind(".amc", 6, lambda path: read_amc(path, ReadOptions(skeleton=folder / "good.asf")), (amc,), bent),
+        Kind(".asf", 6, lambda path: read_amc(folder / "good.amc", ReadOptions(skeleton=path)), (asf,), bent),
         Kind(".c3d", 8, open_source, (made_c3d(),), bent),
         Kind(".npz", 6, open_any, made_arrays(), bent_npz),
         Kind(".glb", 6, open_any, (made_glb(),), bent),

@@ -11,10 +11,9 @@ import typer
 from hardware.clock import VirtualClock
 from retarget import RunOptions, load_robot, read_run
 from retarget.recording.exports.formats import export_motion, format_named
-from retarget.recording.motion import resampled
+from retarget.recording.motion import followed, resampled
 from retarget.recording.npz import write_npz
 from retarget.run.prepare import prepare
-from retarget.run.record import Phase
 from sim.mock_bus import MockBus
 from sim.performer import synthetic_performer
 
@@ -22,7 +21,7 @@ from sim.performer import synthetic_performer
 def main(run: Path, out: Path) -> None:
     """Export what followed, 50 frames a second; compare what was done with what was seen."""
     whole = read_run(run)
-    motion = resampled(whole[whole.phase == Phase.FOLLOW], 50.0)
+    motion = resampled(followed(whole, found="nothing"), 50.0)
     export_motion(motion, format_named("lerobot"), out, task="Reach and crouch.")
     frames = pyarrow.parquet.read_table(out / "data/chunk-000/file-000.parquet")
     done, seen = (np.array(frames[key].to_pylist()) for key in ("action", "observation.state"))

@@ -17,6 +17,7 @@ QUICK = {
     "ik_two_arms",
     "live_obstacle",
     "move_one_joint",
+    "own_bus",
     "own_hierarchy",
     "own_loop",
     "stand_in_physics",

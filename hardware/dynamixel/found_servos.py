@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from hardware.bus import MAX_RETURN_DELAY, BusSpec, PowerSwitch
 from hardware.dynamixel.codec import BROADCAST, CODECS, MAX_ID
-from hardware.dynamixel.control_table import ControlTable, usual_table
+from hardware.dynamixel.control_table import ControlTable, Register, usual_table
 from hardware.dynamixel.cyclic import BusLine
 from hardware.dynamixel.line_scan import Sighting, Speed, elsewhere_texts, speed_refused
 from hardware.dynamixel.serial_port import ECHOES, BytePort
@@ -205,6 +205,14 @@ def _servo(sighting: Sighting, bus: str) -> ServoSpec:
 def is_powered(client: OneOff, switch: PowerSwitch) -> bool:
     """Whether a device has the servos' power on. Raises BusError (NoAnswer, ServoError) when it does not say."""
     return client.read_block(switch.id, switch.register, 1)[0] == switch.value
+
+
+def switch_power_on(port: BytePort, client: OneOff, switch: PowerSwitch) -> None:
+    """Switch the servos' power on, and wait until they have started. Raises BusError (NoAnswer, ServoError) when the
+    device does not do it."""
+    register = Register("power", switch.register, 1, False, True, None, None, 0, 255, None)
+    client.write(switch.id, register, switch.value, verify=True)
+    port.sleep_until(port.now() + switch.wait)
 
 
 # Torque off by broadcasts at all speeds: quicker than any search, and no servo need be known.

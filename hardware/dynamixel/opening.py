@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 from hardware.bus import RETURN_DELAY_STEP
 from hardware.dynamixel.checks import complaints, needed_ticks, notes
-from hardware.dynamixel.control_table import ControlTable, Register
+from hardware.dynamixel.control_table import ControlTable
 from hardware.dynamixel.cyclic import Ask, BusLine, ReadKind
-from hardware.dynamixel.found_servos import is_powered, look_at_bus
+from hardware.dynamixel.found_servos import is_powered, look_at_bus, switch_power_on
 from hardware.dynamixel.serial_port import BytePort, settle
 from hardware.dynamixel.single_requests import NoAnswer, ServoError
 from hardware.errors import describe
@@ -125,9 +125,7 @@ def _power_on(line: BusLine, opening: Opening) -> None:
     try:
         if is_powered(line.client, switch):
             return
-        register = Register("power", switch.register, 1, False, True, None, None, 0, 255, None)
-        line.client.write(switch.id, register, switch.value, verify=True)
-        line.port.sleep_until(line.port.now() + switch.wait)
+        switch_power_on(line.port, line.client, switch)
         opening.notes.append(f"bus {bus.name}: power switched on by device {switch.id}")
     except (NoAnswer, ServoError) as error:
         opening.problems.append(f"bus {bus.name}: device {switch.id} did not switch the servos' power on: {error}")

@@ -9,6 +9,7 @@ import select
 import stat
 import sys
 import termios
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
@@ -150,9 +151,33 @@ def _leads_to(device: Path, process: Path, descriptor: str, target: Path) -> boo
     return ["tty-index:", device.name] in [line.split() for line in text.splitlines()]
 
 
+def existing_ports() -> dict[str, str]:
+    """The serial ports of this machine, in order, each with what is behind it in words ("" where that is not known)."""
+    unknown = ("", "n/a")
+    found = {port.device: port.description for port in comports()}
+    return {path: "" if found[path] in unknown else found[path] for path in sorted(found)}
+
+
 def _existing() -> str:
-    ports = sorted(port.device for port in comports())
-    return ", ".join(ports) if ports else "none, no serial port exists here"
+    return ports_text(existing_ports())
+
+
+def ports_text(ports: Mapping[str, str]) -> str:
+    """Ports (see `existing_ports`) in one line."""
+    shown = [f"{path} ({what})" if what else path for path, what in ports.items()]
+    return ", ".join(shown) or "none, no serial port exists here"
+
+
+BY_ID = Path("/dev/serial/by-id")
+"""Links to ports, by maker and number of the adapter: they stay the same when adapters are plugged in otherwise."""
+
+
+def stable_name(path: str, links: Path = BY_ID) -> str:
+    """The link to this port that stays the same; the port itself where there is none."""
+    with suppress(OSError):
+        target = Path(path).resolve()
+        return next((str(link) for link in sorted(links.iterdir()) if link.resolve() == target), path)
+    return path
 
 
 def _owner(path: str) -> str:

@@ -58,7 +58,7 @@ def on_processes(
 IN_FLIGHT = 2
 """Tasks for each processor that are handed out: one runs, one waits."""
 CPUS_S = 10.0
-"""Time, s, after which the cluster is asked for its processors again: it may grow."""
+"""Time, s, after which the processors of the cluster are counted again: it may grow."""
 STORE = 100 * 2**20
 """Bytes of the object store of a Ray that is started here: rows and paths alone go through it."""
 
@@ -81,11 +81,11 @@ def on_ray(
     ray = _started(address, jobs)
     task = ray.remote(num_cpus=1, max_retries=1, retry_exceptions=False)(_task)
     shared, left, flying = ray.put((work, settings, limits)), iter(clips), dict[Any, BatchClip]()
-    clock, asked, room = MonotonicClock(), -CPUS_S, 1
+    clock, counted_at, room = MonotonicClock(), -CPUS_S, 1
     try:
         while True:
-            if (now := clock.now()) - asked >= CPUS_S:
-                asked, cpus = now, int(ray.cluster_resources().get("CPU", 1))
+            if (now := clock.now()) - counted_at >= CPUS_S:
+                counted_at, cpus = now, int(ray.cluster_resources().get("CPU", 1))
                 room = IN_FLIGHT * max(min(cpus, jobs or cpus), 1)
             while len(flying) < room and (clip := next(left, None)) is not None:
                 flying[task.remote(clip, shared)] = clip

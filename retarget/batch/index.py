@@ -73,7 +73,7 @@ class BatchIndex:
         """The latest of each clip in all files of the folder, by its output. Raises InputError."""
         names, found = [field.name for field in fields(KnownClip)], {}
         one_text = dict[str, str]()  # the hash of settings is the same in most rows
-        for path in self._files():
+        for path in _files_of(self.folder):
             for row, _ in _rows(path):
                 values = {name: row[name] for name in names}
                 values["status"] = ClipStatus(values["status"])
@@ -113,7 +113,7 @@ class BatchIndex:
         """Write the latest row of each clip as Parquet beside the index, sorted by output. Without a shard, of all
         files of the folder. Returns its path. Raises UsageError without pyarrow."""
         pa = arrow()
-        files = self._files() if self._whole else [self.path]
+        files = _files_of(self.folder) if self._whole else [self.path]
         latest = {row["output"]: (number, at) for number, path in enumerate(files) for row, at in _rows(path)}
         schema = pa.schema([pa.field(name, getattr(pa, kind)()) for name, kind in _columns()])
         place = self.path.with_suffix(".parquet")
@@ -133,9 +133,17 @@ class BatchIndex:
         write_stream(place, write, option="--out")
         return place
 
-    def _files(self) -> list[Path]:
-        """The files of the folder, the one that was written last at the end."""
-        return sorted(self.folder.glob(ALL), key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+def _files_of(folder: Path) -> list[Path]:
+    """The files of an index, the one that was written last at the end."""
+    return sorted(folder.glob(ALL), key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+def sources_of(folder: Path) -> dict[str, str]:
+    """The source of each output in the index of a folder, and of those that were begun. Raises InputError."""
+    begun = [_read_begun(path) for path in folder.glob(ALL_BEGUN)]
+    rows = {row["output"]: row["source"] for path in _files_of(folder) for row, _ in _rows(path)}
+    return {output: source for one in begun for output, source in one.items()} | rows
 
 
 def _read_begun(path: Path) -> dict[str, str]:

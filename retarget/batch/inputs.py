@@ -5,7 +5,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,14 +23,17 @@ TABLE = re.compile(r"index(-\d+-of-\d+)?\.parquet", re.IGNORECASE)
 """Name of a table at the top of `out`, which no output has."""
 
 
-def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchClip, ...]:
+def find_clips(
+    inputs: Sequence[str], *, out: Path, ending: str, sources: Mapping[str, str] | None = None
+) -> tuple[BatchClip, ...]:
     """The clips of files, folders, patterns (`**` too) and lists, sorted by their outputs, each source once.
 
     A folder is searched with all below it for the suffixes of motion files, but for hidden ones and for `out`. A path
     in a list that is not there is a clip, which fails by itself. An output has the path of its source below the folder,
     the fixed part of the pattern or the folder of the list, and the name of its source with `ending`. Where two sources
-    would share it, or the index has it, names get a hash of the source's path. Raises UsageError where an input holds
-    no clip, or an output would be in place of a source, InputError for a list that cannot be read.
+    would share it, or it is that of a table, names get a hash of the source's path. sources: of the outputs that the
+    index has: a source keeps its output, whatever others come beside it. Raises UsageError where an input holds no
+    clip, or an output would be in place of a source, InputError for a list that cannot be read.
     """
     real_out = Path(os.path.realpath(out))
     below = dict[str, str]()  # source: path of the output without its ending
@@ -50,14 +53,25 @@ def find_clips(inputs: Sequence[str], *, out: Path, ending: str) -> tuple[BatchC
             raise UsageError(
                 "too many clips", where="INPUT", allowed=f"up to {MAX_CLIPS}", next_step="Use several --out"
             )
-    shared = Counter(name.casefold() for name in below.values())
-    clips = []
-    for path, name in below.items():
-        taken = shared[name.casefold()] > 1 or TABLE.fullmatch(name + ending)
-        mark = f"-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}" if taken else ""
-        clips.append(BatchClip(path, f"{name}{mark}{ending}"))
+    clips = [BatchClip(path, output) for path, output in _outputs(below, ending, sources or {})]
     _refuse_sources(clips, out)
     return tuple(sorted(clips, key=lambda clip: clip.output))
+
+
+def _outputs(below: Mapping[str, str], ending: str, sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Each source of `below` with its output. sources: of outputs that are there, which keep them."""
+    taken = {output.casefold(): source for output, source in sources.items() if source in below}
+    new = list[tuple[str, str, str]]()
+    for path, name in below.items():
+        plain, marked = f"{name}{ending}", f"{name}-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}{ending}"
+        if own := next((output for output in (plain, marked) if sources.get(output) == path), ""):
+            yield path, own
+        else:
+            new.append((path, plain, marked))
+    shared = Counter(plain.casefold() for _, plain, _ in new)
+    for path, plain, marked in new:
+        is_taken = shared[plain.casefold()] > 1 or plain.casefold() in taken or TABLE.fullmatch(plain)
+        yield path, marked if is_taken else plain
 
 
 def _refuse_sources(clips: Sequence[BatchClip], out: Path) -> None:

@@ -186,6 +186,18 @@ def refuse_renamed(words: Sequence[str]) -> None:
             raise UsageError("no such option", where=option, next_step=step)
 
 
+ONCE = {"batch": "--format", "export": "--to"}
+"""Command -> its option that chooses what it makes."""
+
+
+def refuse_repeated(words: Sequence[str]) -> None:
+    """Raises UsageError for several formats: the last one alone would be made."""
+    option = ONCE.get(next((word for word in words if not word.startswith("-")), ""), "")
+    if option and sum(word.partition("=")[0] == option for word in words) > 1:
+        step = "Give the command once for each: outputs of several formats go beside each other"
+        raise UsageError("several formats", where=option, allowed="one", next_step=step)
+
+
 # From a function to a command: its parameters are the options, and its docstring says what they mean:
 #
 #     Options:

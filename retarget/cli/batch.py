@@ -14,7 +14,7 @@ from hardware.errors import counted
 from retarget.batch.batch import BatchTally, Engine, run_batch
 from retarget.batch.clip import RUN, BatchClip, BatchSettings, ClipRow, ClipStatus, batch_settings
 from retarget.batch.engines import on_processes, on_ray, usual_jobs
-from retarget.batch.index import BatchIndex
+from retarget.batch.index import BatchIndex, sources_of
 from retarget.batch.inputs import Shard, find_clips
 from retarget.batch.worker import ClipLimits
 from retarget.cli.application import FileOptions, console, log, note
@@ -130,7 +130,7 @@ def batch(inputs: list[str], out: Path, options: RunOptions, file: FileOptions, 
     """
     engine, ending = batched.checked(options), batched.ending
     shard = None if batched.shard is None else Shard.parsed(batched.shard)
-    clips = find_clips(inputs, out=out, ending=ending)
+    clips = find_clips(inputs, out=out, ending=ending, sources=sources_of(out))
     reading = {name: str(value) if isinstance(value, Path) else value for name, value in vars(file).items()}
     refuse_values(**{name: value for name, value in vars(file).items() if name != "performer_root"})
     settings = batch_settings(out, options, bench=BENCH, reading=reading, form=batched.form, fps=batched.fps)

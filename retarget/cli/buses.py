@@ -20,6 +20,7 @@ from retarget.live.performer import LivePerformer
 from retarget.model.body import JointType
 from retarget.model.robot import RobotBody, load_robot
 from retarget.run.options import RunOptions, perturbation_of
+from retarget.run.own_bus import OwnBus, is_own, own_bus_class
 from retarget.run.run_result import RunResult
 from retarget.run.tick import Machine
 from retarget.schema.scene import load_scene
@@ -33,9 +34,11 @@ if TYPE_CHECKING:
 def make_bus(
     name: str, robot: RobotBody, clock: Clock, *, faults: Path | None = None, posture: str = "stand"
 ) -> ServoBus:
-    """The bus of that name, or on the port of that path. Simulated servos begin in this posture of the profile.
+    """The bus of that name, of a class of the user's, or on the port of that path. Simulated servos begin in this
+    posture of the profile.
 
-    Raises UsageError for a port where the robot has several, ConfigError for a bad file of faults.
+    Raises UsageError for a port where the robot has several and a class that is no bus, ConfigError for a bad file of
+    faults.
     """
     from sim.mock_bus import mock_bus
 
@@ -48,6 +51,8 @@ def make_bus(
             from sim.buses import emulated_bus
 
             return emulated_bus(robot, clock, start=posture_ticks(robot, posture), faults=faults)
+    if is_own(name):
+        return OwnBus(name, robot, clock)
     from hardware.dynamixel.bus import DynamixelBus
     from hardware.dynamixel.serial_port import SerialPort
 
@@ -63,6 +68,12 @@ def make_bus(
     if name != "profile":
         buses = tuple(replace(bus, port=name) for bus in buses)
     return DynamixelBus(robot.joint_map, buses, lambda bus: SerialPort(bus.port, clock), notify=note)
+
+
+def check_bus(name: str) -> None:
+    """Raise UsageError for a name that means a class of the user's which is no bus; others are checked when opened."""
+    if is_own(name):
+        own_bus_class(name)
 
 
 def posture_ticks(robot: RobotBody, name: str = "stand") -> TickArray:
@@ -84,7 +95,9 @@ class PhysicsBench:
     """The bench of one run. Without physics it only makes the bus. notify: receives what the simulation leaves out."""
 
     def __init__(self, options: RunOptions, notify: Notify) -> None:
+        """Raises UsageError where the options name a class that is no bus: before a performer is waited for."""
         self._options, self._notify = options, notify
+        check_bus(options.bus)
         self._bus: WitnessedBus | None = None
         self._robot: RobotBody
         self._to_push = "push" in options.physics.perturbations

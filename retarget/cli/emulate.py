@@ -5,7 +5,7 @@ import signal
 import socket
 import stat
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +14,14 @@ from hardware.bus import BusSpec
 from hardware.clock import Clock, MonotonicClock
 from retarget.cli.buses import posture_ticks
 from retarget.cli.exit import echo, stop_on_signals
-from retarget.errors import UsageError
+from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot
 from sim.emulator.conversation import Conduct
 from sim.emulator.fault_state import Buses, FaultPlan, load_fault_plan, obey
 from sim.emulator.faults import random_faults
-from sim.emulator.line import REAL_TIME_GAP, LineTiming
+from sim.emulator.line import REAL_TIME_GAP, Line, LineTiming
 from sim.emulator.ports import Link, PseudoTerminal, serve
-from sim.emulator.robot_lines import robot_lines
+from sim.emulator.robot_lines import connect, robot_lines
 
 RANDOM_SPAN = 60.0
 """Time in s over which faults of a bare seed are spread."""
@@ -34,13 +34,15 @@ def emulate(
     seed: int | None = None,
     no_wire_delay: bool = False,
     power_off: bool = False,
+    new: bool = False,
     *,
     conduct: Conduct,
     seconds: float | None = None,
 ) -> None:
     """Answer as a robot's servos would, on a serial port that any program can open, until Ctrl-C.
 
-    Faults can be typed while it runs: 'missing 5', 'flip rate=0.01', 'clear', 'help'.
+    Faults can be typed while it runs: 'missing 5', 'flip rate=0.01', 'clear', 'help'. 'connect l_knee' leaves the servo
+    of that joint alone on the line, 'connect all' brings all back.
 
     Options:
         robot NAME|PATH: Robot by name or path.
@@ -49,6 +51,7 @@ def emulate(
         seed N: Of all chance in the faults; without a file: of the faults too.
         no_wire_delay: Answer at once, whatever the baud rate.
         power_off: Begin with the servos' power off, where the robot has a switch for it.
+        new: Servos as the maker delivers them, none connected, to set up one by one.
         gaps: What a missing servo does to those behind it in a group read.
         boot_time (--boot) SECONDS: Time of a servo's start.
         fed_by (--watchdog-fed-by): Packets that feed a bus watchdog: all, or only those to the servo and broadcasts.
@@ -78,6 +81,7 @@ def emulate(
         timing=replace(LineTiming.none() if no_wire_delay else LineTiming(), gap=REAL_TIME_GAP),
         conduct=conduct,
         powered=not power_off,
+        as_delivered=new,
     )
     terminals = [PseudoTerminal(lines[bus.name], links[bus.name]) for bus in buses]
     _serve(body, buses, terminals, clock, ids, until=None if seconds is None else clock.now() + seconds)
@@ -103,7 +107,13 @@ def _serve(
     until: float | None,
 ) -> None:
     states = {bus.name: terminal.line.faults for bus, terminal in zip(buses, terminals, strict=True)}
-    typed = TypedLines(lambda line: _say(obey(line, states, ids, clock.now)))
+    lines = {bus.name: terminal.line for bus, terminal in zip(buses, terminals, strict=True)}
+
+    def type_line(text: str) -> None:
+        word, *joints = text.split() or [""]
+        _say(_connect(body, lines, joints) if word == "connect" else obey(text, states, ids, clock.now))
+
+    typed = TypedLines(type_line)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
         wake, poke = socket.socketpair()  # becomes readable by any signal with a handler
@@ -115,7 +125,7 @@ def _serve(
             stack.callback(terminal.close)
             terminal.open()
             echo(
-                f"{body.profile.name}, bus {bus.name}: {len(terminal.line.devices)} devices answer on "
+                f"{body.profile.name}, bus {bus.name}: {len(terminal.line.connected)} devices answer on "
                 f"{terminal.link.path} (protocol {bus.protocol}.0, {bus.baud} baud). Ctrl-C ends it."
             )
         listen: dict[int, Callable[[], bool]] = {wake.fileno(): lambda: bool(wake.recv(512))}
@@ -123,6 +133,16 @@ def _serve(
         if keyboard is not None:
             listen[keyboard] = typed.read
         serve(terminals, clock, until=stop, listen=listen, deadline=float("inf") if until is None else until, warn=_say)
+
+
+def _connect(body: RobotBody, lines: Mapping[str, Line], joints: Sequence[str]) -> str:
+    """Leave the servos of these joints, or all, on the lines; return the reply."""
+    known = body.joint_map.joints
+    unknown = [joint for joint in joints if joint not in known and joint != "all"]
+    if unknown:
+        return f"no such joint: {unknown[0]}. {suggest(unknown[0], known) or 'Joints: ' + ', '.join(known)}"
+    connect(lines, body.joint_map.servos, known if "all" in joints else joints)
+    return f"connected: {', '.join(joints) or 'no servo'}"
 
 
 def _say(text: str) -> None:

@@ -235,7 +235,7 @@ class Connection:
         return RunState.OFF if run is None or run.over or not run.began else run.reading.state
 
     def run(self, what: str) -> BackgroundRun:
-        """The run. what: is asked of it. Raises GuardError where there is none."""
+        """The run. what: the call, for the message. Raises GuardError where there is none."""
         if self._run is None or not self._run.began:
             raise GuardError(f"the {self._name} is not connected", where=what, then="Call connect() first")
         return self._run

@@ -14,7 +14,7 @@ from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
 from retarget.report.likeness import ARMS, LEAN, LEG_AWAY_DEG, LIMBS
-from retarget.report.motion_metrics import PhysicsReport, moved_joints
+from retarget.report.motion_metrics import CONTACT_M, PhysicsReport, moved_joints
 from retarget.report.report import BusReport, Report, Spread
 from retarget.report.tracking import AWAY_M
 from retarget.report.unfollowed import INSTEAD
@@ -299,9 +299,17 @@ def _body(report: Report) -> Iterator[Finding]:
             by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
             measured = f"outside in {counted(outside, 'tick')}{by}"
         yield Finding("centre of mass" + planned, measured, "over the support polygon", outside == 0)
-    if report.soles is not None and report.foot_slide_mm is not None:
-        height, tilt = f"{report.soles.height_mm:.2f} mm off the ground", f"{report.soles.tilt_deg:.2f} degrees tilted"
-        yield Finding("soles" + planned, f"at most {height}, {tilt}, {report.foot_slide_mm:.2f} mm slid")
+    if report.foot_slide_mm is not None:
+        slid = f"{report.foot_slide_mm:.2f} mm slid"
+        if report.soles is None:
+            measured = f"at most {slid} within {MM * CONTACT_M:.0f} mm of the ground"
+        else:
+            height, tilt = (
+                f"{report.soles.height_mm:.2f} mm off the ground",
+                f"{report.soles.tilt_deg:.2f} degrees tilted",
+            )
+            measured = f"at most {height}, {tilt}, {slid}"
+        yield Finding("soles" + planned, measured)
     deep = (report.penetrating_frames or 0) > 0
     clearance = report.min_clearance_mm
     for name, allowed, mm, pair in (

@@ -12,6 +12,7 @@ import numpy as np
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from retarget.frames import SensorFrames
+from retarget.human.posture_prior import CarryingFeet
 from retarget.human.samples import Clip, Playback
 from retarget.ik.support_polygon import plant
 from retarget.model.human import PostureReader
@@ -138,13 +139,13 @@ def judge(
     world = scene_of(robot, RunOptions(robot=robot.profile.name, scene=scene))
     height = float(plant(robot, robot.profile.postures.stand).q[2]) if robot.stands else 0.0
     run = None if source is None else beside(motion, robot, source)
-    report, asked = (None, None) if run is None else (measure(run), tracking.performance_of(run))
+    report, performance = (None, None) if run is None else (measure(run), tracking.performance_of(run))
     still: float | None
-    if run is None or asked is None:
+    if run is None or performance is None:
         still = float((np.abs(np.diff(positions, axis=0)).max(axis=1) < ASLEEP_RAD_S * dt).mean())
     else:
         assert run.robot is not None and run.record.robot is not None, "a robot moves"
-        still = frozen_share(run.robot, run.record.robot.q, asked)
+        still = frozen_share(run.robot, run.record.robot.q, performance)
     found = Judgement(
         file=motion.source,
         layout=layout,
@@ -219,7 +220,7 @@ it is planted, and sees them in their own heading."""
 
 def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
     """A motion as a run that followed a performer, over the ticks that both have. Place and heading on the floor, of
-    which no two programs think alike, are those in which the robot is nearest to what is asked."""
+    which no two programs think alike, are those in which the robot is nearest to the desired landmarks."""
     q, dt, rate = _postures(motion, robot), 1.0 / motion.rate_hz, motion.rate_hz
     goes = _goes(robot, q)
     options = RunOptions(robot=robot.profile.name, legs="free" if goes else None)
@@ -232,19 +233,22 @@ def beside(motion: Motion, robot: RobotBody, source: SensorFrames) -> RunResult:
     ticks = min(len(q), len(human.record))
     record, q = human.record[:ticks], q[:ticks]
     turns = PostureReader(human.human).orientations(record.human_q)
-    asked = np.empty((ticks, len(landmarks.names), 3))
+    desired = np.empty((ticks, len(landmarks.names), 3))
+    names, feet = record.human_joint_names, CarryingFeet()
+    ankles = [names.index(f"{side}_ankle") for side in "lr"]
     for row in range(ticks):
-        joints, human_q = record.human_joints[row], record.human_q[row]
+        joints = record.human_joints[row]
         seen = HumanPosture(
-            human_q, record.human_joint_names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0)
-        )
-        asked[row] = landmarks.ask(seen, dt).landmarks
+            record.human_q[row], names, joints, turns[row], np.zeros(3), np.zeros(0), 0.0, (1.0, 0.0),
+            carrying=feet.step(joints[ankles].tolist(), dt),
+        )  # fmt: skip
+        desired[row] = landmarks.ask(seen, dt).landmarks
     if robot.body.root == "free":
-        q = _placed(robot, q, asked, landmarks.names, goes)
+        q = _placed(robot, q, desired, landmarks.names, goes)
     goals = q[:, robot.servo_columns]
     none = np.zeros((ticks, 0), dtype=np.uint8)
     moved = replace(
-        record, q=q, goals=goals, start=goals[0], observer_modes=none, landmarks_asked=asked,
+        record, q=q, goals=goals, start=goals[0], observer_modes=none, landmarks_asked=desired,
         landmark_names=landmarks.names, from_start=False, to_end=False,
     )  # fmt: skip
     notes = human.notes
@@ -301,12 +305,12 @@ def _sole_headings(robot: RobotBody, q: FloatArray) -> FloatArray:
     return np.asarray(ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9))
 
 
-def _placed(robot: RobotBody, q: FloatArray, asked: FloatArray, names: tuple[str, ...], goes: bool) -> FloatArray:
+def _placed(robot: RobotBody, q: FloatArray, desired: FloatArray, names: tuple[str, ...], goes: bool) -> FloatArray:
     """The postures (T, nq), the whole motion turned and moved on the floor: planted soles to where a robot stands, else
-    its landmarks as near as can be to those asked (T, k, 3) m."""
+    its landmarks as near as can be to the desired ones (T, k, 3) m."""
     reached = robot.points(q, robot.landmark_frames(names))
     if goes:
-        a, b = (points[..., :2] - points[..., :2].mean(axis=(0, 1)) for points in (reached, asked))
+        a, b = (points[..., :2] - points[..., :2].mean(axis=(0, 1)) for points in (reached, desired))
         x, y = float((a * b).sum()), float((a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum())
         yaw = np.arctan2(y, x)
     elif robot.stands:
@@ -319,7 +323,7 @@ def _placed(robot: RobotBody, q: FloatArray, asked: FloatArray, names: tuple[str
     found[:, :3], found[:, 3:7] = rotate(turn, q[:, :3]), multiply(turn, q[:, 3:7])
     if goes:
         middle = robot.points(found, robot.landmark_frames(names))[..., :2].mean(axis=(0, 1))
-        found[:, :2] += asked[..., :2].mean(axis=(0, 1)) - middle
+        found[:, :2] += desired[..., :2].mean(axis=(0, 1)) - middle
     else:
         found[:, :2] -= standing_of(robot, found[:1]).place[0, :, :2].mean(axis=0)
     return found

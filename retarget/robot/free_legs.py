@@ -21,6 +21,11 @@ SWING = 0.3
 """Weight of a sole that does not carry: a swing foot may lag without pulling the pelvis or the stance foot."""
 CARRY_S = 0.05
 """Time constant (s) with which a sole takes the other weight."""
+SPOT = 0.2
+"""A foot that carries stays on its spot as long as the performer's is within so many lengths of the robot's leg from
+there: an ankle that rolls over its toes gets 0.15 far."""
+SPOT_S = 0.1
+"""Time constant (s) with which a foot that no longer carries gets to where the performer's is."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +45,14 @@ class FreeLegs:
     def __init__(
         self, feet: Sequence[FreeFoot], scale: float, dimensions: HumanDimensions, rest: Mapping[str, FloatArray]
     ) -> None:
-        """scale: of the robot's leg over the performer's. rest: place (3,) m of each joint, standing upright."""
+        """feet: left, right. scale: of the robot's leg over the performer's. rest: place (3,) m of each joint, standing
+        upright."""
         self.feet = tuple(feet)
         hips = {"l_hip": 0.5 * scale, "r_hip": 0.5 * scale}
         self.sums: tuple[dict[str, float], ...] = (hips, {"l_ankle": scale}, {"r_ankle": scale})
         """The middle of the hips and both ankles, as sums of the performer's joints, in the robot's size."""
         self._ankle = scale * FRACTIONS.ankle_height * dimensions.stature
+        self._spot = SPOT * scale * (rest["l_hip"][2] - rest["l_ankle"][2])
         lines = [as_vector(rest[f"{side}_toe"] - rest[f"{side}_ankle"]) for side in SIDES]
         self._rest = [_direction(line) for line in lines]
         self.restart()
@@ -54,13 +61,30 @@ class FreeLegs:
         """Begin at the origin, on both feet."""
         self._begin: tuple[float, float] | None = None
         self._weights = [1.0, 1.0]
+        self._aside = [(0.0, 0.0), (0.0, 0.0)]
+        self._spots: list[tuple[float, float] | None] = [None, None]
 
-    def pelvis(self, hips: Vector) -> Vector:
-        """Where the pelvis is to be, m, but for its height. hips: the middle of the performer's."""
-        x, y, z = hips
+    def place(self, point: Vector) -> Vector:
+        """A point of the performer, m, in the robot's size, from where the middle of their hips began."""
+        x, y, z = point
         if self._begin is None:
             self._begin = (x, y)
         return x - self._begin[0], y - self._begin[1], z
+
+    def spots(self, desired: Sequence[Vector], carrying: Carrying, dt: float) -> list[Vector]:
+        """Where left and right sole are to be, m, `dt` s later. desired: where they are to be without spots."""
+        spots = []
+        for foot, ((x, y, z), carries) in enumerate(zip(desired, carrying.feet, strict=True)):
+            if carries:
+                spot_x, spot_y = self._spots[foot] or (x, y)
+                aside_x, aside_y = spot_x - x, spot_y - y
+                share = self._spot / max(hypot(aside_x, aside_y), self._spot)
+            else:
+                (aside_x, aside_y), share = self._aside[foot], low_pass(1.0, 0.0, dt / SPOT_S)
+            aside_x, aside_y = share * aside_x, share * aside_y
+            self._aside[foot], self._spots[foot] = (aside_x, aside_y), (x + aside_x, y + aside_y)
+            spots.append((x + aside_x, y + aside_y, z))
+        return spots
 
     def turns(self, lines: Sequence[Vector]) -> tuple[Quat, ...]:
         """Orientations of both soles: flat and forward where the performer's feet are as at rest. lines: from ankles to

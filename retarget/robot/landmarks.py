@@ -425,9 +425,8 @@ class LandmarkMap:
         if self._free is not None:
             left_x, left_y, _ = rotated(product(from_world, pelvis_seen), LEFT)
             across = hypot(left_x, left_y) or inf
-            free, aside = self._free, (left_x / across, left_y / across)
-            carried = free.weights(human.carrying, dt)
-            return self._asked_free(free, limbs, seen, gaze, aside=aside, weights=carried)
+            aside = (left_x / across, left_y / across)
+            return self._asked_free(self._free, limbs, seen, gaze, aside=aside, carrying=human.carrying, dt=dt)
         pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
@@ -456,13 +455,15 @@ class LandmarkMap:
         gaze: Vector,
         *,
         aside: tuple[float, float],
-        weights: Sequence[float],
+        carrying: Carrying,
+        dt: float,
     ) -> AskedLandmarks:
         """What is asked of a robot that goes where the performer does. limbs: all rows, in the robot's world. aside: to
-        the left of the performer's pelvis, a unit vector on the ground, or zero. weights: of the soles."""
+        the left of the performer's pelvis, a unit vector on the ground, or zero."""
         feet = len(self.names) + 1
         hips, *ankles = limbs[feet + 5 :]
-        turns, pelvis = free.turns(limbs[feet : feet + 2]), free.pelvis(hips)
+        turns, weights = free.turns(limbs[feet : feet + 2]), free.weights(carrying, dt)
+        pelvis = free.place(hips)
         offsets = [mark.offset for mark in self._marks]
         for foot in free.feet:
             offsets[foot.row] = rotated(turns[foot.side], foot.offset)
@@ -475,8 +476,13 @@ class LandmarkMap:
                 landmarks.append(plus(landmarks[mark.joined], limbs[row]))
             else:
                 landmarks.append(plus(plus(pelvis, rotated(seen, mark.carried)), limbs[row]))
+        for foot in free.feet:
+            landmarks[foot.row] = plus(free.place(ankles[foot.side]), offsets[foot.row])
         if self._feet_apart is not None:
             self._feet_apart.ask(landmarks, aside)
+        spots = free.spots([landmarks[foot.row] for foot in free.feet], carrying, dt)
+        for foot, spot in zip(free.feet, spots, strict=True):
+            landmarks[foot.row] = spot
         up = (0.0, 0.0, free.lift(landmarks, turns, ankles))
         soles = tuple(
             AskedSole(self.names[foot.row], foot.frame, turns[foot.side], weights[foot.side]) for foot in free.feet
@@ -527,8 +533,9 @@ def _free_legs(
     rows = [(row, entry) for row, entry in enumerate(profile.landmarks.values()) if entry.frame in frames]
     feet = [
         FreeFoot(row, entry.frame, ANKLES.index(entry.follows[0]), entry.offset)
+        for ankle in ANKLES
         for row, entry in rows
-        if entry.follows in ((ANKLES[0],), (ANKLES[1],))
+        if entry.follows == (ankle,)
     ]
     if not scale or len(feet) != len(ANKLES):
         raise ConfigError(

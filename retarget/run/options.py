@@ -94,7 +94,7 @@ def _one_of(value: str, allowed: tuple[str, ...], option: str, what: str, also: 
 
 
 BUSES = ("mock", "emulator", "physics", "physics+wire", "none", "profile")
-"""Buses by name; anything else is the path of a port."""
+"""Buses by name; anything else is the path of a port, or `module:Class` (see `retarget.run.own_bus`)."""
 SIMULATED = ("mock", "emulator", "physics", "physics+wire", "none")
 """Buses without real servos: a recording is played as fast as the machine can."""
 PHYSICS = ("physics", "physics+wire")
@@ -116,8 +116,8 @@ class RunOptions:
 
     Robot:
         robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
-        bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (has mass, can fall), physics+wire,
-            none; real servos: profile, or a PORT.
+        bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (can fall), physics+wire, none; real
+            servos: profile, a PORT, or module:Class.
         performer NAME|FILE: The sensors: five (usual), five_head, three, six, ten, all, avatar, optitrack, web, ...,
             or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
@@ -158,8 +158,8 @@ class RunOptions:
     playback: Playback = field(default_factory=Playback)
 
     def __post_init__(self) -> None:
-        if "/" not in self.bus:
-            _one_of(self.bus, BUSES, "--bus", "bus", also="the path of a port such as /dev/ttyUSB0")
+        if "/" not in self.bus and ":" not in self.bus:  # a path of a port, or a class of the user's
+            _one_of(self.bus, BUSES, "--bus", "bus", also="a port such as /dev/ttyUSB0, or module:Class")
         _one_of(self.parts, get_args(Parts), "--parts", "choice of parts")
         if self.steps is not None:
             _one_of(self.steps, get_args(Steps), "--steps", "behaviour of the feet")

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from serial.tools.list_ports import comports
 
 import retarget
 from hardware.clock import Clock, thread_cpu
@@ -154,7 +153,7 @@ GROUP = "dialout"
 
 def serial_findings(ports: Iterable[str] | None = None) -> list[DoctorFinding]:
     """Whether this user may open serial ports. ports: paths; None: all of this machine."""
-    paths = sorted(port.device for port in comports()) if ports is None else list(ports)
+    paths = [*(serial_port.existing_ports() if ports is None else ports)]
     if not paths:  # whether this user is in the group, then
         try:
             number = grp.getgrnam(GROUP).gr_gid

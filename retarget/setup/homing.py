@@ -81,27 +81,124 @@ def home(
     afterwards, unless the operator refused that. Raises BusError: torque not off, a servo that is silent;
     HardwareError: the robot is never still.
     """
-    if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
+    if not _limp(bus, ask, notify):
         return None
-    bus.torque(False)
-    notify("Torque is off.")
     for _ in range(TRIES):
         if not ask(f"Place the robot in the posture {name!r} and keep it still. Read now?", True):
             return None
-        read = _read(bus, joint_map, clock, chosen)
-        moved: FloatArray = np.ptp(joint_map.to_radians(read), axis=0)
-        unsteady = chosen & (moved > STILL)
-        if not unsteady.any():
-            ticks = np.rint(np.median(read, axis=0)).astype(np.int64)
-            profile = np.array([servo.zero_tick for servo in joint_map.servos])
-            far = joint_map.zeros(ticks, posture) - profile
-            near = _without_turns(joint_map, far)
-            return Homing(ticks - (far - near), profile + near, joint_map.turned(near), chosen)
-        joints = _named(joint_map, unsteady)
-        notify(f"The robot moved: {joints} by up to {moved[unsteady].max():.3f} rad, where {STILL:g} rad is allowed.")
-    raise HardwareError(
-        describe(what="the robot is never still", where="homing", found=joints, then="Support it, and try again")
-    )
+        homing = _placed(bus, joint_map, posture, notify, clock=clock, chosen=chosen)
+        if isinstance(homing, Homing):
+            return homing
+    raise HardwareError("the robot is never still", where="homing", found=homing, then="Support it, and try again")
+
+
+def home_each(
+    bus: ServoBus,
+    joint_map: JointMap,
+    posture: FloatArray,
+    ask: Callable[[str, bool], bool],
+    choose: Callable[[str], str],
+    notify: Notify,
+    *,
+    clock: Clock,
+    chosen: BoolArray,
+    force: bool = False,
+) -> Homing | None:
+    """As `home`, joint after joint, for an operator who cannot hold all of them; coupled joints come together.
+
+    choose(question): "" reads the joint, "s" leaves it out, "e" ends. A joint that moves, is silent, or is far from the
+    profile's zero (without `force`) is asked for again. `chosen` of the result: those that were read; None: none.
+    Raises BusError: torque not off.
+    """
+    if not _limp(bus, ask, notify):
+        return None
+    groups = _groups(joint_map, chosen)
+    read: list[tuple[BoolArray, Homing]] = []
+    for number, group in enumerate(groups, 1):
+        places = zip(joint_map.servos, posture, group, strict=True)
+        where = " and ".join(
+            f"{servo.label} at {angle:+.2f} rad ({np.degrees(angle):.0f} degrees)"
+            for servo, angle, now in places
+            if now
+        )
+        word = choose(f"[{number}/{len(groups)}] hold {where}, still")
+        while not word:
+            homing = _read_joint(bus, joint_map, posture, notify, clock=clock, chosen=group, force=force)
+            if homing is not None:
+                read.append((group, homing))
+                break
+            word = choose(f"[{number}/{len(groups)}] again: hold {where}, still")
+        if word == "e":
+            break
+    if not read:
+        return None
+    ticks, zero, off = np.zeros(len(joint_map), np.int64), np.zeros(len(joint_map), np.int64), np.zeros(len(joint_map))
+    for group, homing in read:
+        ticks[group], zero[group], off[group] = homing.ticks[group], homing.zero[group], homing.off[group]
+    return Homing(ticks, zero, off, np.logical_or.reduce([group for group, _ in read]))
+
+
+def _limp(bus: ServoBus, ask: Callable[[str, bool], bool], notify: Notify) -> bool:
+    """Switch torque off if the operator agrees; whether it is."""
+    if not ask("Torque goes off now: hold the robot, so that it does not fall. Go on?", False):
+        return False
+    bus.torque(False)
+    notify("Torque is off.")
+    return True
+
+
+def _groups(joint_map: JointMap, chosen: BoolArray) -> list[BoolArray]:
+    """Masks (n,) of the chosen joints, one by one; those of a coupling together."""
+    groups: dict[tuple[str, ...], BoolArray] = {}
+    for index, servo in enumerate(joint_map.servos):
+        if chosen[index]:
+            joints = (servo.joint,) if servo.coupling is None else servo.coupling.joints
+            groups.setdefault(joints, np.zeros(len(joint_map), np.bool_))[index] = True
+    return [*groups.values()]
+
+
+def _read_joint(
+    bus: ServoBus,
+    joint_map: JointMap,
+    posture: FloatArray,
+    notify: Notify,
+    *,
+    clock: Clock,
+    chosen: BoolArray,
+    force: bool,
+) -> Homing | None:
+    """One joint (or a coupled pair) as it is held now; None: it cannot be taken, and why was notified."""
+    try:
+        homing = _placed(bus, joint_map, posture, notify, clock=clock, chosen=chosen)
+    except BusError as error:
+        notify(str(error))
+        return None
+    if not isinstance(homing, Homing):
+        return None
+    for index in np.flatnonzero(chosen):
+        notify(f"{joint_map.joints[index]}: tick {homing.ticks[index]}, {homing.off[index]:+.3f} rad off the profile")
+    if homing.far.any() and not force:
+        notify(f"Allowed are {FAR} rad: is it placed, and are its id and direction right? If so: --force")
+        return None
+    return homing
+
+
+def _placed(
+    bus: ServoBus, joint_map: JointMap, posture: FloatArray, notify: Notify, *, clock: Clock, chosen: BoolArray
+) -> Homing | str:
+    """The chosen joints as they are held now; those that moved, in words, which were notified. Raises BusError."""
+    read = _read(bus, joint_map, clock, chosen)
+    moved: FloatArray = np.ptp(joint_map.to_radians(read), axis=0)
+    unsteady = chosen & (moved > STILL)
+    if unsteady.any():
+        joints, most = _named(joint_map, unsteady), moved[unsteady].max()
+        notify(f"The robot moved: {joints} by up to {most:.3f} rad, where {STILL:g} rad is allowed.")
+        return joints
+    ticks = np.rint(np.median(read, axis=0)).astype(np.int64)
+    profile = np.array([servo.zero_tick for servo in joint_map.servos])
+    far = joint_map.zeros(ticks, posture) - profile
+    near = _without_turns(joint_map, far)
+    return Homing(ticks - (far - near), profile + near, joint_map.turned(near), chosen)
 
 
 def calibration_of(

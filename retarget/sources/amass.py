@@ -26,8 +26,8 @@ from retarget.model.human_dimensions import (
     proportional_dimensions,
 )
 from retarget.schema.arrays import ArrayFile
-from retarget.sources.canonical import TYPICAL_HEIGHT_M, canonical_frames
-from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate
+from retarget.sources.canonical import TYPICAL_HEIGHT_M, canonical_frames, named_unit
+from retarget.sources.files import MAX_VALUE, ReadOptions, check_frame_count, check_rate
 from retarget.sources.markers import MARKER_GROUPS, groups_in, split_label
 from retarget.sources.skeletons import SMPL_NAMES, SMPL_PARENTS, JointTree, forward_kinematics
 from retarget.types import FloatArray
@@ -57,21 +57,15 @@ def is_smpl(names: Collection[str]) -> bool:
     return posed and not set(TRANSLATIONS).isdisjoint(names)
 
 
-def smpl_frames(
-    file: ArrayFile,
-    *,
-    unit: float = 1.0,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None,
-) -> SensorFrames:
-    """The motion of a file. unit: metres of its lengths. rate: Hz, instead of the file's. stature: m, of the performer,
-    where the file has no markers. up (3,): the up axis that the user says. Raises InputError for what is wrong."""
+def smpl_frames(file: ArrayFile, options: ReadOptions) -> SensorFrames:
+    """The motion of a file; the stature of the options counts where it has no markers. Raises InputError for what is
+    wrong."""
+    unit = named_unit(options.unit) or 1.0
     vectors = _rotation_vectors(file)
     trans = file.floats(next(name for name in TRANSLATIONS if name in file), len(vectors), 3)
     if max(float(np.abs(values).max()) for values in (vectors, trans)) > MAX_VALUE:
         raise InputError("not a usable number", where=file.source, allowed="numbers up to 1e9")
-    size, notes = _dimensions(file, unit=unit, stature=stature)
+    size, notes = _dimensions(file, unit=unit, stature=options.stature)
     height = abs(float(np.median(trans[:, 1 if "transl" in file else 2]))) * unit
     if height > HIGHEST * size.stature:
         raise InputError(
@@ -95,9 +89,9 @@ def smpl_frames(
         tree,
         forward_kinematics(tree, local, offsets),
         unit=1.0,
-        rate=_rate(file) if rate is None else check_rate(rate, "--rate"),
+        rate=_rate(file) if options.rate is None else check_rate(options.rate, "--rate"),
         source=file.source,
-        up=up,
+        up=options.up,
         notes=(*file.notes, *notes),
     )
 

@@ -16,7 +16,15 @@ from retarget import rotations
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import CMU_METRES, canonical_frames, named_unit
-from retarget.sources.files import check_frame_count, check_rate, cut_short, numbers, read_lines
+from retarget.sources.files import (
+    AS_WRITTEN,
+    ReadOptions,
+    check_frame_count,
+    check_rate,
+    cut_short,
+    numbers,
+    read_lines,
+)
 from retarget.sources.skeletons import JointPoses, JointTree, posed
 from retarget.types import FloatArray
 
@@ -221,38 +229,29 @@ CMU_LENGTH_UNIT = 0.45
 """`length` of CMU's ASF files, by which they are recognised: inches times 0.45."""
 
 
-def read_amc(
-    path: Path,
-    *,
-    skeleton: Path | None = None,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-) -> SensorFrames:
-    """Read a motion and its skeleton.
+def read_amc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
+    """Read a motion and its skeleton, by default the ASF in the AMC's folder by subject number (02_06.amc: 02.asf) or
+    of the same name.
 
-    skeleton: the ASF; by default one in the AMC's folder, by subject number (02_06.amc: 02.asf) or by the same name.
-    unit: a name of `units.UNITS`; by default CMU's for `length 0.45`, else guessed from the body's size. rate: frames
-    per second, 120 by default. stature: m, of the performer, which gives the unit. up (3,): the up axis. Raises
+    Units are by default CMU's for `length 0.45`, else guessed from the body's size, and 120 frames are a second. Raises
     InputError with file and line.
     """
     lines = read_lines(path)
-    asf = read_asf(skeleton if skeleton is not None else find_skeleton(path))
+    asf = read_asf(options.skeleton or find_skeleton(path))
     values, degrees = read_values(lines, asf, path)
     is_cmu = abs(asf.length_unit - CMU_LENGTH_UNIT) < 1e-6
     notes: tuple[str, ...] = ()
-    if rate is None:
+    if (rate := options.rate) is None:
         rate = DEFAULT_RATE_HZ
         notes = (f"frame rate not stated: taken as {rate:g} Hz (change it with --rate)",)
     return canonical_frames(
         asf.tree,
         pose_of(asf, values, degrees=degrees),
-        unit=CMU_METRES if unit is None and is_cmu else named_unit(unit),
+        unit=CMU_METRES if options.unit is None and is_cmu else named_unit(options.unit),
         rate=check_rate(rate, "--rate"),
         source=str(path),
-        stature=stature,
-        up=up,
+        stature=options.stature,
+        up=options.up,
         notes=notes,
     )
 

@@ -72,7 +72,7 @@ def world_axes(
     declared: FloatArray | None,
     declared_by: str = "the file",
     usual: FloatArray,
-    asked: FloatArray | None = None,
+    said: FloatArray | None = None,
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """World axes (3, 3) of a recording as rows forward, left, up, each along a file axis, and notes for the user.
 
@@ -81,10 +81,10 @@ def world_axes(
     tracks: canonical joints or sensors (T, 3) in file axes, NaN where lost; of use are head, hips, knees, ankles, toes.
     declared (3,): the signed axis that is up as the file has it, None if it says nothing. declared_by: what in the file
     says so, for notes.
-    usual (3,): what is taken where neither the file nor the body says anything. asked (3,): what the user says
+    usual (3,): what is taken where neither the file nor the body says anything. said (3,): what the user says
     (`--up`), which overrules all.
     """
-    up, notes = _up_axis(tracks, declared=declared, declared_by=declared_by, usual=usual, asked=asked)
+    up, notes = _up_axis(tracks, declared=declared, declared_by=declared_by, usual=usual, said=said)
     axes = axes_with_up(up)
     if forward_sign(tracks) >= 0.0:
         return axes, notes
@@ -101,7 +101,7 @@ def _up_axis(
     declared: FloatArray | None,
     declared_by: str,
     usual: FloatArray,
-    asked: FloatArray | None,
+    said: FloatArray | None,
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Up (3,) and notes; arguments as of `world_axes`.
 
@@ -109,13 +109,13 @@ def _up_axis(
     of the declared one: a performer who crawls there lies along another axis too.
     """
     stands = _standing_axis(tracks)
-    if asked is not None:
+    if said is not None:
         against = [
             f"{axis_name(axis)} by {by}"
             for axis, by in ((declared, declared_by), (stands, "the frames"))
-            if axis is not None and axis_name(axis) != axis_name(asked)
+            if axis is not None and axis_name(axis) != axis_name(said)
         ]
-        return asked, (f"up axis {axis_name(asked)}, as --up says ({', '.join(against)})",) if against else ()
+        return said, (f"up axis {axis_name(said)}, as --up says ({', '.join(against)})",) if against else ()
     if declared is None:
         if stands is not None:
             return stands, (f"up axis not stated: taken as {axis_name(stands)}, along which the body stands",)

@@ -17,7 +17,16 @@ import numpy as np
 from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
-from retarget.sources.files import check_frame_count, check_rate, cut_short, frames_held, numbers, read_lines
+from retarget.sources.files import (
+    AS_WRITTEN,
+    ReadOptions,
+    check_frame_count,
+    check_rate,
+    cut_short,
+    frames_held,
+    numbers,
+    read_lines,
+)
 from retarget.sources.rest_skeleton import true_offsets
 from retarget.sources.skeletons import Channel, JointTree, posed
 from retarget.types import FloatArray
@@ -185,22 +194,9 @@ class BvhMotion:
     notes: tuple[str, ...] = ()
 
 
-def read_bvh(
-    path: Path,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-    performer_root: str | None = None,
-) -> SensorFrames:
-    """Read a motion. unit: a name of `UNITS` instead of the guess. rate: frames per second instead of the file's.
-    stature: m, of the performer, which gives the unit. up (3,): the up axis. performer_root: the ROOT that is read of
-    a file with several.
-
-    Raises InputError with file and line.
-    """
-    motion = read_motion(path, root=performer_root, rate=rate)
+def read_bvh(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
+    """Read a motion; its unit is guessed where none is said. Raises InputError with file and line."""
+    motion = read_motion(path, root=options.performer_root, rate=options.rate)
     stated, channels, lost = motion.hierarchy.tree, motion.hierarchy.channels, list[str]()
     # The conversion of the CMU database by B. Hahne is known by its joints without length.
     converted = {"LHipJoint", "LowerBack", "LeftFingerBase", "Neck"} <= set(stated.names)
@@ -210,11 +206,11 @@ def read_bvh(
     return canonical_frames(
         tree,
         posed(tree, channels, values),
-        unit=named_unit(unit),
+        unit=named_unit(options.unit),
         rate=motion.rate_hz,
         source=str(path),
-        stature=stature,
-        up=up,
+        stature=options.stature,
+        up=options.up,
         notes=(*motion.notes, *lost, *notes),
     )
 

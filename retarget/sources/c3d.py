@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.sources.axes import UP_AXES
-from retarget.sources.files import MAX_VALUE, check_frame_count, frames_held, read_bytes
+from retarget.sources.files import AS_WRITTEN, MAX_VALUE, ReadOptions, check_frame_count, frames_held, read_bytes
 from retarget.sources.markers import MAX_POINTS, MarkerRecording, marker_frames
 from retarget.types import BoolArray, FloatArray
 
@@ -225,20 +225,9 @@ def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tupl
     return count, notes
 
 
-def read_c3d(
-    path: Path,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-    markers: Path | None = None,
-) -> SensorFrames:
-    """Read the sensors that the markers of a file allow.
-
-    unit, rate, up (3,): instead of the file's. stature: m, of the performer. markers: the user's own table of markers.
-    Raises InputError if the file is damaged, or holds no known marker, ConfigError for the table.
-    """
+def read_c3d(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
+    """Read the sensors that the markers of a file allow. Raises InputError if the file is damaged, or holds no known
+    marker, ConfigError for the table of markers."""
     file = read_c3d_file(path)
     recording = MarkerRecording(
         labels=_labels(file, path),
@@ -250,7 +239,7 @@ def read_c3d(
         usual_up=UP_AXES["z"],
         notes=file.notes,
     )
-    return marker_frames(recording, path, unit=unit, rate=rate, stature=stature, up=up, markers=markers)
+    return marker_frames(recording, path, options)
 
 
 def _labels(file: C3dFile, path: Path) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from retarget.frames import stature as stature_of
 from retarget.model.human_dimensions import PARENTS, POINTS, proportional_dimensions
 from retarget.model.rest_skeleton import limb_turns
 from retarget.sources.axes import world_axes
-from retarget.sources.files import frame_times
+from retarget.sources.files import frame_times, lost_notes
 from retarget.sources.rest_skeleton import find_rest_skeleton, segment_joint
 from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
@@ -138,32 +138,34 @@ def joint_frames(
     up: FloatArray | None = None,
     notes: tuple[str, ...] = (),
 ) -> SensorFrames:
-    """Sensors and joints of canonical joints (T, 3), in file axes and units; without orientations.
+    """Sensors and joints of canonical joints (T, 3), in file axes and units, NaN where lost; without orientations.
 
     declared (3,): the file's up axis. unit: metres of one. stature: m, of the performer, which gives the unit. up (3,):
     the up axis that the user says. The skeleton has the median lengths of the frames. Raises InputError if a joint that
     is needed is missing.
     """
-    world, axis_notes = world_axes(tracks, declared=declared, usual=declared, asked=up)
+    world, axis_notes = world_axes(tracks, declared=declared, usual=declared, said=up)
     names = tuple(name for name in JOINTS if name in tracks)
     position = matmul(np.stack([tracks[name] for name in names], axis=1), world.T)
-    skeleton = _hanging(names, position)
+    seen = np.asarray(np.isfinite(position).all(axis=-1))
+    position[~seen] = np.nan
+    skeleton = _hanging(names, position, source)
     height = stature_of(skeleton)
     if stature is not None and height:
         unit = stature / height
     sensors = tuple(name for name in SENSORS if name in names)
-    position = position * unit
+    position, columns = position * unit, [names.index(name) for name in sensors]
     return SensorFrames(
         time=frame_times(len(position), rate),
         names=sensors,
-        position=position[:, [names.index(name) for name in sensors]],
+        position=position[:, columns],
         orientation=np.full((len(position), len(sensors), 4), np.nan),
-        valid=np.ones((len(position), len(sensors)), bool),
+        valid=seen[:, columns],
         joints=JointTracks(names, position),
         skeleton=Skeleton(skeleton.names, skeleton.position * unit),
         source=source,
         rate_hz=rate,
-        notes=(*notes, *axis_notes, "the file has no orientations"),
+        notes=(*notes, *axis_notes, *lost_notes(names, seen), "the file has no orientations"),
     )
 
 
@@ -177,13 +179,18 @@ _TRUNK = (
 )
 
 
-def _hanging(names: tuple[str, ...], position: FloatArray) -> Skeleton:
+def _hanging(names: tuple[str, ...], position: FloatArray, source: str) -> Skeleton:
     """The joints at rest: the trunk as in the frame in which it is most upright above hanging arms, below it average
-    directions with the median lengths of the frames. position (T, m, 3): up is z."""
+    directions with the median lengths of the frames. position (T, m, 3): up is z, NaN where lost. Raises InputError
+    where the trunk is never seen whole, or a bone never."""
     at = {name: position[:, column] for column, name in enumerate(names)}
     middle, up = 0.5 * (at["l_hip"] + at["r_hip"]), np.array([0.0, 0.0, 1.0])
     upright = [at["head"] - middle, *(at[f"{s}_shoulder"] - at[f"{s}_elbow"] for s in "lr")]
-    row = int(np.argmax(np.sum([line[:, 2] / np.maximum(norms(line), 1e-9) for line in upright], axis=0)))
+    rises = np.nansum([line[:, 2] / np.maximum(norms(line), 1e-9) for line in upright], axis=0)
+    whole = np.isfinite(position[:, [column for column, name in enumerate(names) if name in _TRUNK]]).all(axis=(1, 2))
+    if not whole.any():
+        raise InputError("no frame with the whole trunk", where=source, next_step="Fill the gaps of its joints")
+    row = int(np.argmax(np.where(whole, rises, -np.inf)))
     across = (at["l_hip"] - at["r_hip"])[row] * np.array([1.0, 1.0, 0.0])
     left = across / max(float(norms(across)), 1e-9)
     axes = np.stack((np.cross(left, up), left, up))
@@ -193,6 +200,11 @@ def _hanging(names: tuple[str, ...], position: FloatArray) -> Skeleton:
         if name in _TRUNK and name in at:
             rest[name] = matmul(axes, at[name][row] - at.get("pelvis", middle)[row])
         elif name in at and above in rest:
-            length = float(np.median(norms(at[name] - at[above])))
+            lengths = norms(at[name] - at[above])
+            lengths = lengths[np.isfinite(lengths)]
+            if not len(lengths):
+                step = "Fill the gaps of these joints"
+                raise InputError("a bone that is never seen", where=source, found=f"{above} to {name}", next_step=step)
+            length = float(np.median(lengths))
             rest[name] = rest[above] + length * usual.of(name) / usual.length(name)
     return Skeleton(tuple(rest), np.stack(list(rest.values())))

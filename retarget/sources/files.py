@@ -4,13 +4,13 @@ import math
 import re
 import stat
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from retarget.errors import InputError
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 MAX_FILE_BYTES = 128 * 2**20
 """Largest size, bytes, of a motion file that is read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
@@ -21,6 +21,28 @@ MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 MAX_VALUE = 1e9
 """Largest magnitude of a number in a file: a larger one is no coordinate or angle, and its square would overflow
 later."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """What the user says of a motion file; None: nothing.
+
+    unit: of length, a name of `UNITS`. rate: frames per second. stature: m, of the performer: it scales a body with
+    joints, and is the size of one whose bones have no lengths. up (3,): the axis of the file that is up. skeleton: the
+    ASF of an AMC. markers: the user's own table. performer_root: the ROOT that is read of a BVH with several.
+    """
+
+    unit: str | None = None
+    rate: float | None = None
+    stature: float | None = None
+    up: FloatArray | None = None
+    skeleton: Path | None = None
+    markers: Path | None = None
+    performer_root: str | None = None
+
+
+AS_WRITTEN = ReadOptions()
+"""Nothing is said of the file."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -139,6 +161,12 @@ def frames_held(held: int, declared: int, where: str) -> tuple[str, ...]:
         allowed=f"{declared}, give or take one frame or {COUNT_SHARE:.0%}",
         next_step="The file is cut short: get it again" if fewer else "Correct the number of frames that it declares",
     )
+
+
+def lost_notes(names: Sequence[str], valid: BoolArray) -> tuple[str, ...]:
+    """A note for each sensor or joint that is not seen in some of the frames; valid (T, k)."""
+    counts = zip(names, (~valid).sum(axis=0).tolist(), strict=True)
+    return tuple(f"{name} lost in {count} of {len(valid)} frames" for name, count in counts if count)
 
 
 def check_frame_count(count: int, where: str) -> None:

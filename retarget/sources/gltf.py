@@ -25,10 +25,12 @@ from retarget.frames import SensorFrames
 from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS
 from retarget.sources.canonical import canonical_frames, named_unit
 from retarget.sources.files import (
+    AS_WRITTEN,
     MAX_FILE_BYTES,
     MAX_FRAMES,
     MAX_RATE_HZ,
     MAX_VALUE,
+    ReadOptions,
     check_frame_count,
     check_rate,
     read_bytes,
@@ -516,17 +518,9 @@ def _moved(
     return JointPoses(position.swapaxes(0, 1), orientation.swapaxes(0, 1)), tuple(notes)
 
 
-def read_gltf(
-    path: Path,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-) -> SensorFrames:
-    """Read the first animation of a file. unit: of lengths, instead of metres. rate: at which the keys are sampled.
-    stature: m, of the performer, which gives the unit. up (3,): the up axis. Raises InputError with the part of the
-    document that is wrong."""
+def read_gltf(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
+    """Read the first animation of a file. Its keys are sampled at the rate of the options. Raises InputError with the
+    part of the document that is wrong."""
     file = _opened(path)
     animations = file.document.animations
     tracks = [_tracks(file, one, number) for number, one in enumerate(animations[:1])]
@@ -537,7 +531,7 @@ def read_gltf(
         named = animations[0].name[:40] or "the first"
         notes.append(f"{len(animations)} animations in the file: only {named!r} is read")
     joints = _joints(file, {node for node, _ in tracks[0]})
-    times, rate = _clock(file, tracks[0].values(), len(joints.nodes), rate)
+    times, rate = _clock(file, tracks[0].values(), len(joints.nodes), options.rate)
     rest, _ = _moved(file, joints, {}, np.zeros(1))
     pose, moved_notes = _moved(file, joints, tracks[0], times)
     # Frames are unturned at rest, so that the zero pose is the rest pose.
@@ -548,10 +542,10 @@ def read_gltf(
     return canonical_frames(
         tree,
         JointPoses(pose.position, turned),
-        unit=named_unit(unit) or 1.0,
+        unit=named_unit(options.unit) or 1.0,
         rate=rate,
         source=str(path),
-        stature=stature,
-        up=up,
+        stature=options.stature,
+        up=options.up,
         notes=(*notes, *moved_notes),
     )

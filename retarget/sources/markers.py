@@ -21,7 +21,7 @@ from retarget.schema.strict_models import Name, Schema, Text, listed, read_model
 from retarget.schema.strict_yaml import Document
 from retarget.sources.axes import world_axes
 from retarget.sources.canonical import UNITS, named_unit
-from retarget.sources.files import check_rate, frame_times
+from retarget.sources.files import ReadOptions, check_rate, frame_times, lost_notes
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
 
@@ -103,23 +103,12 @@ class MarkerRecording:
     notes: tuple[str, ...] = ()
 
 
-def marker_frames(
-    recording: MarkerRecording,
-    path: Path,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-    markers: Path | None = None,
-) -> SensorFrames:
-    """The sensors that the markers of a file allow.
-
-    unit, rate, up (3,): instead of the file's. stature: m, of the performer. markers: the user's own table of markers.
-    Raises InputError if there is no known marker, ConfigError for the table.
-    """
+def marker_frames(recording: MarkerRecording, path: Path, options: ReadOptions) -> SensorFrames:
+    """The sensors that the markers of a file allow. Raises InputError if there is no known marker, ConfigError for the
+    user's table of markers."""
+    markers, said = options.markers, options.rate
     groups = MARKER_GROUPS if markers is None else read_marker_table(markers)
-    rate = check_rate(recording.rate_hz, str(path)) if rate is None else check_rate(rate, "--rate")
+    rate = check_rate(recording.rate_hz, str(path)) if said is None else check_rate(said, "--rate")
     labels = recording.labels
     columns, subject_note = _one_subject(labels, groups)
     if markers is not None:
@@ -129,7 +118,7 @@ def marker_frames(
         raise _no_marker(labels, path)
     sensors = tuple(sensor for sensor in SENSORS if sensor in chosen)
     used = sorted({columns[name] for sensor in sensors for name in chosen[sensor]})
-    metres, unit, unit_note = _metres(recording.units, unit, path)
+    metres, unit, unit_note = _metres(recording.units, options.unit, path)
     position, seen, count_note = recording.points(used)
     position *= metres
     far_note = _lose_far(position, seen, path, unit)
@@ -142,15 +131,14 @@ def marker_frames(
         declared=recording.up,
         declared_by=recording.up_by,
         usual=recording.usual_up,
-        asked=up,
+        said=options.up,
     )
     notes = [*recording.notes, *subject_note, *count_note, *unit_note, *axes_note, *far_note]
     without = [sensor for sensor in MARKER_GROUPS if sensor not in chosen]
     others = [label for column, label in enumerate(labels) if column not in used]
     if without and others:
         notes.append(f"no markers of {', '.join(without)}; the other labels are {_shown(others)} (see --markers)")
-    counts = zip(sensors, (~valid).sum(axis=0).tolist(), strict=True)
-    notes += [f"{sensor} lost in {count} of {len(valid)} frames" for sensor, count in counts if count]
+    notes += lost_notes(sensors, valid)
     return SensorFrames(
         time=frame_times(len(position), rate),
         names=sensors,
@@ -160,7 +148,7 @@ def marker_frames(
         source=str(path),
         rate_hz=rate,
         notes=(*notes, "sensors are means of skin markers, not joint centres"),
-        stature=stature,
+        stature=options.stature,
     )
 
 

@@ -17,7 +17,15 @@ from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.sources.canonical import canonical_frames, named_unit
-from retarget.sources.files import MAX_FRAMES, check_frame_count, check_rate, numbers, read_bytes
+from retarget.sources.files import (
+    AS_WRITTEN,
+    MAX_FRAMES,
+    ReadOptions,
+    check_frame_count,
+    check_rate,
+    numbers,
+    read_bytes,
+)
 from retarget.sources.skeletons import TABLES, JointPoses, tree_of_poses
 from retarget.types import FloatArray
 
@@ -58,16 +66,8 @@ class _Subject:
     others: int = 0
 
 
-def read_mvnx(
-    path: Path,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-) -> SensorFrames:
-    """Read a motion. unit: of lengths, instead of metres. rate: frames per second, instead of the file's. stature: m,
-    of the performer, which gives the unit. up (3,): the up axis. Raises InputError with the file and the frame."""
+def read_mvnx(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
+    """Read a motion. Raises InputError with the file and the frame."""
     subject = _parsed(path)
     check_frame_count(len(subject.rows), str(path))
     labels = subject.labels or list(SEGMENTS)
@@ -83,7 +83,7 @@ def read_mvnx(
         raise InputError("no quaternion", where=str(path), found="four zeros", next_step="Export the recording again")
     tree = tree_of_poses(names, tuple(names.index(PARENTS[name]) if PARENTS[name] else -1 for name in names), pose)
     tree = replace(tree, ends=tuple((subject.top,) if name == "Head" else () for name in names))
-    if rate is None:
+    if (rate := options.rate) is None:
         if not subject.rate:
             step = "Say the frames per second with --rate"
             raise InputError("no frame rate in the file", where=str(path), allowed="frameRate", next_step=step)
@@ -94,11 +94,11 @@ def read_mvnx(
     return canonical_frames(
         tree,
         pose,
-        unit=named_unit(unit) or 1.0,
+        unit=named_unit(options.unit) or 1.0,
         rate=rate,
         source=str(path),
-        stature=stature,
-        up=up,
+        stature=options.stature,
+        up=options.up,
         notes=notes,
     )
 

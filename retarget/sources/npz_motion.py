@@ -18,7 +18,7 @@ from retarget.schema.arrays import ArrayFile, open_arrays
 from retarget.sources.amass import KEYS, MARKERS, is_smpl, smpl_frames
 from retarget.sources.axes import UP_AXES
 from retarget.sources.canonical import canonical_frames, joint_frames, named_unit
-from retarget.sources.files import MAX_VALUE, check_frame_count, check_rate, read_head
+from retarget.sources.files import AS_WRITTEN, MAX_VALUE, ReadOptions, check_frame_count, check_rate, read_head
 from retarget.sources.rest_skeleton import HEAD_RISE
 from retarget.sources.skeletons import (
     SMPL_NAMES,
@@ -51,27 +51,15 @@ TURNED = 0.01
 """Most that rows of a rotation matrix may miss unit length: single precision misses 1e-6."""
 
 
-def read_npz(
-    path: Path,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-) -> SensorFrames:
-    """Read a motion. unit: of lengths, instead of metres. rate: frames per second, instead of the file's. stature: m,
-    of the performer: the size of a file without bone lengths, the scale of others. up (3,): the up axis. Raises
-    InputError with the file and the array."""
+def read_npz(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
+    """Read a motion. Raises InputError with the file and the array."""
     read_head(path)
-    metres = named_unit(unit) or 1.0
     file = open_arrays(
         path, lambda names: _wanted(names, path), max_bytes=MAX_ARRAY_BYTES, advice=ADVICE, optional=MARKERS
     )
     if is_smpl(file.arrays):
-        return smpl_frames(file, unit=metres, rate=rate, stature=stature, up=up)
-    if "global_joint_positions" in file:
-        return _read_joints(file, unit=metres, rate=rate, stature=stature, up=up)
-    return _read_kimodo(file, unit=metres, rate=rate, stature=stature, up=up)
+        return smpl_frames(file, options)
+    return (_read_joints if "global_joint_positions" in file else _read_kimodo)(file, options)
 
 
 def _wanted(names: Collection[str], path: Path) -> Collection[str]:
@@ -92,20 +80,18 @@ def _wanted(names: Collection[str], path: Path) -> Collection[str]:
     )
 
 
-def _positions(file: ArrayFile, key: str) -> FloatArray:
-    """Positions (T, J, 3) of joints, in file axes."""
-    position = file.floats(key, None, None, 3)
+def _positions(file: ArrayFile, key: str, *, lost: bool = False) -> FloatArray:
+    """Positions (T, J, 3) of joints, in file axes. lost: they may be NaN."""
+    position = file.floats(key, None, None, 3, unknown=lost)
     check_frame_count(len(position), file.source)
-    if position.size and float(np.abs(position).max()) > MAX_VALUE:
+    if (np.abs(position) > MAX_VALUE).any():
         raise InputError("not a usable number", where=f"{file.source}: {key}", allowed="numbers up to 1e9")
     return position
 
 
-def _read_joints(
-    file: ArrayFile, *, unit: float, rate: float | None, stature: float | None, up: FloatArray | None
-) -> SensorFrames:
-    """Joints in SMPL's order, z up. The file may hold the performer's height, but no rate."""
-    position = _positions(file, "global_joint_positions")
+def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
+    """Joints in SMPL's order, z up, NaN where lost. The file may hold the performer's height, but no rate."""
+    position = _positions(file, "global_joint_positions", lost=True)
     if position.shape[1] not in SMPL_COUNTS:
         raise InputError(
             "joints of no known layout",
@@ -114,25 +100,33 @@ def _read_joints(
             allowed=f"{', '.join(map(str, SMPL_COUNTS))} in the order of SMPL",
             next_step="Put the joints into that order (docs/motion-files.md), or export BVH",
         )
-    if rate is None:
+    if options.rate is None:
         raise InputError(
             "no frame rate in the file", where=file.source, next_step="Say the frames per second with --rate"
         )
-    height = _height(file) if stature is None else stature
+    height = _height(file) if options.stature is None else options.stature
     found = joints_by_name(SMPL_NAMES[:22])
     assert found is not None, "SMPL's joints are known by name"
     tracks = {name: position[:, at] for name, at in found.items() if name in JOINTS}
     tracks["spine"], tracks["chest"] = (position[:, SMPL_NAMES.index(name)] for name in ("spine1", "spine3"))
+    if never := [name for name, track in tracks.items() if not np.isfinite(track).all(axis=1).any()]:
+        raise InputError(
+            "joints that are lost in every frame",
+            where=f"{file.source}: global_joint_positions",
+            found=", ".join(never),
+            allowed="NaN in some of the frames",
+            next_step="Export them too",
+        )
     # SMPL's head joint is below the skull: its middle is on, along the neck.
     tracks["head"] = _beyond(tracks["neck"], tracks["head"], HEAD_RISE * (height or _stature(tracks)))
     return joint_frames(
         tracks,
         declared=UP_AXES["z"],
-        rate=check_rate(rate, "--rate"),
+        rate=check_rate(options.rate, "--rate"),
         source=file.source,
-        unit=unit,
-        stature=stature,
-        up=up,
+        unit=named_unit(options.unit) or 1.0,
+        stature=options.stature,
+        up=options.up,
     )
 
 
@@ -153,7 +147,7 @@ def _height(file: ArrayFile) -> float | None:
 def _stature(tracks: dict[str, FloatArray]) -> float:
     """Stature in the file's unit, along the median bones from ankle to head joint."""
     bones = (("l_ankle", "l_knee"), ("l_knee", "l_hip"), ("pelvis", "spine"), ("spine", "chest"), ("chest", "neck"))
-    lengths = [np.median(norms(tracks[b] - tracks[a])) for a, b in (*bones, ("neck", "head"))]
+    lengths = [np.nanmedian(norms(tracks[b] - tracks[a])) for a, b in (*bones, ("neck", "head"))]
     return float(np.sum(lengths)) / (HEAD_CENTRE - ANKLE - HEAD_RISE)
 
 
@@ -163,13 +157,11 @@ def _beyond(start: FloatArray, end: FloatArray, length: float) -> FloatArray:
     return np.asarray(end + length * line / np.maximum(norms(line), 1e-9)[:, None])
 
 
-def _read_kimodo(
-    file: ArrayFile, *, unit: float, rate: float | None, stature: float | None, up: FloatArray | None
-) -> SensorFrames:
+def _read_kimodo(file: ArrayFile, options: ReadOptions) -> SensorFrames:
     """Poses of all joints, y up: SOMA with 77 or 30 joints, or SMPL with 22."""
     position = _positions(file, "posed_joints")
     notes: tuple[str, ...] = ()
-    if rate is None:
+    if (rate := options.rate) is None:
         notes = (f"frame rate not stated: taken as {KIMODO_RATE_HZ:g} Hz (change it with --rate)",)
     rate = KIMODO_RATE_HZ if rate is None else check_rate(rate, "--rate")
     names, parents = _kimodo_skeleton(position.shape[1], file)
@@ -181,7 +173,16 @@ def _read_kimodo(
     if "headend" not in (name.lower() for name in names):  # a head of usual height
         ends = tuple((np.zeros(3),) if name.lower() == "head" else () for name in names)
         tree = type(tree)(tree.names, tree.parents, tree.offsets, ends)
-    return canonical_frames(tree, pose, unit=unit, rate=rate, source=file.source, stature=stature, up=up, notes=notes)
+    return canonical_frames(
+        tree,
+        pose,
+        unit=named_unit(options.unit) or 1.0,
+        rate=rate,
+        source=file.source,
+        stature=options.stature,
+        up=options.up,
+        notes=notes,
+    )
 
 
 def _kimodo_skeleton(count: int, file: ArrayFile) -> tuple[tuple[str, ...], tuple[int, ...]]:

@@ -1,14 +1,13 @@
 """Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing.
 
 The word `sample` names the recording that comes with the package; a file of that name is `./sample`.
-A new format needs `retarget/sources/NAME.py` with `read_NAME(path, *, unit, rate, stature, up) -> SensorFrames`, its
-row in READERS, and how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
+A new format needs `retarget/sources/NAME.py` with `read_NAME(path, options) -> SensorFrames`, its row in READERS, and
+how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
 record markers a `MarkerRecording`.
 """
 
 import re
 import shlex
-import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,19 +15,20 @@ from pathlib import Path
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import STATURE_M
+from retarget.schema.pickles import NPY, refuse_pickle
 from retarget.sources.asf_amc import read_amc
 from retarget.sources.axes import named_axis
 from retarget.sources.bvh import read_bvh
 from retarget.sources.c3d import read_c3d
 from retarget.sources.canonical import named_unit
-from retarget.sources.files import check_rate, read_head
+from retarget.sources.files import ReadOptions, check_rate, read_head
 from retarget.sources.gltf import read_gltf
 from retarget.sources.mvnx import read_mvnx
 from retarget.sources.npz_motion import read_npz
 from retarget.sources.streams.raw_record import is_recording
 from retarget.sources.trc import read_trc
 
-READERS: dict[str, Callable[..., SensorFrames]] = {
+READERS: dict[str, Callable[[Path, ReadOptions], SensorFrames]] = {
     "amc": read_amc,
     "bvh": read_bvh,
     "c3d": read_c3d,
@@ -55,8 +55,6 @@ _OF_SOME_FORMATS = {
 """Option -> the formats that have it, and what is wrong elsewhere."""
 _C3D_KEY = 0x50
 """Second byte of every C3D file."""
-_PICKLE = re.compile(rb"\x80[\x02-\x05]")
-"""How a pickle begins, by its protocol."""
 
 
 def open_source(
@@ -86,26 +84,22 @@ def open_source(
     _refuse_live(str(path))
     path = Path(path)
     kind = recognise(path)
-    given = {
-        "skeleton": None if skeleton is None else Path(skeleton),
-        "markers": None if markers is None else Path(markers),
-        "performer-root": performer_root,
-    }
-    own = {option: value for option, value in given.items() if value is not None}
-    for option in own:
-        owners, what = _OF_SOME_FORMATS[option]
-        if kind not in owners:
+    given = {"skeleton": skeleton, "markers": markers, "performer-root": performer_root}
+    for option, (owners, what) in _OF_SOME_FORMATS.items():
+        if given[option] is not None and kind not in owners:
             step = f"Leave --{option} out"
             raise UsageError(what, where=str(path), found=f"{kind.upper()}", next_step=step)
     refuse_values(stature=stature, unit=None if kind in ("c3d", "trc") else unit)
-    frames = READERS[kind](
-        path,
+    options = ReadOptions(
         unit=unit,
         rate=rate,
         stature=stature,
         up=None if up is None else named_axis(up),
-        **{option.replace("-", "_"): value for option, value in own.items()},
+        skeleton=None if skeleton is None else Path(skeleton),
+        markers=None if markers is None else Path(markers),
+        performer_root=performer_root,
     )
+    frames = READERS[kind](path, options)
     return replace(frames, source=SAMPLE) if is_sample else frames
 
 
@@ -163,9 +157,9 @@ def recognise(path: Path) -> str:
         )
     if kind := _binary_kind(head, first):
         return kind
-    if head[:2] == b"PK":
-        return _of_archive(path)
     _refuse_foreign(path, head, suffix)
+    if head[:2] == b"PK":
+        return "npz"
     if head[1:2] == bytes([_C3D_KEY]) and suffix not in ("bvh", "amc", "asf"):
         return "c3d"
     if suffix == "asf" or first.lower().startswith((b":version", b":name", b":units")):
@@ -195,50 +189,26 @@ def _binary_kind(head: bytes, first: bytes) -> str:
 
 # What is refused: pickles run code when they are read, and FBX has no open specification.
 
-_CONVERT = {
-    "torch": 'import torch, numpy; p = torch.load({name!r}, map_location="cpu")["smpl_params_global"]; '
-    "numpy.savez({made!r}, **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)",
-    "pickle": "import joblib, numpy; p = next(iter(joblib.load({name!r}).values())); "
-    'r = p["pose_world"]; '
+_MAKE = {
+    "wham": 'p = next(iter(p.values())); r = p["pose_world"]\n'
     'numpy.savez({made!r}, global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
-    "npy": "import numpy; p = numpy.load({name!r}); numpy.savez({made!r}, global_joint_positions=p)",
+    "hmr4d": 'p = p["smpl_params_global"]\n'
+    "numpy.savez({made!r}, **{{key: value.numpy() for key, value in p.items()}}, fps=30.0)",
+    "": "print({{key: numpy.shape(value) for key, value in p.items()}})  # names and shapes: docs/motion-files.md\n"
+    "p = {{key: numpy.asarray(value) for key, value in p.items()}}\n"
+    'numpy.savez({made!r}, **{{key: value for key, value in p.items() if value.dtype.kind in "fiu"}})',
 }
-"""Kind of file -> lines of Python that make of it what is read here, as GVHMR (torch) and WHAM (joblib) write it."""
-_REFUSED_SUFFIXES = {
-    "pt": "torch",
-    "pth": "torch",
-    "pkl": "pickle",
-    "pickle": "pickle",
-    "joblib": "pickle",
-    "npy": "npy",
-}
-
-
-def _of_archive(path: Path) -> str:
-    """Format of a zip archive: arrays, or what torch saves."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            pickled = any(name.rpartition("/")[2] == "data.pkl" for name in archive.namelist())
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError, RuntimeError):
-        pickled = path.suffix.lower() in (".pt", ".pth")
-    if pickled:
-        raise _refused(path, "torch")
-    return "npz"
+"""Part of a pickle's name -> lines of Python that make of it what is read here: WHAM, GVHMR, any other dict."""
 
 
 def _refuse_foreign(path: Path, head: bytes, suffix: str) -> None:
     """Raise InputError for a pickle, for a single array and for FBX."""
+    allowed, made = ", ".join(FORMATS), f"{path.stem}_motion.npz"
     if head.startswith((b"Kaydara FBX", b"; FBX")) or suffix == "fbx":
         step = "Convert it to BVH or GLB, for example with Blender: import FBX, export glTF 2.0"
-        raise InputError("FBX is not read", where=str(path), allowed=", ".join(FORMATS), next_step=step)
-    kind = "npy" if head.startswith(b"\x93NUMPY") else "pickle" if _PICKLE.match(head) else ""
-    if kind or suffix in _REFUSED_SUFFIXES:
-        raise _refused(path, _REFUSED_SUFFIXES.get(suffix, kind))
-
-
-def _refused(path: Path, kind: str) -> InputError:
-    """The error for a file that could run code, with the lines that convert it."""
-    what = "a single array, of what is not known" if kind == "npy" else "a pickle can run any code, so none is read"
-    lines = _CONVERT[kind].format(name=path.name, made=f"{path.stem}_motion.npz")
-    step = f"If you trust it, convert it in Python (layouts: docs/motion-files.md): {lines}"
-    return InputError(what, where=str(path), found=f"a {kind} file", allowed=", ".join(FORMATS), next_step=step)
+        raise InputError("FBX is not read", where=str(path), allowed=allowed, next_step=step)
+    refuse_pickle(path, head, _MAKE, made=made, allowed=allowed)
+    if head.startswith(NPY) or suffix == "npy":
+        code = f"import numpy\nnumpy.savez({made!r}, global_joint_positions=numpy.load({path.name!r}))"
+        step = f"If it is places of joints, name it in Python (docs/motion-files.md):\n{code}\nThen give {made!r}"
+        raise InputError("a single array, of what is not known", where=str(path), allowed=allowed, next_step=step)

@@ -329,7 +329,7 @@ def find_rest_skeleton(
     body, skeleton = _as_body(tree, joints, front=front)
     faults = rest_faults(skeleton) or _unlike_frames(skeleton, tracks) or _leaning(body[2])
     declared = None if faults else body[2]
-    world, axis_notes = world_axes(tracks, declared=declared, declared_by="the rest pose", usual=UP_AXES["y"], asked=up)
+    world, axis_notes = world_axes(tracks, declared=declared, declared_by="the rest pose", usual=UP_AXES["y"], said=up)
     rest = RestSkeleton(tree, pose, joints, skeleton, body, world, (*axis_notes, *notes))
     if faults or rest.lacks_foot():
         row = _most_upright(tracks, pose, joints, world)

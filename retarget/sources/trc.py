@@ -11,7 +11,15 @@ import numpy as np
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.sources.axes import UP_AXES
-from retarget.sources.files import check_frame_count, cut_short, frames_held, numbers, read_lines
+from retarget.sources.files import (
+    AS_WRITTEN,
+    ReadOptions,
+    check_frame_count,
+    cut_short,
+    frames_held,
+    numbers,
+    read_lines,
+)
 from retarget.sources.markers import MAX_POINTS, MarkerRecording, marker_frames
 from retarget.types import BoolArray, FloatArray
 
@@ -23,20 +31,9 @@ LOST = ("", "nan")
 """Cells, in lower case, of a marker that was not seen."""
 
 
-def read_trc(
-    path: Path,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    stature: float | None = None,
-    up: FloatArray | None = None,
-    markers: Path | None = None,
-) -> SensorFrames:
-    """Read the sensors that the markers of a file allow.
-
-    unit, rate, up (3,): instead of the file's. stature: m, of the performer. markers: the user's own table of markers.
-    Raises InputError with file and line, ConfigError for the table.
-    """
+def read_trc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
+    """Read the sensors that the markers of a file allow. Raises InputError with file and line, ConfigError for the
+    table of markers."""
     lines = read_lines(path)
     about = _about(lines, path)
     labels = _labels(lines, path)
@@ -51,13 +48,13 @@ def read_trc(
     recording = MarkerRecording(
         labels=labels,
         points=lambda columns: _points(position, columns),
-        rate_hz=_rate(about, path) if rate is None else rate,
+        rate_hz=_rate(about, path) if options.rate is None else options.rate,
         units=tuple(filter(None, (about.get("units", ""),))),
         up=None,
         usual_up=UP_AXES["y"],
         notes=notes,
     )
-    return marker_frames(recording, path, unit=unit, rate=rate, stature=stature, up=up, markers=markers)
+    return marker_frames(recording, path, options)
 
 
 def _about(lines: Sequence[str], path: Path) -> dict[str, str]:

@@ -82,6 +82,8 @@ class Line:
         seed: int = 0,
     ) -> None:
         self.devices = tuple(devices)
+        self.connected = self.devices
+        """Those that are on the wires; the others neither receive nor answer."""
         self.faults = faults or FaultState(devices, seed=seed)
         self.baud = baud
         """Of the host's adapter, bits/s: devices at another rate receive noise, and the host cannot decode theirs."""
@@ -174,7 +176,7 @@ class Line:
         lowest, highest = self.baud * (1.0 - BAUD_TOLERANCE), self.baud * (1.0 + BAUD_TOLERANCE)
         listeners = [
             device
-            for device in self.devices
+            for device in self.connected
             if device.protocol == protocol and lowest <= device.baud <= highest and not device.booting(end)
         ]
         if frame.code in GROUP_READS2 and frame.id == BROADCAST:

@@ -1,7 +1,7 @@
 """The emulated buses of a robot: the servos of its profile, and the other devices that it expects on them."""
 
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from hardware.arrays import TickArray
 from hardware.bus import BusSpec
@@ -35,12 +35,13 @@ def devices_of(
     seed: int = 0,
     now: float = 0.0,
     conduct: Conduct | None = None,
+    as_delivered: bool = False,
 ) -> tuple[EmulatedServo | EmulatedServo1, ...]:
     """Return one device per servo, in order, with id, mode and homing offset of the profile, all else as delivered.
 
     By bus: `protocols` 1 or 2, `bauds` bits/s and `return_delays` register value, where given. start: ticks (n,), None:
-    zero ticks. conduct: None: the usual. All share one supply. Raises HardwareError for a model without a table and a
-    baud that it lacks.
+    zero ticks. conduct: None: the usual. as_delivered: id, mode and offset are the maker's, too. All share one supply.
+    Raises HardwareError for a model without a table and a baud that it lacks.
     """
     chance = random.Random(seed)
     shared, behaviour = Supply(), conduct or Conduct()
@@ -52,7 +53,10 @@ def devices_of(
         build = ServoBuild(position, now=now, supply=shared, boot_time=behaviour.boot_time, warmth=warmth)
         kind = EmulatedServo if table.layout is Layout.X else EmulatedServo1
         device = kind(table, spec.model, build)
-        device.memory.put("id", spec.id)
+        if not as_delivered:
+            device.memory.put("id", spec.id)
+            device.memory.put("operating_mode", MODES[spec.mode])
+            device.memory.put("homing_offset", spec.homing_offset)
         if (baud := (bauds or {}).get(spec.bus)) is not None:
             code = code_of(table, baud)
             if code is None:
@@ -61,8 +65,6 @@ def devices_of(
             device.memory.put("baud_rate", code)
         if (delay := (return_delays or {}).get(spec.bus)) is not None:
             device.memory.put("return_delay_time", delay)
-        device.memory.put("operating_mode", MODES[spec.mode])
-        device.memory.put("homing_offset", spec.homing_offset)
         device.place(position)
         devices.append(device)
     return tuple(devices)
@@ -79,27 +81,29 @@ def robot_lines(
     timing: LineTiming | None = None,
     conduct: Conduct | None = None,
     powered: bool = False,
+    as_delivered: bool = False,
 ) -> dict[str, Line]:
     """A line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults count.
 
     Servos are set up as the profile says; ids that no servo has are controllers such as the OpenCR of an OP3. powered:
-    whether the one with the power switch has it on at first. conduct: None: the usual. Raises HardwareError for what
-    a model cannot be.
+    whether the one with the power switch has it on at first. conduct: None: the usual. as_delivered: servos are new,
+    and none is connected (see `connect`). Raises HardwareError for what a model cannot be.
     """
     devices = devices_of(
         servos,
         protocols={bus.name: bus.protocol for bus in buses},
-        bauds={bus.name: bus.baud for bus in buses},
-        return_delays={bus.name: bus.return_delay_value for bus in buses},
+        bauds=None if as_delivered else {bus.name: bus.baud for bus in buses},
+        return_delays=None if as_delivered else {bus.name: bus.return_delay_value for bus in buses},
         start=start,
         seed=seed,
         now=now,
         conduct=conduct,
+        as_delivered=as_delivered,
     )
-    lines = {}
+    lines: dict[str, Line] = {}
     for bus in buses:
         own = [device for device, servo in zip(devices, servos, strict=True) if servo.bus == bus.name]
-        taken = {device.id for device in own}
+        taken = {servo.id for servo in servos if servo.bus == bus.name}
         others: list[Device] = []
         for device in bus.ids:
             if device not in taken:
@@ -118,4 +122,15 @@ def robot_lines(
             faults=state,
             seed=seed,
         )
+    if as_delivered:
+        connect(lines, servos, ())
     return lines
+
+
+def connect(lines: Mapping[str, Line], servos: Sequence[ServoSpec], joints: Collection[str]) -> None:
+    """Leave the servos of these joints alone on the wires, beside the devices that are no servos. lines: of the robot
+    with these `servos`, by bus."""
+    for name, line in lines.items():
+        own = [servo.joint for servo in servos if servo.bus == name]
+        chosen = [device for joint, device in zip(own, line.devices, strict=False) if joint in joints]
+        line.connected = (*chosen, *line.devices[len(own) :])

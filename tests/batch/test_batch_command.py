@@ -26,6 +26,7 @@ code_of = partial(command_line.code_of, "batch", "--robot", "op3", "--unit", "cm
 
 REFUSED = {
     "format": ["--format", "cvs"],
+    "several formats": ["--format", "csv", "--format=npz"],
     "engine": ["--engine", "rya"],
     "address without ray": ["--address", "auto"],
     "rate of a whole run": ["--fps", "30"],
@@ -114,6 +115,18 @@ def test_a_value_that_no_file_can_take_is_refused_before_any_clip(
 
 class NothingToDo:
     clips, done, failed = (), 2, 0
+
+
+def test_a_file_of_the_same_name_that_comes_later_remakes_nothing(data: Path) -> None:
+    (data / "bad.bvh").unlink()
+    assert code_of("--out", "out", "data", "--jobs", "1") == 0
+    made = Path("out/good.npz").stat()
+    (data / "good.trc").write_text("no motion\n")
+    assert code_of("--out", "out", "data", "--jobs", "1") == 1
+    assert Path("out/good.npz").stat().st_mtime_ns == made.st_mtime_ns
+    assert [path.name for path in Path("out").glob("*.npz")] == ["good.npz"]
+    rows = [json.loads(line) for line in Path("out/index.jsonl").read_text().splitlines()]
+    assert [Path(row["source"]).name for row in rows] == ["good.bvh", "good.trc"]
 
 
 @pytest.mark.long

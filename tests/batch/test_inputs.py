@@ -103,6 +103,28 @@ def test_sources_of_one_name_have_outputs_of_their_own_whatever_their_order(data
     assert outputs(*reversed(inputs), out=tmp_path / "out") == found
 
 
+def test_a_source_keeps_its_output_whatever_comes_beside_it(data: Path, tmp_path: Path) -> None:
+    """As the index has it, files of the same name that come later rename and remake none."""
+
+    def found(*names: str, known: dict[str, str]) -> dict[str, str]:
+        inputs = [str(data / name) for name in names]
+        clips = find_clips(inputs, out=tmp_path / "out", ending=".npz", sources=known)
+        return {clip.output: clip.source for clip in clips}
+
+    first = found("walk.bvh", known={})
+    assert first == {"walk.npz": str(data / "walk.bvh")}
+    (data / "walk.c3d").touch()
+    both = found("walk.bvh", "walk.c3d", known=first)
+    assert len(both) == 2 and first.items() < both.items()
+    (marked,) = both.keys() - first.keys()
+    assert marked.startswith("walk-") and found("walk.c3d", known=both) == {marked: both[marked]}
+    # Where the folder has moved, the old sources are none of this batch: its names are as before.
+    (data / "walk.bvh").rename(data / "a/b/walk.bvh")
+    assert found("a/b/walk.bvh", known=first) == {"walk.npz": str(data / "a/b/walk.bvh")}
+    # The name may be that of an output in another format.
+    assert found("walk.c3d", "a/run.c3d", known={"WALK.npz": str(data / "a/run.c3d")}).keys() == {marked, "run.npz"}
+
+
 def test_a_source_that_is_given_twice_is_one_clip(data: Path, tmp_path: Path) -> None:
     twice = outputs(data, data / "a/../walk.bvh", data / "*.bvh", out=tmp_path / "out")
     assert len(twice) == 4

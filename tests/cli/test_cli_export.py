@@ -70,6 +70,7 @@ def test_several_runs_are_one_data_set_and_no_table(run: Path, capsys: pytest.Ca
 
 REFUSED = {
     "unknown format": (["--to", "cvs"], "Did you mean csv"),
+    "several formats": (["--to", "csv", "--to", "npz"], "--to: several formats"),
     "unknown phase": (["--to", "csv", "--phase", "brake"], "--phase"),
     "unknown body": (["--to", "csv", "--of", "dog"], "--of"),
     "impossible rate": (["--to", "csv", "--fps", "0"], "--fps"),

@@ -65,6 +65,29 @@ def test_a_client_is_served_faults_are_typed_and_a_signal_ends_it(tmp_path: Path
         process.communicate()
 
 
+def test_new_servos_are_connected_by_name(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "retarget", "emulate", "--robot", "op3", "--link", str(tmp_path / "op3"), "--new"]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdin and process.stdout and process.stderr
+    try:
+        shows(_line_of(process.stdout.fileno(), 60.0).replace(str(tmp_path), ""), 1)
+        with Serial(str(tmp_path / "op3"), 57_600, timeout=0.1) as client:
+            for typed, said, answers in (
+                ("connect", "connected: no servo\n", 0),
+                ("connect l_kne", "no such joint: l_kne. Did you mean l_knee", 0),
+                ("connect l_knee", "connected: l_knee\n", 14),
+            ):
+                process.stdin.write(f"{typed}\n".encode())
+                process.stdin.flush()
+                assert said in _line_of(process.stderr.fileno(), 10.0)
+                client.timeout = 2.0 if answers else 0.1
+                client.write(protocol2.ping(1))
+                assert len(client.read(14)) == answers
+    finally:
+        process.kill()
+        process.communicate()
+
+
 @pytest.mark.long
 def test_the_link_of_another_emulator_is_refused_and_that_of_a_killed_one_is_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

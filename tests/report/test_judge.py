@@ -15,8 +15,9 @@ from retarget.frames import SensorFrames
 from retarget.model.robot import RobotBody, load_robot
 from retarget.recording.exports.formats import FORMATS, export_motion
 from retarget.recording.exports.reader import read_motion
-from retarget.recording.motion import Motion, resampled
+from retarget.recording.motion import Motion, followed, resampled
 from retarget.recording.npz import write_npz
+from retarget.recording.read_run import motion_of
 from retarget.report.judge import Judgement, judge
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import beyond_limits, shake_share, zero_moment_points
@@ -122,6 +123,17 @@ def test_the_place_and_heading_of_the_whole_do_not_matter(motion: Motion, robot:
         assert {name: spread.mean for name, spread in one.items()} == pytest.approx(
             {name: spread.mean for name, spread in other.items()}, abs=1e-6
         )
+
+
+def test_feet_of_a_walk_are_compared_as_its_performer_s_carry(robot: RobotBody, shared: Path) -> None:
+    """A sole stays on its spot for as long as the foot carries, and is then where the performer's is."""
+    walk = open_source(str(shared / "mocap/cmu_asfamc/02_01.amc"), rate=60.0)  # half as fast: legs keep up
+    options = RunOptions(robot="op3", legs="free")
+    with prepare(lambda: walk, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        motion = followed(motion_of(prepared.run(), "walk"), found="nothing")
+    report = judge(motion, robot, layout="run", source=walk).report
+    assert report is not None
+    assert max(report.tracking_mm[f"{side}_sole"].mean for side in "lr") < 12.0
 
 
 # Faults, each planted in the motion of a run that keeps every line.

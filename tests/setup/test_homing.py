@@ -15,7 +15,7 @@ from hardware.errors import BusError, HardwareError
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec
 from messages import refuses, shows
-from retarget.setup.homing import FAR, READS, TRIES, Homing, calibration_of, home, homed_columns
+from retarget.setup.homing import FAR, READS, TRIES, Homing, calibration_of, home, home_each, homed_columns
 
 ALL_SERVOS = np.ones(4, dtype=np.bool_)
 
@@ -172,3 +172,51 @@ def test_joints_are_chosen_by_name() -> None:
         homed_columns(joint_map, ["knee", "tail"])
     with refuses(HardwareError, "roll", "yaw"):
         homed_columns(joint_map, ["roll"])
+
+
+def test_joint_after_joint_gives_the_zeros_of_the_whole_with_coupled_joints_together() -> None:
+    servos, person, clock = waist_servos(), Person(), VirtualClock()
+    joint_map, asked = JointMap(servos), list[str]()
+    start = np.array([spec.zero_tick for spec in servos]) + np.array([37, -20, 55, 9])
+    bus = FaultyBus(servos, clock, start=start, faults=())
+    bus.open()
+
+    def choose(question: str) -> str:
+        asked.append(question)
+        return "s" if "neck" in question else ""
+
+    each = home_each(
+        bus, joint_map, np.zeros(4), person.ask, choose, person.notify, clock=clock, chosen=ALL_SERVOS, force=True
+    )
+    whole, _ = run(servos, start, np.zeros(4), Person())
+    assert each is not None and whole is not None
+    assert [("roll" in text, "yaw" in text) for text in asked] == [(False, False), (True, True), (False, False)]
+    assert each.chosen.tolist() == [True, True, True, False]
+    for own, all_at_once in ((each.ticks, whole.ticks), (each.zero, whole.zero), (each.off, whole.off)):
+        assert own[:3].tolist() == all_at_once[:3].tolist()
+
+
+@pytest.mark.parametrize("kind", ["moves", "silent", "far"])
+def test_a_joint_that_cannot_be_taken_is_asked_for_again(kind: str) -> None:
+    servos, person, clock = four_servos(), Person(), VirtualClock()
+    faults = (MockFault(FaultKind.MISSING, first=READS, cycles=READS, servo=1),) if kind == "silent" else ()
+    bus = ShakingBus(servos, clock, start=np.array([spec.zero_tick for spec in servos]), faults=faults)
+
+    def shaken(reads: int, ticks: TickArray) -> TickArray:
+        other: TickArray = ticks + np.array([0, 400, 0, 0])
+        return other if READS < reads <= 2 * READS and (kind == "far" or (kind == "moves" and reads % 2)) else ticks
+
+    bus.shake = shaken
+    bus.open()
+    asked: list[str] = []
+
+    def choose(question: str) -> str:
+        asked.append(question)
+        return "e" if len(asked) == 4 else ""
+
+    arguments = (bus, JointMap(servos), np.zeros(4), person.ask, choose, person.notify)
+    found = home_each(*arguments, clock=clock, chosen=ALL_SERVOS)
+    assert found is not None and found.chosen.tolist() == [True, True, False, False]
+    assert ["again" in text for text in asked] == [False, False, True, False]
+    assert not found.far.any()
+    shows(person.messages)

@@ -14,7 +14,7 @@ from retarget.frames import JOINTS, SENSORS
 from retarget.sources.asf_amc import MAX_BONES, find_skeleton, pose_of, read_amc, read_asf, read_values
 from retarget.sources.bvh import read_motion
 from retarget.sources.canonical import CMU_METRES
-from retarget.sources.files import read_lines
+from retarget.sources.files import ReadOptions, read_lines
 from retarget.sources.skeletons import posed
 from retarget.types import FloatArray
 
@@ -128,13 +128,13 @@ def test_rest_pose_is_a_person_facing_x(tmp_path: Path) -> None:
 
 def test_rate_and_unit_can_be_said(tmp_path: Path) -> None:
     path = write_amc(tmp_path, amc_text(5))
-    frames = read_amc(path, rate=60.0, unit="cm")
+    frames = read_amc(path, ReadOptions(rate=60.0, unit="cm"))
     assert frames.rate_hz == 60.0 and frames.time[1] == pytest.approx(1 / 60) and frames.notes == ()
     assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.17)
     assert any("120 Hz" in note for note in read_amc(path).notes)
     for rate in (0.0, -1.0, float("nan"), float("inf"), 1e-300):
         with refuses(InputError):
-            read_amc(path, rate=rate)
+            read_amc(path, ReadOptions(rate=rate))
 
 
 def test_the_skeleton_is_found_by_subject_then_by_name_in_any_case(tmp_path: Path) -> None:
@@ -219,8 +219,8 @@ def test_endorphin_is_read_in_metres_with_its_skeleton_named(shared: Path) -> No
     other = shared / "mocap/other"
     with refuses(InputError, "skeleton.asf"):
         read_amc(other / "walking.amc")
-    frames = read_amc(other / "walking.amc", skeleton=other / "skeleton.asf")
+    frames = read_amc(other / "walking.amc", ReadOptions(skeleton=other / "skeleton.asf"))
     assert len(frames) == 1741 and frames.names == SENSORS
     assert 0.8 < frames.position[0, frames.index("pelvis"), 2] < 1.0
     with refuses(InputError):
-        read_amc(other / "walking.amc", skeleton=shared / "mocap/cmu_asfamc/02.asf")
+        read_amc(other / "walking.amc", ReadOptions(skeleton=shared / "mocap/cmu_asfamc/02.asf"))

@@ -66,7 +66,7 @@ def test_a_body_that_lies_keeps_the_axis_of_its_file_and_the_user_overrules_both
     np.testing.assert_array_equal(axes[2], UP_AXES["x"])
     shows(notes[0], "--up")
     for asked in UPS:
-        axes, notes = world_axes(z_up, declared=UP_AXES["z"], usual=UP_AXES["y"], asked=named_axis(asked.upper()))
+        axes, notes = world_axes(z_up, declared=UP_AXES["z"], usual=UP_AXES["y"], said=named_axis(asked.upper()))
         np.testing.assert_array_equal(axes[2], UP_AXES[asked])
         shows(notes[0], "--up")
     far = in_file(performer(lying=True, at=7.0), np.eye(3)) | {"extra": np.zeros((9, 3))}

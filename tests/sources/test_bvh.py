@@ -18,6 +18,7 @@ from retarget.recording.exports.bvh_writer import write_bvh
 from retarget.recording.motion import Motion, links_of
 from retarget.rotations import to_matrix
 from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS, read_bvh, read_motion
+from retarget.sources.files import ReadOptions
 from retarget.sources.skeletons import posed
 from retarget.types import FloatArray
 from rig import person
@@ -74,8 +75,8 @@ def test_one_of_several_performers_is_read_as_if_alone(tmp_path: Path) -> None:
     with refuses(InputError, ("Hips", "Hips (2)"), where=f"{both}:{second}", next_step="--performer-root"):
         read_bvh(both)
     with refuses(UsageError, found="hip", allowed="Hips (2)"):
-        read_bvh(both, performer_root="hip")
-    found = [read_bvh(both, performer_root=name) for name in ("Hips", "Hips (2)")]
+        read_bvh(both, ReadOptions(performer_root="hip"))
+    found = [read_bvh(both, ReadOptions(performer_root=name)) for name in ("Hips", "Hips (2)")]
     for frames, text in zip(found, texts, strict=True):
         alone = read_bvh(write(tmp_path, text))
         np.testing.assert_allclose(frames.position, alone.position, atol=1e-12)
@@ -99,7 +100,11 @@ def test_z_up_is_seen_in_the_rest_pose_and_the_heading_is_kept(tmp_path: Path) -
 )
 def test_units_are_guessed_and_can_be_said(tmp_path: Path, scale: float, unit: str) -> None:
     path = write(tmp_path, bvh_text(scale=scale))
-    for frames in (read_bvh(path), read_bvh(path, unit=unit), read_bvh(path, unit=unit.upper())):
+    for frames in (
+        read_bvh(path),
+        read_bvh(path, ReadOptions(unit=unit)),
+        read_bvh(path, ReadOptions(unit=unit.upper())),
+    ):
         assert frames.position[0, frames.index("pelvis"), 2] == pytest.approx(0.98, rel=1e-3)
     shows_lines(read_bvh(path).notes, unit)
 
@@ -110,7 +115,7 @@ def test_units_are_guessed_and_can_be_said(tmp_path: Path, scale: float, unit: s
 def test_rates_of_few_digits_are_tidied(tmp_path: Path, written: str, rate: float) -> None:
     frames = read_bvh(write(tmp_path, bvh_text(frame_time=written)))
     assert frames.rate_hz == pytest.approx(rate, abs=1e-9)
-    assert read_bvh(write(tmp_path, bvh_text()), rate=50.0).time[1] == pytest.approx(0.02)
+    assert read_bvh(write(tmp_path, bvh_text()), ReadOptions(rate=50.0)).time[1] == pytest.approx(0.02)
 
 
 def test_unknown_names_are_read_by_shape_with_left_and_right_in_place(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from motion_texts import C3D_PROCESSORS, MARKERS, c3d_bytes
 from retarget.errors import ConfigError, InputError
 from retarget.frames import SensorFrames
 from retarget.sources.c3d import read_c3d, read_c3d_file
+from retarget.sources.files import ReadOptions
 from retarget.sources.markers import MARKER_GROUPS, split_label
 
 KNOWN = frozenset(MARKERS)
@@ -127,10 +128,10 @@ def test_unit_and_rate_may_be_said_by_the_user(tmp_path: Path, plain: SensorFram
     path = write(tmp_path, c3d_bytes(unit="m", rate=0.0))
     for unit in (None, "inch"):
         with refuses(InputError, "--unit", "5 m"):
-            read_c3d(path, unit=unit, rate=50.0)
+            read_c3d(path, ReadOptions(unit=unit, rate=50.0))
     with refuses(InputError, "0 Hz"):
-        read_c3d(path, unit="mm")
-    said = read_c3d(path, unit="mm", rate=50.0)
+        read_c3d(path, ReadOptions(unit="mm"))
+    said = read_c3d(path, ReadOptions(unit="mm", rate=50.0))
     np.testing.assert_allclose(said.position, plain.position, atol=1e-6)
     assert said.rate_hz == 50.0 and said.time[1] == 0.02
     with refuses(InputError, found="'furlong'"):
@@ -150,7 +151,7 @@ def test_the_body_decides_which_axis_is_up(
     np.testing.assert_allclose(frames.position, np.add(plain.position, [1.0, 2.0, 0.0]), atol=1e-6)
     agrees = screen == ("Y" if turned else "+Z")
     assert any("axis" in note for note in frames.notes) is not agrees
-    said = read_c3d(path, up=np.array([0.0, 0.0, -1.0]))
+    said = read_c3d(path, ReadOptions(up=np.array([0.0, 0.0, -1.0])))
     head, ankle = (said.position[0, said.index(name), 2] for name in ("head", "l_ankle"))
     assert head - ankle == pytest.approx(0.0 if turned else -1.55, abs=0.05)
 
@@ -208,7 +209,7 @@ def test_a_table_of_the_user_names_markers(tmp_path: Path) -> None:
     names = {"LFHD": "head top", "RFHD": "HeadBack", "LWRA": "L_WRIST"}
     path, table = write(tmp_path, c3d_bytes(prefix="Ann_", names=names)), tmp_path / "table.yaml"
     table.write_text(TABLE.format(head="HEADBACK"))
-    frames = read_c3d(path, markers=table)
+    frames = read_c3d(path, ReadOptions(markers=table))
     np.testing.assert_allclose(frames.position[0, 0], 0.5e-3 * np.add(MARKERS["LFHD"], MARKERS["RFHD"]), atol=1e-6)
     np.testing.assert_allclose(frames.position[0, frames.index("l_wrist")], 1e-3 * np.array(MARKERS["LWRA"]), atol=1e-6)
     assert "r_ankle" in frames.names  # by its usual markers
@@ -218,19 +219,19 @@ def test_a_table_of_the_user_names_markers(tmp_path: Path) -> None:
     ):
         table.write_text(table_text)
         with refuses(InputError) as refused:
-            read_c3d(path, markers=table)
+            read_c3d(path, ReadOptions(markers=table))
         assert [one.what[: len(text)] for one, text in zip(refused.value.problems, problems, strict=True)] == problems
     for bad, fact in (("markers: {l_wirst: [LWRA]}", "l_wrist"), ("markers: {head: []}", "head"), ("head: [LFHD]", "")):
         table.write_text(bad)
         with refuses(ConfigError, fact):
-            read_c3d(path, markers=table)
+            read_c3d(path, ReadOptions(markers=table))
 
 
 def test_points_without_labels_have_numbers(tmp_path: Path) -> None:
     table = tmp_path / "table.yaml"
     number = 1 + [*MARKERS].index("RTOE")
     table.write_text(f"markers: {{r_toe: [{number}]}}")
-    frames = read_c3d(write(tmp_path, c3d_bytes(more={"POINT:LABELS": None})), markers=table)
+    frames = read_c3d(write(tmp_path, c3d_bytes(more={"POINT:LABELS": None})), ReadOptions(markers=table))
     assert frames.names == ("r_toe",)
     np.testing.assert_allclose(frames.position[0, 0], 1e-3 * np.array(MARKERS["RTOE"]), atol=1e-6)
 

@@ -38,11 +38,13 @@ from made_layouts import (
     write_trc,
 )
 from messages import Facts, refuses, shows
+from pickles import convert, run_python
 from retarget import rotations
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, stature
 from retarget.human.calibration import calibrate
 from retarget.sources.open import open_source, recognise
+from retarget.types import FloatArray
 
 TOPLESS = ("UpperLeg_L", "Kimodo, SOMA-30", "Kimodo, SMPL", "GLB", "glTF", "VRMA")
 """Layouts without a top of the head: its middle is where it usually is."""
@@ -158,20 +160,19 @@ def test_poses_of_every_body_of_the_family(tmp_path: Path, width: int) -> None:
     np.testing.assert_array_equal(frames.position, open_source(write_amass(tmp_path, motion)).position)
 
 
-def test_what_gvhmr_converts_to_is_y_up(tmp_path: Path) -> None:
-    motion = made(30.0)
+def y_up_smpl(motion: Made) -> dict[str, FloatArray]:
+    """A motion in SMPL's own words, y up."""
     poses, trans = made_layouts.smpl_arrays(motion)
     turn = rotations.from_matrix(made_layouts.Y_UP.T)
     root = rotations.multiply(turn, rotations.from_rotation_vector(poses[:, :3]))
     shift = np.array([0.0, -0.22, 0.03])
-    np.savez(
-        tmp_path / "a.npz",
-        global_orient=rotations.log(root),
-        body_pose=poses[:, 3:],
-        transl=rotations.rotate(turn, trans + shift) - shift,
-        betas=np.zeros((len(poses), 10)),
-        fps=np.array(30.0),
-    )
+    transl = rotations.rotate(turn, trans + shift) - shift
+    return {"global_orient": rotations.log(root), "body_pose": poses[:, 3:], "transl": transl}
+
+
+def test_what_gvhmr_converts_to_is_y_up(tmp_path: Path) -> None:
+    motion = made(30.0)
+    np.savez(tmp_path / "a.npz", allow_pickle=False, **y_up_smpl(motion), betas=np.zeros((91, 10)), fps=np.array(30.0))
     frames = open_source(tmp_path / "a.npz", stature=STATURE_M)
     assert max(off(frames, motion).values()) < 0.01
     assert np.degrees(rotations.angle_between(frames.orientation[:, 1], motion.sensor_turn("l_wrist"))).max() < 0.1
@@ -218,6 +219,40 @@ def test_joints_need_a_rate_a_known_order_and_a_height_of_a_human(tmp_path: Path
         open_source(path, rate=30.0)
 
 
+def with_gaps(path: Path, gaps: dict[int, slice]) -> Path:
+    """The joints of a file, those of these columns NaN in these frames."""
+    arrays = dict(np.load(path))
+    for column, rows in gaps.items():
+        arrays["global_joint_positions"][rows, column] = np.nan
+    np.savez(path, **arrays)
+    return path
+
+
+def test_joints_that_are_lost_for_a_while_are_read_as_lost_markers_are(tmp_path: Path) -> None:
+    motion = made(30.0)
+    path = with_gaps(write_joints(tmp_path, motion), {0: slice(3, 5), 4: slice(0, 40, 9), 15: slice(2, 9)})
+    frames = open_source(path, rate=30.0)
+    lost = {name: np.flatnonzero(~frames.valid[:, at]).tolist() for at, name in enumerate(frames.names)}
+    expected = {"pelvis": [3, 4], "l_knee": [0, 9, 18, 27, 36], "head": list(range(2, 9))}
+    assert {name: rows for name, rows in lost.items() if rows} == expected
+    assert max(off(frames, motion).values()) < 0.001
+    assert calibrate(frames).stature == pytest.approx(STATURE_M, rel=0.02)
+    shows(" ".join(frames.notes), "head lost in 7 of", "l_knee lost in 5 of")
+    assert code_of("run", "--robot", "op3", "--source", path, "--rate", "30") == 0
+
+
+def test_joints_that_are_never_seen_are_refused(tmp_path: Path) -> None:
+    path = with_gaps(write_joints(tmp_path, made(30.0)), {4: slice(None)})
+    with refuses(InputError, found="l_knee"):
+        open_source(path, rate=30.0)
+    path = with_gaps(write_joints(tmp_path, made(30.0)), {4: slice(0, 40), 7: slice(40, None)})
+    with refuses(InputError, found="l_knee to l_ankle"):
+        open_source(path, rate=30.0)
+    path = with_gaps(write_joints(tmp_path, made(30.0)), {1: slice(0, 40), 2: slice(40, None)})
+    with refuses(InputError, "trunk"):
+        open_source(path, rate=30.0)
+
+
 def test_kimodo_s_counts_and_matrices_are_checked(tmp_path: Path) -> None:
     path = write_kimodo(tmp_path, made(30.0))
     arrays = dict(np.load(path))
@@ -240,9 +275,10 @@ def test_kimodo_s_counts_and_matrices_are_checked(tmp_path: Path) -> None:
             b"PK\3\4",
             ("torch.load", "numpy.savez", "hmr4d_results_motion.npz", "smpl_params_global"),
         ),
-        ("wham_output.pkl", b"\x80\x03}q\x00.", ("joblib.load", "numpy.savez", "pose_world")),
+        ("wham_output.pkl", b"\x80\x03}joblib", ("joblib.load", "numpy.savez", "pose_world")),
         ("a.joblib", b"x\x9c\x01", "joblib.load"),
-        ("noname", b"\x80\x04\x95", "joblib.load"),
+        ("packed.pkl", b"x\x9c\x01", "joblib.load"),
+        ("noname", b"\x80\x04\x95", "pickle.load"),
         ("track.npy", b"\x93NUMPY\1\0", ("numpy.load", "global_joint_positions")),
         ("a.fbx", b"Kaydara FBX Binary  \0", ("BVH", "GLB")),
         ("ascii.fbx", b"; FBX 7.7.0 project file", ("BVH", "GLB")),
@@ -259,14 +295,47 @@ def test_what_is_never_read_is_refused_with_what_converts_it(
         open_source(path)
 
 
+LOADED = "import pickle, joblib, torch, numpy as np\np = dict(np.load('truth.npz'))\n"
+SMPL_PICKLES = {
+    "wham_output.pkl": "kept = np.hstack([p['global_orient'], p['body_pose'], np.zeros((len(p['transl']), 6))])\n"
+    "joblib.dump({0: {'pose': 0 * kept, 'pose_world': kept, 'trans_world': p['transl']}}, open(name, 'wb'))",
+    "hmr4d_results.pt": "kept = {key: torch.Tensor(value) for key, value in p.items()}\n"
+    "torch.dump({'smpl_params_incam': {}, 'smpl_params_global': kept}, open(name, 'wb'))",
+    "dance.pkl": "pickle.dump({**p, 'fps': 30, 'name': 'dance', 'more': {}}, open(name, 'wb'))",
+    "dance.npy": "np.save(name, {**p, 'fps': 30.0, 'name': 'dance'})",
+}
+"""Name of a pickle of the SMPL family -> how others write it."""
+
+
+@pytest.mark.parametrize("name", SMPL_PICKLES)
+def test_the_lines_that_convert_a_pickle_make_what_is_read(tmp_path: Path, name: str) -> None:
+    motion = made(30.0)
+    np.savez(tmp_path / "truth.npz", allow_pickle=False, **y_up_smpl(motion))
+    run_python(f"{LOADED}name = {name!r}\n{SMPL_PICKLES[name]}", tmp_path)
+    with refuses(InputError, next_step="docs/motion-files.md" if "dance" in name else "numpy.savez") as caught:
+        open_source(tmp_path / name)
+    convert(caught.value, tmp_path)
+    frames = open_source(tmp_path / f"{Path(name).stem}_motion.npz", stature=STATURE_M)
+    assert frames.rate_hz == 30.0
+    assert max(off(frames, motion).values()) < 0.01
+
+
+def test_the_lines_that_name_an_array_make_what_is_read(tmp_path: Path) -> None:
+    motion = made(30.0)
+    np.save(tmp_path / "track.npy", np.load(write_joints(tmp_path, motion))["global_joint_positions"])
+    with refuses(InputError, next_step="numpy.savez") as caught:
+        open_source(tmp_path / "track.npy")
+    convert(caught.value, tmp_path)
+    assert max(off(open_source(tmp_path / "track_motion.npz", rate=30.0), motion).values()) < 0.01
+
+
 @pytest.mark.parametrize("suffix", ["pt", "pkl", "npy"])
 def test_a_file_s_name_is_a_text_in_the_lines_that_convert_it(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'w"); import os; os.abort(); ("{suffix}.{suffix}'
     path.write_bytes(b"?")
     with refuses(InputError, "numpy.savez") as caught:
         open_source(path)
-    lines = caught.value.problems[0].next_step.partition("docs/motion-files.md): ")[2]
-    tree = list(ast.walk(ast.parse(lines)))
+    tree = list(ast.walk(ast.parse("\n".join(str(caught.value).splitlines()[1:-1]))))
     assert not any(isinstance(node, ast.alias) and node.name == "os" for node in tree)
     assert any(isinstance(node, ast.Constant) and node.value == path.name for node in tree)
 

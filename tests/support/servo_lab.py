@@ -35,8 +35,10 @@ class ServoLab:
         patch.setattr(places, "emulated_lines", self._lines)
         patch.setenv("COLUMNS", "200")
 
-    def _lines(self, body: RobotBody, clock: Clock, faults: Path | None) -> dict[str, Line]:
-        self.lines = self._make(body, clock, faults)
+    def _lines(
+        self, body: RobotBody, clock: Clock, faults: Path | None, *, as_delivered: bool = False
+    ) -> dict[str, Line]:
+        self.lines = self._make(body, clock, faults, as_delivered=as_delivered)
         for (device, name), value in self.before.items():
             self.write_register(device, name, value)
         for device, number in self.models.items():

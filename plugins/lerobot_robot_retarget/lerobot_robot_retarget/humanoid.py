@@ -3,9 +3,10 @@
 from typing import Any
 
 from lerobot.robots import Robot
-from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_retarget.config_humanoid import RetargetHumanoidConfig
+from lerobot_robot_retarget.device import RetargetDevice
 from retarget.cli.application import log
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import (
@@ -24,7 +25,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 
 
-class RetargetHumanoid(Robot):
+class RetargetHumanoid(RetargetDevice, Robot):
     """A humanoid that follows joint goals. Actions and observations are radians; torque comes with the first action."""
 
     config_class = RetargetHumanoidConfig
@@ -46,7 +47,7 @@ class RetargetHumanoid(Robot):
         self._bench = bench
         self._socket: ControlSocket | None = None
         wiring = Wiring(make_bus=bench.make_bus, operator=self._operator, close=self._close, notify=log)
-        self._device = HumanoidDevice(options, wiring, stale_ms=config.stale_ms)
+        self._device: HumanoidDevice = HumanoidDevice(options, wiring, stale_ms=config.stale_ms)
 
     def _operator(self, prepared: Prepared) -> RunOperator:
         """Who may stop or hold the robot beside LeRobot."""
@@ -71,32 +72,6 @@ class RetargetHumanoid(Robot):
         """`<joint>.pos` and `<joint>.goal`, rad."""
         return self._device.observation_features
 
-    @property
-    def action_features(self) -> dict[str, type]:
-        """`<joint>.pos`, rad."""
-        return self._device.action_features
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether there are readings."""
-        return self._device.connection.is_connected
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Always: the profile has zeros and signs, see `retarget servo home`."""
-        return True
-
-    @check_if_already_connected
-    def connect(self, calibrate: bool = True) -> None:
-        """Open the bus and read the servos; nothing moves."""
-        self._device.connect()
-
-    def calibrate(self) -> None:
-        """Do nothing."""
-
-    def configure(self) -> None:
-        """Do nothing: servos are set up by `retarget servo setup`."""
-
     @check_if_not_connected
     def get_observation(self) -> dict[str, Any]:
         """The newest reading."""
@@ -106,7 +81,3 @@ class RetargetHumanoid(Robot):
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Leave a target, and return the goals that were sent last."""
         return dict(self._device.send(action))
-
-    def disconnect(self) -> None:
-        """Go to rest, and torque off. Raises nothing; Ctrl-C while it waits switches torque off at once."""
-        self._device.disconnect()

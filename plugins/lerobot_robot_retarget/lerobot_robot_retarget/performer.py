@@ -6,10 +6,11 @@ from functools import partial
 from typing import Any
 
 from lerobot.teleoperators import Teleoperator
-from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+from lerobot.utils.decorators import check_if_not_connected
 
 from hardware.clock import MonotonicClock
 from lerobot_robot_retarget.config_performer import RetargetPerformerConfig
+from lerobot_robot_retarget.device import RetargetDevice
 from retarget.cli.application import FileOptions, log
 from retarget.cli.controls import Control, Oversight, Pedal, open_dead_man
 from retarget.cli.exit import StopRequest
@@ -112,7 +113,7 @@ class PerformerSource:
         self._controls.clear()
 
 
-class RetargetPerformer(Teleoperator):
+class RetargetPerformer(RetargetDevice, Teleoperator):
     """A performer, recorded or live, retargeted to a robot. Actions are radians."""
 
     config_class = RetargetPerformerConfig
@@ -132,38 +133,14 @@ class RetargetPerformer(Teleoperator):
             playback=source.playback,
         )
         wiring = PerformerWiring(perform=source.perform, operator=source.operator, close=source.close, notify=log)
-        self._device = PerformerDevice(options, wiring, delay_s=0.0 if source.address else config.delay_s)
-
-    @property
-    def action_features(self) -> dict[str, type]:
-        """`<joint>.pos`, rad: those of the robot with the same profile."""
-        return self._device.action_features
+        self._device: PerformerDevice = PerformerDevice(
+            options, wiring, delay_s=0.0 if source.address else config.delay_s
+        )
 
     @property
     def feedback_features(self) -> dict[str, type]:
         """None: a performer feels nothing."""
         return {}
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether there are goals."""
-        return self._device.connection.is_connected
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Always: `connect` measures the performer of a stream."""
-        return True
-
-    @check_if_already_connected
-    def connect(self, calibrate: bool = True) -> None:
-        """Open the source, and wait until the performer is measured."""
-        self._device.connect()
-
-    def calibrate(self) -> None:
-        """Do nothing."""
-
-    def configure(self) -> None:
-        """Do nothing."""
 
     @check_if_not_connected
     def get_action(self) -> dict[str, Any]:
@@ -172,7 +149,3 @@ class RetargetPerformer(Teleoperator):
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Do nothing."""
-
-    def disconnect(self) -> None:
-        """Close the source. Raises nothing."""
-        self._device.disconnect()

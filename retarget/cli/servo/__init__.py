@@ -2,7 +2,7 @@
 
 COMMANDS = {
     "scan": "Find every servo on a port.",
-    "setup": "Give one servo its id, speed and settings.",
+    "setup": "Give one servo its id, speed and settings, or all, one by one.",
     "monitor": "Watch all servos; nothing is written.",
     "rest": "Switch torque off: the robot goes limp.",
     "reboot": "Clear latched errors by a restart.",

@@ -4,6 +4,7 @@ stored."""
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,13 @@ from hardware.arrays import BoolArray, FloatArray
 from hardware.clock import MonotonicClock, VirtualClock, today
 from hardware.dynamixel.serial_port import is_pseudo_terminal
 from hardware.servo import Layout
-from retarget.cli.application import Overwrite, ask, console
-from retarget.cli.buses import make_bus
+from retarget.cli.application import Overwrite, answered, ask, console
+from retarget.cli.buses import check_bus, make_bus
 from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.model.robot import RobotBody, load_uncalibrated
 from retarget.run.options import RunOptions
+from retarget.run.own_bus import is_own
 from retarget.schema.catalogue import calibration_path
 from retarget.schema.files import check_place, previous_path, refuse_existing
 from retarget.schema.profile import RobotProfile
@@ -30,7 +32,7 @@ from retarget.schema.servo_calibration import (
     read_calibration,
     write_calibration,
 )
-from retarget.setup.homing import FAR, Homing, calibration_of, homed_columns
+from retarget.setup.homing import FAR, Homing, calibration_of, home_each, homed_columns
 from retarget.setup.homing import home as home_servos
 
 # The file of a homed robot's zeros: its own calibration, a named file, or none.
@@ -55,6 +57,7 @@ class HomedFile:
         """overwrite: a file that was named and is there may be replaced; the robot's own calibration always may, as the
         one before is kept beside it. Raises UsageError for a file that cannot be written or is there, and for emulated
         servos as the robot's calibration."""
+        check_bus(options.bus)
         if options.bus == "none":
             allowed = "profile, a port, emulator, mock"
             raise UsageError("there is no servo to read", where="--bus", found=options.bus, allowed=allowed)
@@ -130,6 +133,7 @@ def home(
     bus: str = "profile",
     pose: str = "neutral",
     joints: str = "",
+    each: bool = False,
     force: bool = False,
     out: Path | None = None,
     overwrite: Overwrite = False,
@@ -142,11 +146,15 @@ def home(
     profile's settings. What is read is shown, and written only when you agree; the last calibration is kept beside it.
     Emulated and mock servos stand in that posture already; of them nothing is kept, unless --out names a file.
 
+    Who cannot hold the whole robot homes it with --each, joint after joint: the others may hang. It can be ended after
+    any joint, and gone on with by --joints.
+
     Options:
         robot NAME|PATH: Robot by name or path.
-        bus (--bus, --port) profile|PORT|emulator|mock: Ports of the profile, one port, or an emulator.
+        bus (--bus, --port) profile|PORT|emulator|mock: Ports of the profile, one port, an emulator, or module:Class.
         pose neutral|stand|rest|attractor: Posture of the profile to place it in.
         joints A,B,...: Only these, with commas between.
+        each: Joint after joint.
         force: Also zeros more than 0.35 rad off the profile's.
         out FILE: Write this file, and not the robot's calibration.
         dry_run: Say what would be done, and touch nothing.
@@ -155,26 +163,14 @@ def home(
     posture = _posture(body, pose)
     names = [name for name in joints.split(",") if name]
     chosen = homed_columns(body.joint_map, names)
-    old = read_calibration(body.profile) if names else None  # of the joints that are not homed now
+    old = read_calibration(body.profile) if names or each else None  # of the joints that are not homed now
     options = RunOptions(robot=robot, bus=bus)
     file = HomedFile.of(body.profile, options, out, overwrite=overwrite)
     if dry_run:
         _say_all(body, posture, chosen, options, file, pose)
         return
-
-    def agree(question: str, enter: bool) -> bool:
-        return ask(question, enter=enter, where="servo home")
-
-    if file.notice:
-        echo(file.notice)
-    opening = [] if options.simulated else [f"The bus is opened: {_opening(body)}. Go on?"]
-    if not all(agree(question, False) for question in [*file.doubts, *opening]):
-        echo("nothing was written")
-        return
-    clock = VirtualClock() if options.simulated else MonotonicClock()
-    with closing(make_bus(bus, body, clock, posture=pose)) as servos:
-        servos.open()
-        homing = home_servos(servos, body.joint_map, posture, agree, typer.echo, clock=clock, chosen=chosen, name=pose)
+    lead = partial(home_each, choose=_choose, force=force) if each else partial(home_servos, name=pose)
+    homing = _homed(body, options, file, pose, partial(lead, joint_map=body.joint_map, posture=posture, chosen=chosen))
     if homing is None:
         echo("nothing was written")
         return
@@ -183,7 +179,37 @@ def home(
     if old is not None:
         new = ServoCalibration(robot=new.robot, servos=old.servos | new.servos)
     _refuse(body, homing, new, force=force)
-    file.write(new, lambda question: agree(question, False))
+    file.write(new, lambda question: _agree(question, False))
+    left = ",".join(np.array(body.joint_map.joints)[chosen & ~homing.chosen])
+    if left:
+        echo(f"to go on: retarget servo home --robot {robot} --each --joints {left}")
+
+
+def _homed(
+    body: RobotBody, options: RunOptions, file: HomedFile, pose: str, lead: Callable[..., Homing | None]
+) -> Homing | None:
+    """Open the bus if the operator agrees, and home its servos by `lead`; None: the operator did not agree."""
+    if file.notice:
+        echo(file.notice)
+    opening = [] if options.simulated else [f"The bus is opened: {_opening(body, options.bus)}. Go on?"]
+    if not all(_agree(question, False) for question in [*file.doubts, *opening]):
+        return None
+    clock = VirtualClock() if options.simulated else MonotonicClock()
+    with closing(make_bus(options.bus, body, clock, posture=pose)) as servos:
+        servos.open()
+        return lead(servos, ask=_agree, notify=typer.echo, clock=clock)
+
+
+def _agree(question: str, enter: bool) -> bool:
+    return ask(question, enter=enter, where="servo home")
+
+
+def _choose(question: str) -> str:
+    """The answer to a question of `home_each`."""
+    while True:
+        word = answered(f"{question}. ENTER reads it (s: leave it out, e: end): ", where="servo home").lower()
+        if word in ("", "s", "e"):
+            return word
 
 
 def _say_all(
@@ -192,14 +218,16 @@ def _say_all(
     """Print what would be done."""
     bent = [f"{joint} {angle:g}" for joint, angle in zip(body.joint_map.joints, posture, strict=True) if angle]
     angles = f"{', '.join(bent)} rad, the others 0" if bent else "all joints at 0"
-    echo(f"would open the bus {options.bus!r}: {_opening(body)};")
+    echo(f"would open the bus {options.bus!r}: {_opening(body, options.bus)};")
     echo(f"then, after a question each, switch torque off on all {len(chosen)} servos,")
     echo(f"read {int(chosen.sum())} of them in the posture {pose!r}: {angles},")
     echo(file.promise)
 
 
-def _opening(body: RobotBody) -> str:
+def _opening(body: RobotBody, bus: str) -> str:
     """The effects of opening the bus of a robot on its servos, in words."""
+    if is_own(bus):
+        return f"{bus} does it"
     buses = body.profile.bus_specs()
     power = [f"device {bus.power.id} switches the servos' power on" for bus in buses if bus.power is not None]
     old = ", status return level" if Layout.OLDER in body.profile.layouts().values() else ""

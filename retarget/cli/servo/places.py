@@ -21,18 +21,19 @@ from hardware.dynamixel.line_scan import (
     scan_likely,
     scan_line,
 )
-from hardware.dynamixel.serial_port import BytePort, SerialPort
+from hardware.dynamixel.serial_port import BytePort, SerialPort, existing_ports, ports_text
 from hardware.errors import BusError, RetargetError
 from hardware.servo import ServoSpec
 from retarget.cli.application import ask, progress_bar
 from retarget.cli.buses import posture_ticks
 from retarget.cli.exit import echo
+from retarget.cli.servo.find_port import port_of_bus
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
 from sim.emulator.fault_state import load_fault_plan
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
-from sim.emulator.robot_lines import robot_lines
+from sim.emulator.robot_lines import connect, robot_lines
 
 EMULATOR = "emulator"
 EMULATED_ROBOT = "op3"
@@ -71,12 +72,13 @@ class Only:
 class ServoPort:
     """A port, and its bus and servos in the profile, with their places in the robot's order.
 
-    Without a robot there is neither.
+    Without a robot there is neither. connect: connects the emulated servo of a joint alone; None for real ones.
     """
 
     port: BytePort
     spec: BusSpec | None = None
     servos: tuple[tuple[int, ServoSpec], ...] = ()
+    connect: Callable[[str], None] | None = None
 
     @property
     def where(self) -> str:
@@ -84,8 +86,11 @@ class ServoPort:
         return self.port.name if self.spec is None else f"bus {self.spec.name} ({self.port.name})"
 
 
-def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = None) -> list[ServoPort]:
+def find_places(
+    where: Where, *, clock: Clock | None = None, bus: str | None = None, as_delivered: bool = False
+) -> list[ServoPort]:
     """Ports, none of them open. clock: None: real, and virtual for an emulator. bus: only this one of the robot.
+    as_delivered: emulated servos are new, and none is connected.
 
     Raises UsageError where no port is named, and for a port that none of the robot's several buses has.
     """
@@ -98,10 +103,15 @@ def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = N
     clock = clock or (VirtualClock() if emulated else MonotonicClock())
     if robot is None and not emulated:
         if port is None:
-            raise UsageError("no port is named", where="servo", allowed="--port PATH, --bus emulator, or --robot NAME")
+            allowed = "--port PATH, --bus emulator, or --robot NAME"
+            raise UsageError("no port is named", where="servo", found=ports_text(existing_ports()), allowed=allowed)
         return [ServoPort(SerialPort(port, clock))]
     body = load_uncalibrated(robot or EMULATED_ROBOT)
-    lines = emulated_lines(body, clock, faults) if emulated else {}
+    lines = emulated_lines(body, clock, faults, as_delivered=as_delivered) if emulated else {}
+
+    def connect_alone(joint: str) -> None:
+        connect(lines, body.joint_map.servos, (joint,))
+
     buses = [one for one in body.profile.bus_specs() if bus in (None, one.name)]
     if port is not None and not emulated and len(buses) > 1:
         at_port = [bus for bus in buses if bus.port == port]
@@ -121,7 +131,11 @@ def find_places(where: Where, *, clock: Clock | None = None, bus: str | None = N
         if emulated:
             found = EmulatedPort(lines[one.name], clock, name=f"emulated {one.port}")
         servos = [(index, servo) for index, servo in enumerate(body.joint_map.servos) if servo.bus == one.name]
-        places.append(ServoPort(found) if robot is None else ServoPort(found, one, tuple(servos)))
+        places.append(
+            ServoPort(found)
+            if robot is None
+            else ServoPort(found, one, tuple(servos), connect_alone if emulated else None)
+        )
     return places
 
 
@@ -157,11 +171,14 @@ def check_speed(protocol: int | None, baud: int | None) -> None:
         raise UsageError("no such speed: no servo has it", where="--baud", found=baud, allowed=allowed)
 
 
-def emulated_lines(body: RobotBody, clock: Clock, faults: Path | None) -> dict[str, Line]:
-    """The robot's emulated servos with their power on, by bus."""
+def emulated_lines(
+    body: RobotBody, clock: Clock, faults: Path | None, *, as_delivered: bool = False
+) -> dict[str, Line]:
+    """The robot's emulated servos with their power on, by bus. as_delivered: new, and none connected."""
     servos, buses = body.joint_map.servos, body.profile.bus_specs()
     plan = None if faults is None else load_fault_plan(faults, {bus.name: bus.ids for bus in buses})
-    return robot_lines(servos, buses, start=posture_ticks(body), now=clock.now(), plan=plan, powered=True)
+    start, now = posture_ticks(body), clock.now()
+    return robot_lines(servos, buses, start=start, now=now, plan=plan, powered=True, as_delivered=as_delivered)
 
 
 # Which servo is meant: by its id on a port, or by its joint in a robot's profile, which also gives the bus.
@@ -200,6 +217,20 @@ def find_target(where: Where, joint: str | None, device: int | None = None) -> S
         return ServoTarget(places[0], device)
     needed = needed_ticks(_calibrated(robot, body).joint_map)[servo.joint]
     return ServoTarget(places[0], servo.id if device is None else device, servo, needed)
+
+
+def all_targets(where: Where, *, yes: bool) -> list[ServoTarget]:
+    """Every servo of a robot, in its order; no port is open. A port that is not named is found with the operator, bus
+    by bus; `yes`: it is that of the profile. Raises RetargetError."""
+    assert where.robot is not None
+    body = load_uncalibrated(where.robot)
+    places = {}
+    for bus in body.profile.bus_specs():
+        port = where.port or port_of_bus(bus, yes=yes)
+        (places[bus.name],) = find_places(replace(where, port=port), bus=bus.name, as_delivered=True)
+    needed = needed_ticks(_calibrated(where.robot, body).joint_map)
+    servos = body.joint_map.servos
+    return [ServoTarget(places[servo.bus], servo.id, servo, needed[servo.joint]) for servo in servos]
 
 
 def _servo(body: RobotBody, port: str | None, joint: str | None, device: int | None) -> ServoSpec | None:

@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from functools import partial
 
 from hardware.dynamixel.codec import MAX_ID
+from hardware.dynamixel.found_servos import is_powered
 from hardware.dynamixel.line_scan import LIKELY_IDS, LineScan, Sighting, Speed, likely_speeds
 from hardware.dynamixel.serial_port import ECHOES
+from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from retarget.cli.exit import echo
 from retarget.cli.servo.places import (
@@ -107,6 +109,14 @@ def _conclude(place: ServoPort, one: LineScan, wanted: Sequence[int] | None) -> 
     missing = _missing(place, one, wanted) if one.sightings else []
     if missing:
         echo(f"missing on {place.where}: {', '.join(missing)}")
+    switch = None if place.spec is None else place.spec.power
+    seen = next((seen for seen in one.sightings if switch is not None and seen.found.id == switch.id), None)
+    if missing and switch is not None and seen is not None:
+        place.port.set_baud(seen.speed.baud)
+        if not is_powered(OneOff(place.port, seen.speed.protocol), switch):
+            echo(
+                f"device {switch.id} has the servos' power switched off: `retarget servo home` asks, and switches it on"
+            )
 
 
 def known_as(place: ServoPort, sighting: Sighting) -> str:

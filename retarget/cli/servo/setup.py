@@ -1,40 +1,16 @@
-"""`retarget servo setup`: write id, speed and other EEPROM settings of one servo."""
+"""`retarget servo setup`: write id, speed and other EEPROM settings of one servo, or of all, one by one."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import typer
-
-from hardware.dynamixel.checks import wishes
 from hardware.dynamixel.codec import MAX_ID
-from hardware.dynamixel.control_table import tables, usual_table
-from hardware.dynamixel.found_servos import LEVEL, PINGS_ONLY, answers_pings_only
-from hardware.dynamixel.line_scan import Sighting, Speed, write_setting
-from hardware.dynamixel.settings import (
-    ANSWER_ALL,
-    Asked,
-    ServoImage,
-    Setting,
-    in_units,
-    plan,
-    read_image,
-    settings_of,
-)
-from hardware.dynamixel.single_requests import OneOff
-from hardware.errors import BusError, HardwareError
-from retarget.cli.exit import echo, stop_on_signals
-from retarget.cli.servo.places import (
-    Only,
-    ServoPort,
-    ServoTarget,
-    Where,
-    agreed,
-    check_speed,
-    chosen_speeds,
-    find_target,
-    opened,
-    search,
-)
+from hardware.dynamixel.control_table import tables
+from hardware.dynamixel.found_servos import LEVEL
+from hardware.dynamixel.settings import ANSWER_ALL, Asked, settings_of
+from hardware.errors import HardwareError
+from retarget.cli.servo.places import ServoTarget, Where, check_speed, find_target, opened
+from retarget.cli.servo.setup_all import set_up_all
+from retarget.cli.servo.write_settings import find_one, set_up
 from retarget.errors import UsageError
 
 # The settings asked for; those that no servo can hold are refused before a port is opened.
@@ -82,38 +58,6 @@ def check_asked(asked: Asked, protocol: int | None, model: str | None) -> None:
     raise UsageError(refused, where="servo setup")
 
 
-# The values that a servo is to hold: the options first, then its profile.
-
-
-def wanted_of(target: ServoTarget, asked: Asked, seen: Sighting, image: ServoImage) -> Asked:
-    """The options, completed by the profile.
-
-    Status Return Level is left out where it is in RAM: a servo with status return off was set before, and every run
-    sets it. Raises BusError for a servo that is not of the profile's model and protocol.
-    """
-    registers = dict(asked.registers)
-    if image.table[LEVEL].address >= image.table.eeprom_end:
-        registers.pop(LEVEL, None)
-    servo, bus = target.servo, target.place.spec
-    if servo is None or bus is None or target.needed is None:
-        return replace(asked, registers=registers)
-    if (seen.model, seen.speed.protocol) != (servo.model.name, bus.protocol):
-        raise BusError(
-            f"id {target.device} is not the servo of {servo.joint} by its model or protocol",
-            where=target.place.where,
-            found=f"{seen.model}, protocol {seen.speed.protocol}.0",
-            allowed=f"{servo.model.name}, protocol {bus.protocol}.0",
-            then="Check which servo it is, or correct the profile",
-        )
-    profiled = wishes(servo, bus, image, target.needed)
-    return Asked(
-        servo.id if asked.new_id is None else asked.new_id,
-        bus.baud if asked.baud is None else asked.baud,
-        bus.return_delay if asked.return_delay is None else asked.return_delay,
-        profiled | registers,
-    )
-
-
 def setup(
     where: Where,
     joint: str | None = None,
@@ -123,6 +67,7 @@ def setup(
     baud: int | None = None,
     return_delay: float | None = None,
     register: tuple[str, ...] = (),
+    everything: bool = False,
     yes: bool = False,
     dry_run: bool = False,
 ) -> None:
@@ -132,6 +77,9 @@ def setup(
     with --id makes the servo with that id the joint's own. Other options come before the profile. Shows what it has and
     what it gets, and asks. Ctrl-C ends it after the value that is being written.
 
+    With --robot and --all it asks for the servos of the robot one after the other, each connected alone, and sets up
+    each as it is found; those that are set up already are left out. Without --port it finds the port.
+
     Options:
         joint NAME: The servo of this joint of the robot.
         device (--id) N: Its id as it is.
@@ -140,37 +88,32 @@ def setup(
         baud BAUD: Its speed as it is to be.
         return_delay US: Pause before it answers, us.
         register NAME=VALUE: Any other of its EEPROM, as drive_mode=4.
+        everything (--all): All servos of the robot, one after the other.
         yes: Do not ask.
         dry_run: Read and show, write nothing.
     """
     if device is not None:
         check_device(device, protocol)
     asked = Asked(new_id, baud, None if return_delay is None else 1e-6 * return_delay, registers_of(register))
+    if everything:
+        _check_all(where, {"--joint": joint, "--id": device, "--new-id": new_id, "--protocol": protocol}, asked)
+        set_up_all(where, asked, yes=yes, dry_run=dry_run)
+        return
     target = find_target(where, joint, device)
     _check(target, asked, protocol)
     place = target.place
     with opened([place]):
-        seen = _make_responsive(target, asked, _find(place, target.device, protocol), yes=yes, dry_run=dry_run)
-        if seen is None:
-            return
-        if seen.table is None:
-            what = f"id {seen.found.id} is a model that is not known here ({seen.model})"
-            raise BusError(what, where=place.where, then="See `retarget servo scan`")
-        place.port.set_baud(seen.speed.baud)
-        image = read_image(OneOff(place.port, seen.speed.protocol), target.device, seen.table)
-        echo(f"id {target.device}: {seen.model}, firmware {seen.found.firmware}, {seen.speed}")
-        wanted = wanted_of(target, asked, seen, image)
-        due = plan(image, settings_of(image.table, wanted))
-        if not due:
-            echo("it has all of this already: nothing to write")
-            return
-        _preview(image, due)
-        new_id = target.device if wanted.new_id is None else wanted.new_id
-        _refuse_taken(place, seen, new_id, wanted.baud or seen.speed.baud)
-        if dry_run:
-            echo("dry run: nothing was written")
-        elif agreed("Write this?", yes=yes):
-            _write(place, seen, due)
+        set_up(target, asked, find_one(place, target.device, protocol), yes=yes, dry_run=dry_run)
+
+
+def _check_all(where: Where, options: Mapping[str, object], asked: Asked) -> None:
+    """Raise UsageError for options that all servos of a robot cannot share, and where no robot is named."""
+    if where.robot is None:
+        raise UsageError("the servos of which robot", where="--all", allowed="--robot NAME beside it")
+    given = ", ".join(option for option, value in options.items() if value is not None)
+    if given:
+        raise UsageError("only one servo can have this", where=given, found="--all", next_step="Leave one of them out")
+    check_asked(asked, None, None)
 
 
 def _check(target: ServoTarget, asked: Asked, protocol: int | None) -> None:
@@ -190,82 +133,3 @@ def _check(target: ServoTarget, asked: Asked, protocol: int | None) -> None:
         return
     assert spec is not None
     check_asked(asked, spec.protocol, servo.model.name)
-
-
-def _preview(image: ServoImage, due: list[Setting]) -> None:
-    for one in due:
-        name = one.register.name
-        meaning = in_units(image.table, name, one.value)
-        echo(f"  {name}: {image.value(name)} -> {one.value}" + (f" ({meaning})" if meaning else ""))
-
-
-def _make_responsive(target: ServoTarget, asked: Asked, seen: Sighting, *, yes: bool, dry_run: bool) -> Sighting | None:
-    """The servo, answering all instructions. One that answers pings only is set to, if an option or the profile says
-    so.
-
-    None: nothing more is to be done. Raises BusError where neither says so.
-    """
-    place, device = target.place, target.device
-    place.port.set_baud(seen.speed.baud)
-    client = OneOff(place.port, seen.speed.protocol)
-    if not answers_pings_only(client, device):
-        return seen
-    if asked.registers.get(LEVEL, None if target.servo is None else ANSWER_ALL) != ANSWER_ALL:
-        then = f"Add --register {LEVEL}={ANSWER_ALL}: that is written without its answer, and read back"
-        raise BusError(f"id {device} {PINGS_ONLY}", where=place.where, then=then)
-    echo(f"id {device}: {PINGS_ONLY}, {seen.speed}")
-    echo(f"  {LEVEL}: 0 -> {ANSWER_ALL}, without its answer; all else afterwards")
-    if dry_run:
-        echo("dry run: nothing was written")
-        return None
-    if not agreed("Write this?", yes=yes):
-        return None
-    table = seen.table or usual_table(client.protocol)  # one of protocol 1.0 does not say its model
-    client.write(device, table[LEVEL], ANSWER_ALL, verify=True)
-    echo(f"written and read back: {LEVEL}")
-    return _find(place, device, seen.speed.protocol)
-
-
-def _find(place: ServoPort, device: int, protocol: int | None) -> Sighting:
-    """The only servo with this id, at any speed. Raises BusError."""
-    scan = search(place, chosen_speeds(place, Only(protocol=protocol)), [device])
-    seen = [one for one in scan.sightings if one.found.id == device]
-    if len(seen) != 1 or seen[0].found.clash:
-        what = f"several servos have id {device}" if seen else f"no servo answers to id {device} at any speed"
-        then = "Connect one servo at a time; `retarget servo scan` shows the servos on the port"
-        raise BusError(what, where=place.where, then=then)
-    return seen[0]
-
-
-def _refuse_taken(place: ServoPort, seen: Sighting, new_id: int, baud: int) -> None:
-    """Raise BusError where another servo has the id, at the present or the new speed."""
-    try:
-        for rate in (seen.speed.baud, baud):
-            if (new_id, rate) == (seen.found.id, seen.speed.baud):
-                continue
-            place.port.set_baud(rate)
-            if OneOff(place.port, seen.speed.protocol).ping(new_id) is not None:
-                then = "Choose another id, or take that servo off the bus"
-                what = f"id {new_id} is taken"
-                raise BusError(what, where=f"{place.where}, {rate} baud", then=then)
-    finally:
-        place.port.set_baud(seen.speed.baud)
-
-
-def _write(place: ServoPort, seen: Sighting, due: list[Setting]) -> None:
-    """Write all settings, each completely; print what was written if it ends early."""
-    assert seen.table is not None
-    device, speed = seen.found.id, Speed(*seen.speed)
-    done: list[str] = []
-    try:
-        with stop_on_signals() as stop:
-            for one in due:
-                if stop():
-                    left = ", ".join(later.register.name for later in due[len(done) :])
-                    echo(f"interrupted; written: {', '.join(done) or 'nothing'}; not written: {left}", err=True)
-                    raise typer.Exit(1 if done else 130)
-                device, speed = write_setting(place.port, seen.table, device, speed, one)
-                done.append(one.register.name)
-    except BusError as error:
-        raise BusError(f"{error} Written before: {', '.join(done) or 'nothing'}.") from error
-    echo(f"written and read back: {', '.join(done)}; it answers as id {device}, {speed}")

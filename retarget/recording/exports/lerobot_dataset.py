@@ -44,8 +44,8 @@ def features_of(
     """`action`: joints as sent; `observation.state`: where the servos were, read before that was sent.
 
     Joints of a robot with servos are those that have one; without servos, all of the body, seen where they were sent.
-    `observation.root`: x y z (m) and qw qx qy qz of the first link, world; `observation.landmarks`: where these
-    landmarks were asked to be (m, world), see `known_landmarks`. Then what LeRobot asks of every dataset, for episode
+    `observation.root`: x y z (m) and qw qx qy qz of the first link, world; `observation.landmarks`: the
+    desired ones (m, world), see `known_landmarks`. Then what LeRobot wants of every dataset, for episode
     `episode` of one task, whose first frame is `first` of the dataset. Raises InputError where a servo is not known in
     some frame.
     """
@@ -254,7 +254,7 @@ def _readme(motions: Sequence[Motion], features: tuple[Feature, ...]) -> str:
         if all("present" in motion for motion in motions)
         else "the same as action: no servo answered",
         "observation.root": "x y z (m) and qw qx qy qz (wxyz) of the root",
-        "observation.landmarks": "where landmarks were asked to be, m, world",
+        "observation.landmarks": "desired landmarks, m, world",
     }
     keys = {item.key for item in features}
     kept = {what: how for what, how in said.items() if "." not in what or what in keys}

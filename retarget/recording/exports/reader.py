@@ -24,6 +24,7 @@ from retarget.recording.reading import MAGIC
 from retarget.rotations import from_euler, rotate
 from retarget.run.record import Phase
 from retarget.schema.arrays import ArrayFile, open_arrays
+from retarget.schema.pickles import refuse_pickle
 from retarget.types import MM, FloatArray
 
 LAYOUTS = {
@@ -45,13 +46,15 @@ KEYS = {
     OWN: ROBOT_KEYS,
 }
 """The arrays by which a layout is known, the first that has them all; holosoma's are those of mjlab."""
-PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
-UNPICKLE = (
-    "If you trust it, make an NPZ of it in Python:\n"
-    '  import pickle, numpy; p = pickle.load(open("{name}", "rb"))\n'
-    '  keys = ("fps", "root_pos", "root_rot", "dof_pos")\n'
-    '  numpy.savez("{stem}.npz", **{{key: numpy.asarray(p[key], float) for key in keys}})'
-)
+MAKE = {
+    "": 'p = p if "fps" in p else next(iter(p.values())); print(list(p))\n'
+    "of = lambda *keys: next(numpy.asarray(p[key], float) for key in keys if key in p)\n"
+    'root, joints = of("root_pos", "root_trans_offset", "root_trans"), of("dof_pos", "dof")\n'
+    'numpy.savez({made!r}, fps=p["fps"], root_pos=root, root_rot=of("root_rot", "root_ori"), '
+    "dof_pos=joints.reshape(len(root), -1))"
+}
+"""Lines of Python that make GMR's twin of a pickle of GMR, of PHC, HOVER or SONIC (the first of its motions), of
+PHUMA."""
 SAME_M = 0.01
 """Links of a file are where a robot's are within this, m."""
 
@@ -82,9 +85,7 @@ def read_motion(
     """
     refuse_no_file(path)
     begins = _head(path)
-    if path.suffix.lower() in PICKLES or (begins[:1] == b"\x80" and begins[1:2] in b"\x02\x03\x04\x05"):
-        step = UNPICKLE.format(name=path.name, stem=path.stem)
-        raise InputError("a pickle can run any code, so none is read", where=str(path)[:200], next_step=step)
+    refuse_pickle(path, begins, MAKE, made=f"{path.stem}_motion.npz")
     played = _of_arrays(path, quaternion) if begins.startswith(b"PK") else None
     if begins.startswith(MAGIC) or (played is not None and played.layout == OWN):
         return OWN, _of_run(path, robot)
@@ -99,7 +100,7 @@ def _head(path: Path) -> bytes:
         if path.stat().st_size > MAX_BYTES:
             raise InputError("too large", where=str(path)[:200], allowed=f"up to {MAX_BYTES} bytes")
         with path.open("rb") as file:
-            return file.read(len(MAGIC))
+            return file.read(4096)
     except OSError as error:
         raise InputError("cannot read the motion", where=str(path)[:200], found=error.strerror or error) from error
 

@@ -81,6 +81,27 @@ def test_home_writes_what_it_shows(lab: Lab) -> None:
     assert lab.closed()
 
 
+def test_joint_after_joint_what_was_read_is_kept_and_the_rest_goes_on_later(lab: Lab) -> None:
+    lab.shift = {0: 30, 2: -12, 3: 300, 19: 7}
+    joints = load_robot("op3").joint_map.joints
+    # opened, limp, two read, one left out, one that is far off twice, the end, written
+    code, out, err = lab.home("--each", typed="y\ny\n\n\ns\n\n\ne\ny\n")
+    assert (code, err) == (0, "") and lab.closed()
+    shows(out.split("joint  ")[0], "[4/20] again: hold l_sho_roll (id 4)", "+0.460 rad off")
+    assert out.rstrip().endswith(f"--each --joints {','.join(joints[2:])}")
+    zeros = [servo.zero_tick for servo in load_robot("op3").joint_map.servos]
+    assert (zeros[0], zeros[1], zeros[2], zeros[3], zeros[19]) == (2078, 2048, 2048, 2048, 2048)
+    code, out, _ = lab.home("--each", "--joints", "r_sho_roll,head_tilt", typed="y\ny\n\n\ny\n")
+    assert code == 0 and "--joints" not in out
+    zeros = [servo.zero_tick for servo in load_robot("op3").joint_map.servos]
+    assert (zeros[0], zeros[2], zeros[19]) == (2078, 2036, 2055)
+
+
+def test_joint_after_joint_nothing_read_is_nothing_written(lab: Lab) -> None:
+    code, out, _ = lab.home("--each", typed="y\ny\nwhat\ne\n")
+    assert code == 0 and out.rstrip().endswith("nothing was written") and not calibration_path("op3").exists()
+
+
 def test_far_from_the_profile_needs_force(lab: Lab) -> None:
     lab.shift = {18: 300}
     code, out, err = lab.home()

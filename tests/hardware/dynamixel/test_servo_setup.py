@@ -69,7 +69,7 @@ def test_ctrl_c_ends_after_the_value_that_is_written(lab: ServoLab, monkeypatch:
         signal.raise_signal(signal.SIGINT)
         return write_setting(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("retarget.cli.servo.setup.write_setting", interrupted)
+    monkeypatch.setattr("retarget.cli.servo.write_settings.write_setting", interrupted)
     code, _, err = lab.run("setup", *BUS, "--id", "13", "--register", "drive_mode=1", "--new-id", "33", "--yes")
     assert code == 1
     shows(err, "drive_mode")

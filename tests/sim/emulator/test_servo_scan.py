@@ -31,6 +31,13 @@ def test_every_servo_is_found_and_nothing_is_written(lab: ServoLab) -> None:
     assert lab.bauds[0] == 2_000_000  # the speed of the profile comes first
 
 
+def test_servos_whose_power_is_switched_off_are_said_to_be(lab: ServoLab) -> None:
+    lab.before = {(200, "dynamixel_power"): 0}
+    code, out, _ = lab.run("scan", "--robot", "op3", "--port", "emulator", "--protocol", "2")
+    assert code == 0 and Instruction.WRITE not in lab.instructions()
+    shows(out.splitlines()[-1])
+
+
 def test_a_servo_at_an_unusual_speed_is_found_by_a_whole_scan(lab: ServoLab) -> None:
     lab.before = {(2, "baud_rate"): 0}  # 9600 baud
     words = ("scan", "--robot", "op3", "--port", "emulator")

@@ -1,0 +1,55 @@
+"""Which serial port is the adapter's: that of the profile, or the one that goes when the adapter is unplugged."""
+
+from pathlib import Path
+
+from hardware.bus import BusSpec
+from hardware.dynamixel.serial_port import existing_ports, no_such_port, ports_text, stable_name
+from retarget.cli.application import answered, ask
+from retarget.cli.exit import echo
+
+WHERE = "servo (--port PATH names the port)"
+
+
+def port_of_bus(bus: BusSpec, *, yes: bool) -> str:
+    """The port of a bus: that of the profile if it exists and the operator (or `yes`) agrees, else found by unplugging
+    the adapter. Raises BusError where it does not exist and no question may be asked."""
+    if not Path(bus.port).exists():
+        if yes:
+            raise no_such_port(bus.port)
+        echo(f"bus {bus.name}: {bus.port}, the port of the profile, does not exist")
+    elif yes or ask(f"bus {bus.name}: use {bus.port}, the port of the profile?", where=WHERE):
+        return bus.port
+    found = unplugged_port()
+    echo(f"the port is {found}; as `port` of bus {bus.name} in the profile it need not be found again")
+    return found
+
+
+def unplugged_port() -> str:
+    """The port of the adapter that the operator unplugs and plugs in again, by the name that stays the same.
+
+    Each round is a question, so it ends with an answer, with Ctrl-C, or with the input (UsageError).
+    """
+    while True:
+        before = existing_ports()
+        echo(f"ports: {ports_text(before)}")
+        if not before:
+            _enter("Plug the adapter in, then press ENTER")
+            continue
+        _enter("Unplug the adapter, then press ENTER")
+        left = existing_ports()
+        gone = [path for path in before if path not in left]
+        if len(gone) != 1:
+            echo("no port went away" if not gone else f"{len(gone)} ports went away: {', '.join(gone)}. Unplug one")
+            continue
+        echo(f"{gone[0]} went away: that is the adapter")
+        back: list[str] = []
+        while not back:
+            _enter("Plug it in again, then press ENTER")
+            back = [path for path in existing_ports() if path not in left]
+        if len(back) == 1:
+            return stable_name(back[0])
+        echo(f"{len(back)} ports came: {', '.join(back)}. Plug in one")
+
+
+def _enter(text: str) -> None:
+    answered(f"{text}: ", where=WHERE)
