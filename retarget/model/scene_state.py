@@ -232,12 +232,6 @@ class ObstaclePoses:
     linear_velocity: FloatArray
     angular_velocity: FloatArray
 
-    def seen_at(self, time_scale: float) -> "ObstaclePoses":
-        """The same poses for a clock on which only `time_scale` seconds go by in a second."""
-        return ObstaclePoses(
-            self.position, self.quat, self.linear_velocity / time_scale, self.angular_velocity / time_scale
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class _Track:
