@@ -67,7 +67,7 @@ from retarget.sources.mvnx import SEGMENTS
 from retarget.sources.open import open_source
 from retarget.sources.skeletons import SMPL_NAMES
 from retarget.sources.streams.raw_record import RawReader, RawWriter
-from retarget.viewer.recorded import open_recorded
+from retarget.web.recorded import open_recorded
 
 CPU_S, MEMORY = 5.0, 1.5e9
 """What a case may take, s and bytes; the memory of its process is limited to twice as much, its time to 60 s."""

@@ -31,7 +31,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared, prepare
 from retarget.run.supervisor import OperatorInput
 from retarget.types import RunState
-from retarget.viewer.feed import ViewFeed
+from retarget.web.feed import ViewFeed
 from sim.performer import synthetic_performer
 
 LEGS = ("off", "looked at", "stopped")

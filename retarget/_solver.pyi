@@ -283,8 +283,11 @@ class Solver:
     def foresee(self, rest: Floats, seconds: float) -> None:
         """Where the body would come to rest, posture (nq,), and in how many seconds, if it were stopped now: in the
         next frame, observers keep their margins there too. Else joints are taken to brake in proportion."""
-    def frame(self, targets: Floats, dt: float) -> Floats:
-        """One frame of dt seconds: targets (target_size,) -> posture (nq,)."""
+    def frame(self, targets: Floats, dt: float, speed_override: float = 1.0) -> Floats:
+        """One frame of dt seconds: targets (target_size,) -> posture (nq,).
+
+        speed_override: (0, 1], scales the limits of velocity, and by its square those of acceleration; to brake, a
+        joint may always use all of its acceleration."""
     def brake(self, dt: float, most: int, *, pendulum: float = 0.0) -> Floats:
         """Postures (k, nq), dt seconds each and `most` of them, on the way to rest: coordinates and the centre of mass
         go on by less and less of the velocity that they have, in proportion; points and frames that have a task stay.

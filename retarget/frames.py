@@ -152,14 +152,13 @@ NO_TIMES = SampleTimes()
 class SensorSample:
     """The sensors at one instant: names (k), position (k, 3), orientation (k, 4) wxyz, valid (k); NaN where invalid.
 
-    weight (k,): how far a lost sensor has come back, 0 to 1; None: all have. times: of a live one.
+    times: of a live one.
     """
 
     names: tuple[str, ...]
     position: FloatArray
     orientation: FloatArray
     valid: BoolArray
-    weight: FloatArray | None = None
     times: SampleTimes = NO_TIMES
 
     @classmethod

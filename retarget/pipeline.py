@@ -100,8 +100,7 @@ class SensorReader:
         if self.lost or not any(usable):
             return None
         position[~valid], orientation[~valid] = np.nan, np.nan
-        weight = None if sample.weight is None else sample.weight.take(columns)
-        return SensorSample(self.names, position, orientation, valid, weight)
+        return SensorSample(self.names, position, orientation, valid)
 
     def _columns_of(self, names: tuple[str, ...]) -> list[int]:
         missing = [name for name in self.names if name not in names]

@@ -1,9 +1,8 @@
-"""Fixtures for every test: where recorded data lies, a page of the viewer, and reproducible hypothesis runs."""
+"""Fixtures for every test: where recorded data lies, and reproducible hypothesis runs."""
 
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -41,17 +40,6 @@ def shared() -> Path:
     if not (path / "mocap").is_dir():
         pytest.skip(f"no recorded motion at {path} (put it beside the repository, or set RETARGET_SHARED)")
     return path
-
-
-@pytest.fixture
-def server() -> Iterator[Any]:
-    """A page that no browser has open; without the viewer's extra the test is skipped."""
-    pytest.importorskip("viser", reason="the viewer's extra is not installed")
-    from retarget.viewer.server import close_server, open_server
-
-    opened, _ = open_server(0, title="test")
-    yield opened
-    close_server(opened)
 
 
 @pytest.fixture(scope="session")

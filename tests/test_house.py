@@ -40,8 +40,8 @@ BELOW: dict[str, set[str]] = {
 """Folders of `retarget` that a folder may import, beside itself and what lies flat in `retarget`."""
 BELOW["run"] = {*BELOW, "run"}
 BELOW["recording"] = {*BELOW["run"], "recording"}
-BELOW["report"] = BELOW["viewer"] = {*BELOW["recording"], "recording"}
-BELOW["web"] = {*BELOW["recording"], "report", "viewer"}
+BELOW["report"] = {*BELOW["recording"], "recording"}
+BELOW["web"] = {*BELOW["report"], "report"}
 BELOW["setup"] = {*BELOW["web"], "web"}
 BELOW["lerobot"] = {*BELOW["run"], "run"}
 BELOW["batch"] = {*BELOW["setup"], "setup"}

@@ -22,7 +22,7 @@ from hardware.realtime import USUAL_PRIORITY
 from retarget.cli.exit import echo
 from retarget.cli.stop import USUAL
 from retarget.errors import UsageError, renamed_to, suggest
-from retarget.viewer.server import PORT
+from retarget.live.address import VIEW_PORT
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -184,7 +184,7 @@ def _options(
 
 # Options that may stand alone or with a value: typer knows only the second, so the usual value is put in here.
 
-USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(PORT)}
+USUAL_VALUES = {"--realtime": str(USUAL_PRIORITY), "--control-socket": USUAL, "--view": str(VIEW_PORT)}
 
 
 def with_values(words: Sequence[str]) -> list[str]:

@@ -18,7 +18,7 @@ from retarget.run.prepare import Prepared
 from retarget.run.supervisor import AT_RISK, OperatorInput
 from retarget.run.tick import Failure, Machine, caught
 from retarget.types import Notify, RunState
-from retarget.viewer.feed import ViewFeed
+from retarget.web.feed import ViewFeed
 
 LONGEST_S = 300.0
 """Longest hold on purpose, s: servos that hold get warm, and the operator may have left."""

@@ -82,7 +82,7 @@ from retarget.schema.files import remove
 from retarget.schema.performer import Performer
 from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import Notify, RunState
-from retarget.viewer.feed import ViewFeed
+from retarget.web.feed import ViewFeed
 from retarget.web.link import PoseReceiver
 
 ANY_TIME = Scheduling()

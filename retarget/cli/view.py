@@ -8,30 +8,24 @@ from typing import Annotated
 
 import typer
 
-from hardware.clock import MonotonicClock
 from retarget.cli.application import note
 from retarget.cli.exit import echo, stop_on_signals
+from retarget.live.address import VIEW_PORT
 from retarget.live.performer import LivePerformer
+from retarget.model.scene_state import obstacle_poses
 from retarget.run.loop import Observer, RowObserver
 from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import Extras
 from retarget.types import FloatArray, Notify
-from retarget.viewer.feed import LIVE_PAGE, PageSetup, ViewFeed, open_feed
-from retarget.viewer.page import RecordedPage
-from retarget.viewer.recorded import open_recorded
-from retarget.viewer.server import PORT, close_server, open_server
-from retarget.viewer.snapshot import STATE_WORDS, obstacle_poses
-
-SHOWN_HZ = 30.0
-"""Pictures a second of a recording: as smooth as video, and little for a browser."""
+from retarget.web.feed import STATE_WORDS, PageSetup, Settings, ViewFeed, needing_websockets, open_feed
 
 
 def view(
     file: Path,
     port: Annotated[
         int, typer.Option(help="Of the page, on this machine; 0: any.", metavar="PORT", min=0, max=65535)
-    ] = PORT,
+    ] = VIEW_PORT,
     body: Path | None = None,
 ) -> None:
     """Show a recorded run on a web page: performer, robot, goals and joints, at any speed. Ctrl-C ends it.
@@ -44,19 +38,19 @@ def view(
     Options:
         body FILE: The robot's MJCF or URDF, where FILE names none that is there.
     """
+    with needing_websockets():
+        from retarget.web.recorded import open_recorded, page_files
+        from retarget.web.serving import serve_files
     run = open_recorded(file, body=body)
     for text in run.notes:
         note(f"{file}: {text}")
-    server, address = open_server(port, title=f"retarget: {file.name}")
-    try:
-        page, clock = RecordedPage(server, run, MonotonicClock()), MonotonicClock()
+    files = page_files(run, file.name)
+
+    def opened(address: str) -> None:
         echo(f"{file.name}: {len(run)} ticks. Open {address} ; Ctrl-C ends it")
-        with stop_on_signals() as stop:
-            while not stop():
-                page.tick()
-                clock.sleep_until(clock.now() + 1.0 / SHOWN_HZ)
-    finally:
-        close_server(server)
+
+    with stop_on_signals() as stop:
+        serve_files(files, port, opened=opened, over=lambda: bool(stop()))
 
 
 # `--view`: a run on a web page while it goes on.
@@ -69,7 +63,7 @@ def opened_page(port: int | None, options: RunOptions, notify: Notify) -> Iterat
     if port is None:
         yield None
         return
-    with open_feed(LIVE_PAGE, str(port), f"retarget: {options.robot}") as feed:
+    with open_feed(Settings(listen=False, port=port, robot=options.robot, performs=False)) as feed:
         notify(f"Look at it: {feed.address}")
         yield feed
 

@@ -40,10 +40,7 @@ class ValidityLimits:
     moved in that time, in m and in parts of a unit quaternion (0.0087: one degree). not_in_use_after: from the first
     judgement.
 
-    Coming back. leave: from full weight of a sensor to none; with stale_after or frozen_after it adds up to less than
-    0.3 s. healthy: good data before a sensor comes back, and before a hold ends. blend: from none to full weight, and
-    the least duration of the blend back after a hold. blend_speed: m/s, blend_turn: rad/s, that no sensor exceeds
-    during the blend after a hold.
+    Coming back. healthy: good data before a sensor comes back, and before a hold ends.
     """
 
     reach: float = 10.0
@@ -61,11 +58,7 @@ class ValidityLimits:
     frozen_after: float = 0.2
     noticeable: tuple[float, float] = (0.01, 0.0087)
     not_in_use_after: float = 3.0
-    leave: float = 0.07
     healthy: float = 0.5
-    blend: float = 0.75
-    blend_speed: float = 0.6
-    blend_turn: float = 2.0
 
 
 LIMITS = ValidityLimits()

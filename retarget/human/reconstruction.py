@@ -51,8 +51,8 @@ class SensorLayout:
         self._columns = np.zeros(0, dtype=np.int64)
         self._exists: BoolArray = np.zeros(len(self.names), dtype=bool)
 
-    def read(self, sample: SensorSample) -> tuple[FloatArray, BoolArray]:
-        """Positions (k, 3) m and which of them are valid (k,)."""
+    def read(self, sample: SensorSample) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Positions (k, 3) m, orientations (k, 4) wxyz, and which sensors are valid (k,)."""
         if sample.names is not self._sample_names:
             self._sample_names = sample.names
             names = sample.names
@@ -60,20 +60,15 @@ class SensorLayout:
             self._exists = np.array([name in sample.names for name in self.names])
         position = sample.position.take(self._columns, axis=0)
         known = np.logical_and.reduce(np.isfinite(position), axis=1)
-        return position, sample.valid.take(self._columns) & self._exists & known
+        valid = sample.valid.take(self._columns) & self._exists
+        return position, sample.orientation.take(self._columns, axis=0), valid & known
 
-    def weights(self, sample: SensorSample) -> FloatArray | None:
-        """Weights (k,), 0 to 1, by how far lost sensors have come back; None: all have. Call `read` with this sample
-        first."""
-        return None if sample.weight is None else sample.weight.take(self._columns)
-
-    def orientations(self, sample: SensorSample) -> list[SensorTurn]:
-        """Every orientation that is used and known. Call `read` with this sample first."""
+    def turns(self, orientation: FloatArray) -> list[SensorTurn]:
+        """Every orientation that is used and known, of those of all sensors (k, 4) wxyz."""
         found = []
         for row in self.oriented:
-            column = self._columns[row]
-            turn = sample.orientation[column]
-            if self._exists[row] and sample.valid[column] and np.isfinite(turn).all():
+            turn = orientation[row]
+            if np.isfinite(turn).all():
                 w, x, y, z = turn.tolist()
                 forward = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
                 found.append(SensorTurn(self.names[row], forward, turn))
@@ -215,16 +210,16 @@ class Reconstructor:
 
     def start(self, sample: SensorSample) -> HumanPosture:
         """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
-        position, valid = self._layout.read(sample)
-        turns = self._layout.orientations(sample)
+        position, orientation, valid = self._layout.read(sample)
         measured = {name: at for name, at, ok in zip(self.sensors, position.tolist(), valid, strict=True) if ok}
+        turns = self._layout.turns(np.where(valid[:, None], orientation, np.nan))
         self._heading.start(measured, _facing(turns))
         if self._feet is not None:
             self._feet.start(
                 measured.get("head", [0.0, 0.0, 0.0]), self._heading.forward, crouch=self._lowered(measured)
             )
-            position, valid = self._with_feet(position, valid)
-        self._intake.start(position, valid)
+            position, orientation, valid = self._with_feet(position, orientation, valid)
+        self._intake.start(position, orientation, valid)
         self._reach.clamp(self._intake.position, self._intake.present)
         if self._balance is not None:
             self._balance.start()
@@ -249,24 +244,31 @@ class Reconstructor:
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
 
+    def resume(self) -> None:
+        """Go on after a hold: the body goes from where it is to its sensors as if all had been lost."""
+        self._intake.resume()
+
+    @property
+    def away(self) -> float:
+        """Greatest distance of a sensor from the goal that goes to it, m: 0 where none has been lost."""
+        return self._intake.away
+
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
         """The posture `dt` seconds later. Missing sensors take no part, and come and go without a jump."""
-        position, valid = self._layout.read(sample)
-        weight = self._layout.weights(sample)
+        position, orientation, valid = self._layout.read(sample)
         if self._feet is not None:
             known = self._present(self._intake.position)
             if "head" in known:
                 self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
-            position, valid = self._with_feet(position, valid)
-            weight = None if weight is None else np.concatenate([weight, [1.0, 1.0]])
+            position, orientation, valid = self._with_feet(position, orientation, valid)
         intake, missed = self._intake, self._missed(self._reached)
         # A long step is solved in parts of at most _LONGEST_FRAME_S, with sensors on straight lines between the
         # samples. A sensor that was not there before has no line: it is where it is from the first part on.
         before, present = intake.position.copy(), intake.present.copy()
-        intake.step(position, valid, reached=self._reached, dt=dt, weight=weight)
+        intake.step(position, orientation, valid, reached=self._reached, dt=dt)
         self._reach.clamp(intake.position, intake.present)
         before[~present] = intake.position[~present]
-        turns = self._layout.orientations(sample)
+        turns = self._layout.turns(intake.orientation)
         parts = min(max(ceil(dt / _LONGEST_FRAME_S - 1e-6), 1), _MOST_PARTS)
         for part in range(1, parts + 1):
             at = intake.position if part == parts else before + (part / parts) * (intake.position - before)
@@ -393,9 +395,16 @@ class Reconstructor:
         present = self._intake.present.tolist()
         return {name: at for name, at, is_there in zip(self._names, asked, present, strict=True) if is_there}
 
-    def _with_feet(self, position: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
+    def _with_feet(
+        self, position: FloatArray, orientation: FloatArray, valid: BoolArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
         assert self._feet is not None
-        return np.concatenate([position, self._feet.ankles]), np.concatenate([valid, [True, True]])
+        feet, unknown = self._feet.ankles, np.full((2, 4), np.nan)
+        return (
+            np.concatenate([position, feet]),
+            np.concatenate([orientation, unknown]),
+            np.concatenate([valid, [True, True]]),
+        )
 
     def _crouched(self, points: Points) -> float:
         """How much of the crouch of the priorities the body is in, 0 upright, 1 lowered, by how far the head is from

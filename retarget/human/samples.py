@@ -23,11 +23,6 @@ class Performing(Protocol):
     """A performer as a tick looks at it."""
 
     @property
-    def settled(self) -> float:
-        """How much of its speed the robot may use beyond that of its slow approach, 0 to 1; low after a hold, so that
-        the robot returns to the performer slowly."""
-
-    @property
     def paused(self) -> bool:
         """Whether the operator pauses the robot: it then holds without a limit in time."""
 
@@ -80,8 +75,8 @@ class PerformerInput:
     """The performer at a tick, in states in which the robot moves with it.
 
     tick: of the performance, None before following begins. sample: to follow; None: the robot is to hold. may_go_on:
-    whether the robot may follow, or go on with its approach; hold_reason: why not. paused: by the operator. settled:
-    how much of its speed the robot may use beyond that of its slow approach, 0 to 1. over: whether the performance is.
+    whether the robot may follow, or go on with its approach; hold_reason: why not. paused: by the operator. over:
+    whether the performance is.
     """
 
     tick: int | None = None
@@ -89,7 +84,6 @@ class PerformerInput:
     may_go_on: bool = False
     hold_reason: str = ""
     paused: bool = False
-    settled: float = 1.0
     over: bool = False
 
 
@@ -171,7 +165,6 @@ class Clip:
     beyond: SensorFrames | None = field(default=None, kw_only=True)
     with_jumps: "Clip | None" = field(default=None, kw_only=True)
     # A clip is never held or paused.
-    settled: ClassVar[float] = 1.0
     paused: ClassVar[bool] = False
     hold_reason: ClassVar[str] = ""
 

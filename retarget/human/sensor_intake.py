@@ -2,8 +2,8 @@
 
 A sensor that is lost stands still for a while, and so does one that jumps faster than any human: most jumps come back.
 A spike, farther beside the motion so far than a human accelerates, counts as lost while it is that far. A sensor that
-is there again, or stays where it jumped to, gets an offset that fades: the goal stays continuous, and ends where the
-sensor is. One that comes back by a weight starts where the body has it, and moves slowly.
+is there again, or stays where it jumped to, is led in: its goal goes from where it was to where the sensor is. So do
+all sensors after a hold, from where the body has them.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from math import fsum
 
 import numpy as np
 
+from retarget import rotations
 from retarget.arithmetic import exp, low_pass, norm, norms, soft_cap, squares
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.types import BoolArray, FloatArray
@@ -21,28 +22,39 @@ FASTEST_M_S = 15.0
 HARDEST_M_S2, SPIKE_M = 300.0, 0.04
 """No sensor on a person changes its velocity faster, a heel that strikes the ground among them; and noise of a sensor
 beside its motion. In 17 recordings without faults none is more than 36 mm beside it at 120 Hz, and 50 mm is allowed."""
+FASTEST_RAD_S = 30.0
+"""No head or pelvis turns faster."""
+FADED = 1e-6
+"""m or rad: a goal so near to its sensor is there."""
 VELOCITY_SETTLE_S = 0.02
 """Time constant of the low-pass on a sensor's velocity."""
 DOUBT_S = 0.1
-"""A sensor that jumped is followed to where it stays for so long; with its fade it is there 0.3 s after the jump."""
+"""A sensor that jumped is followed to where it stays after so long (s); it is there 0.3 s after the jump."""
 
 
 @dataclass(frozen=True)
 class IntakeTimes:
-    """s. hold: time for which a lost sensor is taken to stand still; then it takes no part. fade: time constant with
-    which an offset fades. speed: greatest speed, m/s, of a sensor that comes back by its weight."""
+    """hold: s for which a lost sensor is taken to stand still; then it takes no part. fade: time constant (s) with
+    which a goal is led in to its sensor, no faster than at `speed`, m/s, and `turn`, rad/s."""
 
     hold: float = 0.2
     fade: float = 0.05
-    speed: float = 0.6
+    speed: float = FASTEST_M_S
+    turn: float = FASTEST_RAD_S
+
+
+SLOW = IntakeTimes(hold=0.08, fade=0.25, speed=0.25, turn=2.0)
+"""Of a stream, and of all sensors after a hold: an elbow then uses at most half of its servo's speed. A sensor of a
+stream becomes invalid within 0.2 s, and with these times takes no part within 0.3 s."""
 
 
 class SensorIntake:
     """`position` (k, 3) m, world: the goal of each of k sensors. `present` (k,): which of them have one; `all_present`:
-    whether all do."""
+    whether all do. `orientation` (k, 4) wxyz: the goal of each, NaN where it is not known. `away`: greatest distance of
+    a goal from its sensor, m."""
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
-        self._times = times or IntakeTimes()
+        self._times = self._pace = times or IntakeTimes()
         self.position = np.zeros((count, 3))
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.all_present = False
@@ -51,41 +63,38 @@ class SensorIntake:
         self._sent = np.zeros((count, 3))  # the last valid place of each
         self._doubt = np.zeros(count)  # [s] for which a sensor that jumped has still to stay
         self._begun = np.full((count, 3), np.inf)  # where its last jump began
-        self._offset = np.zeros((count, 3))
         self._lost_for = np.full(count, np.inf)
         self._has_lost = True
-        self._is_fading = False
-        self._away = np.zeros((count, 3))  # [m] from a sensor that comes back by weight to where the body had it
-        self._left = np.zeros(count)  # share of that
-        self._is_returning = False
-        self._back: BoolArray = np.zeros(count, dtype=bool)  # which sensors came back in this tick
+        self.away = 0.0
+        self.orientation: FloatArray = np.full((count, 4), np.nan)
+        self._turn = self.orientation  # the last goal that each had
+        self._offset = np.zeros((count, 3))  # from each sensor to its goal
+        self._turns: BoolArray = np.zeros(count, dtype=bool)  # whose goals still turn to them
 
-    def start(self, position: FloatArray, valid: BoolArray) -> None:
-        """Take the valid sensors of the first sample, (k, 3) m, as they are."""
+    def start(self, position: FloatArray, orientation: FloatArray, valid: BoolArray) -> None:
+        """Take the valid sensors of the first sample, (k, 3) m and (k, 4) wxyz, as they are."""
         self.position[:] = np.where(valid[:, None], position, 0.0)
         self.measured[:] = self._sent[:] = self.position
         self._velocity[:] = np.nan
         self.present[:] = valid
         self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present = bool(valid.all())
-        self._offset[:] = 0.0
         self._lost_for[:] = np.where(valid, 0.0, np.inf)
         self._has_lost = not self.all_present
-        self._is_fading = False
-        self._left[:] = 0.0
-        self._is_returning = False
+        self._offset[:], self._turns[:], self.away = 0.0, False, 0.0
+        self.orientation = self._turn = np.where(valid[:, None], orientation, np.nan)
+
+    def resume(self) -> None:
+        """Begin again after a hold: every sensor comes back, from where the body has it."""
+        self.present[:], self._lost_for[:], self._velocity[:] = False, np.inf, np.nan
+        self._doubt[:], self._begun[:] = 0.0, np.inf
+        self.all_present, self._has_lost = False, True
+        self._pace = SLOW
 
     def step(
-        self,
-        position: FloatArray,
-        valid: BoolArray,
-        *,
-        reached: FloatArray,
-        dt: float,
-        weight: FloatArray | None = None,
+        self, position: FloatArray, orientation: FloatArray, valid: BoolArray, *, reached: FloatArray, dt: float
     ) -> None:
-        """Take the sample `dt` seconds later. reached (k, 3): where the body has the sensors now. weight (k,): how far
-        a lost sensor has come back; None: all have."""
+        """Take the sample `dt` seconds later: (k, 3) m, (k, 4) wxyz. reached (k, 3): where the body has the sensors."""
         moved, since = position - self.measured, dt + np.where(np.isfinite(self._lost_for), self._lost_for, 0.0)
         # NaN compares false: an invalid sensor never counts as a calm one.
         calm = squares(moved) <= np.square(FASTEST_M_S * since)
@@ -101,12 +110,6 @@ class SensorIntake:
         if self._has_lost or np.count_nonzero(calm & on_way & valid) != len(calm):
             believed = self._believed(position, valid, dt) & on_way
             self._take_irregular(position, believed, calm, reached=reached, dt=dt)
-            if weight is not None:  # a sensor that has just come back by a weight gets no offset that fades
-                slowly = self._back & (weight < 1.0)
-                self._away[slowly], self._left[slowly] = self._offset[slowly], 1.0
-                self._offset[slowly] = 0.0
-                self._left[self._back & ~slowly] = 0.0
-                self._is_returning = bool(self._left.any())
         else:
             self.measured[:] = position
         self._sent[valid] = position[valid]
@@ -116,19 +119,33 @@ class SensorIntake:
         old = np.where(anew[:, None], now, self._velocity)
         smooth = low_pass(old, now, dt / VELOCITY_SETTLE_S)
         self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
-        if self._is_fading:
-            self._offset *= exp(-dt / self._times.fade)
-            self._is_fading = bool(np.abs(self._offset).max() > 1e-6)
-            np.add(self.measured, self._offset, out=self.position)
+        self.orientation = np.where(valid[:, None], orientation, np.nan)
+        if self.away > 0.0:
+            self._lead_in(dt)
         else:
-            self.position[:] = self.measured
-        if self._is_returning:
-            # What is left of the way back never grows, and falls no faster than the speed limit.
-            way, far = self._times.speed * dt, norms(self._away)
-            left = np.zeros_like(self._left) if weight is None else 1.0 - weight
-            self._left = np.maximum(np.minimum(left, self._left), self._left - way / np.maximum(far, way))
-            self._is_returning = bool(self._left.any())
-            self.position += self._left[:, None] * self._away
+            self.position[:], self._pace = self.measured, self._times
+        known = np.isfinite(self.orientation[:, 0])
+        self._turn = np.where(known[:, None], self.orientation, self._turn)
+
+    def _lead_in(self, dt: float) -> None:
+        """Put the goals of sensors that have come back nearer to them. All offsets fade alike, so that a body that can
+        be in both postures can be in those between; and where a sensor comes to its goal, the goal waits."""
+        offset = self.position - self.measured
+        grown = squares(offset) > squares(self._offset)
+        offset[grown] = self._offset[grown]
+        far = float(norms(offset).max())
+        rows = np.flatnonzero(self._turns & np.isfinite(self.orientation[:, 0]))
+        now, last = self.orientation[rows], self._turn[rows]
+        angles = rotations.angle_between(last, now)
+        angle = float(angles.max(initial=0.0))
+        pace, share = self._pace, exp(-dt / self._pace.fade)
+        for size, fastest in ((far, pace.speed * dt), (angle, pace.turn * dt)):
+            share = max(share, 1.0 - fastest / max(size, fastest))
+        self._turns[rows] = share * angles > FADED
+        over = share * far <= FADED and not self._turns.any()
+        self.away, self._offset = (0.0, np.zeros_like(offset)) if over else (share * max(far, FADED), share * offset)
+        np.add(self.measured, self._offset, out=self.position)
+        self.orientation[rows] = rotations.slerp(now, last, np.where(self._turns[rows], share, 0.0))
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
         """Which valid sensors (k,) have not just jumped from their last valid place: not at all, back, or long ago."""
@@ -151,15 +168,17 @@ class SensorIntake:
         back = valid & (absent_before | (self._lost_for > 0.0))
         asked_before = np.where(absent_before[:, None], reached, self.position)
         changed = back | (valid & ~calm)
-        self._back = back
+        self.position[changed] = asked_before[changed]
         self._offset[changed] = asked_before[changed] - position[changed]
+        self._turns |= changed & np.isfinite(self._turn[:, 0])
         self.measured[valid] = position[valid]
         self._lost_for[valid] = 0.0
         self._lost_for[~valid] += dt
         self._has_lost = not valid.all()
         self.present[:] = self._lost_for <= self._times.hold
         self.all_present = bool(self.present.all())
-        self._is_fading = self._is_fading or bool(changed.any())
+        if changed.any():
+            self.away = max(float(norms(self._offset).max()), FADED)
 
 
 def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:

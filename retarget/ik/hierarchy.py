@@ -325,15 +325,12 @@ class SceneObstacles:
         self.look()
         self._runs = True
 
-    def tick(self, hierarchy: Hierarchy | None, dt: float, *, time_scale: float = 1.0) -> None:
-        """Set the obstacles of a hierarchy (None: of none) at the start of a tick of `dt` s, and let time go on.
-
-        time_scale: s of the hierarchy's time that go by in a second. Obstacles are faster by 1 / time_scale in it.
-        """
+    def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:
+        """Set the obstacles of a hierarchy (None: of none) at the start of a tick of `dt` s, and let time go on."""
         if self.scene is None:
             return
         self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)
         if hierarchy is not None:
-            hierarchy.set_obstacles(self.now if time_scale == 1.0 else self.now.seen_at(time_scale))
+            hierarchy.set_obstacles(self.now)
         if self._runs:
             self.time += dt

@@ -92,7 +92,7 @@ class Actions:
     performer a sample is held, which nothing follows. ticks: without end; kept: one.
     """
 
-    ticks, kept, over, settled = FOR_EVER, 1, False, 1.0
+    ticks, kept, over = FOR_EVER, 1, False
 
     def __init__(self, held: Clip, first: FloatArray, *, fastest: FloatArray, clock: Clock, stale_s: float) -> None:
         """held: its first sample is held. first (n,): rad, the target before there is an action. fastest (n,): rad/s,

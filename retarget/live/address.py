@@ -149,6 +149,8 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], Any]]] = {
 
 WEB_PORT = 8790
 """TCP port of the page of `web://`, where it is free."""
+VIEW_PORT = 8080
+"""That of `--view` and `retarget view`."""
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"
 LONGEST = 4096

@@ -14,7 +14,8 @@ from retarget.errors import InputError, UsageError
 from retarget.human.calibration import dimensions_from_skeleton
 from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
 from retarget.human.samples import MAX_KEPT, Performance
-from retarget.live.performer import INTAKE, LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
+from retarget.human.sensor_intake import SLOW
+from retarget.live.performer import LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
 from retarget.live.playout import LIGHT
 from retarget.live.rest_capture import (
     CAPTURE_S,
@@ -438,7 +439,7 @@ def begin_live(
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)
     size = calibrated.dimensions
-    return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, INTAKE)
+    return Performance(performer, mirrored_dimensions(size) if options.mirror else size, notes, SLOW)
 
 
 def _keep(name: str, calibrated: Calibrated, convention: str, notify: Notify) -> None:

@@ -1,7 +1,6 @@
 """A live performer as a run follows it: valid sensors in our world, with holds and reacquisition blends."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from math import inf
 from types import MappingProxyType
 
@@ -21,13 +20,12 @@ from retarget.frames import (
 from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
-from retarget.human.sensor_intake import IntakeTimes
 from retarget.live.rest_capture import Alignment, facing_of
 from retarget.live.roles import NO_WRISTS, Roles
-from retarget.live.sensor_validity import Debounce, Engagement, ReacquisitionBlend
+from retarget.live.sensor_validity import Debounce, Engagement, SensorDebounce
 from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import GoalLatency, LiveReport, StreamNews, StreamProblems, Tally, live_report
-from retarget.types import BoolArray, FloatArray, Notify
+from retarget.types import BoolArray, Notify
 
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
 
@@ -73,9 +71,6 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
         )
 
 
-INTAKE = IntakeTimes(hold=0.08, speed=0.4)
-"""A sensor becomes invalid within 0.2 s, and with these times has no weight within 0.3 s. It comes back by the weight
-of `ReacquisitionBlend`, no faster than `speed`, m/s: an elbow then uses at most half of its servo's speed."""
 PLAYED_S = 0.05
 """A recording is over this long after its last datagram; the playout delay is less."""
 
@@ -86,18 +81,17 @@ def live_sample(
     alignment: Alignment,
     *,
     mirror: bool = False,
-    weight: FloatArray | None = None,
+    used: BoolArray | None = None,
 ) -> SensorSample:
-    """The sample of a reading, in our world. weight (k,): how far sensors that were lost have come back; those of no
-    weight are not valid in it. mirror: swap left and right."""
+    """The sample of a reading, in our world. used (k,): which sensors are valid in it; None: those that are fresh.
+    mirror: swap left and right."""
     position, orientation = alignment.positions(reading.position), alignment.orientations(reading.orientation)
-    valid = reading.fresh if weight is None else reading.fresh & (weight > 0.0)
+    valid = reading.fresh if used is None else used
     if mirror:
         order = [names.index(mirrored_name(name)) for name in names]
         position, orientation = position[order] * REFLECT_POSITION, orientation[order] * REFLECT_QUATERNION
         valid = valid[order]
-        weight = None if weight is None else weight[order]
-    return SensorSample(names, position, orientation, valid, weight, reading.times)
+    return SensorSample(names, position, orientation, valid, reading.times)
 
 
 # Hold reasons in a few words; also the reason of a stop where a hold is too long.
@@ -177,8 +171,7 @@ class LivePerformer:
         self._approach = Debounce(good=True)
         self._optional = optional
         self._states = stream.read(clock.now()).states
-        self._reacquisition = ReacquisitionBlend(len(names))
-        self._reacquisition.start(self._states)  # the body has not moved yet
+        self._used = SensorDebounce(self._states)
         stream.validity.forget_recovered()
 
     @property
@@ -198,11 +191,6 @@ class LivePerformer:
     def over(self) -> bool:
         """Whether the recording of a stream has been played."""
         return self.stream.receiver.finished and self._clock.now() - self.stream.last > PLAYED_S
-
-    @property
-    def settled(self) -> float:
-        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
-        return self.engagement.settled
 
     @property
     def following(self) -> bool:
@@ -243,7 +231,7 @@ class LivePerformer:
         return sample
 
     def hold(self) -> None:
-        """The robot holds: it waits for good data, and blends back to the performer."""
+        """The robot holds: it waits for good data."""
         self.engagement.hold()
 
     @property
@@ -308,12 +296,9 @@ class LivePerformer:
         self._timing.begin(now)
         reading = self.stream.read(now)
         self._states = reading.states
-        weight = self._reacquisition.step(reading.states, self.dt)
-        turned = self._reacquisition.turned(reading.orientation)
-        if turned is not reading.orientation:
-            reading = replace(reading, orientation=turned)
+        used = self._used.step(reading.states, now)
         names = self.stream.roles.sensors
-        sample = live_sample(names, reading, self.alignment, mirror=self.mirror, weight=weight.copy())
+        sample = live_sample(names, reading, self.alignment, mirror=self.mirror, used=used)
         for message in self.stream.validity.messages():
             self._notify(message)
         if problem := self._problems.look(now):

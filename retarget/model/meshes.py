@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,7 +56,8 @@ def shape_mesh(kind: int, size: Iterable[float], *, around: int = AROUND) -> Mes
         angle = np.linspace(0.0, 0.5 * np.pi, max(around // 4, 1) + 1)
         cap = np.column_stack([radius * np.sin(angle), y + radius * np.cos(angle)])
         cap[0, 0] = 0.0
-        return _swept(np.concatenate([cap * (1.0, -1.0), cap[::-1]]), around)
+        upper = cap[::-1] if y > 0.0 else cap[-2::-1]  # a sphere has one equator, or its normals would break there
+        return _swept(np.concatenate([cap * (1.0, -1.0), upper]), around)
     if kind == ShapeKind.CYLINDER:
         lines = ([(0.0, -y), (x, -y)], [(x, -y), (x, y)], [(x, y), (0.0, y)])
         return joined([_swept(np.array(line), around) for line in lines])
@@ -91,7 +93,7 @@ def _box(half: FloatArray) -> Mesh:
 
 # The links of a body.
 
-MOST_TRIANGLES = 4000
+MOST_TRIANGLES = 8000
 """Of a body: so many are seen, and a page that holds two bodies stays small."""
 DETAILS = (AROUND, 20, 16, 12, 8, 6, 4)
 """Corners of a circle that are tried until a body has no more than that."""
@@ -183,6 +185,8 @@ LEAST_M = 0.05
 """Height of a body that has hardly any: something to scale by."""
 LEFT, RIGHT, MIDDLE = "#d55e00", "#0072b2", "#b0b0b0"
 """Of Okabe and Ito's palette: the sides of a body, and what is between."""
+OBSTACLE, OBSERVER = "#b0967a", "#9a5b86"
+"""Of the scene's shapes, and of observers that act; the legend of a page has the same ones."""
 SIDES = {"l_": LEFT, "r_": RIGHT}
 """Colours of parts of a body by how their names begin."""
 
@@ -214,19 +218,8 @@ class SolidBody:
     kinematics: "_solver.Body"
 
     def as_json(self) -> dict[str, Any]:
-        """What `bodies.js` draws: vertices in m to a tenth of a millimetre. Meshes are numbered as in `poses`."""
-        return {
-            "height": round(self.height, 4),
-            "meshes": [
-                {
-                    "link": number,
-                    "vertices": mesh.vertices.round(4).ravel().tolist(),
-                    "faces": mesh.faces.ravel().tolist(),
-                    "colour": colour.round(3).tolist(),
-                }
-                for number, (mesh, colour) in enumerate(zip(self.meshes, self.colours, strict=True))
-            ],
-        }
+        """What `bodies.js` draws. Meshes are numbered as in `poses`."""
+        return {"height": round(self.height, 4)} | meshes_json(self.meshes, self.colours.tolist())
 
     def poses(self, q: FloatArray) -> FloatArray:
         """Where its links are in postures (T, nq): (T, m, 7) of position, m, and quaternion wxyz."""
@@ -238,6 +231,31 @@ class SolidBody:
         return self.kinematics.centre_of_mass(np.ascontiguousarray(q))
 
 
+def meshes_json(meshes: Iterable[Mesh], colours: Iterable[Sequence[float]]) -> dict[str, Any]:
+    """Meshes and their colours, 0 to 1, as `bodies.js` draws them: vertices in m to a tenth of a millimetre."""
+    return {
+        "meshes": [
+            {
+                "link": number,
+                "vertices": mesh.vertices.round(4).ravel().tolist(),
+                "faces": mesh.faces.ravel().tolist(),
+                "colour": [round(value, 3) for value in colour],
+            }
+            for number, (mesh, colour) in enumerate(zip(meshes, colours, strict=False))
+        ]
+    }
+
+
+def shapes_json(meshes: Iterable[Mesh], colour: str) -> dict[str, Any]:
+    """Meshes of one colour, as `bodies.js` draws them."""
+    return meshes_json(meshes, repeat(rgb(colour)))
+
+
+def rgb(colour: str) -> list[float]:
+    """Red, green and blue, 0 to 1, of a colour as `#d55e00`."""
+    return [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+
+
 def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> SolidBody:
     """A body in the colours of its sides, see `side_colours`. named: None for the names of the links themselves."""
     if named is None:
@@ -246,6 +264,6 @@ def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> Solid
     links = np.array(list(meshes), dtype=np.int64)
     position, quat = kinematics.forward(body.qpos0)
     heights = [mesh.placed(position[link], quat[link]).vertices[:, 2] for link, mesh in meshes.items()]
-    shades = [[int(colours[link][at : at + 2], 16) / 255.0 for at in (1, 3, 5)] for link in meshes]
+    shades = [rgb(colours[link]) for link in meshes]
     height = max(float(np.ptp(np.concatenate(heights))), LEAST_M) if heights else LEAST_M
     return SolidBody(body, links, tuple(meshes.values()), np.array(shades), height, kinematics)

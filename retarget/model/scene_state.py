@@ -9,9 +9,10 @@ from math import fmod, inf, isfinite, sqrt
 import numpy as np
 
 from retarget.errors import UsageError, suggest
+from retarget.model.meshes import Mesh, shape_mesh
 from retarget.model.scene_shapes import SceneShapes, canonical, scene_shapes
 from retarget.rotations import Vector, inverse, length, minus, plus, product, rotation_vector, turn
-from retarget.schema.scene import HERE, STILL, MovingPose, Obstacle, Pose, Scene, carried_by, on_body, unit
+from retarget.schema.scene import FLOOR, HERE, STILL, MovingPose, Obstacle, Pose, Scene, carried_by, on_body, unit
 from retarget.schema.shapes import MAX_COORDINATE
 from retarget.schema.strict_models import listed
 from retarget.types import FloatArray
@@ -231,12 +232,6 @@ class ObstaclePoses:
     linear_velocity: FloatArray
     angular_velocity: FloatArray
 
-    def seen_at(self, time_scale: float) -> "ObstaclePoses":
-        """The same poses for a clock on which only `time_scale` seconds go by in a second."""
-        return ObstaclePoses(
-            self.position, self.quat, self.linear_velocity / time_scale, self.angular_velocity / time_scale
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class _Track:
@@ -311,3 +306,17 @@ class SceneState:
 def _write(row: FloatArray, moving: MovingPose) -> None:
     """A row (13,): position, quat, linear and angular velocity."""
     row[:] = (*moving.pose.position, *moving.pose.quat, *moving.linear, *moving.angular)
+
+
+# What a page or a picture shows of a scene: all but the floor, which it has anyway.
+
+
+def obstacle_meshes(shapes: SceneShapes) -> list[Mesh]:
+    """The obstacles of a scene, each in its own frame."""
+    solid = zip(shapes.names, shapes.kinds, shapes.sizes, strict=True)
+    return [shape_mesh(int(kind), size) for name, kind, size in solid if name != FLOOR]
+
+
+def obstacle_poses(shapes: SceneShapes, poses: ObstaclePoses) -> FloatArray:
+    """Where they are, (o, 7): position, m, and quaternion."""
+    return np.column_stack([poses.position, poses.quat])[[name != FLOOR for name in shapes.names]]

@@ -48,12 +48,13 @@ def write_npz(run: RunResult, path: Path) -> None:
     body = human_body_path(path) if run.robot is None else run.robot.profile.body_path
     if run.robot is None:
         write_atomic(body, run.human.mjcf.encode(), option="--save")
-    arrays = run_arrays(run, body)
+    arrays = run_arrays(run, body.name if run.robot is None else str(body.resolve()))
     write_stream(path, lambda stream: np.savez(stream, allow_pickle=False, **arrays), option="--save")
 
 
-def run_arrays(run: RunResult, body: Path) -> Arrays:
-    """The arrays of the file, one row per tick (T). `body`: path of the MJCF or URDF that the postures belong to.
+def run_arrays(run: RunResult, body: str) -> Arrays:
+    """The arrays of the file, one row per tick (T). `body`: path of the MJCF or URDF that the postures belong to, seen
+    from the file's folder.
 
     time (T,) s; joint_names (n,): all hinges and slides of the body; joint_positions (T, n) rad, sent; root_position
     (T, 3) m and root_quaternion (T, 4) wxyz; goal_ticks (T, n), -1: no servo; landmark_names (k,), landmarks_asked and
@@ -83,7 +84,7 @@ def run_arrays(run: RunResult, body: Path) -> Arrays:
         "landmark_names": np.array(names),
         "landmarks_asked": _held(record, asked),
         "landmarks_reached": reached,
-        "body": np.array(str(body.resolve())),
+        "body": np.array(body),
         "human_joint_names": np.array(record.human_joint_names),
         "human_mjcf": np.array(run.human.mjcf),
         "sensor_names": np.array(run.sensors),

@@ -102,8 +102,8 @@ def _of_npz(path: Path, robot: bool, body: Path | None) -> Motion:
 def motion_of(run: RunResult, source: str) -> Motion:
     """The motion of a run that is over, the same as if it had been saved and read. source: its name in messages. Raises
     InputError."""
-    body = source if run.robot is None else run.robot.profile.body_path
-    file = ArrayFile(source, run_arrays(run, Path(body)), advice="")
+    body = source if run.robot is None else str(run.robot.profile.body_path)
+    file = ArrayFile(source, run_arrays(run, body), advice="")
     return _of_arrays(file, Path(source), run.robot is not None, None)
 
 
@@ -158,9 +158,9 @@ def _npz_posture(file: ArrayFile, model: BodyModel, names: tuple[str, ...], rows
 
 
 def _body_place(file: ArrayFile, path: Path, body: Path | None) -> Path:
-    """The body that is given; the one that the file names, where it was; or one of that name beside the file."""
+    """The body that is given; the one that the file names; or one of that name beside the file."""
     named = Path(str(file.texts("body")))
-    for place in (named, path.parent / named.name) if body is None else (body,):
+    for place in (path.parent / named, path.parent / named.name) if body is None else (body,):
         try:
             if place == body or (place.name and place.is_file()):
                 return place

@@ -112,7 +112,7 @@ class CycleObserver(Observer):
             for name in SERVO_FIELDS:
                 getattr(rows, name)[at] = getattr(servos, name)
         if performer.tick is not None:
-            rows.tick[at], rows.settled[at] = performer.tick, performer.settled
+            rows.tick[at] = performer.tick
             _keep_sample(rows, at, performer.sample)
         self._say_failures(rows, at, given)
         # The goal that was given to the bus, the row of the record, and where the run is.
@@ -174,9 +174,7 @@ def _keep_sample(rows: RunTable, at: int, sample: SensorSample | None) -> None:
     if sample is None:
         return
     rows.sensor_position[at], rows.sensor_orientation[at] = sample.position, sample.orientation
-    rows.sensor_valid[at], rows.weighted[at] = sample.valid, sample.weight is not None
-    if sample.weight is not None:
-        rows.sensor_weight[at] = sample.weight
+    rows.sensor_valid[at] = sample.valid
 
 
 class Recorder:

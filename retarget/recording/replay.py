@@ -40,7 +40,6 @@ class RecordedSamples:
 
     over: ClassVar[bool] = False
     paused: ClassVar[bool] = False
-    settled: ClassVar[float] = 1.0
     hold_reason: ClassVar[str] = ""
 
     def __init__(self, recording: Recording) -> None:
@@ -67,9 +66,8 @@ class RecordedSamples:
         cycles, row = self._cycles, self.rows[tick]
         if cycles.sampled[row] != Done.WELL:
             return None
-        weight = cycles.sensor_weight[row].copy() if cycles.weighted[row] else None
         position, orientation = cycles.sensor_position[row].copy(), cycles.sensor_orientation[row].copy()
-        return SensorSample(self._names, position, orientation, cycles.sensor_valid[row].copy(), weight)
+        return SensorSample(self._names, position, orientation, cycles.sensor_valid[row].copy())
 
     def recorded(self) -> Clip:
         """The samples as a motion."""
@@ -194,8 +192,7 @@ class RecordedInputs:
         if sample is not None:
             stamps = (cycles.time_captured[row], cycles.time_arrived[row], cycles.time_shown[row])
             sample = replace(sample, times=SampleTimes(*(float(stamp) - self._clock_lead for stamp in stamps)))
-        settled = float(cycles.settled[row])
-        return PerformerInput(tick, sample, sample is not None, words, paused, settled)
+        return PerformerInput(tick, sample, sample is not None, words, paused)
 
 
 # How a run that was replayed differs from what was recorded: in how many goals, from which tick, by how much.

@@ -54,7 +54,7 @@ class Size(_Strict):
 
 class Session(_Strict):
     """A run. version, numpy, machine: what it was computed by (see `machine_name`). Options as in `RunOptions`; ticks,
-    dt, motion_dt: of its samples; intake: hold, fade, speed."""
+    dt, motion_dt: of its samples; intake: hold, fade, speed, turn."""
 
     format: Literal[3]
     version: str
@@ -84,7 +84,7 @@ class Session(_Strict):
     motion_dt: Annotated[float, Field(ge=1e-6, le=10.0)]
     begun_ns: int
     dimensions: Size
-    intake: tuple[NotNegative, NotNegative, NotNegative]
+    intake: tuple[NotNegative, ...] = Field(min_length=3, max_length=4)
     sensors: Annotated[tuple[str, ...], Field(min_length=1)]
     joints: tuple[str, ...]
     observers: tuple[str, ...]
@@ -149,7 +149,7 @@ def session_of(prepared: Prepared, options: RunOptions, *, source: str, begun_ns
         motion_dt=samples.motion_dt,
         begun_ns=begun_ns,
         dimensions=Size(offset=tuple(offset), stature=size.stature, mass=size.mass, origin=size.origin),
-        intake=(intake.hold, intake.fade, intake.speed),
+        intake=(intake.hold, intake.fade, intake.speed, intake.turn),
         sensors=tuple(prepared.performer.sensors),
         joints=() if robot is None else robot.joint_map.joints,
         observers=() if prepared.observers is None else prepared.observers.names,

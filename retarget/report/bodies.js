@@ -1,12 +1,13 @@
-// Bodies as solids and lines in WebGL 2, for the player of a report, the page of `web://` and the ghost in a headset.
+// Bodies as solids and lines in WebGL 2, for reports, the pages of a run and the ghost in a headset.
 //
 //   const scene = Bodies.on(canvas);               // null where there is no WebGL 2: a sentence stands in its place
 //   scene.add("robot", body, { offset, yaw, scale, alpha });
-//   scene.pose("robot", poses);                    // numbers, x y z qw qx qy qz for each link; null hides
+//   scene.pose("robot", poses);                    // Float32Array, x y z qw qx qy qz for each link; null hides
 //   scene.lines("soles", points, { colour, width, over });  // m, x y z x y z for each line; [] hides
 //   scene.clear();                                 // of a canvas, whose size it follows; in a headset the caller does it
 //   const [view, projection] = orbit(azimuth, elevation, distance, target, aspect);
-//   scene.draw(view, projection);                  // into the framebuffer and viewport that are set
+//   scene.shadow = { at: [x, y], half };           // a square of the floor on which bodies cast a shadow; null: none
+//   scene.draw(view, projection);                  // into the viewport that is set, of the canvas or of a headset
 //
 // body: {"height": m, "meshes": [{"link": i, "vertices": [x, y, z, ...], "faces": [a, b, c, ...], "colour": [r, g, b]}]}
 // (colours 0 to 1). The world is REP-103: x forward, y left, z up, m. In a headset: multiply(view, TO_WEBXR) for `view`.
@@ -18,13 +19,15 @@ const HEAD = "#version 300 es\nprecision highp float;\n";
 const SOLID = [`
 uniform mat4 view, projection;
 uniform vec4 at, turn; // turn: x y z w
-uniform float flattened;
+uniform float flattened; // half the side of the shadow's square, 0: a body
 layout(location = 0) in vec3 vertex;
 layout(location = 1) in vec3 normal;
 out vec3 outward, inView, seen;
+out float height;
 vec3 turned(vec3 v) { return v + 2.0 * cross(turn.xyz, cross(turn.xyz, v) + turn.w * v); }
 void main() {
   vec3 place = at.xyz + turned(vertex);
+  height = place.z;
   if (flattened > 0.0) place = vec3(place.xy - place.z * vec2(${LIGHT[0] / LIGHT[2]}, ${LIGHT[1] / LIGHT[2]}), 0.0);
   outward = turned(normal);
   inView = mat3(view) * outward;
@@ -34,13 +37,39 @@ void main() {
 uniform vec4 colour;
 uniform float flattened;
 in vec3 outward, inView, seen;
+in float height;
 out vec4 shown;
 void main() {
-  float lit = max(dot(normalize(outward), vec3(${LIGHT})), 0.0);
-  float facing = abs(dot(normalize(inView), normalize(seen)));
-  float light = flattened > 0.0 ? 1.0 : (0.68 + 0.38 * lit) * (0.75 + 0.3 * facing);
-  shown = vec4(min(colour.rgb * light, 1.0) * colour.a, colour.a);
+  vec3 normal = normalize(outward), eye = normalize(seen);
+  float lit = max(dot(normal, vec3(${LIGHT})), 0.0), facing = abs(dot(normalize(inView), eye));
+  vec3 light = mix(vec3(0.66, 0.64, 0.63), vec3(0.80, 0.81, 0.83), 0.5 + 0.5 * normal.z) + 0.27 * lit; // floor, sky, sun
+  vec3 gloss = vec3(0.10 * pow(facing, 24.0));
+  shown = flattened > 0.0 ? vec4(1.0 - 0.8 * clamp(height / flattened, 0.0, 1.0)) // what is high casts a faint shadow
+    : vec4(min(colour.rgb * light * (0.80 + 0.24 * facing) + gloss, 1.0) * colour.a, colour.a);
 }`];
+
+// The floor's shadow: a picture of what the bodies cast on a square, drawn out of focus.
+const SHADE = [`
+uniform mat4 view, projection;
+uniform vec3 square;
+out vec2 at;
+void main() {
+  vec2 corner = 2.0 * vec2(gl_VertexID & 1, gl_VertexID >> 1) - 1.0;
+  at = 0.5 + 0.5 * corner;
+  gl_Position = projection * view * vec4(square.xy + square.z * corner, 0.0, 1.0);
+}`, `
+uniform sampler2D fallen;
+in vec2 at;
+out vec4 shown;
+void main() {
+  float dark = 0.0;
+  for (int i = 0; i < 12; i++) { // Vogel's disc
+    float angle = 2.4 * float(i), far = 0.018 * sqrt(float(i) + 0.5) / 3.5;
+    dark += textureLod(fallen, at + far * vec2(cos(angle), sin(angle)), 1.5).r / 12.0;
+  }
+  shown = vec4(0.0, 0.0, 0.0, 0.34 * dark * dark * (3.0 - 2.0 * dark));
+}`];
+const SHADE_PX = 256;
 
 // A line is a strip of two triangles that is `width` pixels wide; what is behind the viewer is cut off.
 const LINE = [`
@@ -63,7 +92,7 @@ uniform vec4 colour;
 out vec4 shown;
 void main() { shown = colour; }`];
 
-function program(gl, texts) {
+export function program(gl, texts) {
   const made = gl.createProgram();
   texts.forEach((text, i) => {
     const shader = gl.createShader(i ? gl.FRAGMENT_SHADER : gl.VERTEX_SHADER);
@@ -94,23 +123,23 @@ function normals(vertices, faces) {
 }
 
 export class Bodies {
-  #solid; #line; #canvas;
+  #solid; #line; #shade; #cast; #canvas;
   #bodies = new Map();
   #lines = new Map();
 
-  // shadow: [r, g, b] of what bodies cast on the floor; none in a headset that shows the room.
-  constructor(gl, { shadow = null } = {}) {
+  shadow = null;
+
+  constructor(gl) {
     this.gl = gl;
-    this.shadow = shadow;
     this.#canvas = gl.canvas;
     this.#canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.#canvas.addEventListener("webglcontextrestored", () => this.#build());
     this.#build();
   }
 
-  static on(canvas, options) {
+  static on(canvas) {
     const gl = canvas.getContext("webgl2", { preserveDrawingBuffer: true });  // for print
-    if (gl) return new Bodies(gl, options);
+    if (gl) return new Bodies(gl);
     const sentence = document.createElement("p");
     sentence.textContent = SENTENCE;
     canvas.replaceWith(sentence);
@@ -149,9 +178,7 @@ export class Bodies {
     gl.depthFunc(gl.LEQUAL);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.depthMask(false);
-    if (this.shadow) for (const body of bodies) this.#drawBody(body, view, projection, this.shadow);
-    gl.depthMask(true);
+    if (this.shadow) this.#drawShadow(bodies, view, projection, [...this.shadow.at, this.shadow.half]);
     for (const line of lines) if (!line.over) this.#drawLines(line, view, projection);
     for (const body of bodies) {
       if (body.alpha < 1) {  // only its nearest surface is seen
@@ -169,6 +196,8 @@ export class Bodies {
   #build() {
     this.#solid = program(this.gl, SOLID);
     this.#line = program(this.gl, LINE);
+    this.#shade = program(this.gl, SHADE);
+    this.#cast = null;
     for (const body of this.#bodies.values()) this.#load(body);
     for (const [name, line] of this.#lines) { this.#loadLines(line); this.lines(name, line.points, line); }
   }
@@ -220,15 +249,48 @@ export class Bodies {
     return uniforms;
   }
 
-  #drawBody({ array, parts, place, alpha, poses }, view, projection, shadow) {
+  #drawShadow(bodies, view, projection, [x, y, half]) {
+    const gl = this.gl, before = gl.getParameter(gl.VIEWPORT);
+    this.#cast ??= this.#makeCast();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.#cast.frame);
+    gl.viewport(0, 0, SHADE_PX, SHADE_PX);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    gl.disable(gl.DEPTH_TEST);
+    gl.blendEquation(gl.MAX);
+    const onto = Float32Array.of(1 / half, 0, 0, 0, 0, 1 / half, 0, 0, 0, 0, 1, 0, -x / half, -y / half, 0, 1);
+    for (const body of bodies) if (body.alpha === 1) this.#drawBody(body, IDENTITY, onto, half);
+    gl.blendEquation(gl.FUNC_ADD);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(...before);
+    gl.bindTexture(gl.TEXTURE_2D, this.#cast.texture);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    const u = this.#use(this.#shade, null, view, projection);
+    gl.uniform3f(u.square, x, y, half);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.enable(gl.DEPTH_TEST);
+  }
+
+  #makeCast() {
+    const gl = this.gl, texture = gl.createTexture(), frame = gl.createFramebuffer();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1 + Math.log2(SHADE_PX), gl.RGBA8, SHADE_PX, SHADE_PX);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
+    return { texture, frame };
+  }
+
+  #drawBody({ array, parts, place, alpha, poses }, view, projection, flattened = 0) {
     const gl = this.gl, u = this.#use(this.#solid, array, multiply(view, place), projection);
-    gl.uniform1f(u.flattened, shadow ? 1 : 0);
+    gl.uniform1f(u.flattened, flattened);
     for (const { link, colour, from, count } of parts) {
-      const [x, y, z, qw, qx, qy, qz] = poses.slice(7 * link, 7 * link + 7);
-      if (!Number.isFinite(x + qw)) continue;
+      const [x, y, z, qw, qx, qy, qz] = poses.subarray(7 * link, 7 * link + 7);
+      if (!(Math.hypot(qw, qx, qy, qz) > 0.5 && Number.isFinite(x))) continue; // not known
       gl.uniform4f(u.at, x, y, z, 1);
       gl.uniform4f(u.turn, qx, qy, qz, qw);
-      gl.uniform4f(u.colour, ...(shadow || colour), shadow ? 1 : alpha);
+      gl.uniform4f(u.colour, ...colour, alpha);
       gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 4 * from);
     }
   }
@@ -255,6 +317,7 @@ export function multiply(a, b) {
   return Float32Array.from({ length: 16 }, (_, i) => [0, 1, 2, 3].reduce((sum, k) => sum + a[4 * k + (i % 4)] * b[4 * (i >> 2) + k], 0));
 }
 
+const IDENTITY = Float32Array.of(1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1);
 export const TO_WEBXR = Float32Array.of(0, 0, -1, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1);
 
 // Looking at `target` (m) from an azimuth (0: from ahead of who faces x, positive: from their left) and an elevation above

@@ -1,47 +1,23 @@
-// The centre of mass over the support polygon: under the robot, and from above.
-function soles(at) {
-  const corners = part(ground.corners, at);
-  let from = 0;
-  return ground.sizes.map((size) => {
-    from += size;
-    return Array.from({ length: size }, (_, i) => [...corners.subarray(3 * (from - size + i), 3 * (from - size + i + 1))]);
-  });
-}
-
-function closed(points) {
-  return points.flatMap((point, i) => [...point, ...points[(i + 1) % points.length]]);
-}
-
-// Soles, the centre of mass, and the point below it.
-function showGround(scene, size, at) {
-  const [x, y, z] = part(ground.com, at), outside = !(ground.margin[at] >= -1e-4);
-  scene.lines("soles", soles(at).flatMap(closed), { colour: rgb("ink"), width: 1, over: true });
-  scene.lines("drop", [x, y, z, x, y, 0], { colour: rgb("soft"), width: 1, over: true });
-  scene.lines("com", crosses([x, y, z, x, y, 0], size), { colour: rgb(outside ? "fail" : "pass"), width: 2, over: true });
-  return outside;
-}
+// The centre of mass over the support polygon, from above.
+import { Bodies, grid, orbit } from "./bodies.js";
+import { closed, niceStep, rgb, showGround, soles } from "./figure.js";
 
 // Andrew's monotone chain, counter-clockwise.
 function hull(points) {
-  const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
-  const cross = (o, a, b) => (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
-  const chain = (list) => {
-    const kept = [];
-    for (const point of list) {
-      while (kept.length > 1 && cross(kept[kept.length - 2], kept[kept.length - 1], point) <= 0) kept.pop();
-      kept.push(point);
-    }
-    return kept.slice(0, -1);
-  };
-  return [...chain(sorted), ...chain(sorted.reverse())];
+  const sorted = points.toSorted((a, b) => a[0] - b[0] || a[1] - b[1]);
+  const isRight = (o, a, b) => (a[0] - o[0]) * (b[1] - o[1]) <= (a[1] - o[1]) * (b[0] - o[0]);
+  return [sorted, sorted.toReversed()].flatMap((list) => list.reduce((kept, point) => {
+    while (kept.length > 1 && isRight(kept.at(-2), kept.at(-1), point)) kept.pop();
+    return [...kept, point];
+  }, []).slice(0, -1));
 }
 
 const above = ground && Bodies.on($("view-above"));
 
 function drawAbove() {
-  const [length, width] = ground.span, canvas = $("view-above"), aspect = canvas.clientWidth / canvas.clientHeight;
-  const cell = niceStep(width / 5), outside = showGround(above, width / 25, row), track = [];
-  const support = hull(soles(row).flat().filter((corner) => corner[2] <= ground.contact));
+  const [length, width] = ground.span, canvas = $("view-above"), aspect = canvas.clientWidth / canvas.clientHeight, now = standing(row);
+  const cell = niceStep(width / 5), outside = showGround(above, now, ground.sizes, width / 25), track = [];
+  const support = hull(soles(now, ground.sizes).flat().filter((corner) => corner[2] <= ground.contact));
   for (let past = row; past > 0 && data.time[row] - data.time[past] < 1000; past--)
     track.push(...part(ground.com, past).slice(0, 2), 0, ...part(ground.com, past - 1).slice(0, 2), 0);
   above.lines("floor", grid(cell, width + length, ...ground.middle), { colour: rgb("grid"), width: 1 });

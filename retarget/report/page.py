@@ -51,8 +51,9 @@ def _own_ids(tag: str, name: str) -> str:
 
 FOLDER = Path(__file__).parent
 """Folder of the page's template `page.html`, its style and its scripts."""
-SCRIPTS = ("bodies.js", "motion.js", "ground.js", "player.js")
-"""The parts of the player, a module of one scope."""
+SCRIPTS = ("bodies.js", "figure.js", "plot.js", "motion.js", "ground.js", "player.js")
+"""The parts of the player, which become a module of one scope. The pages of a run have the first three, too."""
+_IMPORT = re.compile(r"^import \{.*\n", re.MULTILINE)
 LEAST_BAR = 1.0
 """mm of a full bar at least: less cannot be seen."""
 
@@ -68,12 +69,15 @@ def write_page(run: RunResult, report: Report, path: Path, *, figures: Mapping[s
     write_atomic(path, page_html(run, report, figures=figures).encode(), option="--report")
 
 
-def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) -> str:
-    """The page of a run. Every text of the run in it is escaped. figures: as of `plots.figures_of`."""
-    found = findings(run, report)
-    limits = [finding for finding in found if finding.kept is not None and finding.name != "following"]
-    animation, tracking = animation_of(run), _tracking(report)
-    script = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)
+def player_script(tracks: str = "null") -> str:
+    """The player of a motion, as one module. tracks: an expression for the buffer that has the numbers of its tracks,
+    where they are not in the page."""
+    parts = [f"const tracks = {tracks};", *((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)]
+    return _IMPORT.sub("", "\n".join(parts))
+
+
+def template(name: str) -> jinja2.Template:
+    """A template of this folder. Every text that it is given is escaped."""
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,
@@ -82,7 +86,16 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
         finalize=lambda value: printable(value) if type(value) is str else value,  # what is marked safe is our own
     )
     pages.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
-    return pages.get_template("page.html").render(
+    return pages.get_template(name)
+
+
+def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) -> str:
+    """The page of a run. Every text of the run in it is escaped. figures: as of `plots.figures_of`."""
+    found = findings(run, report)
+    limits = [finding for finding in found if finding.kept is not None and finding.name != "following"]
+    animation, tracking = animation_of(run), _tracking(report)
+    script = player_script()
+    return template("page.html").render(
         report=report,
         counted=counted,
         verdict=next((finding for finding in found if finding.name == "following"), None),
@@ -94,7 +107,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
         drawings={name: drawn(figure, name) for name, figure in figures.items() if name != "poses"},
         tracking=tracking,
         longest_bar=max([LEAST_BAR, *(spread.p95 for block in tracking.values() for spread in block.values())]),
-        style=(FOLDER / "page.css").read_text(encoding="utf-8"),
+        style="".join((FOLDER / name).read_text(encoding="utf-8") for name in ("base.css", "page.css")),
         script=script,
         digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
     )

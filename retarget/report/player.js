@@ -1,50 +1,36 @@
 // The bodies, and time: the strip of phases, play, pause, scrub.
-const AHEAD = [35 * Math.PI / 180, 12 * Math.PI / 180]; // azimuth and elevation of the pictures, too
-let azimuth = AHEAD[0], elevation = AHEAD[1];
-for (const figure of figures) {
-  figure.scenes = ["view", "poses"].map((where) => Bodies.on($(where + "-" + figure.name)));
-  for (const scene of figure.scenes) scene?.add("body", figure.body);
-}
+import { sharp } from "./bodies.js";
+import { AHEAD, Figure, colour, legend, readColours } from "./figure.js";
+import { JointPlot } from "./plot.js";
 
-// A row of a figure as seen from a side, in the viewport that is set.
-function drawFigure(figure, scene, at, aspect, ...side) {
-  const { name, height, reach, centre } = figure, [x, y] = part(centre, at);
-  scene.shadow = rgb("grid");
-  scene.pose("body", posed(figure, at));
-  if (obstacles && name === figures.at(-1).name) scene.lines("obstacles", edges(obstacles, at), { colour: rgb("gated") });
-  if (recorded) scene.lines("recorded", edges(recorded, at), { colour: rgb("ink"), width: 1, over: true });
-  const distance = Math.max(0.56 * height, reach / aspect) / Math.tan(0.25) + 0.5 * reach;
-  scene.draw(...orbit(...side, distance, [x, y, 0.48 * height], aspect));
+const side = { ...AHEAD };
+for (const figure of figures) {
+  const { body, goal, observers, scene } = figure, about = { ...figure, goal: goal && body, observers: observers?.body, scene: scene?.body };
+  for (const where of ["view", "poses"]) {
+    const canvas = $(`${where}-${figure.name}`);
+    figure[where + "On"] = canvas && new Figure(canvas, about);
+  }
 }
 
 function drawPoses(figure) {
-  const scene = figure.scenes[1], canvas = $("poses-" + figure.name), count = data.poses.length;
+  const strip = figure.posesOn, { scene, canvas } = strip, count = data.poses.length;
+  if (!scene) return;
   scene.clear();
   const wide = canvas.width / count;
   data.poses.forEach((at, i) => {
     scene.gl.viewport(i * wide, 0, wide, canvas.height);
-    drawFigure(figure, scene, at, wide / canvas.height, ...AHEAD);
+    strip.draw(frame(figure, at), AHEAD, wide / canvas.height, true);
   });
 }
 
-function drawView(figure) {
-  const { name, height, marks } = figure, scene = figure.scenes[0], canvas = $("view-" + name);
-  const cell = niceStep(height / 3), size = 0.02 * height, isRobot = name === "robot";
-  scene.lines("marks", crosses(part(marks, row), size), { colour: rgb(isRobot ? "ink" : "servos"), width: 2, over: true });
-  if (ground && isRobot) showGround(scene, size, row);
-  scene.lines("floor", grid(cell, figure.reach, ...part(figure.centre, row)), { colour: rgb("line"), width: 1 });
-  scene.clear();
-  drawFigure(figure, scene, row, canvas.clientWidth / canvas.clientHeight, azimuth, elevation);
-  $("say-" + name).textContent = "grid " + length(cell);
-}
+const phases = document.createElement("canvas"); // the strip without its cursor
+const at = (time) => ($("strip").clientWidth * (time - data.time[0])) / (data.time[rows - 1] - data.time[0] || 1);
 
-function drawStrip() {
-  const canvas = $("strip"), ratio = sharp(canvas), width = canvas.clientWidth, height = canvas.clientHeight;
-  const pen = canvas.getContext("2d");
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
-  const first = data.time[0], span = data.time[rows - 1] - first || 1;
-  const at = (time) => ((time - first) / span) * width;
+function paintStrip() {
+  const strip = $("strip"), ratio = sharp(strip), { clientWidth: width, clientHeight: height } = strip;
+  Object.assign(phases, { width: strip.width, height: strip.height });
+  const pen = phases.getContext("2d");
+  pen.scale(ratio, ratio);
   const shades = { a: colour.approach, f: colour.follow, b: colour.brake };
   for (let i = 0; i < rows; i++) {
     const x = at(data.time[i]), wide = Math.max(at(data.time[Math.min(i + 1, rows - 1)]) - x, 1) + 0.5;
@@ -55,27 +41,38 @@ function drawStrip() {
   }
   pen.fillStyle = colour.fail;
   for (const moment of data.moments) pen.fillRect(Math.min(at(moment), width - 2) - 1.5, 0, 3, height);
+}
+
+function drawStrip() {
+  const canvas = $("strip"), pen = canvas.getContext("2d"), ratio = canvas.width / canvas.clientWidth;
+  pen.clearRect(0, 0, canvas.width, canvas.height);
+  if (phases.width) pen.drawImage(phases, 0, 0);
   pen.fillStyle = colour.ink;
-  pen.fillRect(at(data.time[row]) - 1, 0, 2, height);
+  pen.fillRect(ratio * (at(data.time[row]) - 1), 0, 2 * ratio, canvas.height);
 }
 
 function draw() {
-  for (const figure of figures) if (figure.scenes[0]) drawView(figure);
+  for (const figure of figures) {
+    figure.viewOn.show(frame(figure, row), side);
+    if (figure.viewOn.scene) $("say-" + figure.name).textContent = "grid " + length(figure.viewOn.cell);
+  }
   if (above) drawAbove();
   drawStrip();
+  plot?.draw(data.time, (name, at, joint) => joints[name][joints.names.length * at + joint], data.time[row]);
   $("scrub").value = row;
   $("clock").textContent = (data.time[row] / 1000).toFixed(2) + " s";
   const words = { a: "approaching", f: "following", b: "braking" };
   $("scrub").setAttribute("aria-valuetext", $("clock").textContent + ", " + words[data.phase[row]]);
+  if (data.doing) {
+    const [, doing, reason] = data.doing.findLast(([from]) => from <= row);
+    Object.assign($("doing"), { textContent: doing, className: /follow/.test(doing) ? "pass" : /stop|end/.test(doing) ? "fail" : "part" });
+    $("reason").textContent = reason;
+  }
 }
 
 function nearest(time) {
-  let low = 0, high = rows - 1;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (data.time[middle] < time) low = middle + 1; else high = middle;
-  }
-  return low;
+  const found = data.time.findIndex((one) => one >= time);
+  return found < 0 ? rows - 1 : found;
 }
 
 let before = 0, shown = 0;
@@ -85,7 +82,8 @@ function tick(now) {
   before = now;
   row = nearest(shown);
   draw();
-  if (row >= rows - 1) return pause();
+  if (row >= rows - 1 && !data.repeats) return pause();
+  if (row >= rows - 1) shown = data.time[0];
   requestAnimationFrame(tick);
 }
 
@@ -111,6 +109,7 @@ function show(next) {
 
 $("scrub").max = rows - 1;
 $("play").addEventListener("click", () => (playing ? pause() : play()));
+for (const button of document.querySelectorAll(".step")) button.addEventListener("click", () => show(row + Number(button.value)));
 $("scrub").addEventListener("input", (event) => show(Number(event.target.value)));
 const strip = $("strip");
 strip.addEventListener("pointerdown", (event) => {
@@ -122,20 +121,18 @@ for (const button of document.querySelectorAll(".goto"))
     show(nearest(Number(button.dataset.time)));
     $("player").scrollIntoView({ behavior: still.matches ? "auto" : "smooth" });
   });
-for (const { name, scenes } of figures)
-  if (scenes[0]) $("view-" + name).addEventListener("pointermove", (event) => {
-    if (!(event.buttons & 1)) return;
-    azimuth -= event.movementX * 0.01;
-    elevation = Math.min(1.4, Math.max(0, elevation + event.movementY * 0.005));
-    draw();
-  });
+for (const { viewOn } of figures) if (viewOn.scene) viewOn.turns(side, draw);
+legend($("layers"), figures.map(({ viewOn }) => viewOn), draw);
+const plot = joints && new JointPlot($("joint"), joints.names, joints.measured, draw);
 const refresh = () => {
   readColours();
+  paintStrip();
   draw();
-  for (const figure of figures) if (figure.scenes[1]) drawPoses(figure);
+  for (const figure of figures) if (figure.posesOn) drawPoses(figure);
 };
 dark.addEventListener("change", refresh);
 window.addEventListener("resize", refresh);
 window.addEventListener("beforeprint", refresh);
 window.addEventListener("afterprint", refresh);
 refresh();
+if (data.repeats && !still.matches) play();

@@ -95,13 +95,15 @@ class ArmBranches:
         *,
         limbs: Sequence[Vector],
         reached: Reached,
+        speed_override: float,
     ) -> bool:
         """Set the targets of a hierarchy for a tick of `dt` s from posture q (nq,), where an arm is led. limbs: lines
-        asked, m, as in `limb_names`; they are set already. Returns whether an arm is led."""
+        asked, m, as in `limb_names`; they are set already. speed_override: (0, 1], share of all
+        speeds. Returns whether an arm is led."""
         hierarchy.reset_posture(targets)
-        led = [arm for arm in self._arms if arm.look(q, dt, limbs=limbs, reached=reached)]
+        led = [arm for arm in self._arms if arm.look(q, dt, speed_override, limbs=limbs, reached=reached)]
         for arm in led:
-            arm.lead(hierarchy, targets)
+            arm.lead(hierarchy, targets, speed_override)
         stray = max((arm.stray for arm in self._arms), default=0.0)
         if stray > 0.0:
             for kind, name in TRUNK_TASKS:
@@ -138,10 +140,13 @@ class _Arm:
         if self._moves is not None:
             self._moves.reset(q[self._servos])
 
-    def look(self, q: FloatArray, dt: float, *, limbs: Sequence[Vector], reached: Reached) -> bool:
+    def look(
+        self, q: FloatArray, dt: float, speed_override: float, *, limbs: Sequence[Vector], reached: Reached
+    ) -> bool:
         """Whether the arm of posture q (nq,) is led in the tick of `dt` s that comes. limbs: lines asked, m."""
-        self._looked_s += dt
-        self._led.step(dt, holds=self._moves is not None)
+        passed = speed_override * dt  # a slower arm is given as much longer
+        self._looked_s += passed
+        self._led.step(passed, holds=self._moves is not None)
         if self._looked_s >= CHECK_S:
             passed, self._looked_s = self._looked_s, 0.0
             wanted = np.array([limbs[row] for row in self._descent.rows])
@@ -161,12 +166,12 @@ class _Arm:
             self.release()
             self._seen_at, self._unlike.held = wanted, -inf  # not again until the performer's arm has moved
 
-    def lead(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
+    def lead(self, hierarchy: Hierarchy, targets: FloatArray, speed_override: float) -> None:
         """Go on with the way: no limb tasks for the arm, and its joints drawn to where they are to be."""
         assert self._moves is not None and self._goal is not None, "the arm is led"
         for name in self._descent.names:
             hierarchy.weigh(targets, SlotKind.LIMB, name, 0.0)
-        hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal))
+        hierarchy.set_joints(targets, self._servos, self._moves.step(self._goal, speed_override))
 
     def _choose(self, q: FloatArray, wanted: FloatArray, trunk: Quat, dt: float) -> None:
         """Choose where the arm of posture q (nq,) is led from the next tick of `dt` s on, if its branch is wrong."""

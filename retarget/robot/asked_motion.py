@@ -54,24 +54,27 @@ class MotionFilter:
         """Start at rest, after something that stands still."""
         self._first = self._second = self._velocity = self._caught = np.zeros((len(self._own), 3))
 
-    def step(self, moved: FloatArray, error: FloatArray, dt: float) -> FloatArray:
+    def step(self, moved: FloatArray, error: FloatArray, dt: float, *, speed_override: float = 1.0) -> FloatArray:
         """Displacement (k, 3) to ask for in this tick of `dt` s. moved (k, 3): how far what is asked went since the
-        last tick. error (k, 3): from where the robot is to what is asked now."""
+        last tick. error (k, 3): from where the robot is to what is asked now. speed_override: (0, 1], share of all
+        limits of speed, with its square of those of acceleration."""
+        slow = speed_override * speed_override
+        fastest_own, braking, speed = slow * self._own, slow * self._catch_up, speed_override * self._speed
         kept = exp(-dt / SMOOTH_S)
         first = kept * (self._first + moved)  # m or rad that the first low pass is behind
         moved = moved + self._first - first
         second = kept * (self._second + moved)
         moved = moved + self._second - second
         self._first, self._second = first, second
-        self._velocity = self._velocity + _limited((1.0 - kept) * (moved / dt - self._velocity), self._own * dt)
+        self._velocity = self._velocity + _limited((1.0 - kept) * (moved / dt - self._velocity), fastest_own * dt)
 
         # What is left after following that motion for this tick is the gap that is to be caught up with.
         own, lag = dt * self._velocity, 2.0 * dt * kept / (1.0 - kept)
         gap = error - first - second + (lag + self._leads) * self._velocity - own
         far = norms(gap)
-        fastest = np.minimum(np.minimum(RATE * far, np.sqrt(2.0 * self._catch_up * far)), self._speed)
+        fastest = np.minimum(np.minimum(RATE * far, np.sqrt(2.0 * braking * far)), speed)
         caught = _limited(gap, np.minimum(fastest * dt, far))
-        self._caught = self._caught + _limited(caught - self._caught, self._catch_up * dt * dt)
+        self._caught = self._caught + _limited(caught - self._caught, braking * dt * dt)
         return own + self._caught
 
 
@@ -120,14 +123,17 @@ class AskedMotion:
         self._before: tuple[FloatArray, AskedLandmarks] | None = None
         self._filter.restart()
 
-    def aim(self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float) -> None:
-        """Write the goals of a tick of `dt` s into the target vector."""
+    def aim(
+        self, targets: FloatArray, asked: AskedLandmarks, reached: Reached, dt: float, *, speed_override: float
+    ) -> None:
+        """Write the goals of a tick of `dt` s into the target vector, for a share (0, 1] of all speeds."""
         there, here = np.array([*asked.landmarks, *asked.limbs]), np.array([*reached.landmarks, *reached.limbs])
         last, before = (there, asked) if self._before is None else self._before
         self._before = there, asked
         turned = _turned(before.trunk, asked.trunk), rotation_vector(arc(before.gaze, asked.gaze))
         error = _turned(reached.trunk, asked.trunk), rotation_vector(arc(reached.gaze, asked.gaze))
-        step = self._filter.step(np.concatenate([there - last, turned]), np.concatenate([there - here, error]), dt)
+        moved, gap = np.concatenate([there - last, turned]), np.concatenate([there - here, error])
+        step = self._filter.step(moved, gap, dt, speed_override=speed_override)
 
         goals = np.column_stack([np.ones(len(here)), here + step[:-2]])
         targets[self._slots] = goals[self._source]

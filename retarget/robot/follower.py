@@ -1,6 +1,6 @@
 """Stage 2, the follower: a human posture -> a posture of the robot, within the limits of its servos, on its soles.
 
-Besides following: time scaling, settling at the start, and the return to stance at the end of a run.
+Besides following: settling at the start, and the return to stance at the end of a run.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from retarget.ik.hierarchy import Hierarchy, SceneObstacles
 from retarget.ik.support_polygon import Stance, footing, plant
 from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop
-from retarget.model.body import BodyModel, JointLimits
+from retarget.model.body import JointLimits
 from retarget.model.human_dimensions import HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
@@ -48,43 +48,6 @@ from retarget.types import BoolArray, Carrying, FloatArray, RobotPosture
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
-
-
-# Time scaling: a robot is slowed by a slower clock of its own, so that speeds fall and every stop stays possible.
-#
-# At a scale of 1/2 a tick of 8 ms is one of 4 ms to the robot. A motion that keeps every limit on that clock has half
-# of the speeds and a quarter of the accelerations on the real one.
-
-STILL = 1e-4
-"""[rad^2/s^2] A joint that is no faster than the root of this stands."""
-
-
-class TimeScaling:
-    """The time scale of one robot. scale: s of its own clock in a second, (0, 1]."""
-
-    def __init__(self, body: BodyModel, limits: JointLimits) -> None:
-        single, address = body.scalar_joints()
-        bounded = single & np.isfinite(limits.lower) & np.isfinite(limits.upper) & (limits.max_acceleration > 0.0)
-        self._dofs = np.flatnonzero(bounded)
-        self._columns = address[self._dofs]
-        self._lower, self._upper = limits.lower[self._dofs], limits.upper[self._dofs]
-        self._twice = 2.0 * limits.max_acceleration[self._dofs]
-        self.scale = 1.0
-
-    def change(self, scale: float, q: FloatArray, velocity: FloatArray) -> float:
-        """Take another scale if the robot can. Returns the new scale over the one before.
-
-        q (nq,), velocity (nv,) per s of its own clock. A slower robot brakes more gently: while a joint could not stop
-        short of its limit any more, the scale stays.
-        """
-        change = scale / self.scale
-        if change < 1.0:
-            speed, angle = velocity[self._dofs] / change, q[self._columns]
-            room = np.where(speed > 0.0, self._upper - angle, angle - self._lower)
-            if (speed * speed > self._twice * np.maximum(room, 0.0) + STILL).any():
-                return 1.0
-        self.scale = scale
-        return change
 
 
 # Soles that a stop left off their places go back there as slowly as legs can stop. A way back in one tick could not be
@@ -256,7 +219,7 @@ class Follower:
             trunk_at_stance=self._reader.trunk_at_stance,
             servo_lead=priorities.servo_lead,
         )
-        self._time, self._rest, self._settled_s = TimeScaling(robot.body, limits), Dwell(), 0.0
+        self._speed, self._rest, self._settled_s = 1.0, Dwell(), 0.0
 
     @property
     def _q(self) -> FloatArray:
@@ -304,7 +267,7 @@ class Follower:
         self.landmark_map.restart()
         self._motion.restart()
         self._arms.restart()
-        self._rest, self._settled_s, self._time.scale = Dwell(), 0.0, 1.0
+        self._rest, self._settled_s, self._speed = Dwell(), 0.0, 1.0
         self.scene_obstacles.restart()
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self.stance.q)
@@ -321,7 +284,7 @@ class Follower:
             return None
         before = self._q
         posture = self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt)
-        own = dt * self._time.scale
+        own = dt * self._speed
         self._rest.step(own, holds=float(np.abs(self._q - before).max()) < RESTING_SPEED * own)
         self._settled_s += dt
         return posture
@@ -337,9 +300,8 @@ class Follower:
 
     def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
-        targets, hierarchy, scale, q = self._targets, self.hierarchy, self._time.scale, self._q
-        self.scene_obstacles.tick(hierarchy, dt, time_scale=scale)
-        tick, dt = dt, dt * scale  # from here on the robot's own time
+        targets, hierarchy, q = self._targets, self.hierarchy, self._q
+        self.scene_obstacles.tick(hierarchy, dt)
         soles = self._soles
         if soles.steps is not None:
             velocity, at = hierarchy.solver.velocity, self._reached
@@ -363,15 +325,17 @@ class Follower:
             self._motion.ask_nothing(targets)
             is_led = True
         else:
-            self._motion.aim(targets, asked, self._reached, dt)
-            is_led = self._arms.step(hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached)
+            self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
+            is_led = self._arms.step(
+                hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached, speed_override=self._speed
+            )
         for sole in asked.soles:
             hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)
             hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
-        if (stop := self.stop(tick)) is not None:
+        if (stop := self.stop(dt)) is not None:
             hierarchy.solver.foresee(stop.postures[-1], dt * (len(stop.postures) - 1))
-        q = hierarchy.solver.frame(targets, dt)
+        q = hierarchy.solver.frame(targets, dt, self._speed)
         if self._robot.floats:
             lift_soles(self._robot, q)
             hierarchy.solver.correct(q, hierarchy.solver.velocity)
@@ -384,7 +348,7 @@ class Follower:
         to_stance, hierarchy = self._soles.to_stance, self.hierarchy
         if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
             return None
-        hierarchy.set_posture(self._targets, to_stance.lead(self._time.scale))
+        hierarchy.set_posture(self._targets, to_stance.lead(self._speed))
         self._advance(to_stance.asked, dt, to_stance=True)
         return self._q
 
@@ -395,16 +359,12 @@ class Follower:
             self._soles.to_stance.begin(q, dt)
 
     def set_speed_override(self, override: float) -> None:
-        """Follow at a share (0, 1] of all speeds, from the next tick on: time is scaled by it."""
-        if override == self._time.scale:
-            return
-        solver = self.hierarchy.solver
-        change = self._time.change(override, self._q, solver.velocity)
-        solver.correct(self._q, solver.velocity / change)
+        """Follow at a share (0, 1] of all speeds, with its square of all accelerations, from the next tick on."""
+        self._speed = override
 
     def stop(self, dt: float) -> StopPath | None:
         """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
-        return self.stop_from(self._q, self._time.scale * self.hierarchy.solver.velocity, dt)
+        return self.stop_from(self._q, self.hierarchy.solver.velocity, dt)
 
     def stop_from(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
         """How the robot stops on its soles from posture q (nq,), moving at velocity (nv,) per s; None: its legs do not
@@ -427,7 +387,7 @@ class Follower:
     def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: another goal was sent than was planned. rests:
         what is led joint by joint begins at rest there."""
-        self.hierarchy.solver.correct(q, velocity / self._time.scale)
+        self.hierarchy.solver.correct(q, velocity)
         self._reached = self._reader.read(q)
         if rests:
             self._arms.reset(q)

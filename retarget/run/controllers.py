@@ -250,6 +250,11 @@ class Approach(Controller):
         return self._move.brake(commanded)
 
 
+RETURNED_M, SPEED_UP_S = 0.01, 0.75
+"""After a hold the robot is slow until all sensors are so near (m) to their goals, and has its speed so long (s) after
+that."""
+
+
 class Follow(Controller):
     """Takes a sample to the human, and the human to the robot.
 
@@ -277,12 +282,15 @@ class Follow(Controller):
         """Whether no posture was found in the last tick."""
         self.costs = (np.nan, np.nan)
         self._ticks = 0
+        self._settled = 1.0  # share of its speed that the robot may use beyond `slow`
 
     def begin(self, commanded: Commanded) -> None:
-        """Follow from where the robot is."""
+        """Follow from where the robot is; after a hold slowly at first."""
         self.posture, self.lost = None, False
         if self._ticks > 0:
+            self._reconstructor.resume()
             self._follower.resume()
+            self._settled = 0.0
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """Return the target for the sample of a performer; None: no posture was found."""
@@ -293,8 +301,10 @@ class Follow(Controller):
             self.human = self._reconstructor.step(sample, self._motion_dt)
         self._ticks += 1
         reconstructed = thread_cpu()
-        settled = self._slow + (1.0 - self._slow) * performer.settled
-        self._follower.set_speed_override(min(speed_override, settled))
+        if self._reconstructor.away < RETURNED_M:
+            self._settled = min(self._settled + self._dt / SPEED_UP_S, 1.0)
+        own = self._slow + (1.0 - self._slow) * self._settled
+        self._follower.set_speed_override(min(speed_override, own))
         self.posture = posture = self._follower.step(self.human, self._dt)
         self.costs = (reconstructed - begun, thread_cpu() - reconstructed)
         self.lost = not np.isfinite(posture.q).all()

@@ -1,6 +1,6 @@
 """Performers without a stream: of a recording in which sensors jump, and of samples that a caller gives one by one.
 
-Both hold the robot as a live performer does while a sensor has jumped, and blend back to the performer afterwards.
+Both hold the robot as a live performer does while a sensor has jumped.
 """
 
 from dataclasses import replace
@@ -40,11 +40,6 @@ class RecordedPerformer:
         self._words = ""
 
     @property
-    def settled(self) -> float:
-        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
-        return self._engagement.settled
-
-    @property
     def hold_reason(self) -> str:
         """Why the performer is not followed, in a few words."""
         return self._words or TOO_SHORT
@@ -57,7 +52,7 @@ class RecordedPerformer:
         """Do nothing: all samples are there."""
 
     def hold(self) -> None:
-        """The robot holds: it blends back to the performer."""
+        """The robot holds: it waits for good data."""
         self._engagement.hold()
 
     def sample(self, tick: int) -> SensorSample | None:
@@ -121,11 +116,6 @@ class SteppedPerformer:
         return replace(sample, position=position, orientation=orientation)
 
     @property
-    def settled(self) -> float:
-        """Share of its speed that the robot may use beyond that of its slow approach, 0 to 1."""
-        return self._engagement.settled
-
-    @property
     def hold_reason(self) -> str:
         """Why the performer is not followed, in a few words."""
         if self.seen is None:
@@ -137,7 +127,7 @@ class SteppedPerformer:
         return self._approaching.step(self._now, good=self._followable is not None)
 
     def hold(self) -> None:
-        """The robot holds: it waits for samples, and blends back to the performer."""
+        """The robot holds: it waits for samples."""
         self._engagement.hold()
 
     def sample(self, tick: int) -> SensorSample | None:

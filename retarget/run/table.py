@@ -101,12 +101,9 @@ class RunTable:
     time_read: FloatArray = _stage("when the servos were read")
 
     sampled: ModeArray = _field("", "`Done`: what became of the sample", topic="/tick")
-    settled: FloatArray = _field("", "share of its speed that the robot may use, 0 to 1", topic="/tick")
     sensor_position: FloatArray = _field("m", "sensors as they were followed", "sensors", 3, topic="/sensors.poses")
     sensor_orientation: FloatArray = _field("", "their quaternions", "sensors", 4, topic="/sensors.poses")
     sensor_valid: BoolArray = _field("", "which of them are valid", "sensors", topic="/tick")
-    sensor_weight: FloatArray = _field("", "their weights", "sensors", topic="/tick")
-    weighted: BoolArray = _field("", "the sample has weights", topic="/tick")
     sensors: FloatArray = _field(
         "m", "sensors of which the human was made; NaN: not valid", "sensors", 3, npz="sensor_positions"
     )

@@ -171,7 +171,6 @@ def look_at(performer: Performing, tick: int, *, approached: bool) -> PerformerI
         may_go_on=may_go_on,
         hold_reason="" if may_go_on else performer.hold_reason,
         paused=performer.paused,
-        settled=performer.settled,
     )
 
 

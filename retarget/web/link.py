@@ -1,38 +1,22 @@
 """The run's end of `web://`: its page in a process of its own, and the poses that browsers send."""
 
-import json
 import socket
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 
 from retarget.live.address import LOOPBACK
 from retarget.live.admission import MOST_PER_POLL, Datagram
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
-from retarget.viewer.feed import BUFFER_BYTES, ViewFeed, open_feed
+from retarget.web.feed import BUFFER_BYTES, Settings, ViewFeed, open_feed
 
-SERVER = "retarget.web.server"
-"""The module that serves the page."""
 HEADER = struct.Struct("<dI")
 """Before each frame of poses: when it arrived, s of this machine's monotonic clock, and the number of its performer."""
 PAUSE, GO_ON = "pause", "go on"
 GRIP, RELEASE, HEALTH, NOTE = "grip ", "release ", "health ", "note "
 """Words of the page to the run. Behind the last four stand the number of a dead-man control, twice, what a browser says
 of itself, as JSON, and a sentence."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
-    for any. robot: its name. dead_man: the robot moves only while it is held. poses: number of the socket to the
-    run for poses."""
-
-    listen: bool
-    port: int
-    robot: str
-    dead_man: bool = False
-    poses: int = -1
 
 
 class PoseReceiver:
@@ -74,7 +58,5 @@ def open_web(settings: Settings) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
     """The page of `web://`, until the run ends. Raises ConfigError or what it refuses."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-    with ours, theirs:
-        given = json.dumps(asdict(settings) | {"poses": theirs.fileno()})
-        with open_feed(SERVER, given, passed=[theirs.fileno()]) as feed:
-            yield feed, PoseReceiver(ours)
+    with ours, theirs, open_feed(replace(settings, poses=theirs.fileno())) as feed:
+        yield feed, PoseReceiver(ours)

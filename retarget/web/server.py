@@ -1,72 +1,61 @@
-"""The page of `web://`, served by a process of its own: files of the page, and a WebSocket to each browser.
+"""The page of a run, of `--view` and of `web://`, served by a process of its own: its files, and a WebSocket to each
+browser.
 
 `python -m retarget.web.server FD SETTINGS`: FD is the process's end of the pair of sockets that
-`retarget.viewer.feed.ViewFeed` has the other end of, SETTINGS is JSON of `retarget.web.link.Settings`.
+`retarget.web.feed.ViewFeed` has the other end of, SETTINGS is JSON of `retarget.web.feed.Settings`.
 
 The page sends JSON: `hello` with an input and a name; poses, as docs/live.md has them, or 33 landmarks of a camera,
 `{"axes": "camera", "time": 12.345, "frame": 741, "size": [640, 480], "landmarks": [[u, v, x, y, z, visibility], ...]}`.
 u and v are shares of the picture's width and height; x, y and z are metres with the hips as origin, x to the right of
 the picture, y down and z away from the camera. It may also send `stop`, `pause`, `go on`, `held` (ten times a second,
 true or false) and `health`. The server sends `welcome` or `refused`, `note`, `paused` (why, "" where it is not),
-`bodies` (triangles of each link), and `state` 25 times a second.
+`scene` (triangles of each link), and `state` 25 times a second, with the poses of all links behind it, see
+`packed_state`.
 
-A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop or pause the
-robot. Nothing is served without the key in its address, and one performer at a time is heard.
+A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop the robot, and
+that of `web://` pause it. Nothing is served without the key in its address, and one performer at a time is heard.
 """
 
 import asyncio
-import hashlib
 import json
-import logging
-import mimetypes
+import os
 import signal
 import socket
-import ssl
+import struct
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from websockets.asyncio.server import ServerConnection, broadcast, serve
-from websockets.datastructures import Headers
+from websockets.asyncio.server import ServerConnection, broadcast
 from websockets.exceptions import ConnectionClosed
-from websockets.http11 import Request, Response
 
 from hardware.clock import Clock, MonotonicClock
 from hardware.errors import RetargetError
-from retarget.errors import ConfigError
-from retarget.live.address import EVERYWHERE, local_interfaces
-from retarget.model.meshes import SolidBody
+from retarget.model.body import body_from_file
+from retarget.model.body_file import compile_body_text
+from retarget.model.meshes import solid_body
+from retarget.model.robot import load_robot
+from retarget.model.scene_shapes import scene_shapes
+from retarget.model.scene_state import obstacle_meshes
 from retarget.run.table import RunTable
+from retarget.schema.scene import load_scene
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM
-from retarget.viewer.feed import BUFFER_BYTES, READY, REFUSED, STOP, Note, PageSetup, unpacked
-from retarget.viewer.live_page import cast_of
-from retarget.viewer.server import HOSTS, AccessToken, Refused, only_value
-from retarget.viewer.snapshot import Cast
-from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, NOTE, PAUSE, RELEASE, Settings
+from retarget.types import FloatArray
+from retarget.web.feed import BUFFER_BYTES, LONGEST_ANSWER, READY, REFUSED, STOP, Note, PageSetup, Settings, unpacked
+from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, NOTE, PAUSE, RELEASE
 from retarget.web.runtime import runtime_folder
+from retarget.web.serving import Pages
+from retarget.web.shown import Cast, live_tracks
 
 HERE = Path(__file__).parent
-FILES = {"": HERE / "page" / "index.html", "bodies.js": HERE.parent / "report" / "bodies.js"}
+DRAWING = ("bodies.js", "figure.js", "plot.js", "base.css")
+"""What a report is drawn by, too."""
+FILES = {"": HERE / "page" / "index.html"} | {name: HERE.parent / "report" / name for name in DRAWING}
 """What is served beside the folder of the page and that of the runtime, by its place under the key."""
-TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm", ".svg": "image/svg+xml"}
-POLICY = (
-    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:; connect-src 'self'; "
-    "img-src 'self' data: blob:; style-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
-)
-"""Content security policy: the page loads from this server and talks to it, and to no other."""
-HEADERS = {
-    "Content-Security-Policy": POLICY,
-    "Permissions-Policy": "camera=(self), xr-spatial-tracking=(self), microphone=(), geolocation=()",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-    "Cache-Control": "no-store",
-}
 
 MOST_HOLDS = 64
 """Pages that may use a dead-man control in one run."""
@@ -94,8 +83,6 @@ OUT_OF_REACH_M = 0.03
 """A landmark of the robot is farther than this from where it is asked before the page says so, m."""
 LAST_SHOWN_S = 1.5
 """So long the page stays when the run has ended, with the reason."""
-NEXT_PORTS = 20
-"""Ports that are tried one after the other from the one that is asked for."""
 
 
 @dataclass(eq=False)
@@ -120,18 +107,17 @@ class PageServer:
     """Passes poses to the run, and what the run says to every browser. feed, poses: sockets to the run."""
 
     settings: Settings
-    access: AccessToken
     feed: socket.socket
-    poses: socket.socket
+    poses: socket.socket | None
     clock: Clock
     clients: dict[Client, None] = field(default_factory=dict)
-    said: dict[str, str] = field(default_factory=dict)
+    said: dict[str, str | bytes] = field(default_factory=dict)
     """The last message of each kind to all browsers: a new one gets them, too."""
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     _known: dict[str, int] = field(default_factory=dict)
     """Numbers of performers, by what their pages call themselves."""
     _cast: Cast | None = None
-    _setup: PageSetup | None = None
+    _last: RunTable | None = None
     _latest: tuple[str, str] | None = None
     """Identity and input of the performer who came last."""
     _measured: tuple[str, str] | None = None
@@ -141,23 +127,7 @@ class PageServer:
     _stop: bool = False
     _reported: dict[str, float] = field(default_factory=dict)
     """When a sentence went to the terminal."""
-    _solids: dict[str, SolidBody | None] = field(default_factory=dict)
     _round_trip_ms: float = 0.0
-
-    # Files.
-
-    async def answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The file that a request asks for, a refusal, or None for a WebSocket that may open."""
-        judged = self.access.judge(request.path, lambda name: only_value(request.headers.get_all(name)))
-        if isinstance(judged, Refused):
-            self.notify(f"a page was refused: {judged.why}")
-            return connection.respond(judged.status, f"{judged.why}\n")
-        if judged == "/ws":
-            return None
-        path = served_file(judged.removeprefix("/"))
-        if path is None:
-            return connection.respond(HTTPStatus.NOT_FOUND, "there is no such file\n")
-        return file_response(path.name, await asyncio.to_thread(path.read_bytes))  # of 10 MB, while poses come
 
     # Browsers.
 
@@ -187,8 +157,9 @@ class PageServer:
             hello = _parsed(await asyncio.wait_for(client.socket.recv(), HELLO_S))
         except TimeoutError:
             raise _Ended(f"the page has not said for {HELLO_S:g} s what it is: load it anew") from None
-        client.identity, given = str(hello.get("id", ""))[:64], hello.get("input")
-        if hello.get("say") != "hello" or given not in ("camera", "headset", "watch") or not client.identity:
+        client.identity, given = str(hello.get("id", ""))[:64], str(hello.get("input"))
+        inputs = ("camera", "headset", "watch") if self.settings.performs else ("watch",)
+        if hello.get("say") != "hello" or given not in inputs or not client.identity:
             raise _Ended("the page says something else than its server understands: load it anew")
         if len(self.clients) >= MOST_CLIENTS:
             raise _Ended(f"more than {MOST_CLIENTS} pages are open: close one")
@@ -200,6 +171,7 @@ class PageServer:
         welcome = {
             "hear": "welcome",
             "robot": settings.robot,
+            "performs": settings.performs,
             "runtime": runtime_folder() is not None,
             "dead_man": settings.dead_man,
         }
@@ -239,13 +211,13 @@ class PageServer:
             return
         said = _parsed(message)
         act = _SAYINGS.get(str(said["say"]))
-        if act is None:
+        if act is None or not (self.settings.performs or said["say"] in LOOKING_ON):
             raise _Ended("the page says something else than its server understands: load it anew")
         act(self, client, said)
 
     def _forward(self, client: Client, frame: bytes, now: float) -> None:
         """Poses to the run; where it takes none, it waits for newer ones."""
-        if client.performs and len(frame) <= MAX_DATAGRAM:
+        if client.performs and self.poses is not None and len(frame) <= MAX_DATAGRAM:
             client.sent = now
             with suppress(OSError):
                 self.poses.send(HEADER.pack(now, self._known[client.identity]) + frame)
@@ -335,32 +307,33 @@ class PageServer:
         elif isinstance(said, PageSetup):
             self._begin(said)
         elif self.clients:
-            self._send_all("state", self._state(said))
+            self._show(said)
+        self._last = said if isinstance(said, RunTable) else self._last
 
     def _begin(self, setup: PageSetup) -> None:
+        """Load what is seen, whole before the run goes on: this work would slow it."""
         try:
-            self._setup, self._cast = setup, cast_of(setup)
+            self._cast = cast_of(setup)
             self._measured = self._latest
         except RetargetError as error:
-            self.feed.send(REFUSED + str(error).encode())
+            self.feed.send(REFUSED + str(error).encode()[: LONGEST_ANSWER - len(REFUSED)])
             return
-        self._solids = {"human": self._cast.human, "robot": self._cast.robot}
-        self._send_all(
-            "bodies", {who: None if solid is None else solid.as_json() for who, solid in self._solids.items()}
-        )
+        self._send_all("scene", self._cast.as_json())
         self.feed.send(READY)
 
-    def _state(self, row: RunTable) -> dict[str, Any]:
-        """What the page shows of a tick."""
-        cast, setup = self._cast, self._setup
-        assert cast is not None and setup is not None, "a run says first who is seen"
-        sensors = {} if "sensors" not in row else dict(zip(setup.sensors, row.sensors, strict=True))
+    def _show(self, row: RunTable) -> None:
+        """A tick: its state in words, with the tracks of what is drawn."""
+        cast = self._cast
+        assert cast is not None, "a run says first who is seen"
+        tracks = live_tracks(cast, row)
+        state = {"hear": "state", **self._state(cast, row), "tracks": {name: one.size for name, one in tracks.items()}}
+        self._send_to_all("state", packed_state(state, tracks.values()))
+
+    def _state(self, cast: Cast, row: RunTable) -> dict[str, Any]:
+        """What the page says of a tick."""
+        sensors = dict(zip(cast.sensors, row.sensors, strict=True)) if "sensors" in row else {}
         known = {name: bool(np.isfinite(at).all()) for name, at in sensors.items()}
         state = {"time": round(float(row.time), 3), "state": row.doing, "why": row.reason, "sensors": known}
-        postures = {"human": row.human_q, "robot": row.q}
-        for who, solid in self._solids.items():
-            if solid is not None:
-                state[who] = [round(value, 4) for value in solid.poses(postures[who][None]).ravel().tolist()]
         if "latency" in row:
             state["latency_ms"] = {"page to goal": round(0.5 * self._round_trip_ms + 1e3 * float(row.latency), 1)}
         return state | {"clipped": [*self._clipped(cast, row)]}
@@ -373,16 +346,20 @@ class PageServer:
         for name, off in zip(cast.landmarks, np.linalg.norm(reached - row.landmarks_asked, axis=1), strict=True):
             if off > OUT_OF_REACH_M:
                 side = {"l_": "left ", "r_": "right "}.get(name[:2], "")
-                yield f"{side}{name[2:] if side else name} {100 * off:.0f} cm out of reach"
+                yield f"{side}{(name[2:] if side else name).replace('_', ' ')} {100 * off:.0f} cm out of reach"
 
     def _send_all(self, kind: str, content: dict[str, Any]) -> None:
-        self.said[kind] = text = json.dumps({"hear": kind, **content})
+        self._send_to_all(kind, json.dumps({"hear": kind, **content}))
+
+    def _send_to_all(self, kind: str, message: str | bytes) -> None:
+        self.said[kind] = message
         for client in self.clients:
-            _send(client, text)
+            _send(client, message)
 
     def close(self) -> None:
-        """Say that the run has ended."""
-        self._send_all("state", {"state": "ended"})
+        """Show how the run ended, with its reason."""
+        why = "" if self._last is None else self._last.reason
+        self._send_all("state", {"state": "ended", "why": why})
 
 
 HEALTH_KEYS = (
@@ -412,14 +389,8 @@ _SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
     "health": PageServer.health,
 }
 """What a page may say beside poses."""
-
-
-def file_response(name: str, body: bytes) -> Response:
-    """The answer to a request for a file."""
-    kind = TYPES.get(Path(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
-    return Response(
-        HTTPStatus.OK, "OK", Headers({"Content-Type": kind, "Content-Length": str(len(body)), **HEADERS}), body
-    )
+LOOKING_ON = ("stop", "ping", "health")
+"""The part of it that a page may say on which people only look on."""
 
 
 def served_file(place: str) -> Path | None:
@@ -445,67 +416,48 @@ def _parsed(message: str | bytes) -> dict[str, Any]:
     return said
 
 
-def _send(client: Client, text: str) -> None:
+def _send(client: Client, message: str | bytes) -> None:
     """Send without waiting; a browser that does not keep up gets the next one."""
     if client.socket.transport.get_write_buffer_size() < SLOW_BYTES:
-        broadcast([client.socket], text)
+        broadcast([client.socket], message)
 
 
-# HTTPS: without it, browsers give camera and headset to localhost alone.
+def packed_state(state: dict[str, Any], tracks: Iterable[FloatArray]) -> bytes:
+    """A message with numbers: how many bytes of JSON, a multiple of four (32 bits), the JSON, and the tracks that it
+    names, 32-bit floats, all little-endian; NaN: not known."""
+    text = json.dumps(state).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + b"".join(one.astype("<f4").tobytes() for one in tracks)
 
 
-def certified(hosts: Sequence[str]) -> tuple[ssl.SSLContext, str]:
-    """A server's side of TLS for these names and IPv4 addresses, and the SHA-256 fingerprint of its certificate as
-    browsers show it. No authority vouches for it: who opens the page compares the fingerprint."""
-    import trustme
-
-    names = [host for host in hosts if ":" not in host]
-    issued = trustme.CA(organization_name="retarget").issue_cert(*names, organization_name="retarget")
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    issued.configure_cert(context)
-    der = ssl.PEM_cert_to_DER_cert(issued.cert_chain_pems[0].bytes().decode())
-    digest = hashlib.sha256(der).hexdigest().upper()
-    return context, ":".join(digest[at : at + 2] for at in range(0, len(digest), 2))
-
-
-_SILENT = logging.getLogger(__name__)
-_SILENT.addHandler(logging.NullHandler())
-_SILENT.propagate = False
-"""For connections that break off: browsers come and go, and what matters is said in the terminal of the run."""
+def cast_of(setup: PageSetup) -> Cast:
+    """Robot and performer of a run. Raises RetargetError for a robot or scene that cannot be read."""
+    robot = None if setup.robot is None else load_robot(setup.robot, root=setup.root)
+    human = compile_body_text(setup.human_mjcf, source="human of the run", root="free", own=True)
+    return Cast(
+        human=solid_body(body_from_file(human)),
+        robot=None if robot is None else robot.solid,
+        profile=robot,
+        joints=() if robot is None else robot.joint_map.joints,
+        landmarks=setup.landmarks,
+        sensors=setup.sensors,
+        obstacles=obstacle_meshes(scene_shapes(load_scene(setup.scene))) if setup.scene else (),
+        servos_measure=setup.servos_measure,
+    )
 
 
-async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket) -> None:
+NICENESS = 5
+"""Of a page on which people look on: the run comes first, but a press of STOP must not wait behind every process."""
+
+
+async def _serve(settings: Settings, feed: socket.socket, poses: socket.socket | None) -> None:
     """Serve until the run ends. Raises ConfigError where no port is free."""
-    hosts = (*local_interfaces().values(), *HOSTS) if settings.listen else HOSTS
-    hosts = tuple(dict.fromkeys(sorted(hosts, key=HOSTS.__contains__)))
-    context, fingerprint = certified(hosts) if settings.listen else (None, "")
-    access = AccessToken(hosts=hosts, scheme="https" if settings.listen else "http")
-    server = PageServer(settings, access, feed, poses, MonotonicClock())
-    for port in range(settings.port, settings.port + NEXT_PORTS):
-        try:
-            listener = await serve(
-                server.talk,
-                EVERYWHERE if settings.listen else HOSTS[0],
-                port,
-                ssl=context,
-                process_request=server.answer,
-                compression=None,
-                max_size=MAX_DATAGRAM,
-                ping_interval=2.0,
-                ping_timeout=4.0,
-                open_timeout=10.0,
-                close_timeout=1.0,
-                logger=_SILENT,
-            )
-            break
-        except OSError as error:
-            refused = error
-    else:
-        raise ConfigError("the page cannot be served", where=f"port {settings.port}", found=str(refused))
-    access.port = listener.sockets[0].getsockname()[1]
-    feed.setblocking(False)
-    poses.setblocking(False)
-    feed.send(READY + f"{access.address} {fingerprint}".encode())
+    server = PageServer(settings, feed, poses, MonotonicClock())
+    pages = Pages(served_file, listen=settings.listen, talk=server.talk, notify=server.notify)
+    listener = await pages.open(settings.port)
+    for link in filter(None, (feed, poses)):
+        link.setblocking(False)
+    feed.send(READY + f"{pages.access.address} {pages.fingerprint}".strip().encode())
     asyncio.get_running_loop().add_reader(feed, server.hear_run)
     beating = asyncio.create_task(server.beat())
     await server.ended.wait()
@@ -520,11 +472,14 @@ def main(arguments: list[str]) -> int:
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     settings = Settings(**json.loads(arguments[1]))
-    feed, poses = socket.socket(fileno=int(arguments[0])), socket.socket(fileno=settings.poses)
+    if not settings.performs:  # it stays in the session of the run, in which alone its niceness counts (autogroups)
+        os.nice(NICENESS)
+    feed = socket.socket(fileno=int(arguments[0]))
+    poses = socket.socket(fileno=settings.poses) if settings.poses >= 0 else None
     try:
         asyncio.run(_serve(settings, feed, poses))
     except RetargetError as error:
-        feed.send(REFUSED + str(error).encode())
+        feed.send(REFUSED + str(error).encode()[: LONGEST_ANSWER - len(REFUSED)])
         return 2
     return 0
 

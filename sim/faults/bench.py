@@ -15,12 +15,13 @@ from hardware.dynamixel.bus import DynamixelBus
 from hardware.errors import BusError
 from hardware.guard import Guard
 from hardware.guard_state import Stop
-from retarget.frames import SensorFrames, SensorSample
+from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback, Samples
 from retarget.live.admission import Admission
 from retarget.live.begin import LiveOptions, begin_live
 from retarget.live.open_stream import open_stream
 from retarget.live.stream import LiveStream
+from retarget.model.human_dimensions import POINTS
 from retarget.model.robot import RobotBody
 from retarget.run.loop import LiveInputs, Observer, Operator, Tick
 from retarget.run.options import RunOptions
@@ -62,8 +63,9 @@ class TickEnd:
 class Trace:
     """The events of a run; all times in s of its clock.
 
-    out: when which sensors took no part. steps: greatest distance (m) of a sensor between followed samples. sent: every
-    packet of the host. postures: in which each goal holds the joints under their load, (n,) rad. let_go: when which
+    out: when which sensors took no part. steps: greatest distance (m) that a joint with a sensor goes in a tick, of the
+    reconstructed body. sent: every packet of the host. postures: in which each goal holds the joints under their load,
+    (n,) rad. let_go: when which
     servo (id) stopped driving: its torque went off, or its watchdog stopped it.
     began: when following began. approach_ended: when the robot was where it follows from. gone: when the host was
     killed. acted: when faults that wait for an event took effect, each once. rebased: when the clock map followed a
@@ -278,8 +280,8 @@ class Bench(Operator, Observer):
         self.machine = prepared.machine
         self.guard = guard = prepared.machine.guard
         self.samples = prepared.samples
-        count = len(prepared.performer.sensors)
-        self._place, self._valid = np.zeros((count, 3)), np.zeros(count, dtype=bool)
+        self._worn = [POINTS.index(sensor.joint) for sensor in prepared.performer.sensors.values()]
+        self._joints: FloatArray | None = None
         self._act_until(BEFORE_ARMING)
         try:
             prepared.loop(self, [self], DelayedInputs(self)).run()
@@ -297,8 +299,10 @@ class Bench(Operator, Observer):
         trace, guard, now = self.trace, self.guard, self.clock.now()
         state = self.machine.supervisor.state
         assert tick.given is not None, "a robot has inputs"
-        if tick.given.performer.sample is not None:
-            self._saw_sample(tick.given.now, tick.given.performer.sample)
+        if (sample := tick.given.performer.sample) is not None:
+            gone = zip(sample.names, sample.valid, strict=True)
+            trace.out.append((tick.given.now, frozenset(name for name, valid in gone if not valid)))
+            self._saw_body(tick)
         if tick.tried is not None:
             trace.postures.append((tick.given.now, tick.tried.posture))
         if trace.approach_ended is None and state not in (RunState.APPROACH, RunState.HOLD):
@@ -318,13 +322,13 @@ class Bench(Operator, Observer):
             trace.endless = True
             self.kill()
 
-    def _saw_sample(self, now: float, found: SensorSample) -> None:
-        gone = frozenset(name for name, valid in zip(found.names, found.valid, strict=True) if not valid)
-        self.trace.out.append((now, gone))
-        both = found.valid & self._valid
-        step = np.linalg.norm(found.position[both] - self._place[both], axis=1).max(initial=0.0)
-        self.trace.steps.append((now, float(step)))
-        self._place[:], self._valid[:] = found.position, found.valid
+    def _saw_body(self, tick: Tick) -> None:
+        if tick.row is None:
+            return
+        joints = tick.record.human_joints[tick.row, self._worn]
+        step = 0.0 if self._joints is None else float(np.linalg.norm(joints - self._joints, axis=1).max())
+        self.trace.steps.append((tick.given.now, step))
+        self._joints = joints
 
     def leave(self) -> None:
         """End the observation after this tick."""

@@ -166,7 +166,7 @@ BACK_S = 0.6
 """Longest time from good data until a robot goes on, s."""
 HALF = 0.5
 STEP_M = 0.025
-"""Most that a sensor moves from sample to sample after a hold, m: 0.6 m/s of blending back, 2 m/s of its own."""
+"""Most that a joint with a sensor moves in a tick after a hold, m: 0.25 m/s of being led in, 2.8 m/s of its own."""
 MARGIN_M = 0.004
 """Margin of the observers of the profile, m."""
 STOOD_S = 0.2
@@ -275,7 +275,7 @@ def _hold(row: Row, seen: Seen) -> Judged:
         wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
     jump = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
     if jump > STEP_M:
-        wrong.append(f"it went on with a jump: {jump:.3f} m of a sensor in a tick")
+        wrong.append(f"it went on with a jump: {jump:.3f} m of a joint in a tick")
     if row.reaction is Reaction.HOLD:
         return hold, wrong
     return on, wrong + late("on its way again", on, seen.onset, row.limit)

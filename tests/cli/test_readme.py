@@ -4,15 +4,18 @@ import os
 import re
 import shlex
 import signal
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from hardware.clock import MonotonicClock
 from retarget.cli import main
-from retarget.cli import view as viewing
 from retarget.cli.exit import DONE, STOPPED
 from unknown_robots import small_bust
+
+pytest.importorskip("websockets", reason="the extra 'view' is not installed (make test installs it)")
+from retarget.web.serving import serve_files
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PAGES = ("README.md", "docs/first-evening.md")
@@ -54,11 +57,14 @@ def words(line: str) -> list[str]:
     return [*shlex.split(line)[1:], *(word for part, more in SHORTER.items() if part in line for word in more)]
 
 
-class ImpatientClock(MonotonicClock):
-    """Presses Ctrl-C instead of waiting."""
+def impatient(files: Mapping[str, bytes], port: int, *, opened: Callable[[str], object], **kept: Any) -> None:
+    """Serves a page, and presses Ctrl-C as soon as it is open."""
 
-    def sleep_until(self, time: float) -> None:
+    def opened_and_left(address: str) -> None:
+        opened(address)
         os.kill(os.getpid(), signal.SIGINT)
+
+    serve_files(files, port, opened=opened_and_left, **kept)
 
 
 @pytest.mark.long
@@ -66,10 +72,9 @@ class ImpatientClock(MonotonicClock):
 def test_every_line_works_in_its_order(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("viser", reason="the viewer's extra is not installed (make test installs it)")
     pytest.importorskip("mcap", reason="the extra 'record' is not installed (make test installs it)")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(viewing, "MonotonicClock", ImpatientClock)
+    monkeypatch.setattr("retarget.web.serving.serve_files", impatient)
     Path("my_robot.urdf").write_text(small_bust().replace('"stranger"', '"my_robot"'), encoding="utf-8")
     for line in typed(page):
         with pytest.raises(SystemExit) as leaving:

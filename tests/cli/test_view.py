@@ -12,8 +12,8 @@ from retarget.cli.view import viewing
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.supervisor import OperatorInput
-from retarget.viewer.feed import PageSetup
-from retarget.viewer.live_page import cast_of
+from retarget.web.feed import PageSetup
+from retarget.web.server import cast_of
 from sim.mock_bus import mock_bus
 
 

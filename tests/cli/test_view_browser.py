@@ -1,4 +1,4 @@
-"""The page in a real browser: it draws, its timeline moves, its button stops a robot at once, no other page gets in.
+"""The pages of `retarget view` and `--view` in a real browser: they draw, the timeline moves, STOP stops at once.
 
 Without a graphics card the browser draws on the processor, and takes all there is of it. So its window is small where
 time is measured, and it leaves out the painting itself; the run keeps virtual time, which a slow machine cannot hurt.
@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,6 @@ STOPPED_WITHIN_S = 0.1
 QUIET = 'echo {niceness} 2>/dev/null >/proc/self/autogroup; exec "$@"'
 """At a higher priority, where that is allowed: a session has a niceness of its own (autogroups)."""
 RUN_NICENESS, BROWSER_NICENESS = -15, -10
-PANEL = 330
-"""Its width, pixels."""
 UNPAINTED = """for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
     for (const name of ['drawElements', 'drawArrays', 'drawRangeElements',
             'drawElementsInstanced', 'drawArraysInstanced'])
@@ -73,41 +72,86 @@ def started(*words: str | Path, by: tuple[str, ...] = ("-m", "retarget")) -> tup
     raise AssertionError("no address was printed")
 
 
-def drawn(page: Any, folder: Path) -> int:
-    """How many colours a picture of the scene has: of an empty one few."""
+def sides(page: Any, canvas: str, folder: Path) -> tuple[int, int]:
+    """Pixels of a canvas that are orange, as the left side of a body is, and blue, as its right side."""
     from matplotlib.image import imread
 
-    path, width = folder / "scene.png", page.viewport_size["width"] - PANEL
-    page.screenshot(path=path, timeout=120000)
-    return len(np.unique((imread(path)[:, :width, :3] * 15).astype(int).reshape(-1, 3), axis=0))
+    path = folder / "canvas.png"
+    page.locator(canvas).screenshot(path=path, timeout=120000)
+    red, green, blue = np.moveaxis(imread(path)[..., :3], -1, 0)
+    orange = (red > 1.5 * green) & (green > 2.0 * blue) & (red > 0.4)
+    return int(orange.sum()), int(((blue > 1.3 * green) & (green > 2.0 * red) & (blue > 0.3)).sum())
+
+
+def seconds(page: Any) -> float:
+    return float(page.inner_text("#clock").removesuffix(" s"))
+
+
+def plotted(page: Any) -> int:
+    """Points of the plot that are drawn on."""
+    count: int = page.evaluate(
+        """() => { const canvas = document.querySelector('#joint canvas');
+        const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+        return data.filter((value, i) => i % 4 === 3 && value > 100).length; }"""
+    )
+    return count
+
+
+@contextmanager
+def opened(browser: Any, address: str, *, width: int = 900, height: int = 800) -> Iterator[Any]:
+    """A page; at the end it had no error and asked no other host for anything."""
+    page, wrong, hosts = browser.new_page(viewport={"width": width, "height": height}), list[str](), set[str]()
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda line: wrong.append(line.text) if line.type == "error" else None)
+    page.on("request", lambda request: hosts.add(request.url.split("/")[2]))
+    page.goto(address)
+    yield page
+    page.close()
+    assert not wrong and hosts == {address.split("/")[2]}
 
 
 def test_a_recording_is_drawn_and_played(browser: Any, tmp_path: Path) -> None:
     process, address = started("view", saved_run(tmp_path / "run.npz", robot="op3"), "--port", "0")
     try:
-        page = browser.new_page(viewport={"width": 700, "height": 400})
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(address)
-        page.get_by_text(re.compile("APPROACHING|FOLLOWING|STOPPING")).wait_for(timeout=60000)
-        page.get_by_text("play / pause").wait_for()
-        page.wait_for_timeout(3000)
-        assert drawn(page, tmp_path) > 100
-        shown = page.get_by_text(re.compile(r"^-?\d+\.\d\d s$"))
-        before = shown.inner_text()
-        page.wait_for_timeout(1500)
-        assert shown.inner_text() != before, "it plays"
-        page.get_by_text("play / pause").click()
-        page.wait_for_timeout(500)
-        still = shown.inner_text()
-        page.wait_for_timeout(1000)
-        assert shown.inner_text() == still, "it stands"
-        for _ in range(3):
-            page.get_by_text("+1", exact=True).click()
-        page.wait_for_timeout(500)
-        assert 0.01 < float(shown.inner_text()[:-2]) - float(still[:-2]) < 0.04
-        assert not errors
-        page.close()
+        with opened(browser, address) as page:
+            page.wait_for_function("() => /Approaching|Following|Stopping/i.test(doing.textContent)")
+            before = seconds(page)
+            page.wait_for_function("(before) => clock.textContent !== `${before.toFixed(2)} s`", arg=before)
+            page.click("#play")
+            for canvas in ("#view-performer", "#view-robot"):
+                orange, blue = sides(page, canvas, tmp_path)
+                assert orange > 300 and blue > 300, canvas
+            still = seconds(page)
+            for _ in range(3):
+                page.click(".step[value='1']")
+            assert 0.01 < seconds(page) - still < 0.04, "tick by tick"
+            for _ in range(3):
+                page.click(".step[value='-1']")
+            assert seconds(page) == still
+            assert plotted(page) > 500
+            page.select_option("#joint select >> nth=0", label="l_knee")
+            page.locator("#layers label", has_text="asked").locator("input").uncheck()
+            assert page.eval_on_selector_all("#speed option", "all => all.map((one) => one.value)") == [
+                *("0.1", "0.25", "0.5", "1", "2", "4")
+            ]
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(timeout=20.0)
+
+
+def test_a_run_that_goes_on_is_drawn(browser: Any, tmp_path: Path) -> None:
+    words = ("run", "--robot", "op3", "--source", "sample", "--loop", "--scene", "table", "--view", "0")
+    process, address = started(*words)
+    try:
+        with opened(browser, address) as page:
+            page.wait_for_function("() => /^(Approaching|Following)$/.test(state.textContent)", timeout=60000)
+            page.wait_for_function("() => joint.querySelector('canvas').width > 300 && !joint.hidden", timeout=60000)
+            for canvas in ("#human", "#robot"):
+                orange, blue = sides(page, canvas, tmp_path)
+                assert orange > 300 and blue > 300, canvas
+            assert "obstacle" in page.inner_text("#layers") and page.locator("#stop").is_visible()
+            assert not page.locator("#pause").is_visible(), "it can only stop"
+            assert "✓" in page.inner_text("#sensors")
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait(timeout=20.0)
@@ -125,9 +169,9 @@ def test_the_button_stops_the_emulated_servos_in_a_tenth_of_a_second(browser: An
         page = browser.new_page(viewport={"width": 420, "height": 320})
         page.add_init_script(UNPAINTED)
         page.goto(address)
-        page.get_by_text("FOLLOWING").wait_for(timeout=120000)
+        page.wait_for_function("() => state.textContent === 'Following'", timeout=120000)
         page.evaluate("() => addEventListener('pointerdown', () => { window.pressed = Date.now() / 1000; }, true)")
-        page.get_by_text("STOP THE ROBOT").click(timeout=60000, force=True)
+        page.click("#stop", timeout=60000, force=True)
         pressed = page.evaluate("() => window.pressed")
         assert process.wait(timeout=60.0) == STOPPED
         reader.join(timeout=10.0)

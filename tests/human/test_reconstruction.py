@@ -185,14 +185,14 @@ def sample() -> SensorSample:
 def test_positions_that_are_no_numbers_are_not_valid() -> None:
     broken = sample()
     broken.position[1, 2] = np.nan
-    _, valid = SensorLayout(PERFORMER).read(broken)
+    _, _, valid = SensorLayout(PERFORMER).read(broken)
     assert list(valid) == [False, True, False]
 
 
 def test_orientations_are_those_of_the_links() -> None:
     layout = SensorLayout(PERFORMER)
-    layout.read(sample())
-    head, hand = layout.orientations(sample())
+    _, orientation, _ = layout.read(sample())
+    head, hand = layout.turns(orientation)
     assert (head.sensor, hand.sensor) == ("head", "l_wrist")
     assert head.link == pytest.approx(TURN) and head.forward == pytest.approx((np.cos(0.5), np.sin(0.5)))
     assert hand.link == pytest.approx(TURN)

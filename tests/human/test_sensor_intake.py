@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from messages import refuses
+from retarget import rotations
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import LOOP_LIMIT_S, SEAM_S, Clip, Playback, lay_on_ticks
-from retarget.human.sensor_intake import DOUBT_S, IntakeTimes, Reach, SensorIntake, without_spikes
+from retarget.human.sensor_intake import DOUBT_S, SLOW, IntakeTimes, Reach, SensorIntake, without_spikes
 from retarget.model.human_dimensions import proportional_dimensions
+from retarget.rotations import from_axis_angle
 from retarget.schema.performer import load_performer
 from retarget.types import BoolArray, FloatArray
 from sim.performer import synthetic_performer
@@ -29,6 +31,7 @@ def test_far_sensors_come_back_along_their_line_to_the_head() -> None:
 DT = 1.0 / 120.0
 HERE = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0]])
 NOWHERE = np.full((2, 3), np.nan)
+UNTURNED = np.full((2, 4), np.nan)
 TIMES = IntakeTimes()
 
 
@@ -38,7 +41,7 @@ def valid(*flags: bool) -> BoolArray:
 
 def started() -> SensorIntake:
     intake = SensorIntake(2)
-    intake.start(HERE, valid(True, True))
+    intake.start(HERE, UNTURNED, valid(True, True))
     return intake
 
 
@@ -46,16 +49,16 @@ def test_ordinary_motion_passes_unchanged() -> None:
     intake = started()
     for k in range(50):
         position = HERE + 0.02 * k  # 4 m/s
-        intake.step(position, valid(True, True), reached=HERE, dt=DT)
+        intake.step(position, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         assert (intake.position == position).all()
 
 
-def test_a_leap_that_stays_becomes_an_offset_that_fades() -> None:
+def test_a_leap_that_stays_is_led_in() -> None:
     intake = started()
     there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
     steps, before = [], intake.position.copy()
     for _ in range(round((DOUBT_S + 8 * TIMES.fade) / DT)):
-        intake.step(there, valid(True, True), reached=HERE, dt=DT)
+        intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         steps.append(np.abs(intake.position - before).max())
         before = intake.position.copy()
     assert max(steps) <= 0.5 * DT / TIMES.fade + 1e-9
@@ -69,7 +72,7 @@ def test_a_leap_that_comes_back_is_not_followed(lasting: int) -> None:
     for k in range(60):
         at = HERE + np.array([1.5 * DT * k, 0.0, 0.0])  # [m] 1.5 m/s
         leap = np.array([[0.0, 0.0, 0.0], [0.0, 0.5 if 10 <= k < 10 + lasting else 0.0, 0.0]])
-        intake.step(at + leap, valid(True, True), reached=HERE, dt=DT)
+        intake.step(at + leap, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         assert np.abs(intake.position - at).max() <= 1.5 * DT * (lasting + 1) + 1e-9
     assert intake.position == pytest.approx(at, abs=1e-3)
 
@@ -82,7 +85,7 @@ def test_a_leap_beside_a_lost_sample_is_not_followed(lost: int) -> None:
     for k in range(60):
         at = HERE + leap * (10 <= k < 22)
         known = k != lost
-        intake.step(np.where([[True], [known]], at, NOWHERE), valid(True, known), reached=HERE, dt=DT)
+        intake.step(np.where([[True], [known]], at, NOWHERE), UNTURNED, valid(True, known), reached=HERE, dt=DT)
         assert np.abs(intake.position - HERE).max() < 0.01
 
 
@@ -90,7 +93,7 @@ def test_the_way_back_of_a_leap_that_was_followed_is_followed_at_once() -> None:
     intake = started()
     there = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
     for at in [HERE] + 60 * [there] + 24 * [HERE] + 60 * [there]:
-        intake.step(at, valid(True, True), reached=HERE, dt=DT)
+        intake.step(at, UNTURNED, valid(True, True), reached=HERE, dt=DT)
         if at is HERE:
             assert (intake.measured == HERE).all()
     assert (intake.measured == there).all()
@@ -101,50 +104,116 @@ def test_a_short_loss_is_bridged_and_a_long_one_frees_the_body() -> None:
     lost = np.where([[False], [True]], NOWHERE, HERE)
     ticks = 0
     while intake.present[1]:
-        intake.step(lost, valid(True, False), reached=HERE, dt=DT)
+        intake.step(lost, UNTURNED, valid(True, False), reached=HERE, dt=DT)
         assert intake.present[0] and np.isfinite(intake.position).all()
         ticks += 1
     assert ticks * DT == pytest.approx(TIMES.hold, abs=2 * DT)
     reached = HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.3]])  # the free hand sank
-    intake.step(HERE, valid(True, True), reached=reached, dt=DT)
+    intake.step(HERE, UNTURNED, valid(True, True), reached=reached, dt=DT)
     assert intake.present.all()
     assert np.abs(intake.position[1] - reached[1]).max() < 0.3 * DT / TIMES.fade + 1e-9
 
 
 def test_a_sensor_missing_from_the_start_comes_in_from_where_the_body_has_it() -> None:
     intake = SensorIntake(2)
-    intake.start(np.where([[False], [True]], NOWHERE, HERE), valid(True, False))
+    intake.start(np.where([[False], [True]], NOWHERE, HERE), UNTURNED, valid(True, False))
     assert list(intake.present) == [True, False] and np.isfinite(intake.position).all()
     reached = HERE - 0.2
-    intake.step(HERE, valid(True, True), reached=reached, dt=DT)
+    intake.step(HERE, UNTURNED, valid(True, True), reached=reached, dt=DT)
     assert np.abs(intake.position[1] - reached[1]).max() < 0.2 * DT / TIMES.fade + 1e-9
 
 
-def returned(blend: float, *, far: float) -> tuple[SensorIntake, FloatArray]:
-    """Lost, while the body lets it sink by `far` m, and back by a weight that rises in `blend` s: where it is asked."""
-    intake, sunk, asked = started(), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, far]]), []
+def came_back(times: IntakeTimes, *, far: float, hold: bool = False) -> FloatArray:
+    """Lost, while the body lets it sink by `far` m, and back; or all of them after a hold: its goals."""
+    intake, sunk, asked = SensorIntake(2, times), HERE - np.array([[0.0, 0.0, 0.0], [0.0, 0.0, far]]), []
+    intake.start(HERE, UNTURNED, valid(True, True))
     lost = np.where([[False], [True]], NOWHERE, HERE)
-    for _ in range(100):
-        intake.step(lost, valid(True, False), reached=sunk, dt=DT, weight=np.array([1.0, 0.0]))
-    for tick in range(1, 600):
-        share = min(tick * DT / blend, 1.0)
-        weight = np.array([1.0, share * share * (3.0 - 2.0 * share)])
-        intake.step(HERE, valid(True, True), reached=sunk, dt=DT, weight=weight)
+    for _ in range(0 if hold else 100):
+        intake.step(lost, UNTURNED, valid(True, False), reached=sunk, dt=DT)
+    if hold:
+        intake.resume()
+    for _ in range(1400):
+        intake.step(HERE, UNTURNED, valid(True, True), reached=sunk, dt=DT)
         asked.append(intake.position[1, 2])
         assert (intake.position[0] == HERE[0]).all() and intake.present.all()
-    return intake, np.array(asked)
+        assert intake.away == pytest.approx(HERE[1, 2] - asked[-1], abs=1e-5)
+    assert intake.away == 0.0
+    return np.array(asked)
 
 
-@pytest.mark.parametrize(("blend", "far"), [(0.75, 0.2), (1.5, 0.2), (0.75, 1.0), (0.01, 1.0)])
-def test_who_comes_back_by_weight_starts_where_the_body_has_it_and_is_slow(blend: float, far: float) -> None:
-    _, asked = returned(blend, far=far)
+@pytest.mark.parametrize("hold", [False, True])
+@pytest.mark.parametrize(("times", "far"), [(SLOW, 0.05), (SLOW, 0.2), (SLOW, 1.0), (TIMES, 0.2)])
+def test_who_comes_back_starts_where_the_body_has_it_and_is_slow(times: IntakeTimes, far: float, hold: bool) -> None:
+    asked, times = came_back(times, far=far, hold=hold), SLOW if hold else times
+    fastest = min(times.speed, far / times.fade) * DT + 1e-9
     steps = np.diff(asked)
-    assert asked[0] == pytest.approx(HERE[1, 2] - far, abs=TIMES.speed * DT * 1.001)
-    assert (steps >= 0.0).all() and steps.max() <= TIMES.speed * DT * 1.001
-    assert asked[-1] == HERE[1, 2]
-    took = np.count_nonzero(asked < HERE[1, 2] - 1e-9) * DT
-    assert took >= max(blend, far / TIMES.speed) - 3 * DT
-    assert took <= blend + far / TIMES.speed
+    assert asked[0] == pytest.approx(HERE[1, 2] - far, abs=fastest)
+    assert (steps >= 0.0).all() and steps.max() <= fastest
+    took = np.count_nonzero(asked < HERE[1, 2] - 0.01) * DT
+    assert far / times.speed <= took + times.fade <= far / times.speed + 5.0 * times.fade
+
+
+def about_z(angle: float) -> FloatArray:
+    return np.tile(from_axis_angle([0.0, 0.0, 1.0], angle), (2, 1))
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_an_orientation_that_comes_back_begins_where_it_was_last(hold: bool) -> None:
+    intake = SensorIntake(2, SLOW)
+    intake.start(HERE, about_z(0.3), valid(True, True))
+    intake.step(HERE, about_z(0.3), valid(True, True), reached=HERE, dt=DT)
+    assert (intake.orientation == about_z(0.3)).all()
+    if hold:
+        intake.resume()
+    for _ in range(0 if hold else 30):
+        intake.step(HERE, about_z(0.3), valid(False, True), reached=HERE, dt=DT)
+        assert np.isnan(intake.orientation[0]).all() and (intake.orientation[1] == about_z(0.3)[1]).all()
+    angles = [0.3]
+    for _ in range(600):
+        intake.step(HERE, about_z(1.3), valid(True, True), reached=HERE, dt=DT)
+        angles.append(float(rotations.angle_between(about_z(0.0), intake.orientation)[0]))
+    steps = np.diff(angles)
+    assert (steps >= -1e-12).all() and steps.max() <= SLOW.turn * DT + 1e-9
+    assert (intake.orientation == about_z(1.3)).all(), "it ends where the sensor is, to the bit"
+
+
+def test_after_a_hold_no_distance_is_a_jump() -> None:
+    """The performer has walked away meanwhile."""
+    intake, there = SensorIntake(2, SLOW), HERE + 3.0
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume()
+    for tick in range(1, 3200):
+        intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+        assert np.linalg.norm(intake.position - HERE, axis=1).max() <= SLOW.speed * DT * tick + 1e-9
+    assert (intake.position == there).all()
+
+
+def test_a_goal_waits_for_a_sensor_that_comes_to_it() -> None:
+    """The body holds upright, and the performer rises from a squat: no goal is above either of them."""
+    intake, low = SensorIntake(2, SLOW), HERE - np.array([0.0, 0.0, 0.5])
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume()
+    before = HERE
+    for tick in range(300):
+        risen = np.minimum(low + np.array([0.0, 0.0, 0.8 * DT * tick]), HERE)
+        intake.step(risen, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+        assert (intake.position >= risen - 0.8 * DT).all() and (intake.position <= HERE + 0.8 * DT).all()
+        assert np.abs(intake.position - before).max() <= (SLOW.speed + 0.8) * DT + 1e-9
+        before = intake.position.copy()
+    assert (before == HERE).all()
+
+
+def test_goals_come_in_together() -> None:
+    """One sensor is twice as far from its goal as the other, at all times."""
+    intake = SensorIntake(2, SLOW)
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume()
+    there = HERE + np.array([[0.2, 0.0, 0.0], [0.0, 0.4, 0.0]])
+    for _ in range(60):
+        intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+        near, far = np.linalg.norm(there - intake.position, axis=1)
+        assert 2.0 * near == pytest.approx(far)
+    assert far == pytest.approx(0.4 - 60 * SLOW.speed * DT)
 
 
 def test_a_sensor_that_flickers_is_followed() -> None:
@@ -156,7 +225,7 @@ def test_a_sensor_that_flickers_is_followed() -> None:
         at = HERE + np.array([[x, 0.0, 0.0], [0.0, 0.0, 0.0]])
         seen = k % 2 == 0
         sent = at if seen else np.where([[True], [False]], NOWHERE, at)
-        intake.step(sent, valid(seen, True), reached=intake.position, dt=DT)
+        intake.step(sent, UNTURNED, valid(seen, True), reached=intake.position, dt=DT)
         away.append(np.abs(intake.position[0] - at[0]).max())
     assert np.mean(away) < 0.15 * 0.3
 
@@ -264,9 +333,10 @@ def test_a_fast_sensor_that_drops_a_frame_is_followed_on(rate: float, speed: flo
     for k, x in enumerate(way.tolist()):
         place, there = np.array([[x, 0.0, 1.0]]), np.array([k != 30])
         if k == 0:
-            intake.start(place, there)
+            intake.start(place, np.full((1, 4), np.nan), there)
             continue
-        intake.step(np.where(there[:, None], place, np.nan), there, reached=intake.position, dt=1.0 / rate)
+        seen, turns = np.where(there[:, None], place, np.nan), np.full((1, 4), np.nan)
+        intake.step(seen, turns, there, reached=intake.position, dt=1.0 / rate)
         off.append(float(np.abs(intake.position - place).max()))
     assert max(off[:28]) < 1e-9  # nothing of it is taken for a spike
     assert max(off[28:]) < 2.0 * speed / rate and off[-1] < 0.02

@@ -198,17 +198,6 @@ def ball() -> SceneObstacles:
     return SceneObstacles(SceneState(Scene.model_validate({"name": "a", "description": "b", "obstacles": {"b": BALL}})))
 
 
-def test_time_goes_by_as_ever_for_obstacles_and_they_seem_faster_to_a_slow_robot() -> None:
-    obstacles, receiver = ball(), Receiver()
-    obstacles.begin()
-    obstacles.tick(cast(Hierarchy, receiver), 0.5, time_scale=0.5)
-    obstacles.tick(cast(Hierarchy, receiver), 0.5, time_scale=0.5)
-    poses = receiver.received[-1]
-    assert obstacles.time == 1.0
-    assert (float(poses.position[0, 0]), float(poses.linear_velocity[0, 0])) == (0.5, 2.0)
-    assert obstacles.now is not None and float(obstacles.now.linear_velocity[0, 0]) == 1.0  # what the gate looks at
-
-
 # One task of a priority file becomes tasks of the solver.
 
 BODY = build_human(proportional_dimensions(1.7)).body

@@ -18,7 +18,7 @@ from retarget.recording.mcap_writer import METADATA
 from retarget.recording.read_run import ROBOT_KEYS
 from retarget.recording.reading import MAGIC, read_recording
 from retarget.recording.session import FORMAT, Session
-from retarget.viewer.recorded import open_recorded
+from retarget.web.recorded import open_recorded
 
 GIB = 2**30
 

@@ -85,8 +85,8 @@ def test_a_run_of_the_human_brings_its_body(tmp_path: Path) -> None:
     with np.load(path) as data:
         saved = dict(data)
     assert set(saved) >= CONTRACT
-    assert Path(str(saved["body"])) == human_body_path(path).resolve()
-    model = mujoco.MjModel.from_xml_path(str(saved["body"]))
+    assert str(saved["body"]) == human_body_path(path).name, "the folder may be moved"
+    model = mujoco.MjModel.from_xml_path(str(human_body_path(path)))
     names = [model.joint(index).name for index in range(model.njnt) if model.jnt_type[index] == 3]
     assert names == saved["joint_names"].tolist()
     assert (saved["goal_ticks"] == -1).all() and not saved["gated"].any()

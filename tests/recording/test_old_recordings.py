@@ -38,7 +38,9 @@ RECORDINGS = {
     "one_step": Old("op3", "mock", 655, 252, 654, "off"),
     "emulator_lost_and_hot": Old("op3", "emulator", 364, 1, 363, "fault", StopCause.LIMB_LOST, "OVERHEATING"),
     "live_hold": Old("op3", "mock", 745, 191, 744, "fault", StopCause.REQUESTED, "torque off"),
-    "live_paused": Old("op3", "mock", 1766, 72, 1765, "off"),
+    "live_paused": Old(
+        "op3", "mock", 1766, 72, 1765, "fault", StopCause.REQUESTED, "torque off before the robot stood"
+    ),
     "stop_then_torque_off": Old("op3", "mock", 543, 45, 542, "fault", StopCause.REQUESTED, "stopped, as recorded"),
     "stop_from_outside": Old("op3", "mock", 186, 1, 185, "fault", StopCause.FALLEN, "fallen: over a wire"),
     "bus_read_fails": Old("op3", "mock", 441, 43, 440, "fault", StopCause.BUS, "no answer from any servo"),

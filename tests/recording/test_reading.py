@@ -28,7 +28,7 @@ from retarget.recording.session import FORMAT
 from retarget.recording.topics import HUMAN_POSTURE, SENSORS, SERVOS, TICK
 from retarget.run.options import RunOptions
 from retarget.run.table import STAGES
-from retarget.viewer.recorded import open_recorded
+from retarget.web.recorded import open_recorded
 
 OURS = str(FORMAT)
 

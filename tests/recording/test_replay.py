@@ -180,10 +180,9 @@ def test_a_live_run_with_a_hold_is_reproduced(tmp_path: Path) -> None:
 
         result = recorded.run(Asks(pauses), [recorder.observer])
     found = read_recording(tmp_path / "run.mcap")
-    assert (found.cycles.sampled == 2).any() and found.cycles.weighted.any()
+    assert (found.cycles.sampled == 2).any()
     assert np.count_nonzero(found.cycles.asked & Asked.PAUSED) == 40
     shows(rig.said)
-    assert found.cycles.settled.min() < 1.0
     same(replay(found), result)
 
 

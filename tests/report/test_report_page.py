@@ -19,9 +19,10 @@ from PIL import Image
 
 from hardware.clock import VirtualClock
 from hardware.guard_state import Stop, StopCause
+from retarget.model.meshes import THINNEST
 from retarget.model.scene_shapes import ShapeKind
-from retarget.model.scene_state import SceneState
-from retarget.report.animation import animation_of, wires_of
+from retarget.model.scene_state import SceneState, obstacle_meshes, obstacle_poses
+from retarget.report.animation import animation_of
 from retarget.report.findings import moments
 from retarget.report.measure import measure
 from retarget.report.page import FOLDER, page_html, write_page
@@ -30,7 +31,7 @@ from retarget.report.report import Report, page_path, report_path
 from retarget.rotations import conjugate, rotate
 from retarget.run.loop import Operator, run_human
 from retarget.run.run_result import RunResult
-from retarget.schema.scene import load_scene
+from retarget.schema.scene import FLOOR, load_scene
 from retarget.types import FloatArray
 from rig import StubReconstructor, person, result, scripted_run, short_clip
 
@@ -171,8 +172,8 @@ def test_the_player_shows_what_was_sent(html: str, run: RunResult) -> None:
     rows = np.arange(0, len(run.record), data["every"])
     figure, poses = data["robot"], robot.solid.poses(sent.q[rows])
     assert len(figure["body"]["meshes"]) == poses.shape[1]
-    numbers = np.frombuffer(base64.b64decode(figure["poses"]), dtype="<i2").reshape(poses.shape)
-    place = numbers[..., :3] * figure["step"]
+    numbers = np.frombuffer(base64.b64decode(figure["poses"]["numbers"]), dtype="<i2").reshape(poses.shape)
+    place = numbers[..., :3] * figure["poses"]["step"]
     place[..., :2] += unpacked(figure["centre"], len(rows), 1, 2)
     np.testing.assert_allclose(place, poses[..., :3], atol=1e-3)
     turn = numbers[..., 3:] / np.linalg.norm(numbers[..., 3:], axis=-1, keepdims=True)
@@ -282,25 +283,21 @@ def test_where_a_page_goes(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-# Obstacles on the page: their edges are on their shapes, where the scene has them at that time.
-
-TIMES = np.array([0.0, 0.7, 1.4])
+# Obstacles on the page: their meshes are on their shapes, where the scene has them at that time.
 
 
 @pytest.mark.parametrize("name", ["table", "wall", "gantry", "door_frame", "crossing_ball"])
 def test_every_corner_is_on_the_surface_of_an_obstacle(name: str) -> None:
     state = SceneState(load_scene(name))
-    wires = wires_of(state, TIMES)
-    if wires is None:
-        assert set(state.shapes.kinds.tolist()) == {ShapeKind.HALF_SPACE}
-        return
-    points, edges = wires
-    shown = [kind for kind in state.shapes.kinds.tolist() if kind != ShapeKind.HALF_SPACE]
-    assert len(edges) == sum(12 if kind == ShapeKind.BOX else 36 for kind in shown)
-    for row, time in enumerate(TIMES[: len(points)]):
-        poses = state.at_rest(float(time))
-        for point in points[row]:
-            assert min(_off(state, poses.position, poses.quat, at, point) for at in range(len(poses.position))) < 1e-9
+    meshes = obstacle_meshes(state.shapes)
+    assert len(meshes) == sum(one != FLOOR for one in state.shapes.names)
+    for time in (0.0, 0.7, 1.4):
+        at = state.at_rest(time)
+        for mesh, pose in zip(meshes, obstacle_poses(state.shapes, at), strict=True):
+            corners = mesh.placed(pose[:3], pose[3:]).vertices[::7]
+            for corner in corners:
+                off = [_off(state, at.position, at.quat, one, corner) for one in range(len(at.position))]
+                assert min(off) < 1e-3
 
 
 def _off(state: SceneState, position: FloatArray, quat: FloatArray, at: int, point: FloatArray) -> float:
@@ -309,15 +306,17 @@ def _off(state: SceneState, position: FloatArray, quat: FloatArray, at: int, poi
     kind = state.shapes.kinds[at]
     if kind == ShapeKind.BOX:
         return float(np.abs(np.abs(local) - size).max())  # a corner
-    if kind in (ShapeKind.CAPSULE, ShapeKind.CYLINDER):
+    if kind == ShapeKind.CAPSULE:
         beyond = max(abs(float(local[2])) - float(size[1]), 0.0)
         return abs(float(np.hypot(np.hypot(local[0], local[1]), beyond)) - float(size[0]))
-    return np.inf
+    if kind == ShapeKind.CYLINDER:
+        return abs(abs(float(local[2])) - float(size[1]))  # the rims, and the middles of both ends
+    return abs(float(local[2])) - THINNEST  # a half-space: a piece of its surface
 
 
-def test_what_moves_has_a_row_for_each_time_and_what_does_not_has_one() -> None:
-    moving = wires_of(SceneState(load_scene("crossing_ball")), TIMES)
-    still = wires_of(SceneState(load_scene("table")), TIMES)
-    assert moving is not None and still is not None
-    assert len(moving[0]) == 3 and len(still[0]) == 1
-    assert np.abs(moving[0][2] - moving[0][0]).max() > 0.01
+def test_what_moves_has_a_row_for_each_time_and_what_does_not_has_one(run: RunResult) -> None:
+    later = replace(run, record=replace(run.record, time=run.record.time + 2.0))  # the ball has begun to move
+    for name, rows in (("crossing_ball", None), ("table", 1)):
+        data = animation_of(replace(later, scene=SceneState(load_scene(name))))
+        assert data is not None and data["robot"]["scene"]["rows"] == (rows or len(data["time"]))
+        assert "scene" in data["robot"]["layers"] and "scene" not in data["performer"]

@@ -47,7 +47,7 @@ def test_a_goal_is_a_step_from_where_the_robot_is_towards_what_is_asked() -> Non
     asked = AskedLandmarks(reached.landmarks, ahead(reached.limbs), reached.trunk, reached.gaze)
     targets = hierarchy.blank()
     for _ in range(5):
-        motion.aim(targets, asked, reached, DT)
+        motion.aim(targets, asked, reached, DT, speed_override=1.0)
         weight, *place = goal(hierarchy, targets, "l_hand")
         x, y, z = np.array(place) - np.array(reached.limbs[LIMBS.index("l_hand")])
         assert weight == 1.0 and 0.0 < x <= 0.1 * RATE * DT + 1e-12 and abs(y) < 1e-12 and abs(z) < 1e-12
@@ -62,7 +62,7 @@ def test_planted_landmarks_get_no_goals() -> None:
     stance = plant(op3(), op3().profile.postures.stand)
     reached = RobotReader(op3(), stance).read(stance.q)
     asked = AskedLandmarks(reached.landmarks, reached.limbs, reached.trunk, reached.gaze)
-    motion.aim(targets, asked, reached, DT)
+    motion.aim(targets, asked, reached, DT, speed_override=1.0)
     assert goal(robot.hierarchy, targets, "l_sole")[0] == 0.0
     assert robot.hierarchy.uses(SlotKind.POSITION, "l_sole")
 
@@ -160,7 +160,7 @@ def test_only_what_carries_nothing_is_led_and_is_as_fast_as_its_servos() -> None
                 reached.gaze,
             )
             there = replace(reached, landmarks=asked.landmarks, limbs=asked.limbs)
-            motion.aim(targets, asked, there, DT)
+            motion.aim(targets, asked, there, DT, speed_override=1.0)
         return (
             goal(hierarchy, targets, "l_hand")[1] - asked.limbs[hand][0],
             goal(hierarchy, targets, "pelvis")[1] - asked.landmarks[pelvis][0],

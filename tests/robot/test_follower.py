@@ -17,7 +17,6 @@ from messages import shows
 from operators import Asks
 from retarget.human.samples import Playback
 from retarget.ik.support_polygon import plant
-from retarget.model.body import JointLimits
 from retarget.model.observers import robot_observers
 from retarget.model.robot import HEAD, TRUNK, RobotBody, load_robot
 from retarget.report import motion_metrics
@@ -29,7 +28,6 @@ from retarget.robot.follower import (
     SETTLING_S,
     Follower,
     StanceTrajectory,
-    TimeScaling,
     stance_angles,
 )
 from retarget.robot.following_limits import following_limits
@@ -342,32 +340,6 @@ def test_reseeding_takes_velocities_per_real_second() -> None:
     change = np.abs(body.difference(q, after) - moved)[-len(op3().joint_map) :]
     assert np.abs(moved[-len(op3().joint_map) :]).max() / DT > 0.5
     assert change.max() <= 0.25 * op3().joint_map.max_acceleration.max() * DT**2 + 1e-9
-
-
-def test_obstacles_get_the_time_scale(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, ticks = begun(), list[tuple[float, float]]()
-    robot.set_speed_override(0.5)
-    monkeypatch.setattr(robot.scene_obstacles, "tick", lambda who, dt, time_scale=1.0: ticks.append((dt, time_scale)))
-    robot.step(human()[0], DT)
-    robot.pass_time(DT)
-    assert ticks == [(DT, 0.5), (DT, 1.0)]
-
-
-def hinge() -> tuple[TimeScaling, FloatArray, FloatArray]:
-    body = op3().body
-    limits = JointLimits(*(np.full(body.nv, value) for value in (-1.0, 1.0, 4.0, 10.0)))
-    return TimeScaling(body, limits), body.qpos0.copy(), np.zeros(body.nv)
-
-
-def test_a_joint_that_brakes_before_its_limit_is_not_asked_to_brake_less() -> None:
-    time, q, velocity = hinge()
-    velocity[-1] = 2.0  # needs 0.2 rad to stand
-    q[-1] = 0.75
-    assert time.change(0.95, q, velocity) == 0.95 and time.scale == 0.95
-    q[-1] = 0.79
-    assert time.change(0.9, q, velocity) == 1.0 and time.scale == 0.95
-    velocity[-1] = -2.0  # away from the limit
-    assert time.change(0.9, q, velocity) == pytest.approx(0.9 / 0.95)
 
 
 # How low and how far a robot gets on its soles.

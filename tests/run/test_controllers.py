@@ -16,6 +16,7 @@ from retarget.report.motion_metrics import limit_violations
 from retarget.run.controllers import (
     REST_WITHIN_S,
     RETRY_S,
+    SPEED_UP_S,
     Approach,
     ApproachPart,
     ComeToRest,
@@ -235,16 +236,23 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
 # Following.
 
 
-@pytest.mark.parametrize(("settled", "warm", "override"), [(0.0, 1.0, 0.2), (0.5, 1.0, 0.6), (1.0, 0.3, 0.3)])
-def test_following_begins_slowly(settled: float, warm: float, override: float) -> None:
+@pytest.mark.parametrize(("warm", "away"), [(1.0, 0.0), (0.3, 0.0), (1.0, 0.05)])
+def test_following_begins_slowly_after_a_hold(warm: float, away: float) -> None:
     driven, reconstructor, sample = Driven(), StubReconstructor(person()), short_clip().sample(0)
     assert sample is not None
     human = reconstructor.start(sample)
     follow = Follow(reconstructor, driven.follower, human, dt=DT, motion_dt=DT, slow=0.2)
-    follow.begin(driven.commanded)
-    performer = PerformerInput(sample=sample, settled=settled)
-    assert follow.target(driven.commanded, performer, speed_override=warm) is not None
-    assert driven.follower.overrides == [pytest.approx(override)]
+    performer = PerformerInput(sample=sample)
+    for _ in range(2):
+        follow.begin(driven.commanded)
+        assert follow.target(driven.commanded, performer, speed_override=warm) is not None
+    assert reconstructor.resumed == 1, "the first time the body stands at the first sample"
+    reconstructor.off = away
+    for _ in range(round(0.5 * SPEED_UP_S / DT) - 1):
+        follow.target(driven.commanded, performer, speed_override=warm)
+    begun, after, *_, half = driven.follower.overrides
+    assert begun == warm and after == pytest.approx(min(0.2 + 0.8 * DT / SPEED_UP_S, warm))
+    assert half == pytest.approx(min(after if away else 0.6, warm), abs=0.02)
 
 
 # The return to stance.

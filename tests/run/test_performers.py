@@ -43,9 +43,10 @@ def test_a_sane_recording_is_its_own_performer() -> None:
 def test_a_recording_whose_sensors_jump_is_held_as_a_live_performer_is(speed: float) -> None:
     perform = performance_of(jumping, Playback(speed=speed, end=END))
     samples = perform(load_performer("five"), None).samples
-    assert isinstance(samples, RecordedPerformer) and samples.settled == 1.0 and samples.may_approach()
+    assert isinstance(samples, RecordedPerformer) and samples.may_approach()
     sane = synthetic_performer(rate_hz=120.0)
-    last, held, fastest, reasons = None, list[float](), 0.0, set[str]()
+    held, reasons = list[float](), set[str]()
+    five = [sane.index(name) for name in load_performer("five").sensors]
     for tick in range(samples.ticks):
         found, time = samples.sample(tick), tick * samples.motion_dt
         if found is None:
@@ -53,17 +54,11 @@ def test_a_recording_whose_sensors_jump_is_held_as_a_live_performer_is(speed: fl
             reasons.add(samples.hold_reason)
             continue
         assert found.valid.all()
-        if held and last is not None:
-            fastest = max(fastest, float(np.linalg.norm(found.position - last, axis=1).max()) / samples.dt)
-        last = found.position
+        own = sane.sample(time).position[five]
+        assert found.position == pytest.approx(own, abs=0.03), "what jumped is not followed"
     assert FIRST + 0.1 < held[0] <= FIRST + LIMITS.stale_after + samples.motion_dt
     assert held[-1] == pytest.approx(LAST + speed * LIMITS.healthy, abs=0.02)
     assert reasons == {"head: jumped, l_wrist: jumped, r_wrist: jumped", TOO_SHORT}
-    own = np.linalg.norm(np.diff(sane.position, axis=0), axis=2).max() * 120.0 * speed
-    assert fastest <= own + 2.0 * LIMITS.blend_speed, "the performer moves on during the blend"
-    five = [sane.index(name) for name in load_performer("five").sensors]
-    end = sane.sample((samples.ticks - 1) * samples.motion_dt).position[five]
-    assert last == pytest.approx(end, abs=1e-5) and samples.settled > 0.0
 
 
 def test_a_run_of_such_a_recording_holds_says_why_and_goes_on() -> None:

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from followers import op3
 from messages import refuses
 from oracles.frame_bounds import frame_bounds
-from retarget._solver import Braking, braking_displacement
+from retarget._solver import Braking, Solver, Task, braking_displacement
 from retarget.types import FloatArray
 
 DT = 0.01
@@ -139,3 +140,64 @@ def test_braking_ends_just_at_the_goal(gap: float, change: float) -> None:
         way, here = way + here, here - change
     assert way <= gap * (1.0 + 1e-9) + 1e-12
     assert step <= gap
+
+
+# A share of all speeds, as of a robot whose servos are warm.
+
+SHARES = st.lists(st.sampled_from([0.05, 0.2, 0.5, 0.9, 1.0]), min_size=40, max_size=40)
+FAR = st.lists(st.sampled_from([-1.0, 0.0, 1.0]), min_size=40, max_size=40)
+
+
+@settings(max_examples=40)
+@given(SHARES, FAR)
+def test_a_slower_robot_speeds_up_less_and_still_brakes_before_its_limits(
+    shares: list[float], goals: list[float]
+) -> None:
+    """Whatever the share does from tick to tick: it never takes away what a joint needs to stop in its range."""
+    body, columns = op3().body, slice(7, None)
+    free = np.full(body.nv, np.inf)
+    fastest, hardest, most = np.full(body.nv, 4.0), np.full(body.nv, 40.0), 0.3
+    locked = np.arange(body.nv) < 6
+    lower, upper = -free, free.copy()
+    lower[6:], upper[6:] = -most, most
+    solver = Solver(
+        body.solver_body(),
+        [[Task.posture(np.ones(body.nv))]],
+        lower=lower,
+        upper=upper,
+        max_velocity=fastest,
+        max_acceleration=hardest,
+        locked=locked,
+        max_step=1e9,
+        damping=0.0,
+    )
+    solver.reset(body.qpos0)
+    step = np.zeros(body.nv - 6)
+    for share, goal in zip(shares, np.repeat(goals, 4)[: len(shares)], strict=True):
+        q, before = solver.q, step
+        asked = body.qpos0.copy()
+        asked[columns] = goal
+        after = solver.frame(np.concatenate([[1.0], asked]), DT, share)
+        step = after[columns] - q[columns]
+        gained = np.abs(step) - np.where(step * before > 0.0, np.abs(before), 0.0)
+        assert (gained <= share**2 * 40.0 * DT**2 + 1e-9).all()
+        assert (np.abs(step - before) <= 40.0 * DT**2 + 1e-9).all()
+        assert (np.abs(step) <= np.maximum(share * 4.0 * DT, np.abs(before) - 40.0 * DT**2) + 1e-9).all()
+        assert (np.abs(after[columns]) <= most + 1e-9).all()
+
+
+def test_a_share_that_is_none_is_refused() -> None:
+    body = op3().body
+    limits = np.ones(body.nv)
+    solver = Solver(
+        body.solver_body(),
+        [[Task.posture(limits)]],
+        lower=-limits,
+        upper=limits,
+        max_velocity=limits,
+        max_acceleration=limits,
+        locked=limits < 0.0,
+    )
+    for share in (0.0, 1.5, np.nan):
+        with refuses(ValueError, "speed_override"):
+            solver.frame(np.zeros(solver.target_size), DT, share)

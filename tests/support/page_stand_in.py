@@ -15,7 +15,9 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from retarget.web.server import file_response, served_file
+from retarget.types import FloatArray
+from retarget.web.server import packed_state, served_file
+from retarget.web.serving import file_response
 
 KEY = "key-of-the-test"
 STATE_HZ = 20.0
@@ -34,14 +36,15 @@ class Said:
 @dataclass
 class StandIn:
     """runtime: whether the real body tracker is there. files: what is served instead of files, by path below the
-    key. welcome, state, bodies: what every page hears. refused: inputs that are refused, with the reason. said: by all
-    pages. port, host: where it serves."""
+    key. welcome, state, scene: what every page hears; tracks: of the state. refused: inputs that are refused, with the
+    reason. said: by all pages. port, host: where it serves."""
 
     runtime: bool = False
     files: dict[str, bytes] = field(default_factory=dict)
     welcome: Message = field(default_factory=dict)
     state: Message = field(default_factory=lambda: {"state": "waiting"})
-    bodies: Message | None = None
+    scene: Message | None = None
+    tracks: dict[str, FloatArray] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
     said: list[Said] = field(default_factory=list)
     port: int = 0
@@ -134,16 +137,18 @@ class StandIn:
                 news.cancel()
 
     async def _begin(self, connection: ServerConnection) -> None:
-        known = {"robot": "op3", "dead_man": False}
+        known = {"robot": "op3", "performs": True, "dead_man": False}
         runtime = self.runtime or "runtime/vision_bundle.mjs" in self.files
         await connection.send(json.dumps({"hear": "welcome", "runtime": runtime} | known | self.welcome))
-        if self.bodies:
-            await connection.send(json.dumps({"hear": "bodies"} | self.bodies))
+        if self.scene:
+            await connection.send(json.dumps({"hear": "scene"} | self.scene))
 
     async def _tell(self, connection: ServerConnection) -> None:
         with suppress(ConnectionClosed):
             while True:
-                await connection.send(json.dumps({"hear": "state"} | self.state))
+                sizes = {name: one.size for name, one in self.tracks.items()}
+                state = {"hear": "state", "time": time.monotonic(), "tracks": sizes} | self.state
+                await connection.send(packed_state(state, self.tracks.values()))
                 await asyncio.sleep(1 / STATE_HZ)
 
     async def _broadcast(self, message: Message) -> None:

@@ -48,6 +48,14 @@ class StubReconstructor(Reconstructor):
         self.human = human
         self.calls: list[float] = []
         self._reader = PostureReader(human)
+        self.resumed, self.off = 0, 0.0
+
+    @property
+    def away(self) -> float:
+        return self.off
+
+    def resume(self) -> None:
+        self.resumed += 1
 
     def start(self, sample: SensorSample) -> HumanPosture:
         return self._made(sample)

@@ -16,7 +16,7 @@ from retarget.cli.exit import DONE, REFUSED
 from retarget.sources.streams.raw_record import RawWriter
 from retarget.types import FloatArray
 
-CLIPS = Path(__file__).parent.parent / "sources" / "camera"
+CLIPS = Path(__file__).parent.parent / "sources" / "streams" / "camera"
 
 
 def mirrored(rows: FloatArray) -> FloatArray:

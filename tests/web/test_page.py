@@ -1,6 +1,7 @@
 """The page of `web://` in a real browser, with a stand-in for its server: what it sends, what it refuses and in which
 words, and that nothing moves by itself. Its body tracker finds what a test says; the last test has the real one."""
 
+import io
 import json
 import os
 import shutil
@@ -11,9 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from page_stand_in import KEY, Said, StandIn, running
+from followers import dimensions, op3, performer
+from page_stand_in import KEY, Message, Said, StandIn, running
+from retarget.model.human import build_human
+from retarget.run.table import RunTable
+from retarget.types import FloatArray
 from retarget.web.runtime import WHERE, runtime_folder
+from retarget.web.shown import Cast, live_tracks
 
 FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 FAKE_CAMERA = "--use-fake-device-for-media-stream"
@@ -436,6 +443,42 @@ def test_state_sensors_reach_notes_and_drawings_are_shown(browser: Any, stand_in
         assert "14" in page.inner_text("#numbers")
         stand_in.state = FOLLOWING | {"state": "holding", "why": "the right ankle is not seen"}
         says(page, "The right ankle is not seen", where="why")
+
+
+def scene_of_op3() -> tuple[Message, dict[str, FloatArray]]:
+    """What the server of a run says of OP3 beside the synthetic performer, in the message `scene` and in a tick."""
+    robot, human = op3(), build_human(dimensions(performer()))
+    landmarks = tuple(robot.profile.landmarks)
+    cast = Cast(
+        human=human.solid,
+        robot=robot.solid,
+        profile=robot,
+        joints=robot.joint_map.joints,
+        landmarks=landmarks,
+        sensors=("head",),
+    )
+    q = robot.posture(robot.profile.postures.stand)
+    known = {"landmarks_asked": robot.points(q[None], robot.landmark_frames(landmarks))[0]}
+    row = RunTable(time=np.array(0.0), q=q, human_q=human.body.qpos0, present=np.zeros(20), **known)
+    return json.loads(json.dumps(cast.as_json())), live_tracks(cast, row)
+
+
+@pytest.mark.parametrize("view", ["camera", "watch"])
+def test_performer_and_robot_are_drawn(browser: Any, stand_in: StandIn, view: str) -> None:
+    stand_in.scene, stand_in.tracks = scene_of_op3()
+    with opened(browser, stand_in) as page:
+        choose(page, view)
+        following(page, stand_in)
+        for canvas in ("#human", "#robot"):
+            page.wait_for_function("(canvas) => document.querySelector(canvas).width > 100", arg=canvas)
+            page.wait_for_timeout(500)
+            pixels = np.asarray(Image.open(io.BytesIO(page.locator(canvas).screenshot())).convert("RGB")).astype(int)
+            red, green, blue = np.moveaxis(pixels, -1, 0)
+            left, right = (red > 1.5 * green) & (green > 2 * blue), (blue > 1.3 * green) & (green > 2 * red)
+            assert left.sum() > 200 and right.sum() > 200, canvas
+            mirrored = np.argwhere(left)[:, 1].mean() < np.argwhere(right)[:, 1].mean()
+            assert mirrored == (view == "camera"), "a performer sees a mirror image"
+        assert page.locator("#joint").is_visible() == page.locator("#layers").is_visible() == (view == "watch")
 
 
 def test_a_run_that_has_ended_is_left_alone(browser: Any, stand_in: StandIn) -> None:

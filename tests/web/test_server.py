@@ -22,8 +22,8 @@ from retarget.errors import ConfigError
 from retarget.live.admission import Datagram
 from retarget.model.human import build_human
 from retarget.run.table import RunTable
-from retarget.viewer.feed import PageSetup, ViewFeed
-from retarget.web.link import PoseReceiver, Settings, open_web
+from retarget.web.feed import PageSetup, Settings, ViewFeed
+from retarget.web.link import PoseReceiver, open_web
 
 client = pytest.importorskip("websockets.sync.client", reason="the extra web is not installed")
 from websockets.exceptions import InvalidStatus  # noqa: E402  (where it is installed)
@@ -79,6 +79,17 @@ class Page:
             yield browser
 
 
+def read(data: str | bytes) -> dict[str, Any]:
+    """A message, with the numbers behind it as its tracks."""
+    if isinstance(data, str):
+        return dict(json.loads(data))
+    begin = 4 + int.from_bytes(data[:4], "little")
+    message, numbers = json.loads(data[4:begin]), np.frombuffer(data[begin:], "<f4")
+    ends = np.cumsum([*message["tracks"].values()])
+    assert ends[-1] == len(numbers) and begin % 4 == 0
+    return dict(message | {"tracks": dict(zip(message["tracks"], np.split(numbers, ends[:-1]), strict=True))})
+
+
 class Browser:
     """A page of ours, or what claims to be one."""
 
@@ -91,7 +102,7 @@ class Browser:
     def hear(self, kind: str) -> dict[str, Any]:
         """The next message of a kind."""
         while True:
-            message: dict[str, Any] = json.loads(self.socket.recv(WAIT_S))
+            message = read(self.socket.recv(WAIT_S))
             if message["hear"] == kind:
                 return message
 
@@ -123,6 +134,7 @@ def test_files_are_served_to_who_has_the_key_with_a_policy(shared: Page) -> None
     assert "default-src 'none'" in headers["Content-Security-Policy"]
     status, headers, _ = fetched(f"{shared.address}bodies.js")
     assert status == 200 and headers["Content-Type"] == "text/javascript"
+    assert fetched(f"{shared.address}base.css")[1]["Content-Type"] == "text/css"
     where = urlsplit(shared.address)
     for place, expected in {
         f"http://{where.netloc}/": 401,
@@ -178,7 +190,7 @@ def test_one_performer_at_a_time_and_the_one_who_was_measured() -> None:
             assert one.poses()[0].source == ("127.0.0.1", 2), "another source: the run has its own rule"
             one.feed.begin(PageSetup(None, None, None, human()), rate_hz=100.0)
             with one.browser("watch", "olga") as olga:
-                assert olga.hear("bodies")["robot"] is None, "who comes later sees it, too"
+                assert olga.hear("scene")["robot"] is None, "who comes later sees it, too"
         assert set(one.asked()) == {Asked.PAGE_HOLD}, "who is measured has gone: it goes on when asked to"
         for kind, name in (("headset", "anna"), ("camera", "boris")):
             with one.browser(kind, name) as other:
@@ -331,8 +343,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         one.feed.note("Stand upright")
         assert anna.hear("note")["text"] == "Stand upright"
         one.feed.begin(setup, rate_hz=25.0)
-        bodies = anna.hear("bodies")
-        links = {who: 1 + max(mesh["link"] for mesh in bodies[who]["meshes"]) for who in ("human", "robot")}
+        scene = anna.hear("scene")
         goal = robot.posture(robot.profile.postures.stand)
         asked = robot.points(goal[None], robot.landmark_frames(landmarks))[0]
         asked[landmarks.index("l_hand")] += [0.0, 0.0, 0.12]
@@ -357,8 +368,30 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         assert state["sensors"] == {"head": True, "l_wrist": False}
         assert state["latency_ms"] == {"page to goal": 9.0}
         assert state["clipped"] == ["left hand 12 cm out of reach"]
-        assert {who: len(state[who]) for who in links} == {who: 7 * count for who, count in links.items()}
-        assert np.isfinite(state["robot"]).all() and np.isfinite(state["human"]).all()
+        for who in ("human", "robot"):
+            poses = state["tracks"][f"{who}.poses"]
+            assert len(poses) == 7 * len(scene[who]["body"]["meshes"]) and np.isfinite(poses).all()
+        np.testing.assert_array_equal(state["tracks"]["human.marks"], sensors.ravel().astype("f4"))
+
+
+def test_the_page_of_a_run_can_only_stop_it() -> None:
+    """It cannot perform, pause or hold, and nothing of that reaches the run."""
+    with page(performs=False) as one:
+        with one.browser("watch", "olga") as olga:
+            assert olga.hear("welcome")["performs"] is False
+            olga.say(say="ping", t=1.0)
+            assert olga.hear("pong")
+            olga.say(say="stop")
+            assert olga.hear("stop")
+            assert one.until(one.feed.stop_asked)
+        for said in ({"say": "pause"}, {"say": "held", "held": True}):
+            with one.browser("watch", "olga") as olga:
+                olga.say(**said)
+                assert "anew" in olga.hear("refused")["why"]
+        for kind in ("camera", "headset"):
+            with one.browser(kind, "anna") as anna:
+                assert "anew" in anna.hear("refused")["why"]
+        assert not [word for word in one.feed.words() if not word.startswith("note ")]
 
 
 @pytest.mark.long

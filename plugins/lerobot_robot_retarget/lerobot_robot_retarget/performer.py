@@ -27,7 +27,7 @@ from retarget.model.robot import RobotBody
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of
 from retarget.schema.performer import Performer
-from retarget.viewer.feed import ViewFeed
+from retarget.web.feed import ViewFeed
 from retarget.web.link import PoseReceiver
 
 

@@ -14,8 +14,8 @@ from retarget.cli.controls import GRIPS, Asked
 from retarget.errors import ConfigError
 from retarget.live.address import WEB_PORT, StreamAddress
 from retarget.types import Notify
-from retarget.viewer.feed import MOST_WORDS, ViewFeed
-from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, PoseReceiver, Settings, open_web
+from retarget.web.feed import MOST_WORDS, Settings, ViewFeed
+from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, PoseReceiver, open_web
 from retarget.web.runtime import runtime_folder
 
 HELD_S = 0.3

@@ -44,12 +44,14 @@ impl FrameBox {
 /// Displacement box of one coordinate at `q`, whose displacement in the frame before was `before`.
 ///
 /// Acceleration comes first (a machine cannot break it), then velocity, then position and braking distance; a start
-/// beyond a limit may only come back, as fast as it may move. Always lo <= hi.
-pub fn frame_bounds(q: f64, before: f64, limit: &Limit, dt: f64) -> FrameBox {
+/// beyond a limit may only come back, as fast as it may move. Always lo <= hi. A share `speed` (0, 1] of the limit's
+/// speed goes with its square of the acceleration; to brake, the whole of it may always be used.
+pub fn frame_bounds(q: f64, before: f64, limit: &Limit, speed: f64, dt: f64) -> FrameBox {
     let before = if before.is_finite() { before } else { 0.0 };
-    let v = limit.velocity * dt;
+    let v = speed * limit.velocity * dt;
     let a = limit.acceleration * dt * dt;
-    let (acc_lo, acc_hi) = (before - a, before + a);
+    let gain = speed * speed * a;
+    let (acc_lo, acc_hi) = ((before - gain).min(0.0).max(before - a), (before + gain).max(0.0).min(before + a));
     let (brake_up, brake_down) = (braking_displacement(limit.upper - q, a), -braking_displacement(q - limit.lower, a));
     let hi = brake_up.clamp(-v, v).clamp(acc_lo, acc_hi);
     let lo = brake_down.clamp(-v, v).clamp(acc_lo, acc_hi);
@@ -128,7 +130,7 @@ impl Braking {
     /// Displacements of joint i that leave it a way to brake within its range. To go on braking is always among them, beyond a limit too.
     pub fn bounds(&self, i: usize, position: f64, displacement: f64) -> (f64, f64) {
         let braked = (displacement.abs() - self.change[i]).max(0.0).copysign(displacement);
-        let bounds = frame_bounds(position, displacement, &self.limits[i], self.dt);
+        let bounds = frame_bounds(position, displacement, &self.limits[i], 1.0, self.dt);
         (bounds.lo.min(braked), bounds.hi.max(braked))
     }
 

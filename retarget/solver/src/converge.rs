@@ -19,10 +19,10 @@ const STILL: f64 = 1e-7;
 const MOST_SURPRISES: usize = 4;
 
 impl FrameSolver {
-    /// One frame of `dt` seconds towards `targets`; the posture reached is in `q`.
-    pub fn frame(&mut self, targets: &[f64], dt: f64) {
+    /// One frame of `dt` seconds towards `targets`, at a share `speed` (0, 1] of all speeds; the posture reached is in `q`.
+    pub fn frame(&mut self, targets: &[f64], speed: f64, dt: f64) {
         for i in 0..self.body.nv {
-            self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], dt);
+            self.frame_box[i] = frame_bounds(self.coordinate(i), self.velocity[i] * dt, &self.limits[i], speed, dt);
             self.done[i] = 0.0;
         }
         self.budget = BUDGET;
@@ -149,7 +149,7 @@ impl FrameSolver {
                     _ => {}
                 }
             }
-            self.frame(&targets, dt);
+            self.frame(&targets, 1.0, dt);
             postures.extend_from_slice(&self.q);
             let stops = |(done, limit): (&f64, &Limit)| done.abs() <= limit.acceleration * dt * dt;
             if left == 0.0 && self.done.iter().zip(&self.limits).all(stops) {

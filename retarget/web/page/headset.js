@@ -3,6 +3,7 @@
 // The robot moves while a grip is squeezed (with bare hands: while one hand is pinched). STOP in the headset: button B or Y,
 // or both hands pinched for a second, or the trigger (a pinch) while pointing at the red field of the sign.
 
+import { Bodies, TO_WEBXR, multiply } from "../bodies.js";
 import { Sign } from "./sign.js";
 
 const PER_SECOND = 90; // frames sent at most
@@ -199,11 +200,11 @@ export class Headset {
     const { gl, page: { scene } } = this;
     const layer = this.session.renderState.baseLayer;
     if (!this.anchor) this.#place(viewer);
-    if (!this.ghost && scene.tools && scene.robot) {
-      this.ghost = new scene.tools.Bodies(gl);
+    if (!this.ghost && scene.robot) {
+      this.ghost = new Bodies(gl);
       this.ghost.add("robot", scene.robot, { ...this.anchor, scale: Math.max(1, GHOST_HEIGHT / scene.robot.height), alpha: 0.85 });
     }
-    if (scene.poses.robot) this.ghost?.pose("robot", scene.poses.robot);
+    if (scene.frames.robot) this.ghost?.pose("robot", scene.frames.robot.poses);
     gl.bindFramebuffer(gl.FRAMEBUFFER, layer.framebuffer);
     gl.clearColor(...(this.seeThrough ? [0, 0, 0, 0] : [0.16, 0.19, 0.23, 1]));
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -213,7 +214,7 @@ export class Headset {
       const { x, y, width, height } = layer.getViewport(view);
       gl.viewport(x, y, width, height);
       const inverse = view.transform.inverse.matrix;
-      if (this.ghost) this.ghost.draw(scene.tools.multiply(inverse, scene.tools.TO_WEBXR), view.projectionMatrix);
+      if (this.ghost) this.ghost.draw(multiply(inverse, TO_WEBXR), view.projectionMatrix);
       this.sign.draw(inverse, view.projectionMatrix);
     }
   }

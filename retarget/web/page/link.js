@@ -25,6 +25,18 @@ function identity() {
   }
 }
 
+// A message: JSON, alone or with the numbers of its `tracks` behind it, see `packed_state` of the server.
+function read(data) {
+  if (typeof data === "string") return JSON.parse(data);
+  const size = new DataView(data).getUint32(0, true), message = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size)));
+  let at = 4 + size;
+  for (const [name, count] of Object.entries(message.tracks)) {
+    message.tracks[name] = new Float32Array(data, at, count);
+    at += 4 * count;
+  }
+  return message;
+}
+
 export class Link {
   // hear(message): of the server. changed(state, why): of the link, one of LINK.
   constructor(hear, changed) {
@@ -49,6 +61,7 @@ export class Link {
     const address = new URL("ws", document.baseURI);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
     this.socket = socket;
     this.heard = performance.now();
     socket.onopen = () => this.#opened(socket);
@@ -75,6 +88,7 @@ export class Link {
   // A stop is never lost: without a link it is said first of all when there is one again.
   stop() {
     this.stopOwed = true;
+    this.stopAt = performance.now();
     this.#sayStop();
   }
 
@@ -95,9 +109,9 @@ export class Link {
     this.#sayStop();
   }
 
-  #received(text) {
+  #received(data) {
     this.heard = performance.now();
-    const message = JSON.parse(text);
+    const message = read(data);
     if (message.hear === "pong") {
       this.rounds = [...this.rounds.slice(1 - PINGS), performance.now() - message.t];
     } else if (message.hear === "stop") {
@@ -127,7 +141,7 @@ export class Link {
   #beat() {
     if (this.socket && performance.now() - this.heard > SILENCE_MS) this.#closed("the server is silent");
     else this.say({ say: "ping", t: performance.now() });
-    this.#sayStop();
+    if (performance.now() - this.stopAt > PING_MS) this.#sayStop();
   }
 
   #drop() {

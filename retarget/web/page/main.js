@@ -33,7 +33,7 @@ const page = {
 const link = new Link(hear, linked);
 const deadMan = new DeadMan((message) => link.say(message), (held) => byId("pad").classList.toggle("held", held));
 const camera = new Camera(byId("video"), byId("overlay"), sendPoses);
-const scene = new Scene(byId("human"), byId("robot"));
+const scene = new Scene(byId("human"), byId("robot"), byId("layers"), byId("joint"));
 const headset = new Headset({ send: sendPoses, deadMan, scene, stop, ended: () => choose("choose"), words: headline });
 
 // Out.
@@ -62,7 +62,7 @@ function hear(message) {
     welcomed(message);
   } else if (message.hear === "note") {
     page.note = { text: message.text, at: performance.now() };
-  } else if (message.hear === "bodies") {
+  } else if (message.hear === "scene") {
     scene.meet(message);
   } else if (message.hear === "paused") {
     page.paused = message.why;
@@ -83,6 +83,9 @@ function welcomed(message) {
   page.welcome = message;
   if (message.dead_man) deadMan.use();
   document.title = message.robot;
+  document.body.dataset.performs = message.performs;
+  if (!message.performs) byId("taken").lastChild.textContent = "The performer";
+  if (!message.performs && page.view === "choose") choose("watch"); // the page of a run with another performer
   for (const place of document.querySelectorAll(".robot")) place.textContent = message.robot;
 }
 
@@ -107,6 +110,7 @@ function join(input) {
 function choose(view) {
   if (view !== "choose") page.refusal = "";
   page.view = view;
+  scene.share = view === "camera" ? 0.2 : 0.6;
   if (view !== "camera") camera.stop();
   const input = view === "choose" ? "watch" : view;
   if (input !== page.input || link.state === LINK.REFUSED) join(input);
@@ -147,7 +151,7 @@ async function stayAwake() {
 
 function headline() {
   if (link.state === LINK.REFUSED) return { state: "refused", why: page.refusal };
-  if (link.state !== LINK.OPEN && page.run?.state === "ended") return { state: "ended", why: "The run is over. Start the next one, and open its address." };
+  if (link.state !== LINK.OPEN && page.run?.state === "ended") return { state: "ended", why: page.run.why || "The run is over. Start the next one, and open its address." };
   if (link.state === LINK.OPENING && !page.welcome) return { state: "connecting", why: "" };
   if (link.state !== LINK.OPEN) return { state: "not connected", why: lostWords() };
   const state = page.run?.state || "waiting";

@@ -1,4 +1,5 @@
 // A sign that hangs before a headset: the state of the run in large letters, and a red field that stops it.
+import { program } from "../bodies.js";
 
 const AWAY = 1.3, ABOVE = 0.32; // m from the eyes: the ghost stands free below
 const HALF = [0.5, 0.28]; // m
@@ -6,7 +7,7 @@ const SIZE = [1024, 574]; // px
 const STOP_SHARE = 0.3; // of the height, at the bottom
 const SLOWNESS = 0.92; // share of the old heading that the sign keeps each frame
 
-const TEXTS = [`#version 300 es
+const TEXTS = [`
 uniform mat4 view, projection, place;
 uniform vec2 size;
 out vec2 at;
@@ -14,24 +15,11 @@ void main() {
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
   at = vec2(corner.x, 1.0 - corner.y);
   gl_Position = projection * view * place * vec4((2.0 * corner - 1.0) * size, 0.0, 1.0);
-}`, `#version 300 es
-precision highp float;
+}`, `
 uniform sampler2D picture;
 in vec2 at;
 out vec4 shown;
 void main() { shown = texture(picture, at); }`];
-
-function program(gl) {
-  const made = gl.createProgram();
-  TEXTS.forEach((text, i) => {
-    const shader = gl.createShader(i ? gl.FRAGMENT_SHADER : gl.VERTEX_SHADER);
-    gl.shaderSource(shader, text);
-    gl.compileShader(shader);
-    gl.attachShader(made, shader);
-  });
-  gl.linkProgram(made);
-  return made;
-}
 
 // Breaks a text into at most `most` lines of the pen's font.
 function lines(pen, text, width, most) {
@@ -47,7 +35,7 @@ function lines(pen, text, width, most) {
 export class Sign {
   constructor(gl) {
     this.gl = gl;
-    this.program = program(gl);
+    this.program = program(gl, TEXTS);
     this.array = gl.createVertexArray();
     this.texture = gl.createTexture();
     this.pen = new OffscreenCanvas(...SIZE).getContext("2d");
@@ -113,18 +101,18 @@ export class Sign {
   }
 
   draw(view, projection) {
-    const { gl } = this, at = (name) => gl.getUniformLocation(this.program, name);
-    gl.useProgram(this.program);
+    const { gl, program: { made, uniforms: at } } = this;
+    gl.useProgram(made);
     gl.bindVertexArray(this.array);
     gl.bindTexture(gl.TEXTURE_2D, this.texture);
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.uniformMatrix4fv(at("view"), false, view);
-    gl.uniformMatrix4fv(at("projection"), false, projection);
-    gl.uniformMatrix4fv(at("place"), false, this.place);
-    gl.uniform2f(at("size"), ...HALF);
+    gl.uniformMatrix4fv(at.view, false, view);
+    gl.uniformMatrix4fv(at.projection, false, projection);
+    gl.uniformMatrix4fv(at.place, false, this.place);
+    gl.uniform2f(at.size, ...HALF);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     gl.bindVertexArray(null);
   }

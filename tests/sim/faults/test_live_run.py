@@ -13,11 +13,10 @@ from live_rig import LiveRig
 from messages import refuses, shows
 from operators import Asks
 from retarget.errors import InputError
-from retarget.human.pose_validation import LIMITS
 from retarget.human.samples import Parts
-from retarget.live import performer
+from retarget.human.sensor_intake import SLOW, IntakeTimes
+from retarget.live import begin
 from retarget.live.begin import LiveOptions
-from retarget.live.sensor_validity import ReacquisitionBlend
 from retarget.report.measure import measure
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase
@@ -193,11 +192,9 @@ def test_on_the_approach_it_waits_while_no_sensor_is_valid(kind: str, within: fl
     assert np.count_nonzero(rows) == pytest.approx(result.clip.ticks, abs=2)
 
 
-def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, RunResult]:
+def lost_wrist(intake: IntakeTimes, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, RunResult]:
     """A wrist that is lost for 1.2 s while its arm is raised to the shoulder."""
-    monkeypatch.setattr(
-        performer, "ReacquisitionBlend", lambda count: ReacquisitionBlend(count, replace(LIMITS, blend=blend))
-    )
+    monkeypatch.setattr(begin, "SLOW", intake)
     still = raising(1e9, 2e9)
 
     def fault(time: float, poses: Poses) -> Poses:
@@ -218,11 +215,11 @@ def lost_wrist(blend: float, monkeypatch: pytest.MonkeyPatch) -> tuple[LiveRig, 
 
 @pytest.mark.long
 def test_a_sensor_that_comes_back_is_blended_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, result = lost_wrist(LIMITS.blend, monkeypatch)
+    rig, result = lost_wrist(SLOW, monkeypatch)
     shows(rig.said, "l_wrist")
     assert result.stop is None and result.record.robot is not None
     share = shares(result)
     assert 0.1 < share[result.record.following.start :].max() < 0.55
-    _, longer = lost_wrist(3.0, monkeypatch)
+    _, longer = lost_wrist(replace(SLOW, fade=1.0), monkeypatch)
     assert longer.record.robot is not None
     assert not np.array_equal(longer.record.robot.goal_ticks, result.record.robot.goal_ticks)

@@ -135,10 +135,20 @@ impl PySolver {
         Ok(())
     }
 
-    fn frame<'py>(&mut self, py: Python<'py>, targets: Numbers<'py>, dt: f64) -> PyResult<Vector<'py>> {
+    #[pyo3(signature = (targets, dt, speed_override=1.0))]
+    fn frame<'py>(
+        &mut self,
+        py: Python<'py>,
+        targets: Numbers<'py>,
+        dt: f64,
+        speed_override: f64,
+    ) -> PyResult<Vector<'py>> {
+        if !(speed_override > 0.0 && speed_override <= 1.0) {
+            return Err(bad(format!("speed_override is {speed_override}, expected more than 0 and at most 1")));
+        }
         let (targets, dt) = (entries(&targets, self.solver.target_size, "targets")?, time_step(dt)?);
         let solver = &mut self.solver;
-        py.detach(|| solver.frame(targets, dt));
+        py.detach(|| solver.frame(targets, speed_override, dt));
         Ok(PyArray1::from_slice(py, &self.solver.q))
     }
 

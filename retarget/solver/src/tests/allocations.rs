@@ -118,7 +118,7 @@ fn run_humanoid(robot: &Humanoid, levels: Vec<Vec<Task>>, fixed: &[Vec<f64>]) ->
         }
         values.push(body.rest());
         let row = targets(&solver, &values);
-        counted(|| solver.frame(&row, DT))
+        counted(|| solver.frame(&row, 1.0, DT))
     });
     let counts = counts.collect();
     (solver, counts)
@@ -255,7 +255,7 @@ fn no_frame_after_the_first_allocates_among_obstacles() {
             (0..5).for_each(|k| watch.set_obstacle(k, ball_at(k, shift), true));
             let goal = vec![0.6 * (0.05 * time).cos(), 0.8 * (0.03 * time).sin(), 0.0];
             let row = targets(&solver, &[vec![], vec![], goal, vec![0.0; 6]]);
-            counts.push(counted(|| solver.frame(&row, DT)));
+            counts.push(counted(|| solver.frame(&row, 1.0, DT)));
             let modes = &solver.watch.as_ref().unwrap().modes;
             for (count, mode) in both.iter_mut().zip([Mode::Preventive, Mode::Reactive]) {
                 *count += modes.iter().filter(|m| **m == mode).count();

@@ -1,5 +1,6 @@
 """The obstacles of a recorded run: as its scene was then, where they were at every tick; and why they are not shown."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,8 @@ from retarget.recording.motion import Motion
 from retarget.recording.read_run import read_recorded
 from retarget.run.record import Phase
 from retarget.schema.catalogue import Kind, find
-from retarget.viewer.joint_plot import curves
-from retarget.viewer.recorded import ShownRun, open_recorded, recorded_obstacles
-from viewed import shown
+from retarget.web.recorded import ShownRun, open_recorded, page_files, recorded_obstacles
+from retarget.web.shown import joint_tracks, present
 
 
 @pytest.fixture(scope="module")
@@ -94,33 +94,65 @@ def test_every_row_is_as_it_was(path: Path, run: ShownRun) -> None:
     robot = run.cast.robot
     assert robot is not None and run.cast.joints == tuple(arrays["joint_names"])
     assert not run.cast.servos_measure
-    states = {str(shown(run, row).doing) for row in range(len(run))}
-    assert states == {"approaching", "following", "stopping"}
-    for row in (0, len(run) // 2, len(run) - 1):
-        snapshot = shown(run, row)
-        assert snapshot.time == arrays["time"][row]
-        np.testing.assert_array_equal(snapshot.sent, arrays["joint_positions"][row])
-        np.testing.assert_array_equal(snapshot.q[:3], arrays["root_position"][row])
-        column = robot.body.joint_qpos[robot.body.joint_index("l_knee")]
-        joint = run.cast.joints.index("l_knee")
-        assert snapshot.q[column] == snapshot.sent[joint]
-        assert snapshot.robot[column] == snapshot.present[joint]
-        assert 0.0 < snapshot.off < 0.2
-    time, sent, present = curves(run, run.cast, 3, "angle")
-    np.testing.assert_allclose(sent, np.degrees(arrays["joint_positions"][:, 3]))
-    np.testing.assert_allclose(present, np.degrees(arrays["servo_positions"][:, 3]))
-    np.testing.assert_array_equal(time, run.time)
+    assert set(run.doing) == {"approaching", "following", "stopping"}
+    np.testing.assert_array_equal(run.q[:, :3], arrays["root_position"])
+    column = robot.body.joint_qpos[robot.body.joint_index("l_knee")]
+    joint = run.cast.joints.index("l_knee")
+    np.testing.assert_array_equal(run.q[:, column], arrays["joint_positions"][:, joint])
+    np.testing.assert_array_equal(present(run.cast, run, run.q)[:, column], run.present[:, joint])
+    tracks = joint_tracks(run.cast, run)
+    np.testing.assert_allclose(tracks["goal"], np.degrees(arrays["joint_positions"]))
+    np.testing.assert_allclose(tracks["servo"], np.degrees(arrays["servo_positions"]))
+    assert np.isnan(tracks["temperature"]).all()
+    np.testing.assert_array_equal(run.time, arrays["time"])
+
+
+class Shown:
+    """What the page of a run brings along."""
+
+    def __init__(self, run: ShownRun) -> None:
+        self.files = page_files(run, "a <b>run</b>")
+        html = self.files[""].decode()
+        assert "<b>run</b>" not in html
+        self.data: Any = json.loads(html.split('id="motion">')[1].split("</script>")[0])
+
+    def numbers(self, place: list[int], kind: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Of a track."""
+        begin, count = place
+        return np.frombuffer(self.files["tracks"], kind, count, begin).astype(float)
+
+
+def test_the_page_has_every_tick(run: ShownRun, path: Path) -> None:
+    page, robot = Shown(run), run.cast.robot
+    data = page.data
+    assert robot is not None and data["every"] == 1 and data["performer"]["layers"] == ["servos"]
+    np.testing.assert_allclose(np.array(data["time"]), 1e3 * run.time, atol=0.06)
+    shown = data["robot"]["goal"]
+    place = page.numbers(shown["numbers"], "<i2").reshape(len(run), -1, 7)[..., :3] * shown["step"]
+    place[..., :2] += page.numbers(data["robot"]["centre"], "<f4").reshape(len(run), 1, 2)
+    np.testing.assert_allclose(place, robot.poses(run.q)[..., :3], atol=1e-3)
+    assert data["robot"]["poses"] != shown, "where its servos are"
+    words = [words for _, words, _ in data["doing"]]
+    assert words == ["approaching", "following", "stopping"]
+    angles = page.numbers(data["joints"]["goal"], "<f4").reshape(len(run), -1)
+    np.testing.assert_allclose(angles, joint_tracks(run.cast, run)["goal"], atol=1e-4)
+    assert not data["joints"]["measured"] and data["joints"]["names"] == list(run.cast.joints)
+
+
+def test_a_long_run_is_shown_more_coarsely(run: ShownRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("retarget.web.recorded.MOST_ROWS", len(run) // 2)
+    data = Shown(run).data
+    assert data["every"] == 3 and len(data["time"]) == len(data["phase"]) == -(-len(run) // 3)
 
 
 def test_sensors_are_shown_where_they_were_kept(path: Path, run: ShownRun, tmp_path: Path) -> None:
     with np.load(path) as saved:
         arrays = {key: saved[key] for key in saved}
-    snapshot = shown(run, 40)
     assert run.cast.sensors == tuple(arrays["sensor_names"])
-    np.testing.assert_array_equal(snapshot.sensors, arrays["sensor_positions"][40])
+    np.testing.assert_array_equal(run.sensors, arrays["sensor_positions"])
     older = tmp_path / "older.npz"
     np.savez(older, **{key: value for key, value in arrays.items() if not key.startswith("sensor_")})
-    assert open_recorded(older).cast.sensors == () and "sensors" not in shown(open_recorded(older), 40)
+    assert open_recorded(older).cast.sensors == () and "sensors" not in open_recorded(older)
 
 
 def _without(arrays: dict[str, Any], key: str) -> dict[str, Any]:

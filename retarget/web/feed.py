@@ -5,14 +5,15 @@ not take at once is dropped, so that a page that is slow, stopped or dead costs 
 """
 
 import json
+import math
 import os
 import socket
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,27 @@ from retarget.model.robot import Mounting
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
 from retarget.run.table import RunTable
-from retarget.viewer.snapshot import SHOWN
+from retarget.types import RunState
 
-LIVE_PAGE = "retarget.viewer.live_page"
-"""The module that serves the page of `--view`: it takes a port and a title."""
+SERVER = "retarget.web.server"
+"""The module that serves the page."""
+SHOWN = (
+    *("human_q", "sensors", "q", "present", "landmarks_asked", "landmarks_reached", "observer_modes", "temperature"),
+    *("current", "truth", "doing", "reason"),
+)
+"""The fields of a row that a page shows, besides its time, obstacles and latency."""
+STATE_WORDS = {
+    RunState.APPROACH: "approaching",
+    RunState.FOLLOW: "following",
+    RunState.HOLD: "holding",
+    RunState.STOPPING: "stopping",
+    RunState.RETURN_TO_STANCE: "returning to its stance",
+    RunState.GO_TO_REST: "going to rest",
+    RunState.STANDING: "standing, with torque",
+    RunState.OFF: "ended",
+    RunState.FAULT: "stopped",
+}
+"""What a robot does in a state of the run."""
 SHOWN_HZ = 25.0
 STOP = b"stop"
 READY, REFUSED = b"ready ", b"refused "
@@ -40,6 +58,21 @@ LONGEST_ANSWER = 4096
 """Bytes of an answer of the page, and more."""
 MOST_WORDS = 1024
 """Words of the page that wait for the run: of a minute in which it hears none."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
+    for any. robot: its name. performs: a browser may be the performer, and pause the robot; else it looks on, and can
+    only stop it. dead_man: the robot moves only while it is held. poses: number of the socket to the run for poses, -1:
+    none."""
+
+    listen: bool
+    port: int
+    robot: str
+    performs: bool = True
+    dead_man: bool = False
+    poses: int = -1
 
 
 @dataclass(frozen=True)
@@ -64,22 +97,41 @@ class Note:
     note: str
 
 
+ROW = b"\0"
+"""Begins a row; anything else is JSON."""
+
+
 def packed(message: PageSetup | RunTable | Note | str) -> bytes:
-    """A message to the process of the page, as JSON; a text is a state."""
-    known = message.known if isinstance(message, RunTable) else message if isinstance(message, str) else vars(message)
-    return json.dumps(known, default=np.ndarray.tolist).encode()
+    """A message to the process of the page. A text is a state. Of a row: a line of JSON with its words and the types
+    and shapes of its arrays, then their bytes."""
+    if not isinstance(message, RunTable):
+        return json.dumps(message if isinstance(message, str) else vars(message)).encode()
+    known = message.known
+    arrays = {name: value for name, value in known.items() if isinstance(value, np.ndarray) and value.dtype != object}
+    kinds = {name: (value.dtype.str, value.shape) for name, value in arrays.items()}
+    words = {name: value for name, value in known.items() if name not in arrays}
+    head = json.dumps([words, kinds], default=np.ndarray.tolist).encode()
+    return b"".join([ROW, head, b"\n", *(value.tobytes() for value in arrays.values())])
 
 
 def unpacked(data: bytes) -> PageSetup | RunTable | Note | str:
     """The message of these bytes."""
+    if data.startswith(ROW):
+        head, _, body = data[1:].partition(b"\n")
+        known, kinds = json.loads(head)
+        at = 0
+        for name, (kind, shape) in kinds.items():
+            count = math.prod(shape)
+            known[name] = np.frombuffer(body, kind, count, at).reshape(shape)
+            at += known[name].nbytes
+        return RunTable(**known)
     said = json.loads(data)
     if isinstance(said, str):
         return said
     if "note" in said:
         return Note(**said)
-    lists: Any = tuple if "human_mjcf" in said else np.array
-    known = {name: lists(value) if isinstance(value, list) else value for name, value in said.items()}
-    return PageSetup(**known) if lists is tuple else RunTable(**known)
+    lists: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in said.items()}
+    return PageSetup(**lists)
 
 
 class ViewFeed:
@@ -193,19 +245,29 @@ class ViewFeed:
 
 
 @contextmanager
-def open_feed(module: str, *arguments: str, passed: Sequence[int] = ()) -> Iterator[ViewFeed]:
-    """The page of a run, from now on; in the end it shows how the run ended, and ends by itself, or is ended.
+def needing_websockets() -> Iterator[None]:
+    """Raise ConfigError where websockets are missing."""
+    try:
+        yield
+    except ImportError as error:
+        raise ConfigError(
+            "a page needs websockets", found=str(error), next_step="Install it: pip install 'retarget[view]'"
+        ) from error
 
-    module: it is run as `python -m MODULE FD ARGUMENTS`, FD being its end of the pair of sockets. passed: further files
-    that it keeps open. Raises ConfigError or what it refuses.
-    """
+
+@contextmanager
+def open_feed(settings: Settings) -> Iterator[ViewFeed]:
+    """The page of a run, from now on; in the end it shows how the run ended, and ends by itself, or is ended. Raises
+    ConfigError or what it refuses."""
+    with needing_websockets():
+        import websockets  # noqa: F401  (the page's process needs it)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in (ours, theirs):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", module, str(theirs.fileno()), *arguments],
-            pass_fds=(theirs.fileno(), *passed),
+            [sys.executable, "-P", "-m", SERVER, str(theirs.fileno()), json.dumps(asdict(settings))],
+            pass_fds=[theirs.fileno(), *([settings.poses] if settings.poses >= 0 else [])],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},  # the code that the run runs

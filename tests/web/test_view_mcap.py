@@ -10,9 +10,8 @@ from followers import op3
 from recordings import record, recorded
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
-from retarget.viewer.joint_plot import curves
-from retarget.viewer.recorded import open_recorded
-from viewed import shown
+from retarget.web.recorded import open_recorded
+from retarget.web.shown import joint_tracks, moved, observer_poses, present
 
 
 @pytest.fixture(scope="module")
@@ -33,24 +32,23 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     np.testing.assert_allclose(seen.time, run.record.time, atol=1e-9)
     columns = run.robot.servo_columns
     order = [seen.cast.joints.index(joint) for joint in run.robot.joint_map.joints]
+    np.testing.assert_allclose(seen.q, sent.q, atol=1e-6)
+    np.testing.assert_allclose(present(seen.cast, seen, seen.q)[:, columns], sent.present, atol=1e-9)
+    np.testing.assert_array_equal(seen.temperature[:, order], sent.temperature)
+    assert seen.current.min() > 0.01 and seen.cast.sensors == run.sensors
+    acts = np.isfinite(observer_poses(seen.cast, seen)).all(axis=2)
+    np.testing.assert_array_equal(acts, sent.observer_modes > 0)
     for row in range(0, len(seen), 7):
-        snapshot = shown(seen, row)
-        np.testing.assert_allclose(snapshot.q, sent.q[row], atol=1e-6)
-        np.testing.assert_allclose(snapshot.robot[columns], sent.present[row], atol=1e-9)
-        np.testing.assert_array_equal(snapshot.temperature[order], sent.temperature[row])
-        assert snapshot.current.min() > 0.01
-        assert snapshot.observer_modes.shape == sent.observer_modes[row].shape
-        assert seen.cast.sensors == run.sensors
-        of = np.abs(run.record.human_q[: row + 1] - snapshot.human_q).max(axis=1)
+        of = np.abs(run.record.human_q[: row + 1] - seen.human_q[row]).max(axis=1)
         made_of = run.record.sensors[: row + 1][of < 1e-6]
-        assert any(np.array_equal(snapshot.sensors, one) for one in made_of), (
+        assert any(np.array_equal(seen.sensors[row], one) for one in made_of), (
             "those that the human who is shown is made of"
         )
-        assert np.abs(snapshot.human_q - run.record.human_q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
-    _, goal, present = curves(seen, seen.cast, order[4], "angle")
-    np.testing.assert_allclose(goal, np.degrees(sent.q[:, columns[4]]), atol=1e-4)
-    np.testing.assert_allclose(present, np.degrees(sent.present[:, 4]), atol=1e-6)
-    np.testing.assert_array_equal(curves(seen, seen.cast, order[4], "temperature")[2], sent.temperature[:, 4])
+        assert np.abs(seen.human_q[row] - run.record.human_q[max(row - 10, 0) : row + 1]).min(axis=0).max() < 1e-4
+    tracks = joint_tracks(seen.cast, seen)
+    np.testing.assert_allclose(tracks["goal"][:, order], np.degrees(sent.q[:, columns]), atol=1e-4)
+    np.testing.assert_allclose(tracks["servo"][:, order], np.degrees(sent.present), atol=1e-6)
+    np.testing.assert_array_equal(tracks["temperature"][:, order], sent.temperature)
 
 
 @pytest.mark.long
@@ -76,9 +74,9 @@ def test_a_simulated_body_is_where_it_really_was(tmp_path: Path) -> None:
     run = recorded(path, robot="op3", truth=late_truth)
     seen = open_recorded(path)
     assert run.record.robot is not None
-    before, after = shown(seen, 50), shown(seen, len(seen) - 1)
-    assert np.isnan(before.pressure).all()
-    np.testing.assert_allclose(before.robot[robot.servo_columns], run.record.robot.present[50], atol=1e-9)
-    np.testing.assert_array_equal(after.robot[:7], truth[:7])
-    np.testing.assert_allclose(after.robot[7:], truth[7:-2], atol=1e-6)
-    assert after.pressure.tolist() == [0.0625, -0.25]
+    q = moved(seen.cast, seen)
+    there = present(seen.cast, seen, q)
+    np.testing.assert_allclose(there[50, robot.servo_columns], run.record.robot.present[50], atol=1e-9)
+    np.testing.assert_allclose(q[50], seen.q[50], atol=1e-9)
+    np.testing.assert_array_equal(there[-1, :7], truth[:7])
+    np.testing.assert_allclose(there[-1, 7:], truth[7:-2], atol=1e-6)

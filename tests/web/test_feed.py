@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable
 from contextlib import nullcontext
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +22,7 @@ from retarget.run.record import KEPT, Record
 from retarget.run.run_result import Extras
 from retarget.run.table import RunTable
 from retarget.types import RunState
-from retarget.viewer.feed import LIVE_PAGE, READY, STOP, PageSetup, ViewFeed, open_feed, unpacked
-from retarget.viewer.live_page import serve
+from retarget.web.feed import READY, STOP, PageSetup, Settings, ViewFeed, open_feed, unpacked
 
 TICKS = 50
 
@@ -49,24 +48,14 @@ def feed(*, every: int = 5) -> tuple[ViewFeed, socket.socket]:
     return run, theirs
 
 
+def looked_at(port: int = 0) -> Settings:
+    return Settings(listen=False, port=port, robot="op3", performs=False)
+
+
 def received(page: socket.socket) -> RunTable:
     row = unpacked(page.recv(1 << 16))
     assert isinstance(row, RunTable)
     return row
-
-
-class FakePage:
-    """What a page was to show."""
-
-    def __init__(self) -> None:
-        self.states: list[str] = []
-        self.rows: list[tuple[float, bool]] = []
-
-    def announce(self, state: str) -> None:
-        self.states.append(state)
-
-    def show(self, row: RunTable, *, newest: bool) -> None:
-        self.rows.append((float(row.time), newest))
 
 
 def test_some_rows_are_shown_with_what_the_robot_does() -> None:
@@ -114,23 +103,11 @@ def test_a_page_that_takes_nothing_costs_nothing() -> None:
 
 @pytest.mark.long
 def test_a_page_that_hangs_is_ended_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 0.1)
-    with open_feed(LIVE_PAGE, "0", "") as run:
+    monkeypatch.setattr("retarget.web.feed.ENDING_S", 0.1)
+    with open_feed(looked_at()) as run:
         os.kill(run.process, signal.SIGSTOP)
     with pytest.raises(ProcessLookupError):
         os.kill(run.process, 0)
-
-
-def test_the_newest_row_is_drawn_and_no_row_is_lost_with_the_link() -> None:
-    run, link = feed(every=1)
-    whole, page = record(), FakePage()
-    for row in range(3):
-        run.on_row(whole, row)
-    run._link.close()
-    link.setblocking(True)
-    serve(link, cast(Any, page))
-    assert [time for time, _ in page.rows] == [pytest.approx(row / 25.0) for row in range(3)]
-    assert not any(newest for _, newest in page.rows), "the end waits, and shows the last one"
 
 
 def test_it_can_only_stop_and_stays_so() -> None:
@@ -144,13 +121,10 @@ def test_it_can_only_stop_and_stays_so() -> None:
 
 
 def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    run, setup, page = ViewFeed(ours, 0), PageSetup(None, None, None, ""), FakePage()
-    run.announce("calibrating")
-    ours.shutdown(socket.SHUT_WR)
-    serve(theirs, cast(Any, page))
-    assert page.states == ["calibrating"], "the run has ended before"
+    setup = PageSetup(None, None, None, "")
     run, theirs = feed()
+    run.announce("calibrating")
+    assert unpacked(theirs.recv(1 << 16)) == "calibrating"
     theirs.send(STOP)
     theirs.send(READY)
     run.begin(setup, rate_hz=25.0)
@@ -162,12 +136,12 @@ def test_what_is_asked_before_the_performer_is_known_is_not_lost() -> None:
 
 
 def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("retarget.viewer.feed.ENDING_S", 30.0)  # on a machine that has other things to do
+    monkeypatch.setattr("retarget.web.feed.ENDING_S", 30.0)  # on a machine that has other things to do
     setup = PageSetup(str(op3().profile.path), None, "table", build_human(dimensions(performer())).mjcf)
-    with open_feed(LIVE_PAGE, "0", "a <b>run</b>") as run:
+    with open_feed(looked_at()) as run:
         assert run.address.startswith("http://127.0.0.1:")
         port = int(run.address.split(":")[2].split("/")[0])
-        with open_feed(LIVE_PAGE, str(port), "") as other:
+        with open_feed(looked_at(port)) as other:
             assert f":{port}/" not in other.address, "the next port that is free"
         run.announce("calibrating")
         run.begin(setup, rate_hz=125.0)
@@ -177,7 +151,7 @@ def test_a_page_is_there_before_the_performer_is_known_and_ends_with_the_run(mon
 
 def test_a_page_that_dies_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.executable", "/bin/false")
-    with refuses(ConfigError), open_feed(LIVE_PAGE, "0", ""):
+    with refuses(ConfigError), open_feed(looked_at()):
         pass
 
 

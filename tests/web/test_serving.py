@@ -1,19 +1,23 @@
 """Who may use the page of a run, and who may not."""
 
 import http.client
+import queue
 import socket
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from http import HTTPStatus
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
+pytest.importorskip("websockets", reason="the extra view is not installed")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
-from websockets.typing import Origin, Subprotocol
+from websockets.typing import Origin
 
-from retarget.viewer.server import AccessToken, Refused, close_server, open_server
+from retarget.web.serving import AccessToken, Refused, serve_files
 
 KEY = "k" * 32
 HERE = {"Host": "127.0.0.1:8080"}
@@ -68,30 +72,33 @@ def test_whatever_is_sent_is_judged(path: str, origin: str) -> None:
 
 # The page as browsers and others see it: over sockets, with and without what opens it.
 
-viser = pytest.importorskip("viser", reason="the viewer's extra is not installed")
+
+@contextmanager
+def served(port: int = 0) -> Iterator[tuple[int, str]]:
+    """A page in a thread of its own: its port and key."""
+    over, addresses = threading.Event(), queue.Queue[str]()
+    files = {"": b"<html></html>", "player.js": b"export {};"}
+    kept = {"opened": addresses.put, "over": over.is_set}
+    thread = threading.Thread(target=serve_files, args=(files, port), kwargs=kept)
+    thread.start()
+    try:
+        address = addresses.get(timeout=10.0)
+        yield int(address.split(":")[2].split("/")[0]), address.split("/")[3]
+    finally:
+        over.set()
+        thread.join(10.0)
 
 
 @pytest.fixture(scope="module")
 def page() -> Iterator[tuple[int, str]]:
-    server, address = open_server(0, title="test")
-    yield int(address.split(":")[2].split("/")[0]), address.split("/")[3]
-    server.stop()
+    with served() as one:
+        yield one
 
 
 def answer(port: int, path: str, **headers: str) -> http.client.HTTPResponse:
     link = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
     link.request("GET", path, headers=headers)
     return link.getresponse()
-
-
-def dial(page: tuple[int, str], *, origin: str | None, key: str) -> Any:
-    port, _ = page
-    return connect(
-        f"ws://127.0.0.1:{port}/{key}",
-        origin=None if origin is None else Origin(origin),
-        subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
-        open_timeout=10.0,
-    )
 
 
 def test_the_key_opens_it_and_nothing_else(page: tuple[int, str]) -> None:
@@ -101,19 +108,25 @@ def test_the_key_opens_it_and_nothing_else(page: tuple[int, str]) -> None:
     assert answer(port, f"/{key}/", Origin="http://evil.example").status == 403
     assert answer(port, f"/{key}/", Host="evil.example").status == 403
     opened = answer(port, f"/{key}/")
-    assert opened.status == 200 and opened.headers["X-Frame-Options"] == "DENY" and b"<html" in opened.read()
-    assert opened.headers["Set-Cookie"] is None
-    assert answer(port, f"/{key}/../../pyproject.toml").status == 404
+    assert opened.status == 200 and b"<html" in opened.read() and opened.headers["Content-Type"] == "text/html"
+    assert "frame-ancestors 'none'" in opened.headers["Content-Security-Policy"]
+    assert opened.headers["Referrer-Policy"] == "no-referrer" and opened.headers["Set-Cookie"] is None
+    assert answer(port, f"/{key}/player.js").headers["Content-Type"] == "text/javascript"
+    for place in ("../../pyproject.toml", "page.css", "ws"):
+        assert answer(port, f"/{key}/{place}").status == 404
 
 
-def test_another_origin_cannot_connect(page: tuple[int, str]) -> None:
+def test_a_page_of_files_has_no_socket(page: tuple[int, str]) -> None:
     port, key = page
-    here = f"http://127.0.0.1:{port}"
-    for origin, offered in (("http://evil.example", key), (None, key), (here, ""), (here, key + "x")):
-        with pytest.raises(InvalidStatus), dial(page, origin=origin, key=offered):
+    for origin, offered in (
+        ("http://evil.example", key),
+        (None, key),
+        (f"http://127.0.0.1:{port}", key + "x"),
+        (f"http://127.0.0.1:{port}", key),
+    ):
+        where = f"ws://127.0.0.1:{port}/{offered}/ws"
+        with pytest.raises(InvalidStatus), connect(where, origin=None if origin is None else Origin(origin)):
             pass
-    with dial(page, origin=here, key=key) as link:
-        assert link.recv(timeout=10.0)
 
 
 def test_only_this_machine_reaches_it(page: tuple[int, str]) -> None:
@@ -122,11 +135,6 @@ def test_only_this_machine_reaches_it(page: tuple[int, str]) -> None:
         other.connect(("127.0.0.2", page[0]))
 
 
-def test_where_a_port_is_taken_the_next_free_one_is_used() -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        server, address = open_server(port, title="test")
-        assert server.get_port() > port and f":{server.get_port()}/" in address
-        close_server(server)
+def test_where_a_port_is_taken_the_next_free_one_is_used(page: tuple[int, str]) -> None:
+    with served(page[0]) as (port, key):
+        assert page[0] < port and answer(port, f"/{key}/").status == 200

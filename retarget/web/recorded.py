@@ -1,0 +1,198 @@
+"""A finished run to be looked at, whatever file it is from: its cast, what is shown of each tick, and its page."""
+
+import base64
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from retarget.errors import RefusedError
+from retarget.model.body import body_from_file
+from retarget.model.meshes import Mesh, solid_body
+from retarget.model.robot import RobotBody, load_robot
+from retarget.model.scene_state import SceneState, obstacle_meshes, obstacle_poses
+from retarget.recording.configs import recorded_scene
+from retarget.recording.cycles import STATES_OF_RUN
+from retarget.recording.motion import Motion
+from retarget.recording.read_run import no_human, read_recorded
+from retarget.report.animation import Packed, facing_x, figure, ground, letters, packed
+from retarget.report.page import FOLDER, player_script, template
+from retarget.report.tracking import turned
+from retarget.rotations import rotate
+from retarget.run.record import PHASE_NAMES, Phase
+from retarget.run.table import RunTable
+from retarget.schema.scene import load_scene
+from retarget.types import FloatArray
+from retarget.web.feed import SHOWN, STATE_WORDS
+from retarget.web.shown import Cast, joint_tracks, moved, observer_poses, present
+
+WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
+PHASE_WORDS = ("approaching", "following", "stopping")
+"""What a robot does, by the state of the run, and by the phase of a tick, which is less precise."""
+
+
+def recorded_obstacles(run: Motion) -> tuple[list[Mesh], FloatArray | None, tuple[str, ...]]:
+    """The obstacles of a recorded run: their meshes; their poses (T, o, 7), m and wxyz, at every tick, None without
+    any; and notes why they are not shown, or that the file of the scene is another one now.
+
+    A recording has its scene attached. Obstacles that a program moved live are shown where the scene file has them.
+    """
+    if run.recording is None:
+        return [], None, ()
+    try:
+        with recorded_scene(run.recording) as (scene, notes):
+            if scene is None:
+                return [], None, notes
+            state = SceneState(load_scene(scene))
+    except RefusedError as error:
+        return [], None, (f"its scene is not shown: {error}",)
+    moves = (run.phase != Phase.APPROACH) & ~run.no_command
+    times = run.recording.session.dt * (np.cumsum(moves) - moves)
+    poses = [obstacle_poses(state.shapes, state.at_rest(time)) for time in times.tolist()]
+    return obstacle_meshes(state.shapes), np.array(poses), notes
+
+
+KEPT_FIELDS = ("time", "phase", "gated", *SHOWN)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShownRun(RunTable):
+    """A recorded run, as a page shows it. notes: what is missing."""
+
+    cast: Cast
+    notes: tuple[str, ...] = ()
+
+
+def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
+    """Read a run: saved or recorded, by what is in the file. What is kept less often than every tick is shown as it was
+    last. body: MJCF or URDF of the robot, where the one that the file names is not there any more.
+
+    Raises InputError for anything else.
+    """
+    run = read_recorded(path, body=body)
+    if run.human is None or run.compiled is None:
+        raise no_human(str(path))
+    meshes, poses, notes = recorded_obstacles(run)
+    cast = Cast(
+        human=solid_body(body_from_file(run.human)),
+        robot=None if run.is_human else solid_body(run.body),
+        profile=run.profile or (None if run.is_human else _profile(Path(run.body.source))),
+        joints=() if run.is_human else run.joint_names,
+        landmarks=() if run.is_human else run.landmark_names,
+        sensors=run.sensor_names,
+        obstacles=meshes,
+        servos_measure="temperature" in run and bool(np.isfinite(run.temperature).any()),
+    )
+    known = {name: values for name, values in run.known.items() if name in KEPT_FIELDS} | {"obstacles": poses}
+    kept = np.isfinite(run.human_q).all(axis=1)
+    last = np.maximum.accumulate(np.where(kept, np.arange(len(run)), np.argmax(kept)))
+    known |= {name: known[name][last] for name in ("human_q", "sensors") if name in known}
+    doing = [PHASE_WORDS[phase] for phase in run.phase.tolist()]
+    if "state" in run:
+        doing = [WORDS.get(state, words) for state, words in zip(run.state.tolist(), doing, strict=True)]
+    known["doing"] = np.array(doing, dtype=np.object_)
+    known["reason"] = np.where(known["doing"] == "following", "", run.reason if "reason" in run else "")
+    return ShownRun(**known, cast=cast, notes=tuple(dict.fromkeys((*run.notes, *notes))))
+
+
+def _profile(body: Path) -> RobotBody | None:
+    """The robot whose body file it is, if its profile lies next to it and can be read."""
+    try:
+        return load_robot(body.with_name("robot.yaml"), root="free")
+    except RefusedError:
+        return None
+
+
+# Its page: the player of a report, with every tick, goals and joints.
+
+MOST_ROWS = 40_000
+"""Rows of a page at most, some 70 MB: five minutes at 125 Hz; a longer run is shown more coarsely."""
+
+
+def page_files(run: ShownRun, title: str) -> dict[str, bytes]:
+    """The page of a run, "", and what it loads, by their places."""
+    tracks = bytearray()
+    html = template("view.html").render(title=title, animation=_lifted(_animation(run), tracks))
+    script = player_script('await (await fetch("tracks")).arrayBuffer()')
+    styles = {name: (FOLDER / name).read_bytes() for name in ("base.css", "page.css")}
+    return {"": html.encode(), "player.js": script.encode(), "tracks": bytes(tracks)} | styles
+
+
+def _lifted(value: Any, tracks: bytearray) -> Any:
+    """The same with its packed numbers moved into `tracks`: the first byte, and how many numbers."""
+    if isinstance(value, dict):
+        return {name: _lifted(one, tracks) for name, one in value.items()}
+    if not isinstance(value, Packed):
+        return value
+    tracks += bytes(-len(tracks) % 4)
+    begin, numbers = len(tracks), base64.b64decode(value)
+    tracks += numbers
+    return [begin, len(numbers) // value.size]
+
+
+def _animation(run: ShownRun) -> dict[str, Any]:
+    """What the player draws, as `animation_of` has it."""
+    every = math.ceil(len(run) / MOST_ROWS)
+    rows, cast = np.arange(0, len(run), every), run.cast
+    shown = run[rows]
+    words = list(zip(shown.doing.tolist(), shown.reason.tolist(), strict=True))
+    gated = run.gated if "gated" in run else np.zeros(len(run), dtype=bool)
+    q = None if cast.robot is None else moved(cast, run)
+    known = ("goal", "servo", *(("temperature", "current") if cast.servos_measure else ()))
+    joints = {name: packed(joint_tracks(cast, shown)[name]) for name in known} if cast.joints else None
+    return {
+        "time": (1e3 * shown.time).round(1).tolist(),
+        "phase": "".join(PHASE_NAMES[phase][0] for phase in shown.phase.tolist()),
+        "gated": letters(gated, rows),
+        "every": every,
+        "performer": _performer(shown),
+        "robot": None if q is None else _robot(shown, q[rows]),
+        "ground": None if q is None or cast.profile is None else ground(cast.profile, q, rows),
+        "recorded": None,
+        "joints": joints and joints | {"names": cast.joints, "measured": cast.servos_measure},
+        "doing": [(at, *said) for at, said in enumerate(words) if at == 0 or said != words[at - 1]],
+        "poses": [],
+        "moments": [],
+        "notes": run.notes,
+        "repeats": True,
+    }
+
+
+def _performer(run: ShownRun) -> dict[str, Any]:
+    """The human and its sensors, turned so that it faces x where following begins."""
+    cast, first = run.cast, int(np.argmax(run.phase == Phase.FOLLOW))
+    _, turns = cast.human.kinematics.forward(np.ascontiguousarray(run.human_q[first]))
+    ahead = rotate(turns[1], np.array([1.0, 0.0, 0.0]))[None, :2]
+    heading = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    marks = turned(run.sensors, heading) if "sensors" in run else np.zeros((len(run), 0, 3))
+    poses, scene = facing_x(cast.human.poses(run.human_q), heading), _obstacles(run) if cast.robot is None else None
+    if scene is not None:
+        scene = scene[0], facing_x(scene[1], heading)
+    made = figure("performer", cast.human, poses, marks=marks, layers=("servos",), scene=scene)
+    return made | {"caption": "as reconstructed"}
+
+
+def _robot(run: ShownRun, q: FloatArray) -> dict[str, Any]:
+    """The robot in postures (T, nq), with its servos where they report to be, and its goals."""
+    cast = run.cast
+    assert cast.robot is not None
+    marks = run.landmarks_asked if "landmarks_asked" in run else np.zeros((len(run), 0, 3))
+    made = figure(
+        "robot" if cast.profile is None else cast.profile.profile.name,
+        cast.robot,
+        cast.robot.poses(present(cast, run, q)),
+        goal=cast.robot.poses(run.q),
+        marks=marks,
+        layers=("asked", "pass"),
+        scene=_obstacles(run),
+        observers=(cast.observer_meshes, observer_poses(cast, run))
+        if "observer_modes" in run and cast.profile
+        else None,
+    )
+    return made | {"caption": "as simulated" if "truth" in run else "as its servos report it"}
+
+
+def _obstacles(run: ShownRun) -> tuple[list[Mesh], FloatArray] | None:
+    return ([*run.cast.obstacles], run.obstacles) if "obstacles" in run and run.cast.obstacles else None
