@@ -260,8 +260,10 @@ NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
 
 
 def show_summary(run: RunResult, report: Report, *, verbose: bool, said: Sequence[str] = ()) -> None:
-    """Print what was played and what matters of it; verbose: every figure. said: notes that were printed before."""
-    notes = [note for note in report.notes if note not in said]
+    """Print what was played and what matters of it; verbose: every figure. said: notes that were printed before; one
+    that ends with the same reason says nothing new."""
+    reasons = {note.rpartition(": ")[2] for note in said}
+    notes = [note for note in report.notes if note.rpartition(": ")[2] not in reasons]
     echo(heading(report))
     if not verbose:
         for line in remarks(run, report, notes):

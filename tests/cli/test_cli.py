@@ -16,6 +16,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from rich.table import Table
 
 from command_line import code_of
 from command_line import code_of as leave
@@ -202,6 +203,15 @@ def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> N
     assert leave("--help") == DONE
     shown = " ".join(capsys.readouterr().out.split())
     assert all(f"{code} " in shown.split("Exit codes:")[1] for code in (DONE, STOPPED, REFUSED, DEFECT, INTERRUPTED))
+
+
+def test_a_table_in_a_pipe_has_no_blanks_at_the_ends_of_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table("a", "b", box=None)
+    table.add_row("short", "a much longer text")
+    table.add_row("a longer name", "short")
+    console().print(table)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3 and lines == [line.rstrip() for line in lines]
 
 
 # `retarget demo`: works on its own, and leaves a report, a recording and pictures.
