@@ -1,4 +1,4 @@
-"""A live performer as a run follows it: valid sensors in our world, with holds and reacquisition blends."""
+"""A live performer as a run follows it: valid sensors in our world, with holds."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf
