@@ -20,7 +20,8 @@ from retarget.frames import (
 from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
-from retarget.live.rest_capture import Alignment, facing_of
+from retarget.human.stance import facing_of
+from retarget.live.rest_capture import Alignment
 from retarget.live.roles import NO_WRISTS, Roles
 from retarget.live.sensor_validity import Debounce, Engagement, SensorDebounce
 from retarget.live.stream import LiveStream, StreamReading

@@ -1,0 +1,36 @@
+"""Advice on a stream: what is wrong and what to do, by symptom and kind of source, from the table `advice.yaml`."""
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from retarget.schema import strict_yaml
+
+
+class Advice(NamedTuple):
+    """what: is wrong, then: what to do; "" for nothing."""
+
+    what: str
+    then: str
+
+    @property
+    def text(self) -> str:
+        """Both as one text."""
+        return ". ".join(part for part in self if part)
+
+
+@cache
+def _rows() -> list[dict[str, str]]:
+    table: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("advice.yaml")).data
+    rows: list[dict[str, str]] = table["rows"]
+    return rows
+
+
+def advice(symptom: str, kind: str = "", **facts: Any) -> Advice:
+    """The advice on a symptom of a stream of this kind, a scheme of an address, with facts filled in."""
+    for row in _rows():
+        if row.get("kind", kind) == kind and fnmatchcase(symptom, row["symptom"]):
+            return Advice(row.get("what", "").format_map(facts), row.get("then", "").format_map(facts))
+    return Advice("", "")
