@@ -508,6 +508,13 @@ def test_what_cannot_be_started_is_refused() -> None:
     assert stands.names == FIVE
     with refuses(InputError, found="are exchanged, as seen from the wrists"):
         pipeline.start(replace(stands, position=stands.position[sides]))
+    with refuses(InputError, found="are exchanged, as seen from the wrists"):  # also of who is known
+        known = calibrate(frames())
+        pipeline.start(replace(stands, position=stands.position[sides]), calibration=known)
+    back = stands.orientation.copy()
+    back[stands.names.index("head")] = [0.0, 0.0, 0.0, 1.0]
+    with refuses(InputError, found="your head faces backward"):
+        pipeline.start(replace(stands, orientation=back))
     for wrong in (np.full(20, np.nan), [0.0, 0.0], "stand"):
         with refuses(UsageError, "Pipeline.start, present"):
             pipeline.start(still(), present=wrong)

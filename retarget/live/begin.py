@@ -415,6 +415,8 @@ def begin_live(
         mirror=options.mirror,
         optional=calibrated.missing if stream.roles.partial else (),
         has_deadlines=has_deadlines,
+        waits=where.startswith("web:")
+        and not has_deadlines,  # the page of simulated servos goes on, and needs no run anew
         notify=notify,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)

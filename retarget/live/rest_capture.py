@@ -185,8 +185,8 @@ class RestCapture:
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_motion(names, track, mean)
         where, sent = f"{self._where}, calibration", self._turns(counts)
-        turns = {name: turn for name, turn in zip(names, sent, strict=True) if name in TURNED and self._oriented}
-        refuse_stance(_located(names, mean), where=where, turns=turns)
+        front = {name: turn for name, turn in zip(names, sent, strict=True) if name in TURNED and self._oriented}
+        refuse_stance(_located(names, mean), where=where, turns=front)
         alignment = align(names, mean, where=self._where)
         known = proportional_dimensions(stature) if size is None and stature is not None else size
         if known is not None:

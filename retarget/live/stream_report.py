@@ -42,17 +42,22 @@ def _listed(reasons: Counter[str]) -> str:
     return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS)) or "no poses in it"
 
 
+def _commonest(reasons: Counter[str]) -> str:
+    """The commonest reason, "" for none."""
+    return max(reasons, key=reasons.__getitem__, default="")
+
+
 def _mistake(reasons: Counter[str]) -> str:
     """The next step for a sender's mistake in every datagram, if it is the commonest reason; else ""."""
-    return advice(f"mistake {max(reasons, key=reasons.__getitem__, default='')}").then
+    return advice(f"mistake {_commonest(reasons)}").then
 
 
 def _step(stream: LiveStream, reasons: Counter[str]) -> str:
     """The next step for what was not used, by its commonest reason."""
-    admission, commonest = stream.admission, max(reasons, key=reasons.__getitem__, default="")
+    admission = stream.admission
     refused = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
     owner = "{}:{}".format(*admission.owner or ("the sender", "any port"))
-    return _mistake(reasons) or advice(f"reason {commonest}", stream.kind, owner=owner, refused=refused).then
+    return _mistake(reasons) or advice(f"reason {_commonest(reasons)}", stream.kind, owner=owner, refused=refused).then
 
 
 def _motive(stream: LiveStream, now: float) -> list[Problem]:
@@ -99,7 +104,7 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         where=where,
         found=absent + (f"; refused: {_listed(refused)}" if refused else ""),
         allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step=_step(stream, refused) if max(refused, key=refused.get, default="") == OUT_OF_RANGE else said.then,
+        next_step=_step(stream, refused) if _commonest(refused) == OUT_OF_RANGE else said.then,
     )
 
 

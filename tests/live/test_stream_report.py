@@ -307,7 +307,7 @@ def test_silence_while_it_runs_is_reported_once_and_again_when_it_comes_again() 
     sender = FakeSender(faults=[silent(2.0, 5.0), silent(7.0, 8.5), silent(9.0, 9.5)])
     messages = looks(live_stream(sender, five()), 0.0, 11.0)
     assert [round(time, 1) for time, _ in messages] == [3.0, 8.0]
-    assert all(text.startswith("nothing has arrived for 1.0 s: see that the sender runs") for _, text in messages)
+    assert all(text.startswith("nothing has arrived for 1.0 s. See that the sender runs") for _, text in messages)
 
 
 class Motive:
