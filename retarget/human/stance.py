@@ -93,8 +93,8 @@ def _refuse_backward(at: Mapping[str, FloatArray], turns: Mapping[str, FloatArra
             "left and right of all sensors are swapped, or the performer is mirrored",
             where=where,
             found="; ".join(found),
-            next_step="If a camera shows a mirror image, give --mirrored-camera (or leave it out); else see that no "
-            "axis of what is sent has the wrong sign, and that left trackers are on the left",
+            next_step="If a camera shows a mirror image, undo that (`retarget run`: --mirrored-camera); else see that "
+            "no axis of what is sent has the wrong sign, and that left trackers are on the left",
         )
 
 

@@ -397,3 +397,24 @@ def test_where_nothing_arrives_at_a_socket_its_address_and_reach_are_named() -> 
         receiver.close()
     assert port > 0
     shows(text, "127.0.0.1", "UDP", port, f"vmc://0.0.0.0:{port}?allow=ITS_ADDRESS", "`retarget doctor vmc://:39539`")
+
+
+def test_a_page_is_advised_as_a_page() -> None:
+    stream = live_stream(FakeSender(faults=[silent(2.0, 9.0)]), five())
+    stream.kind = "web"
+    messages = looks(stream, 0.0, 4.0)
+    assert len(messages) == 1 and "the page" in messages[0][1] and "sender" not in messages[0][1]
+    assert "the page" in StreamProblems(stream).briefly(4.0, 0.2)
+    stream.decoder.dropped.note("picture without a person")
+    stream.arrived = 5
+    stream.frames = 0
+    shows(str(unusable(stream, ["head"], 10.0, where="web://", now=4.0)), "picture without a person")
+
+
+def test_a_page_whose_pictures_stall_has_no_clock_that_jumps() -> None:
+    said: list[str] = []
+    stamps = FakeSender(stamp=lambda time: 1000.0 + time + (0.15 if 0.5 < time < 1.5 else 0.0))
+    stream = live_stream(stamps, five())
+    stream.kind = "web"
+    polled(stream, said, seconds=2.5)
+    assert not said

@@ -22,6 +22,7 @@ from retarget.errors import ConfigError
 from retarget.live.admission import Datagram
 from retarget.model.human import build_human
 from retarget.run.table import RunTable
+from retarget.types import FloatArray
 from retarget.web.feed import PageSetup, Settings, ViewFeed
 from retarget.web.link import PoseReceiver, open_web
 
