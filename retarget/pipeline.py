@@ -206,8 +206,7 @@ class Pipeline:
         posture; None: those of the last goal, before the first one those of the stance. calibration: the performer's
         size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, left and right are
         swapped or limbs crossed, or sensors are not valid; UsageError: `present` is not finite or far beyond the
-        servos' limits, or the robot still moves;
-        HardwareError: no servo turns so far. Then nothing has changed.
+        servos' limits, or the robot still moves; HardwareError: no servo turns so far. Then nothing has changed.
         """
         if not self.stands:
             raise UsageError(

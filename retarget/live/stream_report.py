@@ -29,6 +29,7 @@ SILENT_S = 1.0
 NATNET_S = 2.5
 """The same where Motive is asked first."""
 MOST_REASONS, MOST_NAMES = 3, 40
+"""Reasons and names that a message lists at most: it stays readable."""
 
 
 def _refused(stream: LiveStream) -> Counter[str]:
