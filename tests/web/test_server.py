@@ -365,18 +365,15 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
                 sensors=sensors,
             )
 
-        def clipped(*rows: RunTable) -> list[list[str]]:
-            said = list[list[str]]()
-            for one_row in rows:
-                one.feed._send(one_row)
-                said.append(anna.hear("state")["clipped"])
-            return said
+        def clipped(time: float, q: FloatArray) -> list[str]:
+            one.feed._send(row(time, q))
+            return list(anna.hear("state")["clipped"])
 
         late = goal.copy()
         late[robot.body.joint_qpos[robot.body.joint_index("l_sho_pitch")]] += 0.5
         # A hand that comes is late; one that has stood still for half a second is out of reach.
-        assert clipped(row(0.1, late), row(0.4, goal), row(0.6, goal), row(0.8, goal)) == [[], [], [], []]
-        assert clipped(row(1.0, goal)) == [["left hand 12 cm out of reach"]]
+        assert [clipped(0.1, late), *(clipped(time, goal) for time in (0.4, 0.6, 0.8))] == [[], [], [], []]
+        assert clipped(1.0, goal) == ["left hand 12 cm out of reach"]
         one.feed._send(row(1.1, goal, "holding", "l_wrist: lost"))
         state = anna.hear("state")
         assert (state["state"], state["why"]) == ("holding", "l_wrist: lost")
