@@ -169,7 +169,7 @@ class LivePerformer:
         self.ticks, self._clock, self._notify = ticks, clock, notify
         self._record = SampleRecord(names, kept=min(kept, ticks), rate_hz=rate_hz)
         self._timing = TickTiming(self.dt if has_deadlines else inf)
-        self._waits = waits
+        self._waits, self._too_short = waits, advice("too short", stream.kind, healthy=LIMITS.healthy).what
         self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
         self._tally, self.latency = Tally(names, self.dt), GoalLatency(stream)
         self.engagement = Engagement(first)
@@ -247,10 +247,9 @@ class LivePerformer:
         sensors = ", ".join(f"{name}: {WORDS[state]}" for name, state in self._holding().items())
         late = "ticks were missed" if self._timing.behind else ""
         now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after) or sensors or late
-        too_short = advice("too short", self.stream.kind, healthy=LIMITS.healthy).what
         if now and self.engagement.tries + self._approach.tries:
-            return f"{too_short}, at last: {now}"
-        return now or too_short
+            return f"{self._too_short}, at last: {now}"
+        return now or self._too_short
 
     def clutch(self, *, engaged: bool) -> None:
         """Follow again from where the robot is, or hold it."""
