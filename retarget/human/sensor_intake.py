@@ -8,7 +8,7 @@ hold all sensors are led in slowly, from where the body has them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import cos, fsum, pi
+from math import fsum
 
 import numpy as np
 
@@ -125,7 +125,8 @@ class SensorIntake:
         known = believed & np.isfinite(orientation[:, 0])
         before, self.orientation = self.orientation, np.where(known[:, None], orientation, np.nan)
         # An orientation that was not there, or turns faster than any human, is led in; NaN compares false.
-        goes_on = np.abs((before * self.orientation).sum(axis=1)) >= cos(min(0.5 * FASTEST_RAD_S * dt, 0.5 * pi))
+        alike = np.abs((before * self.orientation).sum(axis=1))  # cosine of half of the angle between them
+        goes_on = 2.0 - 2.0 * alike <= (0.5 * FASTEST_RAD_S * dt) ** 2
         self._led |= known & ~goes_on & np.isfinite(self._turn[:, 0])
         if self._led.any():
             self._lead_in(dt)
