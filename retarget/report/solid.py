@@ -353,8 +353,8 @@ def animation_path(path: Path) -> Path:
     if path.suffix.lower() not in KINDS:
         raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=tuple(KINDS))
     if path.suffix.lower() == ".mp4" and find_spec("av") is None:
-        step = "Install it: pip install -e '.[video]'; or write a .webp"
-        raise ConfigError("an MP4 needs PyAV", where="--animate", found="no module av", next_step=step)
+        step = "Install it: pip install av; or write a .webp"
+        raise ConfigError("an MP4 needs PyAV", where="--animate", found=str(path), next_step=step)
     return path
 
 
