@@ -315,8 +315,7 @@ def gif(frames: Iterable[Image.Image]) -> bytes:
     """Pictures as a GIF that begins anew in the end, all in the colours of the first."""
     rest = iter(frames)
     first = next(rest).quantize(255, dither=Image.Dither.NONE)
-    palette, ground = first.getpalette() or [], first.getpixel((0, 0))
-    assert isinstance(ground, int)
+    palette, ground = first.getpalette() or [], int(np.asarray(first)[0, 0])
     palette[3 * ground : 3 * ground + 3] = (255, 255, 255)  # nearly, with the shadows in its group of colours
     first.putpalette(palette)
     return _film("gif", chain([first], (one.quantize(palette=first, dither=Image.Dither.NONE) for one in rest)))
