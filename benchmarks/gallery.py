@@ -17,7 +17,7 @@ from sim.performer import synthetic_performer
 IMAGE = ROOT / "docs" / "images" / "gallery.webp"
 SECONDS = 11.0
 """Of the animation: as long as the performer does each thing once."""
-WIDTH, QUALITIES = 1080, range(80, 4, -5)
+WIDTH, QUALITIES = 1080, range(40, 4, -2)
 """Pixels across, and qualities of the compression in percent: the first is taken whose animation is small enough."""
 MOST_BYTES = 2_000_000
 """Size of the animation, so that a page with it is there at once."""

@@ -92,7 +92,7 @@ def _box(half: FloatArray) -> Mesh:
     return Mesh(half * sides.reshape(-1, 3), faces.reshape(-1, 3))
 
 
-ROUND, ROUND_STEPS = 0.3, 2
+ROUND, ROUND_STEPS = 0.25, 2
 """Radius of the edges of a box that is a link, in its least half side, and steps of a quarter of their circle."""
 
 
