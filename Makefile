@@ -29,7 +29,7 @@ LEROBOT_PYTHON ?= $(shell for p in python3.12 python3.13 python3; do \
 .PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery robustness mutants fuzz long lerobot docs docs-tables wheels clean machine
 
 help:
-	@echo 'make demo    a synthetic performer drives a robot on emulated servos; report and pictures in out/demo'
+	@echo 'make demo    a performer waves and squats, an OP3 on emulated servos follows; report and pictures in out/demo'
 	@echo 'make web     what web:// needs: your camera, phone or headset as the performer'
 	@echo 'make test    every test but the slow ones (make long)'
 	@echo 'make browser  the tests of web:// in headless Chromium, with the real body tracker; minutes'
@@ -60,6 +60,7 @@ web: $(VENV)/.with-web
 	$(BIN)/retarget web install
 
 demo: $(VENV)/.with-base
+	@echo 'Playing the demo and writing its report: some 20 seconds.'
 	$(BIN)/retarget demo
 
 test: $(VENV)/.with-test
@@ -174,11 +175,13 @@ clean:
 
 # One stamp per set of dependencies. A change of the crate or of pyproject.toml builds the extension (release) and installs again.
 $(VENV)/.with-%: pyproject.toml $(RUST) | $(VENV)/.pip
+	@echo 'Compiling the solver and installing what the program needs: a minute or two, once.'
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m pip install --quiet --no-build-isolation --editable '.$(if $(filter base,$*),,[$*])'
 	@$(BIN)/python -m compileall -q retarget hardware sim
 	@touch $@
 
 $(VENV)/.pip: | machine
+	@echo 'Making $(VENV), with pip and maturin.'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=24' 'maturin>=1.9,<2'
 	@touch $@

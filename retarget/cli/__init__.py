@@ -78,9 +78,17 @@ def _begun_stop(words: list[str]) -> "Callable[[], None] | None":
 
 
 def _call(words: list[str]) -> None:
-    from retarget.cli.application import application, called, refuse_renamed, refuse_repeated, with_values
+    from retarget.cli.application import (
+        HELP_ALL,
+        application,
+        called,
+        refuse_renamed,
+        refuse_repeated,
+        with_values,
+    )
 
     chosen = [word for word in words if not word.startswith("-")][:2]
     refuse_renamed(words)
     refuse_repeated(words)
-    sys.exit(called(application(chosen), with_values(words)))
+    known = application(chosen, all_options=HELP_ALL in words)
+    sys.exit(called(known, ["--help" if word == HELP_ALL else word for word in with_values(words)]))

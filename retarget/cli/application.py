@@ -11,7 +11,7 @@ from functools import wraps
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from typing import IO, TYPE_CHECKING, Annotated, Any, Literal, cast, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand
@@ -42,10 +42,14 @@ WIDEST = 100
 """Most columns of the help on a terminal."""
 
 
-def application(chosen: Sequence[str]) -> typer.Typer:
+HELP_ALL = "--help-all"
+"""In place of `--help`: every option of a command that has many."""
+
+
+def application(chosen: Sequence[str], *, all_options: bool = False) -> typer.Typer:
     """The application in which only the command of the words `chosen` is real (a group's: the group and its command);
-    the others lend their name and line to the help."""
-    known = _commands("retarget.cli", chosen, epilog=EPILOG)
+    the others lend their name and line to the help. all_options: the help of a command lists every one."""
+    known = _commands("retarget.cli", chosen, epilog=EPILOG, all_options=all_options)
     known.callback(invoke_without_command=True)(_options)
     return known
 
@@ -94,29 +98,43 @@ def _refused_words(error: typer.TyperException) -> int:
 
 
 class _Command(TyperCommand):
-    """A command whose help has a panel for each group of options."""
+    """A command whose help has a panel for each group of options; or, where it has USUAL_OPTIONS, these alone."""
+
+    USUAL_OPTIONS: Sequence[str] = ()
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": []}
         for parameter in self.get_params(ctx):
             usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
-            panel = panels.setdefault(getattr(parameter, "rich_help_panel", None) or usual, [])
+            heading = getattr(parameter, "rich_help_panel", None) or usual
+            if self.USUAL_OPTIONS:
+                if parameter.opts[0] not in self.USUAL_OPTIONS:
+                    continue
+                heading = "Options"
+            panel = panels.setdefault(heading, [])
             names, text = parameter.get_help_record(ctx) or ("", "")
             usual_first = names.partition(" / ")[0] if parameter.default is False else names
-            panel += [(usual_first, text)] * bool(names)
+            panel += [(usual_first, _RANGE.sub("", text))] * bool(names)
         for heading, records in panels.items():
             if not records:
                 continue
             with formatter.section(heading):
                 formatter.write_dl(records, col_max=FIRST_COLUMN)
+        if self.USUAL_OPTIONS:
+            formatter.write_text(f"more: {HELP_ALL}")
 
 
+_RANGE = re.compile(r" *\[[^\]]*<=x<=[^\]]*\]")
+"""What typer says of the range of a number: a value outside of it is refused with the same words."""
 FIRST_COLUMN = 24
 """Columns of an option and its value in the help; the meaning of a longer one begins in the next line."""
 
 
-def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None) -> typer.Typer:
-    """The commands of a package; its `COMMANDS` names them."""
+def _commands(
+    package: str, chosen: Sequence[str], *, epilog: str | None = None, all_options: bool = False
+) -> typer.Typer:
+    """The commands of a package; its `COMMANDS` names them. A module's USUAL_OPTIONS are those of its help, unless all
+    are asked for."""
     width = {"max_content_width": WIDEST} if sys.stdout.isatty() else {"terminal_width": UNWRAPPED}
     group = typer.Typer(
         add_completion=False,
@@ -140,7 +158,9 @@ def _commands(package: str, chosen: Sequence[str], *, epilog: str | None = None)
             inner.callback()(function)
             group.add_typer(inner, name=name)
         else:
-            group.command(name, cls=_Command, help=described(function)[0])(command_of(function))
+            usual_options = () if all_options else getattr(module, "USUAL_OPTIONS", ())
+            kind = type("Command", (_Command,), {"USUAL_OPTIONS": usual_options})
+            group.command(name, cls=kind, help=described(function)[0])(command_of(function))
     return group
 
 
@@ -383,8 +403,24 @@ def console(*, err: bool = False) -> "Console":
             for text, style, control in super().render(renderable, options):
                 yield Segment(text if control else printable(text), style, control)
 
-    shown = (sys.stderr if err else sys.stdout).isatty()
-    return PlainConsole(stderr=err, width=None if shown else UNWRAPPED)
+    stream = sys.stderr if err else sys.stdout
+    if stream.isatty():
+        return PlainConsole(stderr=err)
+    return PlainConsole(file=cast(IO[str], Unpadded(stream)), width=UNWRAPPED)
+
+
+class Unpadded:
+    """A stream that gets lines without the blanks at their ends, with which tables fill their columns."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write whole lines."""
+        return self._stream.write(re.sub(r" +(?=\n)", "", text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 # A question to the operator at the terminal.

@@ -1,5 +1,7 @@
-"""`retarget demo`: a synthetic performer drives a robot on a simulated bus. No data, no hardware."""
+"""`retarget demo`: the recorded performer that comes with the program drives a robot on a simulated bus. No data, no
+hardware."""
 
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -7,9 +9,9 @@ import typer
 from retarget.cli.application import Overwrite
 from retarget.cli.run import follow_clip
 from retarget.errors import UsageError
-from retarget.frames import SensorFrames
 from retarget.report.outputs import Outputs
 from retarget.run.options import SIMULATED, RunOptions
+from retarget.sources.open import open_source
 
 DEFAULT_FOLDER = Path("out/demo")
 
@@ -21,7 +23,7 @@ def demo(
     bus: str = "emulator",
     overwrite: Overwrite = False,
 ) -> None:
-    """See it work: a synthetic performer reaches and crouches six times, and a robot follows on an emulated bus.
+    """See it work: a recorded performer waves, reaches and squats, and a robot follows on an emulated bus.
 
     Writes a report, its page, every tick and pictures into a folder (out/demo is its own: there they are replaced);
     needs no data and no hardware.
@@ -48,9 +50,4 @@ def demo(
     if not overwrite and folder != DEFAULT_FOLDER:
         outputs.refuse_existing("folder")
 
-    def read() -> SensorFrames:
-        from sim.performer import synthetic_performer
-
-        return synthetic_performer()
-
-    raise typer.Exit(follow_clip(read, options, outputs))
+    raise typer.Exit(follow_clip(partial(open_source, "sample"), options, outputs))

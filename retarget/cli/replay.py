@@ -98,8 +98,8 @@ def _again(found: "Recording", outputs: "Outputs", robot: str | None) -> int:
             result = again.result if outputs.save is None else _with_its_body(again.result, configs, outputs.save)
             written = outputs.write(result, measure(result))
             problems = written.problems
-            for line in written.lines:
-                echo(line)
+            for what, path in written.files:
+                echo(f"{what}: {path}")
     compared = again.difference.compared
     if not found.whole:
         problems = (f"{found.path}: only {compared} goals are in it and were compared: it is not whole", *problems)

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.table import Table
+from rich.text import Text
 
 from hardware.clock import Clock, MonotonicClock, PacedClock, VirtualClock
 from hardware.guard_state import StopCause
@@ -65,15 +67,17 @@ from retarget.live.playout import LIGHT
 from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
 from retarget.recording.recorder import Recorder
-from retarget.report.findings import show_summary
+from retarget.report.findings import FOLLOWING, findings, heading, remarks, sentence
 from retarget.report.measure import best_likeness, measure, measure_latest
 from retarget.report.outputs import Outputs
+from retarget.report.report import Report
 from retarget.report.unfollowed import UnfollowedNotice
 from retarget.run.loop import Observer, Progress, RowObserver
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import Supervisor
+from retarget.schema.catalogue import HUMAN
 from retarget.schema.files import remove
 from retarget.schema.performer import Performer
 from retarget.sources.streams.raw_record import RawWriter
@@ -237,16 +241,58 @@ def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> i
         if outputs.best_likeness:
             report = replace(report, best_likeness_deg=best_likeness(run))
         written = outputs.write(run, report)
-        show_summary(run, replace(report, notes=tuple(note for note in report.notes if note not in said)), console())
+        show_summary(run, report, verbose=outputs.verbose, said=said)
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
         return STOPPED
     # Last of all, because a terminal may be gone or full.
-    for line in written.lines:
-        echo(line)
+    if written.files:
+        echo(f"written: {', '.join(str(path) for _, path in written.files)}")
     for problem in written.problems:
         echo(f"error: {problem}", err=True)
+    look = written.first or outputs.record
+    next_step = NEXT_STEP if look is None else f"{'Open' if look.suffix == '.html' else 'Look at'} {look}"
+    echo(f"{sentence(run, report)}. {next_step}")
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
+
+
+NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
+
+
+def show_summary(run: RunResult, report: Report, *, verbose: bool, said: Sequence[str] = ()) -> None:
+    """Print what was played and what matters of it; verbose: every figure. said: notes that were printed before; one
+    that ends with the same reason says nothing new."""
+    reasons = {note.rpartition(": ")[2] for note in said}
+    notes = [note for note in report.notes if note.rpartition(": ")[2] not in reasons]
+    echo(heading(report))
+    if not verbose:
+        for line in remarks(run, report, notes):
+            echo(line)
+        return
+    if report.tracking_mm:
+        console().print(_tracking_table(report))
+    facts = Table("", "", box=None, pad_edge=False, show_header=False)
+    for finding in findings(run, report):
+        bounded = finding.allowed and not finding.kept and finding.name != FOLLOWING
+        facts.add_row(finding.name, Text(finding.measured + f" [allowed: {finding.allowed}]" * bool(bounded)))
+    console().print(facts)
+    for text in notes:
+        echo(f"note: {text}")
+
+
+def _tracking_table(report: Report) -> Table:
+    """Errors of everything that was followed, mm: as it was sent and, where there are servos, as they were."""
+    table, servos = Table(box=None, pad_edge=False), report.servo_tracking_mm
+    table.add_column("tracking, mm" if servos is None else "tracking, mm: sent")
+    for column in ("mean", "p95", "max", *(() if servos is None else ("servos: mean", "p95", "max"))):
+        table.add_column(column, justify="right", min_width=7)
+    rows = [(name, spread, (servos or {}).get(name)) for name, spread in report.tracking_mm.items()]
+    if report.robot != HUMAN:
+        rows += [(f"human {name}", spread, None) for name, spread in report.sensors_mm.items()]
+    for name, *spreads in rows:
+        known = [(spread.mean, spread.p95, spread.max) for spread in spreads if spread is not None]
+        table.add_row(name, *(f"{value:.1f}" for spread in known for value in spread))
+    return table
 
 
 # A live run: open the stream, calibrate, follow until it is stopped; on virtual time where nothing is real.
@@ -495,6 +541,9 @@ def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: 
 
 # The command.
 
+USUAL_OPTIONS = ("--robot", "--source", "--bus", "--speed", "--report", "--view", "--verbose")
+"""Options that `--help` lists, with which it fits a screen of 80 by 24; `--help-all` lists all."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest:
@@ -512,6 +561,7 @@ class RunRequest:
         plots DIR: Write pictures.
         animate FILE.webp|.gif|.mp4: Write performer and robot as they move.
         record FILE.mcap: Keep the run as it goes, for `retarget replay`.
+        verbose: Print every figure, not the sentence alone.
     """
 
     options: RunOptions
@@ -535,6 +585,7 @@ class RunRequest:
         ),
     ] = None
     record: Path | None = None
+    verbose: bool = False
     overwrite: Overwrite = False
 
     def checked(self) -> tuple[RunOptions, Outputs]:
@@ -558,7 +609,7 @@ class RunRequest:
         else:
             streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
             refuse_given(streams, "live stream")
-        return options, replace(outputs, view=self.view, best_likeness=self.best_likeness)
+        return options, replace(outputs, view=self.view, best_likeness=self.best_likeness, verbose=self.verbose)
 
 
 def run(request: RunRequest, session: Session = None) -> None:
@@ -568,8 +619,6 @@ def run(request: RunRequest, session: Session = None) -> None:
         retarget run --robot op3 --source sample --view
         retarget run --robot op3 --source vmc://:39539 --bus profile
         retarget run session.yaml --speed 0.5
-
-    Exit code 0: done, 1: stopped by the guard or by Ctrl-C, or a file not written, 2: refused before anything moved.
     """
     options, outputs = request.checked()
     source, live = request.source, request.live

@@ -19,7 +19,7 @@ from retarget.model.observers import Observers, placed
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState
-from retarget.report.blocks import blocks
+from retarget.report.motion_metrics import blocks
 from retarget.report.report import Clearances, DeepReport
 from retarget.rotations import to_matrix
 from retarget.run.run_result import RunResult

@@ -1,364 +1,404 @@
-"""What a person reads of a run, on the terminal and on its page: what was measured, what was allowed, whether it was
-kept, and what went wrong."""
+"""What is known of a run, in words, as terminal and page show it: the figures of `findings.yaml`."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from hardware.errors import counted
 from hardware.guard_state import StopCause
 from retarget.live.stream_report import LiveReport
-from retarget.report.likeness import ARMS, LEAN, LEG_AWAY_DEG, LIMBS
-from retarget.report.motion_metrics import CONTACT_M, PhysicsReport, moved_joints
-from retarget.report.report import BusReport, Report, Spread
-from retarget.report.tracking import AWAY_M
+from retarget.report.likeness import LEAN
+from retarget.report.lines import Finding, figure_of, in_words, lines_of, table
+from retarget.report.motion_metrics import LimitUse, limit_use
+from retarget.report.report import Report, Spread
 from retarget.report.unfollowed import INSTEAD
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
-from retarget.types import MM, FloatArray
+from retarget.types import MM
 
-# How much of each kind of joint limit a run used: the joint that came nearest to its own.
-
-
-@dataclass(frozen=True)
-class Nearest:
-    """The joint that used most of its limit. value: what it did; limit: what it may do; rad, s (or m)."""
-
-    joint: str
-    value: float
-    limit: float
-
-
-@dataclass(frozen=True)
-class LimitUse:
-    """None where no joint has such a limit, or where too few ticks were sent. room: rad (or m) between a joint
-    and the limit of its position that it came nearest to, and its joint; negative: beyond."""
-
-    room: tuple[str, float] | None
-    velocity: Nearest | None
-    acceleration: Nearest | None
-
-
-def limit_use(run: RunResult) -> LimitUse:
-    """The use of limits by the goals that were sent (of a human: by its postures), by finite differences."""
-    moved, sent = moved_joints(run), run.record.robot
-    names, limits, dt = moved.names, moved.limits, moved.dt
-    positions = moved.positions if sent is None else np.vstack([sent.start, sent.goals])
-    if len(positions) < 3 or not names:
-        return LimitUse(None, None, None)
-    room, fastest, hardest = np.zeros((3, len(names)))
-    for joint, track in enumerate(positions.T):  # one by one: of a long run each step of this is as large as it
-        step = np.diff(track)
-        room[joint] = np.minimum(track - limits.lower[joint], limits.upper[joint] - track).min()
-        fastest[joint], hardest[joint] = np.abs(step).max() / dt, np.abs(np.diff(step)).max() / dt**2
-    near = int(np.argmin(room))
-    return LimitUse(
-        room=(names[near], float(room[near])) if np.isfinite(room[near]) else None,
-        velocity=_nearest(names, fastest, limits.max_velocity),
-        acceleration=_nearest(names, hardest, limits.max_acceleration),
-    )
-
-
-def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> Nearest | None:
-    share = values / np.where(limits > 0.0, limits, np.inf)
-    joint = int(np.argmax(share))
-    return Nearest(names[joint], float(values[joint]), float(limits[joint])) if np.isfinite(limits[joint]) else None
-
-
-TIPS_MM = 0.05
-"""Nearer to the edge of the soles than this, a robot begins to tip."""
+FOLLOWING, NOT_FOLLOWED = "following", "not followed"
+"""Names of lines that stand apart from the others."""
+MOST = 3
+"""Reasons for data that were not used that the line names, those of which there were most; and times of a posture that
+was not followed, the first ones."""
+TIPS_MM, TOUCH_MM = 0.05, -1e-3
+"""Nearer to the edge of the soles than the first, a robot begins to tip; nearer to each other than the second, things
+are inside each other."""
 ROUND_OFF = 1e-4
 """Nearer to its limit than this, rad, a joint is at it."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What was measured, in words, with units. allowed: the limit, in words, if it needs any; kept: whether it was
-    kept, None without a limit."""
-
-    name: str
-    measured: str
-    allowed: str = ""
-    kept: bool | None = None
+STAYS = 0.7
+"""Feet that make a smaller share of the performer's path stay where they are: a third of a motion is seen."""
+STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
+"""Words for the stages of `LiveReport.latency_ms`."""
+SIDES = {"l": "left", "r": "right"}
+CLOSEST: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
+    "self": lambda report: report.closest_links,
+    "scene": lambda report: report.deep.obstacle,
+    "ground": lambda report: report.deep.ground,
+}
+"""What came closest, by the keys of `Clearances`."""
+TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
+"""What to do about two links for which the gate refuses goals."""
 
 
 def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
     """Everything that is known of a run; what it has not (no feet, no scene, no bus) is left out."""
-    found = (*_following(run, report), *_joints(report, limit_use(run)), *_body(report), *_observers(report))
-    found = (*found, Finding("stream", stream_line(report.live)), *physics_findings(report.physics))
-    found = (*found, *_machine(run, report))
-    return tuple(finding for finding in found if finding.measured)
-
-
-NOT_FOLLOWED = "not followed"
-
-# Whether the robot follows, in one sentence: by what a person sees who looks from the performer to the robot.
+    return (*lines_of("run", RunFigures(run, report), planned="" if report.physics is None else ", as planned"),)
 
 
 @dataclass(frozen=True)
-class DifferenceLimits:
-    """From where on a person sees it that robot and performer differ, and from where on it is another motion."""
+class Verdict:
+    """Whether a robot follows. words: after its name. differs: what a person sees, in words. broken: it does not; None:
+    it does in part."""
 
-    difference: float
-    lost: float = math.inf
+    words: str
+    differs: tuple[str, ...]
+    broken: bool | None
 
-
-LIMB_DEG = DifferenceLimits(20.0, LEG_AWAY_DEG)
-"""Degrees, on average. The hands of a clock are 30 apart from hour to hour, so 20 are seen at a glance; limbs that have
-nothing to do with each other are 90 apart, and 45 is half of that."""
-LEG_AWAY_S = DifferenceLimits(0.3)
-"""Longest time, s, that a thigh or shank is more than `LEG_AWAY_DEG` off: as for a hand. A robot that bears itself on
-both feet is not another motion because the performer lifts one."""
-LEAN_DEG = DifferenceLimits(15.0, 45.0)
-"""Degrees, in all but a twentieth of the time. A trunk 15 off looks tired, one that is 45 off is folded over."""
-HAND_SHARE = DifferenceLimits(0.2, 0.5)
-"""Of the length of the arm, on average, within reach: 0.2 is a hand's length, 0.5 is from the chin to the belt."""
-HAND_AWAY_S = DifferenceLimits(0.3, 2.0)
-"""Longest time, s, that a hand is more than `AWAY_M` off, within reach: a gesture takes two seconds."""
-SQUAT_SHARE = DifferenceLimits(0.15, 0.4)
-"""Of the length of the leg, in all but a twentieth of the time: a squat with level thighs goes down by a half. 0.15 off
-is seen beside the performer; with 0.4 off it is missed."""
-RATIO = DifferenceLimits(0.3, 0.75)
-"""Of what was asked is missing, or of what was done too much: a third is seen, a quarter of a motion is another one."""
-TRAVEL_M, TURN_DEG = DifferenceLimits(0.5), DifferenceLimits(60.0)
-"""A performer's step, and more than a planted robot turns: by so much performers go away who seemed to be followed."""
+    @property
+    def sentence(self) -> str:
+        """The verdict, and what differs."""
+        return f"{self.words}: {', '.join(self.differs)}" if self.differs else self.words
 
 
-def _verdict(run: RunResult, report: Report) -> Iterator[Finding]:
-    """Whether the robot followed, and what differs."""
-    if run.robot is None or not run.ticks_followed:
-        return
-    differs = [(words, value, seen) for words, value, seen in _differences(run, report) if value >= seen.difference]
-    lost = [words for words, value, seen in differs if value >= seen.lost]
-    verdict, kept = "follows", False if lost else None if differs else True
-    if differs:
-        shown = lost or [words for words, _, _ in differs]
-        verdict = f"{'does not follow' if lost else 'follows in part'}: {', '.join(shown)}"
-    whose = "reconstructed" if report.likeness_recorded_deg is None else "recorded"
-    allowed = (
-        f"limbs within {LIMB_DEG.difference:g}° of the {whose} performer's (in part: {LIMB_DEG.lost:g}°), "
-        + f"no leg more than {LEG_AWAY_DEG:g}° off for {LEG_AWAY_S.difference:g} s, "
-        + f"trunk within {LEAN_DEG.difference:g}° (in part: {LEAN_DEG.lost:g}°), "
-        + f"pelvis within {SQUAT_SHARE.difference:.0%} of the leg (in part: {SQUAT_SHARE.lost:.0%}), "
-        + f"hands on their way, none more than {MM * AWAY_M:.0f} mm off for {HAND_AWAY_S.difference:g} s "
-        + f"(in part: {HAND_AWAY_S.lost:g} s)"
-    )
-    yield Finding("following", verdict, allowed, kept)
+def side_words(name: str) -> str:
+    """The name of a body part of one side, as l_hand, in words."""
+    side, part = name.split("_", 1)
+    return f"{SIDES[side]} {part.replace('_', ' ')}"
 
 
-def _differences(run: RunResult, report: Report) -> Iterator[tuple[str, float, DifferenceLimits]]:
-    """What may differ between robot and performer, in words; by how much; and what is seen of that."""
-    assert run.robot is not None, "a robot follows"
-    if report.fallen:
-        yield "it fell", math.inf, DifferenceLimits(0.0, 0.0)
-    limbs, best = report.likeness_recorded_deg, dict[str, Spread]()
-    if limbs is None:  # the best is known of the reconstructed body alone
-        lean = {} if report.trunk_lean_deg is None else {LEAN: report.trunk_lean_deg}
-        limbs, best = (report.likeness_deg or {}) | lean, report.best_likeness_deg or {}
-    # Where a level asks for hands and not for forearms, these are as like as the hands leave them.
-    levels = run.setup.priorities[-1].levels if run.setup.priorities else ()
-    asked = [{name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels]
-    hands_first = any("l_hand" in names and "l_forearm" not in names for names in asked)
-    arms = DifferenceLimits(LIMB_DEG.difference) if hands_first else LIMB_DEG
-    for limb in (limb for limb in LIMBS if limb in limbs):
-        at_best = f" ({best[limb].mean:.0f}° at best)" if limb in best else ""
-        words = f"{limb.replace('_', ' ')} {limbs[limb].mean:.0f}° off on average{at_best}"
-        yield words, limbs[limb].mean, arms if limb in ARMS else LIMB_DEG
-    for part, seconds in _longest(report.legs_away_s):
-        yield f"{part} more than {LEG_AWAY_DEG:g}° off for {seconds:.1f} s", seconds, LEG_AWAY_S
-    if LEAN in limbs:
-        yield f"its trunk {limbs[LEAN].p95:.0f}° off (p95)", limbs[LEAN].p95, LEAN_DEG
-    if report.reachable_hands_mm:
-        off, arm = report.reachable_hands_mm["worse"], MM * run.robot.profile.landmarks["l_hand"].robot_length
-        yield f"a hand {off:.0f} mm off on average", off / arm, HAND_SHARE
-    away = max((report.hands_away_s or {}).values(), default=0.0)
-    yield f"a hand more than {MM * AWAY_M:.0f} mm off for {away:.1f} s", away, HAND_AWAY_S
-    if report.pelvis_height_mm is not None:
-        off, leg = report.pelvis_height_mm.p95, MM * run.robot.profile.landmarks["pelvis"].robot_length
-        yield f"its pelvis {off:.0f} mm too high or low (p95)", off / leg, SQUAT_SHARE
-    ratio = report.hand_path_ratio
-    if ratio is not None:
-        yield f"hands on {ratio:.0%} of their way", 1.0 - min(ratio, 1.0 / max(ratio, 1e-9)), RATIO
-    travel, turn = report.travelled_m, report.turned_deg
-    if travel.performer is not None and (report.foot_path_ratio or 0.0) < 1.0 - RATIO.difference:
-        yield f"feet that stay (the performer travels {travel.performer:.1f} m)", travel.performer, TRAVEL_M
-    if turn.performer is not None and turn.robot is not None:
-        words = f"{turn.robot:.0f}° turned of the performer's {turn.performer:.0f}°"
-        yield words, turn.performer - turn.robot, TURN_DEG
+def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside each other") -> str:
+    """A distance of two things, mm, negative inside, in words."""
+    gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm {inside}"
+    return gap + (f" ({' and '.join(pair)})" if pair else "")
 
 
-def _longest(away: dict[str, float] | None) -> Iterator[tuple[str, float]]:
-    """The part, in words, that was away for the longest time, s; nothing where none is known."""
-    if away:
-        name = max(away, key=lambda name: away[name])
-        side, part = name.split("_")
-        yield f"its {'left' if side == 'l' else 'right'} {part}", away[name]
+class RunFigures:
+    """Figures of a run by the names of `findings.yaml`: keys of its report, and what is made of them."""
 
+    tips_mm, touch_mm = TIPS_MM, TOUCH_MM
 
-def _like(report: Report) -> str:
-    """How far the limbs and the trunk are off, in words."""
-    parts = []
-    for angles, words in (
-        (dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg), "{} off on average"),
-        (report.likeness_recorded_deg or {}, "from the recorded body {}"),
-        (report.best_likeness_deg or {}, "its joints allow {}"),
-    ):
-        known = [f"{name.replace('_', ' ')} {off.mean:.0f}°" for name, off in angles.items() if off is not None]
-        parts += [words.format(", ".join(known))] if known else []
-    return "; ".join(parts)
+    def __init__(self, run: RunResult, report: Report) -> None:
+        self.run, self.report, self.robot = run, report, run.robot
 
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.report, name)
 
-def _travel(report: Report) -> str:
-    """How far performer and robot got and turned, in words."""
-    way, turn = report.travelled_m, report.turned_deg
-    both = (("performer", way.performer, turn.performer), ("robot", way.robot, turn.robot))
-    known = [(who, far, turned) for who, far, turned in both if far is not None and turned is not None]
-    return "; ".join(f"{who} {far:.2f} m, turned {turned:.0f}°" for who, far, turned in known)
+    # Whether it follows.
 
+    @cached_property
+    def verdict(self) -> Verdict | None:
+        """Robot and performer compared; None where no robot followed."""
+        if self.robot is None or not self.run.ticks_followed:
+            return None
+        known = [(one, figure_of(self, one["figure"])) for one in table("differences")]
+        for words, broken in (("does not follow", True), ("follows in part", None)):
+            differs = [one for one, value in known if value is not None and value >= self._limit(one, broken)]
+            if differs:
+                return Verdict(words, tuple(in_words(one["says"], self) for one in differs), broken)
+        return Verdict("follows", (), False)
 
-def _following(run: RunResult, report: Report) -> Iterator[Finding]:
-    yield from _verdict(run, report)
-    for what, instead in INSTEAD.items():
-        times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in report.unfollowed or () if one.what == what]
-        if times:
-            shown = [*times[:MOST], *([counted(len(times) - MOST, "more time")] if len(times) > MOST else [])]
-            yield Finding(NOT_FOLLOWED, f"the performer {what} {', '.join(shown)}: the robot {instead} instead")
-    yield Finding("likeness", _like(report))
-    hands = report.reachable_hands_mm or {}
-    within = [
-        f"{name} in {share:.0%} of ticks, then {hands[name]:.1f} mm off" if name in hands else f"{name} never"
-        for name, share in (report.reachable_share or {}).items()
-    ]
-    if run.ticks_followed:
-        yield Finding("hands within reach", "; ".join(within))
-    if run.robot is not None:
-        yield Finding("lag", _number(report.lag_s, "ms from what is asked to what is sent", scale=1e3))
-        yield Finding("latency", latency_line(report))
-    yield Finding("hand path", _number(report.hand_path_ratio, "% of what was asked", scale=100.0))
-    height = report.pelvis_height_mm
-    if height is not None:
-        yield Finding("pelvis height", f"{height.mean:.0f} mm off, {height.p95:.0f} at p95, {height.max:.0f} at most")
-    if report.foot_path_ratio == 0.0:
-        yield Finding("foot path", "none: the performer's feet move, its own stay planted")
-    else:
-        yield Finding("foot path", _number(report.foot_path_ratio, "% of the performer's", scale=100.0))
-    yield Finding("over the ground", _travel(report))
-    yield Finding("joints without sensor", _number((report.unsensed_mm or {}).get("mean"), "mm off on average"))
-    missed = _number(report.priority_violation_max, "mm, or mrad of a turn, at most", digits=3)
-    yield Finding("highest priority", f"missed by {missed}" if missed else "")
-    servos = report.servo_error_deg
-    if servos and run.robot is not None:
+    def _limit(self, of: Mapping[str, Any], broken: bool | None) -> float:
+        """The limit of a difference that is seen, or with which it does not follow."""
+        if broken and of.get("arms") and self._hands_first:
+            return math.inf
+        return float(of.get("lost", math.inf) if broken else of["seen"])
+
+    @property
+    def _hands_first(self) -> bool:
+        """True if a level asks for hands and not for forearms, which are then as like as the hands leave them."""
+        levels = self.run.setup.priorities[-1].levels if self.run.setup.priorities else ()
+        of = [{name for task in level.tasks if isinstance(task, LimbTask) for name in task.of} for level in levels]
+        return any("l_hand" in names and "l_forearm" not in names for names in of)
+
+    @property
+    def whose(self) -> str:
+        """The body that the robot is compared with."""
+        return "reconstructed" if self.report.likeness_recorded_deg is None else "recorded"
+
+    @property
+    def limbs(self) -> dict[str, Spread | None]:
+        """Angles of limbs and trunk, degrees, against that body."""
+        reached = dict(self.report.likeness_deg or {}) | {LEAN: self.report.trunk_lean_deg}
+        return self.report.likeness_recorded_deg or reached  # type: ignore[return-value]
+
+    @property
+    def best(self) -> dict[str, Spread]:
+        """The same at the robot's best, which is known of the reconstructed body alone."""
+        return {} if self.report.likeness_recorded_deg else self.report.best_likeness_deg or {}
+
+    @property
+    def leg_away(self) -> dict[str, Any]:
+        """The part of a leg that was away for the longest time."""
+        away = self.report.legs_away_s or {}
+        name = max(away, key=away.__getitem__, default=None)
+        return {} if name is None else {"part": side_words(name), "s": away[name]}
+
+    def _share(self, mm: float | None, landmark: str) -> float | None:
+        """A distance as a share of the robot's limb that ends at a landmark."""
+        return None if mm is None else mm / (MM * self.robot.profile.landmarks[landmark].robot_length)  # type: ignore[union-attr]
+
+    @property
+    def hand_share(self) -> float | None:
+        """How far the worse hand is off."""
+        return self._share(figure_of(self, "reachable_hands_mm.worse"), "l_hand")
+
+    @property
+    def squat_share(self) -> float | None:
+        """How far the pelvis is too high or low."""
+        return self._share(figure_of(self, "pelvis_height_mm.p95"), "pelvis")
+
+    @property
+    def hand_away_s(self) -> float:
+        """Longest time that a hand was away."""
+        return max((self.report.hands_away_s or {}).values(), default=0.0)
+
+    @property
+    def path_missing(self) -> float | None:
+        """Share of the hands' path that is missing, or too much."""
+        ratio = self.report.hand_path_ratio
+        return None if ratio is None else 1.0 - min(ratio, 1.0 / max(ratio, 1e-9))
+
+    @property
+    def left_behind_m(self) -> float | None:
+        """How far the performer goes from a robot whose feet stay."""
+        return self.report.travelled_m.performer if (self.report.foot_path_ratio or 0.0) < STAYS else None
+
+    @property
+    def not_turned_deg(self) -> float | None:
+        """How far the performer turns more than the robot."""
+        turn = self.report.turned_deg
+        return None if turn.performer is None or turn.robot is None else turn.performer - turn.robot
+
+    # How it followed.
+
+    @property
+    def not_followed(self) -> str:
+        """When the performer did what the robot cannot."""
+        said = []
+        for what, instead in INSTEAD.items():
+            known = [one for one in self.report.unfollowed or () if one.what == what]
+            times = [f"from {one.from_s:.1f} to {one.to_s:.1f} s" for one in known[:MOST]]
+            times += [counted(len(known) - MOST, "more time")] if len(known) > MOST else []
+            said += [f"the performer {what} {', '.join(times)}: the robot {instead} instead"] if known else []
+        return "; ".join(said)
+
+    @property
+    def likeness(self) -> dict[str, str]:
+        """How far the limbs and the trunk are off: as `reached`, from the body as `recorded`, and at `best`."""
+        report = self.report
+        angles: dict[str, Mapping[str, Spread | None]] = {
+            "reached": dict(report.likeness_deg or {}, trunk_lean=report.trunk_lean_deg),
+            "recorded": report.likeness_recorded_deg or {},
+            "best": report.best_likeness_deg or {},
+        }
+        return {
+            whose: ", ".join(f"{name.replace('_', ' ')} {off.mean:.0f}°" for name, off in of.items() if off is not None)
+            for whose, of in angles.items()
+        }
+
+    @property
+    def hands(self) -> str:
+        """How far each hand is off where it gets to the performer's."""
+        off, shares = self.report.reachable_hands_mm or {}, self.report.reachable_share or {}
+        return "; ".join(
+            f"{side_words(name)} {off[name]:.1f} mm off where it gets there ({share:.0%} of ticks)"
+            if name in off
+            else f"{side_words(name)} never gets there"
+            for name, share in shares.items()
+            if self.run.ticks_followed
+        )
+
+    @property
+    def lag_ms(self) -> float | None:
+        """Lag of a robot."""
+        return None if self.robot is None or self.report.lag_s is None else 1e3 * self.report.lag_s
+
+    @property
+    def latency(self) -> str:
+        """As `latency_line`, of a robot."""
+        return "" if self.robot is None else latency_line(self.report)
+
+    @property
+    def stream(self) -> str:
+        """As `stream_line`."""
+        return stream_line(self.report.live)
+
+    @property
+    def stays(self) -> str:
+        """Not empty where the feet stay planted while the performer's move."""
+        return "none" if self.report.foot_path_ratio == 0.0 else ""
+
+    # Joints and servos.
+
+    @property
+    def servos(self) -> dict[str, Any] | None:
+        """How far the servos were behind their goals, degrees, and the joint that was farthest."""
+        servos, robot = self.report.servo_error_deg, self.robot
+        if not servos or robot is None:
+            return None
         worst = max(servos, key=lambda name: servos[name].max)
         mean = sum(spread.mean for spread in servos.values()) / len(servos)
-        measured = f"{mean:.1f} degrees behind what was sent on average, {servos[worst].max:.1f} at most ({worst})"
-        allowed = f"{np.rad2deg(run.robot.profile.safety.following_error):.3g}° from the trajectory to its goal"
-        stopped = run.stop is not None and run.stop.cause is StopCause.FOLLOWING_ERROR
-        yield Finding("servos", measured, allowed, not stopped)
+        allowed = np.rad2deg(robot.profile.safety.following_error)
+        return {"mean": mean, "max": servos[worst].max, "joint": worst, "allowed": allowed}
+
+    @property
+    def stopped_by_servos(self) -> bool:
+        """True if the guard stopped the robot because a servo was too far behind."""
+        return self.run.stop is not None and self.run.stop.cause is StopCause.FOLLOWING_ERROR
+
+    @cached_property
+    def use(self) -> LimitUse:
+        """The use of joint limits."""
+        return limit_use(self.run)
+
+    @property
+    def room(self) -> str:
+        """The joint that came nearest to a limit of its position."""
+        if self.use.room is None:
+            return "no limit came near"
+        joint, room = self.use.room
+        if abs(room) <= ROUND_OFF:
+            return f"{joint} reached its limit"
+        return f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
+
+    # Balance, contact and the gate.
+
+    @property
+    def com_beyond_mm(self) -> float | None:
+        """How far the centre of mass was outside; None where it was not, or is not known."""
+        margin = self.report.com_margin_mm
+        return None if margin is None or margin > 0.0 else -margin
+
+    @property
+    def gaps(self) -> dict[str, str]:
+        """The least distances, and between what they were."""
+        known = {kind: mm for kind, mm in vars(self.report.min_clearance_mm).items() if mm is not None}
+        return {kind: gap_words(mm, CLOSEST[kind](self.report)) for kind, mm in known.items()}
+
+    @property
+    def contact(self) -> float | None:
+        """Share of the ticks in which an observer was in contact; None without any."""
+        return (self.report.observers.reactive_share or None) if self.report.observers else None
+
+    @property
+    def refused(self) -> str:
+        """The pair for which the gate refused goals most often, and what to do."""
+        pair = self.report.refused_pair
+        if pair is None or not self.report.gated_frames:
+            return ""
+        step = "" if pair.obstacle else f": {TIGHTEN}"
+        return f"refused for {pair.first} - {pair.second} in {counted(pair.ticks, 'tick')}{step}"
+
+    # A simulated robot.
+
+    @property
+    def stands(self) -> str:
+        """Whether it fell, and what was done to it."""
+        seen = self.report.physics
+        if seen is None:
+            return ""
+        how = {"floor": "did not fall", "stand": "on a stand", "gantry": "hangs on a gantry"}[seen.mount]
+        if seen.fallen:
+            how = f"fallen at {seen.fallen_at_s or 0.0:.2f} s: {seen.how}"
+        if seen.perturbations:
+            how += f" (perturbations: {', '.join(seen.perturbations)}; seed {seen.seed})"
+        return how
+
+    @property
+    def torque(self) -> dict[str, Any] | None:
+        """The joint with the largest torque."""
+        return _most(figure_of(self, "physics.torque_nm"), lambda torque: float(torque.max))
+
+    @property
+    def heat(self) -> dict[str, Any] | None:
+        """The joint with the hottest servo."""
+        return _most(figure_of(self, "physics.temperature_c"), float)
+
+    @property
+    def contacts(self) -> str:
+        """What a simulated body touched."""
+        seen = self.report.physics
+        if seen is None:
+            return ""
+        counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
+        return ", ".join(f"touches {what} in {counted(n, 'tick')}" for what, n in counts.items() if n) or "none"
+
+    # The bus, the computer, and the end.
+
+    @property
+    def missed_ticks(self) -> int | None:
+        """Ticks that did not come in time; None where none can."""
+        bus = self.report.bus
+        return bus.missed_ticks if bus is not None and self.run.setup.real_time else None
+
+    @property
+    def cost(self) -> str:
+        """What a tick took."""
+        costs = {"human": self.report.reconstruct_us, "robot": self.report.retarget_us}
+        ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
+        return ", ".join(f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items())
+
+    @property
+    def safety(self) -> Any:
+        """Limits of the profile."""
+        return None if self.robot is None else self.robot.profile.safety
+
+    @property
+    def tick_ms(self) -> float:
+        """Time between two ticks."""
+        return 1e3 * self.run.clip.dt
+
+    @property
+    def ended_early(self) -> bool:
+        """True if the run did not go on to its end."""
+        return self.report.stop.reason is not None
+
+    # What only the sentence says.
+
+    # What only the sentence says.
+
+    @property
+    def sensors_off_mm(self) -> float | None:
+        """Mean distance of a reconstructed performer from the sensors."""
+        known = [spread.mean for spread in self.report.sensors_mm.values()] if self.robot is None else []
+        return sum(known) / len(known) if known else None
+
+    @property
+    def unsensed_off_mm(self) -> float | None:
+        """Mean error of a reconstructed performer's joints that no sensor is on."""
+        return figure_of(self, "unsensed_mm.mean") if self.robot is None else None
+
+    @property
+    def touching_ticks(self) -> int | None:
+        """Ticks in which something touched that should not; of a simulated body, in the simulation."""
+        seen = self.report.physics
+        return self.report.penetrating_frames if seen is None else seen.self_contacts + seen.fixture_contacts
+
+    @property
+    def near_falling_mm(self) -> float | None:
+        """Least distance of the centre of pressure from the edge of the soles; without mass, of the centre of mass; 0
+        beyond it."""
+        seen, stands = self.report.physics, self.robot is not None and self.robot.stands
+        margin = self.report.com_margin_mm if seen is None else seen.min_zmp_margin_mm
+        return None if margin is None or not stands else max(margin, 0.0)
 
 
-def _number(value: float | None, unit: str, *, scale: float = 1.0, digits: int = 1) -> str:
-    return "" if value is None else f"{scale * value:.{digits}f} {unit}"
-
-
-def _joints(report: Report, use: LimitUse) -> Iterator[Finding]:
-    broken = report.limit_violations
-    measured = "no limit came near"
-    if use.room is not None:
-        joint, room = use.room
-        measured = f"{joint} reached its limit"
-        if abs(room) > ROUND_OFF:
-            measured = f"nearest: {joint}, {abs(np.rad2deg(room)):.2f}° {'from' if room > 0.0 else 'beyond'} its limit"
-    yield _limited("joint positions", measured, "within their limits", broken.position)
-    for name, nearest, unit, count in (
-        ("joint speeds", use.velocity, "rad/s", broken.velocity),
-        ("joint accelerations", use.acceleration, "rad/s²", broken.acceleration),
-    ):
-        if nearest is not None:
-            share = nearest.value / nearest.limit
-            measured = f"nearest: {nearest.joint}, {nearest.value:.3g} {unit}, {share:.0%} of its limit"
-            yield _limited(name, measured, f"{nearest.joint}: {nearest.limit:.3g} {unit}", count)
-
-
-def _limited(name: str, measured: str, allowed: str, broken: int) -> Finding:
-    return Finding(name, f"{measured}; {counted(broken, 'value')} beyond" if broken else measured, allowed, not broken)
-
-
-def _body(report: Report) -> Iterator[Finding]:
-    """The body in the postures that were sent: of a simulated robot, which may move otherwise, they are the plan."""
-    planned = "" if report.physics is None else ", as planned"
-    outside, margin = report.com_outside_support_frames, report.com_margin_mm
-    if outside is not None:
-        measured = "nothing touched the ground" if margin is None else f"never nearer to the edge than {margin:.1f} mm"
-        if outside:
-            by = "" if margin is None or margin > 0 else f", by up to {-margin:.1f} mm"
-            measured = f"outside in {counted(outside, 'tick')}{by}"
-        yield Finding("centre of mass" + planned, measured, "over the support polygon", outside == 0)
-    if report.foot_slide_mm is not None:
-        slid = f"{report.foot_slide_mm:.2f} mm slid"
-        if report.soles is None:
-            measured = f"at most {slid} within {MM * CONTACT_M:.0f} mm of the ground"
-        else:
-            height, tilt = (
-                f"{report.soles.height_mm:.2f} mm off the ground",
-                f"{report.soles.tilt_deg:.2f} degrees tilted",
-            )
-            measured = f"at most {height}, {tilt}, {slid}"
-        yield Finding("soles" + planned, measured)
-    deep = (report.penetrating_frames or 0) > 0
-    clearance = report.min_clearance_mm
-    for name, allowed, mm, pair in (
-        ("its own links", "do not meet", clearance.self, report.closest_links),
-        ("obstacles", "are not touched", clearance.scene, report.deep.obstacle),
-        ("the floor", "is touched by soles alone", clearance.ground, report.deep.ground),
-    ):
-        if mm is not None:
-            gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside each other"
-            named = f" ({' and '.join(pair)})" if pair else ""
-            yield Finding(name + planned, gap + named, allowed, not deep or mm >= 0.0)
-    if deep:
-        yield Finding(
-            "penetration" + planned,
-            f"in {counted(report.penetrating_frames or 0, 'tick')}, by more than 1 mm in {report.deep.frames}",
-        )
-
-
-def _observers(report: Report) -> Iterator[Finding]:
-    switches, steps = report.mode_switches_per_s, report.steps
-    if switches is not None:
-        worst = f", {switches.worst:.1f} of {switches.name}" if switches.name else ""
-        share = report.observers.reactive_share if report.observers else 0.0
-        contact = f"; in contact in {share:.1%} of ticks" if share else ""
-        yield Finding("observers", f"{switches.mean:.1f} changes of mode a second on average{worst}{contact}")
-    if report.gated_frames is not None:
-        alone = (
-            f"; no goal in {counted(report.no_command_frames, 'tick')}: joints braked"
-            if report.no_command_frames
-            else ""
-        )
-        yield Finding("gate", f"changed {report.gated_frames} of {report.ticks} goals{alone}")
-    if steps is not None:
-        late = f"{steps.declined} declined, for it could not be in time"
-        yield Finding("steps", f"{steps.made} made of {steps.asked} asked; {late}")
-
-
-MOST = 3
-"""Reasons for data that were not used that the line names, those of which there were most; and times of a posture that
-was not followed, the first ones."""
-
-
-STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
-"""Words for the stages of `LiveReport.latency_ms`."""
+def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dict[str, Any] | None:
+    """The joint with the largest of some values, of those that are known; None where there is none."""
+    known = {joint: value for joint, value in (values or {}).items() if not math.isnan(size(value))}
+    most = max(known, key=lambda joint: size(known[joint]), default=None)
+    return None if most is None else {"joint": most, "value": known[most]}
 
 
 def latency_line(report: Report) -> str:
-    """The way from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where nothing
-    is known."""
+    """The path from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where
+    nothing is known."""
     whole, stages = report.hand_to_shaft_ms, report.latency_ms or {}
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
     if whole is None:
@@ -386,117 +426,56 @@ def stream_line(live: LiveReport | None) -> str:
     return "; ".join(parts)
 
 
-def physics_findings(seen: PhysicsReport | None) -> Iterator[Finding]:
-    """The simulated mechanics of a run; nothing where nothing has mass."""
-    if seen is None:
-        return
-    how = {"floor": "did not fall", "stand": "on a stand", "gantry": "hangs on a gantry"}[seen.mount]
-    if seen.fallen:
-        how = f"fallen at {seen.fallen_at_s or 0.0:.2f} s: {seen.how}"
-    if seen.perturbations:
-        how += f" (perturbations: {', '.join(seen.perturbations)}; seed {seen.seed})"
-    yield Finding("physics", how, "it does not fall", not seen.fallen)
-    yield Finding("at rest", "" if seen.toppled is None else f"it did not stay: {seen.toppled}")
-    margin = seen.min_zmp_margin_mm
-    if margin is not None:
-        near = f"never nearer to the edge of the soles than {margin:z.2f} mm"
-        slipped = f"{seen.foot_slip_mm['total']:.1f} mm slipped, tipped by {seen.sole_tilt_max_deg:.1f} degrees"
-        yield Finding("pressure", f"{near}; {slipped}", f"more than {TIPS_MM:g} mm inside the soles", margin > TIPS_MM)
-    torque, heat = seen.torque_nm, {joint: heat for joint, heat in seen.temperature_c.items() if heat == heat}
-    if torque:
-        most = max(torque, key=lambda joint: torque[joint].max)
-        yield Finding("torque", f"{torque[most].max:.2f} N m at most, 95 % below {torque[most].p95:.2f} ({most})")
-    if heat:
-        most = max(heat, key=lambda joint: heat[joint])
-        warm = f"{heat[most]:.1f} degrees Celsius at most ({most}), by a model {seen.heat_model}"
-        yield Finding("heat", warm)
-    counts = {"itself": seen.self_contacts, "fixtures or the floor": seen.fixture_contacts}
-    touches = ", ".join(f"touches {what} in {counted(ticks, 'tick')}" for what, ticks in counts.items() if ticks)
-    yield Finding("contacts", touches or "none", "none but the soles", not touches)
-    yield Finding("simulation", _number(seen.realtime_factor, "times as fast as real time"))
+# What a run says when it is over: one sentence, and the few lines that matter before it.
+
+MOST_REMARKS = 7
+"""With the first line, the files, the state of torque and the sentence, a run prints at most 12 lines."""
+CHANGED = 0.05
+"""Share of the goals that the gate may change before that is said: the verdict allows a twentieth of the time, too."""
+MOST_DIFFERENCES = 2
+"""Differences that the sentence names, the first ones."""
 
 
-def _machine(run: RunResult, report: Report) -> Iterator[Finding]:
-    if report.bus is not None and run.robot is not None:
-        yield from _bus(run, report.bus, report.ticks)
-    costs = {"human": report.reconstruct_us, "robot": report.retarget_us}
-    ran = {stage: cost for stage, cost in costs.items() if cost and math.isfinite(cost.p50)}
-    known = [f"{stage} {cost.p50:.0f} us (p99 {cost.p99:.0f})" for stage, cost in ran.items()]
-    speed = f"{counted(round(report.frames_per_s), 'frame')}/s"
-    yield Finding("cost per tick", f"{', '.join(known)}; {speed}" if known else "")
-    reason = report.stop.reason
-    ended = "to its end" if reason is None else ": ".join(part for part in (report.stop.state, reason) if part)
-    yield Finding("end", ended, kept=reason is None)
-
-
-def _bus(run: RunResult, bus: BusReport, ticks: int) -> Iterator[Finding]:
-    assert run.robot is not None, "a bus is a robot's"
-    safety, faults = run.robot.profile.safety, bus.faults
-    seen = counted(faults, "fault") if faults else "none"
-    yield Finding("faults", seen, "all servos answer, none is alarmed", not faults)
-    if bus.missed_ticks is not None and run.setup.real_time:
-        missed = f"{bus.missed_ticks} of {ticks + bus.missed_ticks}" if bus.missed_ticks else "none"
-        longest = "" if bus.longest_period_ms is None else f"; the longest took {bus.longest_period_ms:.1f} ms"
-        advice = ", see retarget doctor" if bus.missed_ticks else ""
-        allowed = f"none, {1e3 * run.clip.dt:.3g} ms each"
-        yield Finding("ticks missed", missed + longest + advice, allowed, not bus.missed_ticks)
-    if bus.hottest is not None:
-        kept = bus.hottest.value < safety.temperature_c
-        measured = f"{bus.hottest.value:.0f} °C ({bus.hottest.joint})"
-        yield Finding("temperature", measured, f"below {safety.temperature_c:g} °C", kept)
-    if bus.lowest_voltage is not None:
-        low, high = safety.voltage
-        kept = low <= bus.lowest_voltage.value <= high
-        measured = f"lowest {bus.lowest_voltage.value:.1f} V ({bus.lowest_voltage.joint})"
-        yield Finding("voltage", measured, f"{low:g} to {high:g} V", kept)
-
-
-# The summary on the terminal: who followed how well, and what was measured.
-
-
-def show_summary(run: RunResult, report: Report, console: Console) -> None:
-    """Print the report of a run as two tables."""
-    what = "human" if report.robot == "human" else report.robot
+def heading(report: Report) -> str:
+    """The line that says what was played on which robot."""
     lasted = f", {report.duration_s:.1f} s from the first to the end" if report.frames else ""
-    by = " and ".join(report.priorities)
-    console.print(
-        f"{report.source} on {what} by {by}: {counted(report.frames, 'frame')} followed{lasted}, "
-        + f"at {report.rate_hz:g} Hz"
-        + (f", speed {report.speed:g}" if report.speed != 1.0 else ""),
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
-    )
-    console.print()
-    if report.tracking_mm:
-        console.print(_tracking_table(report))
-        console.print()
-    facts = Table("", "", box=None, pad_edge=False, show_header=False)
-    for finding in findings(run, report):
-        broken = f" [allowed: {finding.allowed}]" if finding.allowed and not finding.kept else ""
-        facts.add_row(finding.name, Text(finding.measured + broken))
-    console.print(facts)
-    for note in report.notes:
-        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+    speed = f", speed {report.speed:g}" if report.speed != 1.0 else ""
+    played = f"{counted(report.frames, 'frame')} followed{lasted}, at {report.rate_hz:g} Hz{speed}"
+    return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {played}"
 
 
-def _tracking_table(report: Report) -> Table:
-    """Errors of everything that was followed, mm: as it was sent and, where there are servos, as they were."""
-    table = Table(box=None, pad_edge=False)
-    servos = report.servo_tracking_mm
-    table.add_column("tracking, mm" if servos is None else "tracking, mm: sent")
-    for heading in ("mean", "p95", "max", *(() if servos is None else ("servos: mean", "p95", "max"))):
-        table.add_column(heading, justify="right", min_width=7)
-    for name, spread in report.tracking_mm.items():
-        table.add_row(name, *_spread(spread), *_spread((servos or {}).get(name)))
-    if report.robot != "human":
-        for name, spread in report.sensors_mm.items():
-            table.add_row("human " + name, *_spread(spread))
-    return table
+def remarks(run: RunResult, report: Report, notes: Sequence[str]) -> list[str]:
+    """The lines that matter, at most `MOST_REMARKS`: limits that were not kept, but for what the sentence says; what
+    was not followed; the pair that the gate refused most; and notes."""
+    known = findings(run, report)
+    lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
+    lines = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]
+    said = [one.measured for one in known if one.name == NOT_FOLLOWED]
+    refused = RunFigures(run, report).refused
+    if refused and (report.gated_frames or 0) > CHANGED * report.ticks:
+        said.append(f"the gate changed {report.gated_frames} of {report.ticks} goals, {refused}")
+    lines += [f"note: {text}" for text in (*said, *notes)]
+    more = len(lines) - MOST_REMARKS
+    return [*lines[: MOST_REMARKS - 1], f"and {more + 1} more lines: --verbose"] if more > 0 else lines
 
 
-def _spread(spread: Spread | None) -> list[str]:
-    return [] if spread is None else [f"{value:.1f}" for value in (spread.mean, spread.p95, spread.max)]
+def sentence(run: RunResult, report: Report) -> str:
+    """How the run went, in one sentence without a full stop."""
+    seen = RunFigures(run, report)
+    verdict, figures = seen.verdict, ", ".join(one.measured for one in lines_of("sentence", seen))
+    whose = "the performer" if run.robot is None else report.robot
+    words = "is reconstructed" if run.robot is None else "did not follow"
+    if verdict is not None:
+        more = len(verdict.differs) - MOST_DIFFERENCES
+        differs = [*verdict.differs[:MOST_DIFFERENCES], *([f"{more} more"] if more > 0 else [])]
+        words = verdict.words + (f" ({', '.join(differs)})" if differs else "")
+    if report.stop.reason is not None:
+        at = "".join(f" at {moment.time:.2f} s" for moment in moments(run) if moment.what == "Stopped")
+        stopped = f"{whose} stopped{at} ({report.stop.reason})"
+        if not run.ticks_followed:
+            return f"{stopped} before it followed"
+        whose = f"{stopped}; until then it"
+    return f"{whose} {words}" + (f": {figures}" if figures and run.ticks_followed else "")
 
 
 # The moments at which a run went wrong, on the time of the run: what stopped it, and a fall.

@@ -6,6 +6,7 @@ has no unit of its own is judged in the size of the robot.
 
 from dataclasses import dataclass, replace
 from math import ceil
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +22,9 @@ from retarget.model.scene_state import SceneState
 from retarget.recording.motion import MAX_FPS, Motion, posture, resampled
 from retarget.report import tracking
 from retarget.report.clearance import Clearance, robot_clearances
-from retarget.report.findings import Finding, findings
+from retarget.report.findings import findings, gap_words
 from retarget.report.likeness import frozen_share
+from retarget.report.lines import Finding, lines_of
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import (
     CONTACT_M,
@@ -165,7 +167,7 @@ def judge(
         verdict="",
         notes=motion.notes if run is None else (*motion.notes, *run.notes),
     )
-    found = replace(found, lines=(*_lines(found, SLIDE * MM * height), *_beside_lines(run, report)))
+    found = replace(found, lines=_lines(found, run, SLIDE * MM * height))
     return replace(found, verdict=_verdict(found))
 
 
@@ -332,60 +334,54 @@ def _placed(robot: RobotBody, q: FloatArray, desired: FloatArray, names: tuple[s
 # The lines of the table.
 
 
-LIMITS = {"position": "joint positions", "velocity": "joint speeds", "acceleration": "joint accelerations"}
+class JudgedFigures:
+    """Figures of a judgement by the names of `findings.yaml`: its own, and what is made of them. most: bounds."""
 
+    def __init__(self, found: Judgement, slide_mm: float) -> None:
+        self.found = found
+        self.most = {"spikes": SPIKES, "slide_mm": slide_mm, "air": IN_AIR, "sink_mm": MM * CONTACT_M}
+        self.most |= {"outside": OUTSIDE, "shake": SHAKES, "frozen": ASLEEP if found.report is None else FROZEN}
 
-def _lines(found: Judgement, slide_mm: float) -> list[Finding]:
-    lines = []
-    for kind, name in LIMITS.items():
-        limit = found.limits[kind]
-        worst = f", most often {limit.joint} ({limit.joint_share:.1%})" if limit.joint else ""
-        measured = f"beyond in {limit.share:.1%} of ticks{worst}" if limit.share else "kept"
-        allowed, most = "within the limits of the servos", 0.0
-        if kind == "acceleration":
-            allowed, most = f"{allowed}, but for {SPIKES:.1%} of ticks", SPIKES
-        lines.append(Finding(name, measured, allowed, limit.share <= most))
-    for part, name in {"self": "its own links", "scene": "obstacles", "ground": "the floor"}.items():
-        near = found.clearance[part]
-        if near.clearance_mm is not None:
-            mm = near.clearance_mm
-            gap = f"never closer than {mm:.1f} mm" if mm >= 0.0 else f"{-mm:.1f} mm inside"
-            deep = f", in {near.deep_share:.1%} of the time" if near.deep_share else ""
-            pair = f" ({' and '.join(near.pair)})" if near.pair else ""
-            lines.append(Finding(name, gap + deep + pair, "no more than 1 mm inside each other", not near.deep_share))
-    if found.feet is not None:
-        lines += _foot_lines(found.feet, slide_mm)
-    if found.jerk_p95 is not None:
-        lines.append(Finding("jerk", f"{found.jerk_p95:.0f} rad/s³ (p95)"))
-    if found.shake_share is not None:
-        measured = f"{found.shake_share:.1%} of the power of joint speeds above 6 Hz"
-        lines.append(Finding("shake", measured, f"less than {SHAKES:.0%}", found.shake_share < SHAKES))
-    if found.frozen_share is not None:
-        when = "of the time" if found.report is None else "of the time in which the performer moves"
-        most = ASLEEP if found.report is None else FROZEN
-        measured = f"does not move in {found.frozen_share:.1%} {when}"
-        lines.append(Finding("frozen", measured, f"in less than {most:.0%}", found.frozen_share < most))
-    return lines
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.found, name)
 
+    @property
+    def beyond(self) -> dict[str, BeyondLimit]:
+        """The limits that were broken at all."""
+        return {kind: limit for kind, limit in self.found.limits.items() if limit.share}
 
-def _foot_lines(feet: Feet, slide_mm: float) -> list[Finding]:
-    high, mm = f"; highest {feet.air_mm:.0f} mm" if feet.air_share else "", MM * CONTACT_M
-    lines = [
-        Finding("soles slide", f"{feet.slide_mm:.1f} mm", f"{slide_mm:.0f} mm", feet.slide_mm <= slide_mm),
-        Finding(
-            "soles float",
-            f"none touches in {feet.air_share:.1%} of ticks{high}",
-            f"in less than {IN_AIR:.0%}",
-            feet.air_share < IN_AIR,
-        ),
-        Finding("soles sink", f"{feet.sink_mm:.1f} mm", f"{mm:.0f} mm", feet.sink_mm <= mm),
-    ]
-    if feet.com_outside_share is not None and feet.zmp_outside_share is not None:
-        tips = f"would tip in {feet.zmp_outside_share:.1%} of ticks on the floor"
-        measured = f"{tips}; centre of mass outside in {feet.com_outside_share:.1%}"
-        allowed = f"zero-moment point inside the soles, but for {OUTSIDE:.0%}"
-        lines.append(Finding("balance", measured, allowed, feet.zmp_outside_share < OUTSIDE))
-    return lines
+    @property
+    def gaps(self) -> dict[str, str]:
+        """The least distances, and between what they were."""
+        known = {part: near for part, near in self.found.clearance.items() if near.clearance_mm is not None}
+        return {part: gap_words(near.clearance_mm or 0.0, near.pair, inside="inside") for part, near in known.items()}
+
+    @property
+    def deep(self) -> dict[str, float]:
+        """Shares of the time, where they are not 0."""
+        return {part: near.deep_share for part, near in self.found.clearance.items() if near.deep_share}
+
+    @property
+    def air_mm(self) -> float | None:
+        """Highest of the lowest corner, of a robot whose soles leave the floor."""
+        return self.found.feet.air_mm if self.found.feet is not None and self.found.feet.air_share else None
+
+    @property
+    def frozen_beside(self) -> float | None:
+        """Share of the time in which a performer moves."""
+        return None if self.found.report is None else self.found.frozen_share
+
+    @property
+    def tracking(self) -> dict[str, float]:
+        """Mean error of all landmarks, and of the worst."""
+        means = [] if self.found.report is None else [one.mean for one in self.found.report.tracking_mm.values()]
+        return {"mean": float(np.mean(means)), "worst": max(means)} if means else {}
+
+    @property
+    def lag_ms(self) -> float | None:
+        """Lag behind the performer."""
+        lag = None if self.found.report is None else self.found.report.lag_s
+        return None if lag is None else 1e3 * lag
 
 
 FROM_REPORT = (
@@ -400,18 +396,11 @@ FROM_REPORT = (
 """Lines of the report of a run that are those of a motion beside its performer."""
 
 
-def _beside_lines(run: RunResult | None, report: Report | None) -> list[Finding]:
-    if run is None or report is None:
-        return []
-    lines = [line for line in findings(run, report) if line.name in FROM_REPORT]
-    means = [spread.mean for spread in report.tracking_mm.values()]
-    if means:
-        lines.append(
-            Finding("tracking", f"{np.mean(means):.0f} mm off on average, {max(means):.0f} of the worst landmark")
-        )
-    if report.lag_s is not None:
-        lines.append(Finding("lag", f"{1e3 * report.lag_s:.0f} ms"))
-    return lines
+def _lines(found: Judgement, run: RunResult | None, slide_mm: float) -> tuple[Finding, ...]:
+    seen = JudgedFigures(found, slide_mm)
+    known = () if run is None or found.report is None else findings(run, found.report)
+    beside = (line for line in known if line.name in FROM_REPORT)
+    return (*lines_of("judge", seen), *beside, *lines_of("beside", seen))
 
 
 def _verdict(found: Judgement) -> str:

@@ -8,12 +8,13 @@ import numpy as np
 from hardware.guard_state import StopCause
 from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
-from retarget.report.blocks import in_blocks, in_named_blocks
 from retarget.report.clearance import clearances, in_mm
 from retarget.report.latency import latency_of
 from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
+    in_blocks,
+    in_named_blocks,
     jerk_p95,
     limit_violations,
     moved_joints,
@@ -119,7 +120,7 @@ def measure(run: RunResult) -> Report:
     """The report of a run."""
     names, asked, reached = run.followed
     performance, moved, latency = tracking.performance_of(run), _moved(run, reached), latency_of(run)
-    reconstruct, retarget, _ = run.record.cost.T
+    (reconstruct, retarget, _), steps = run.record.cost.T, run.tally.steps
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -146,7 +147,8 @@ def measure(run: RunResult) -> Report:
         **_hands(run, performance, moved),
         unfollowed=unfollowed_of(run, performance),
         physics=physics_report(run),
-        steps=None if run.steps is None else StepsReport(run.steps.asked, run.steps.made, run.steps.declined),
+        steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
+        refused_pair=run.tally.refused_pair,
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
         latency_ms=None if latency is None else latency.stages,

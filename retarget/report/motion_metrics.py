@@ -1,6 +1,8 @@
 """Limits kept, standing, calm of observers, and simulated mechanics: the numbers of a motion."""
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +12,42 @@ from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.body import JointLimits
 from retarget.model.human import human_limits
 from retarget.model.robot import RobotBody
-from retarget.report.blocks import in_named_blocks
 from retarget.run.run_result import RunResult
 from retarget.types import MM, BoolArray, FloatArray
+
+# Figures of a long run in blocks of rows: a run keeps all of its rows, and a measurement needs several times as much
+# memory as the rows that it looks at.
+
+BLOCK = 256
+"""Rows that are measured together. The distances of all pairs of observers need 0.13 MB a row for a moment, so 35 MB;
+larger blocks are no faster, as they leave the processor's cache."""
+
+Array = TypeVar("Array", bound=NDArray[np.generic])
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """The rows of each block of `count` rows, in their order; of no rows one empty block."""
+    for first in range(0, max(count, 1), BLOCK):
+        yield slice(first, min(first + BLOCK, count))
+
+
+def in_blocks(measured: Callable[[slice], Array], count: int) -> Array:
+    """The results of `measured` for `count` rows, (count, ...), each from itself alone. measured: takes some rows."""
+    return in_named_blocks(lambda rows: {"": measured(rows)}, count)[""]
+
+
+def in_named_blocks(measured: Callable[[slice], Mapping[str, Array]], count: int) -> dict[str, Array]:
+    """As `in_blocks`, of several arrays by name."""
+    whole: dict[str, Array] = {}
+    for rows in blocks(count):
+        for name, part in measured(rows).items():
+            if name not in whole:  # filled in place: parts that are joined at the end need twice the memory
+                whole[name] = np.empty((count, *part.shape[1:]), part.dtype)  # type: ignore[assignment]
+            whole[name][rows] = part
+    return whole
+
+
+# The joints of a run and their limits.
 
 TOLERANCE = 1e-8
 """A position may miss a limit by this, rad or m, before it counts; a displacement of one tick by this too, and the
@@ -136,6 +171,56 @@ def limit_shares(run: RunResult) -> LimitShares | None:
     fast = np.abs(step) >= AT_LIMIT * dt * limits.max_velocity
     hard = np.abs(np.diff(step, axis=0)) >= AT_LIMIT * dt**2 * limits.max_acceleration
     return LimitShares(*(float(at.any(axis=1).mean()) for at in (near, fast, hard)))
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The joint that used most of its limit. value: what it did; limit: what it may do; rad, s (or m)."""
+
+    joint: str
+    value: float
+    limit: float
+
+    @property
+    def share(self) -> float:
+        """The value as a share of its limit."""
+        return self.value / self.limit
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """None where no joint has such a limit, or where too few ticks were sent. room: rad (or m) between a joint
+    and the limit of its position that it came nearest to, and its joint; negative: beyond."""
+
+    room: tuple[str, float] | None
+    velocity: Nearest | None
+    acceleration: Nearest | None
+
+
+def limit_use(run: RunResult) -> LimitUse:
+    """The use of limits by the goals that were sent (of a human: by its postures), by finite differences."""
+    moved, sent = moved_joints(run), run.record.robot
+    names, limits, dt = moved.names, moved.limits, moved.dt
+    positions = moved.positions if sent is None else np.vstack([sent.start, sent.goals])
+    if len(positions) < 3 or not names:
+        return LimitUse(None, None, None)
+    room, fastest, hardest = np.zeros((3, len(names)))
+    for joint, track in enumerate(positions.T):  # one by one: of a long run each step of this is as large as it
+        step = np.diff(track)
+        room[joint] = np.minimum(track - limits.lower[joint], limits.upper[joint] - track).min()
+        fastest[joint], hardest[joint] = np.abs(step).max() / dt, np.abs(np.diff(step)).max() / dt**2
+    near = int(np.argmin(room))
+    return LimitUse(
+        room=(names[near], float(room[near])) if np.isfinite(room[near]) else None,
+        velocity=_nearest(names, fastest, limits.max_velocity),
+        acceleration=_nearest(names, hardest, limits.max_acceleration),
+    )
+
+
+def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> Nearest | None:
+    share = values / np.where(limits > 0.0, limits, np.inf)
+    joint = int(np.argmax(share))
+    return Nearest(names[joint], float(values[joint]), float(limits[joint])) if np.isfinite(limits[joint]) else None
 
 
 def jerk_p95(positions: FloatArray, dt: float) -> float | None:

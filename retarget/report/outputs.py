@@ -18,7 +18,8 @@ PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 @dataclass(frozen=True)
 class Outputs:
     """Paths of report, page, recording, pictures and animation of a run; None: nowhere. While it goes on record is
-    written, and the page at port view shows it. overwrite: replace what is there. best_likeness: the report has it."""
+    written, and the page at port view shows it. overwrite: replace what is there. best_likeness: the report has it.
+    verbose: every figure is printed."""
 
     report: Path | None = None
     page: Path | None = None
@@ -29,6 +30,7 @@ class Outputs:
     view: int | None = None
     overwrite: bool = False
     best_likeness: bool = False
+    verbose: bool = False
 
     @property
     def measured(self) -> bool:
@@ -98,7 +100,7 @@ class Outputs:
             ("picture", self.plots, lambda path: write_plots(figures(), path)),
             ("animation", self.animate, lambda path: write_animation(run, path)),
         ]
-        lines: list[str] = []
+        files: list[tuple[str, Path]] = []
         problems: list[str] = []
         for what, path, write in tries:
             if path is None:
@@ -108,8 +110,8 @@ class Outputs:
             except (RefusedError, OSError) as error:
                 problems.append(f"{what} not written: {error}")
             else:
-                lines += [f"{what}: {file}" for file in (made if isinstance(made, list) else [path])]
-        return WrittenFiles(tuple(lines), tuple(problems))
+                files += [(what, file) for file in (made if isinstance(made, list) else [path])]
+        return WrittenFiles(tuple(files), tuple(problems))
 
 
 def _animation_path(path: Path) -> Path:
@@ -121,7 +123,14 @@ def _animation_path(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class WrittenFiles:
-    """What became of the files of a run. lines: where each one is; problems: why others are not there."""
+    """What became of the files of a run. files: what each one is, and where; problems: why others are not there."""
 
-    lines: tuple[str, ...]
+    files: tuple[tuple[str, Path], ...]
     problems: tuple[str, ...]
+
+    @property
+    def first(self) -> Path | None:
+        """The file to look at first: page, animation or picture of the poses, else any; None where there is none."""
+        by_name = {path.name if what == "picture" else what: path for what, path in self.files}
+        known = (by_name.get(what) for what in ("page", "animation", "poses.png", "report", "run"))
+        return next(filter(None, known), None)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from hardware.errors import counted, printable
 from retarget.report.animation import animation_of
-from retarget.report.findings import NOT_FOLLOWED, findings, moments
+from retarget.report.findings import FOLLOWING, NOT_FOLLOWED, findings, moments
 from retarget.report.report import Report, Spread
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
@@ -92,15 +92,16 @@ def template(name: str) -> jinja2.Template:
 def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) -> str:
     """The page of a run. Every text of the run in it is escaped. figures: as of `plots.figures_of`."""
     found = findings(run, report)
-    limits = [finding for finding in found if finding.kept is not None and finding.name != "following"]
+    limits = [finding for finding in found if finding.kept is not None and finding.name != FOLLOWING]
     animation, tracking = animation_of(run), _tracking(report)
     script = player_script()
     return template("page.html").render(
         report=report,
         counted=counted,
-        verdict=next((finding for finding in found if finding.name == "following"), None),
+        verdict=next((finding for finding in found if finding.name == FOLLOWING), None),
         followed=[finding for finding in found if finding.name in FOLLOWED],
         limits=limits,
+        others=[one for one in found if one.kept is None and one.name not in (*FOLLOWED, FOLLOWING)],
         failed=sum(not limit.kept for limit in limits),
         moments=moments(run),
         animation=animation,

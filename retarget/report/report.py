@@ -9,6 +9,7 @@ from typing import Any
 from retarget.errors import UsageError
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
+from retarget.run.run_result import RefusedPair
 from retarget.schema.files import check_folder, check_path, check_place, make_folder, write_atomic
 
 DIGITS = 6
@@ -148,7 +149,7 @@ class Report:
     the same tick, lag included; of a human, joint against sensor. lag_s: of the same. unsensed_mm: joints without
     sensor, against the recorded body. priority_violation_max: largest error of a task of the highest level, mm or mrad.
     min_clearance_mm: on the body's own geoms; penetrating_frames: ticks in which they are in each other or in the
-    scene, by anything. closest_links: what came closest.
+    scene, by anything. closest_links: what came closest. refused_pair: null where no goal was refused for a pair.
     mode_switches_per_s: of observers, mean and worst. limit_violations: values beyond a limit by more than
     `motion_metrics.TOLERANCE`. jerk_p95: rad/s^3.
 
@@ -218,6 +219,7 @@ class Report:
     com_margin_mm: float | None = None
     soles: Soles | None = None
     closest_links: tuple[str, str] | None
+    refused_pair: RefusedPair | None = None
     deep: DeepReport
     observers: ObserversReport | None = None
     physics: PhysicsReport | None

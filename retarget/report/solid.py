@@ -337,7 +337,7 @@ def mp4(frames: Iterable[Image.Image]) -> bytes:
         stream = container.add_stream("libx264", rate=FPS, options={"crf": "20"})
         stream.pix_fmt, (stream.width, stream.height) = "yuv420p", first.size
         for frame in chain([first], rest):
-            container.mux(stream.encode(av.VideoFrame.from_image(frame)))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(frame), format="rgb24")))
         container.mux(stream.encode())
     return made.getvalue()
 

@@ -13,7 +13,7 @@ from retarget.model.human import PostureReader
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.report import motion_metrics
-from retarget.report.blocks import blocks, in_blocks
+from retarget.report.motion_metrics import blocks, in_blocks
 from retarget.robot.arm_branches import arm_postures, chain_to_anchor, position_limits
 from retarget.robot.landmarks import PELVIS, Facing, limb_scale
 from retarget.run.run_result import RunResult
@@ -207,7 +207,7 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
 def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
     """The error (T,) of a sole while it is on the floor: one that swings is no task of this level. All of others."""
     robot, sent = run.robot, run.record.robot
-    if run.steps is None or robot is None or sent is None:
+    if run.tally.steps is None or robot is None or sent is None:
         return error
     if name not in {foot.frame for foot in robot.profile.feet.values()}:
         return error

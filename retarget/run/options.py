@@ -115,7 +115,7 @@ class RunOptions:
     they are sent. physics: of the simulated mechanics. playback: of a recording.
 
     Robot:
-        robot NAME|PATH: Robot by name or path; 'human' only reconstructs the performer.
+        robot NAME|PATH: Robot by name or path; or 'human' alone.
         bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (can fall), physics+wire, none; real
             servos: profile, a PORT, or module:Class.
         performer NAME|FILE: The sensors: five (usual), five_head, three, six, ten, all, avatar, optitrack, web, ...,

@@ -34,7 +34,7 @@ from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_huma
 from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.performers import RecordedPerformer
 from retarget.run.rest_trajectory import EndPlan, plan_end
-from retarget.run.run_result import RunResult, RunSetup
+from retarget.run.run_result import RunResult, RunSetup, RunTally
 from retarget.run.supervisor import Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
@@ -189,7 +189,10 @@ class Prepared:
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
-            steps=None if self.steps is None else replace(self.steps),
+            tally=RunTally(
+                steps=None if self.steps is None else replace(self.steps),
+                refused_pair=None if machine is None else machine.refused_pair,
+            ),
         )
 
     def _capped(self) -> tuple[str, ...]:

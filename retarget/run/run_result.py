@@ -68,6 +68,26 @@ class PhysicsRun:
         return float(known.min()) if known.size else None
 
 
+@dataclass(frozen=True)
+class RefusedPair:
+    """The two links, or the link and the obstacle, for which the gate refused goals in most ticks. ticks: how many;
+    obstacle: the second is one."""
+
+    first: str
+    second: str
+    ticks: int
+    obstacle: bool
+
+
+@dataclass(frozen=True)
+class RunTally:
+    """What was counted in a run. steps: None for a robot that makes none; refused_pair: None where the gate refused no
+    goal for one."""
+
+    steps: StepTally | None = None
+    refused_pair: RefusedPair | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class RunSetup:
     """What a run was made of. priorities: of the stages. has_bus: servos answered. real_time: ticks could be late; on
@@ -86,8 +106,7 @@ class RunResult:
 
     robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
     the loop. stop: the guard's, None without one. scene: of the last stage's body; observers: of that body. physics:
-    what a simulation measured, None without one; steps: None for a robot that makes none. live: the report of a stream,
-    None for a file.
+    what a simulation measured, None without one. live: the report of a stream, None for a file.
     """
 
     record: Record
@@ -103,7 +122,7 @@ class RunResult:
     scene: SceneState | None = None
     observers: Observers | None = None
     physics: PhysicsRun | None = None
-    steps: StepTally | None = None
+    tally: RunTally = RunTally()
     live: LiveReport | None = None
 
     @property

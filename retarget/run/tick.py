@@ -24,6 +24,7 @@ from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
 from retarget.run.controllers import Commanded, GoalsInstead, RobotMotion, Target, rest_joints
 from retarget.run.rest_trajectory import EndPlan
+from retarget.run.run_result import RefusedPair
 from retarget.run.supervisor import AT_RISK, BUS_SILENT, End, OperatorInput, Situation, Supervisor
 from retarget.safety.gate import Gate
 from retarget.types import Notify, RobotPosture, RunState
@@ -140,6 +141,16 @@ class Machine:
         if off[worst] <= NEAR_REST:
             return ()
         return (f"not at rest: torque went off with {robot.joint_map.joints[worst]} {off[worst]:.2f} rad from it",)
+
+    @property
+    def refused_pair(self) -> RefusedPair | None:
+        """The pair for which the gate refused goals in most ticks; None where it refused none for a pair."""
+        clearance = self.gate.clearance
+        if clearance is None or not clearance.refusals:
+            return None
+        (pair, ticks), *_ = clearance.refusals.most_common(1)
+        links = [self.robot.body.body_names[link] for link in robot_observers(self.robot).links]
+        return RefusedPair(*clearance.names_of(pair, links), ticks, pair[1] is None)
 
     @property
     def refused(self) -> str:

@@ -1,5 +1,6 @@
 """Swept clearance: the collision check of the gate for a path of goals, and contact where a motion begins."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -53,6 +54,10 @@ SERVOS_SHARE = 0.25
 path; the rest of the margin is the room for that."""
 
 
+Pair = tuple[int, int | None, int | None]
+"""Numbers of an observer, and of another one or of an obstacle."""
+
+
 class PathClearance:
     """The collision check of one robot, with the observers and the obstacles of its stage.
 
@@ -83,7 +88,11 @@ class PathClearance:
         self._columns = robot.servo_columns
         self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
         self._measured: FloatArray | None = None
-        self._refused: tuple[int, int | None, int | None] | None = None  # what was too near on the last path
+        self._refused: Pair | None = None  # what was too near on the last path
+        self._first: Pair | None = None  # on the first path of this tick that was refused
+        self.refusals = Counter[Pair]()
+        """Ticks before this one in which each pair was the first for which a path was refused: as many as there are
+        pairs at most."""
 
     def begin(self, position: FloatArray) -> None:
         """Begin with the servos at `position` (n,) rad."""
@@ -96,15 +105,21 @@ class PathClearance:
         robot was commanded in the last one."""
         self._following.sent(sent)
         self._measured = position
+        if self._first is not None:
+            self.refusals[self._first] += 1
+            self._first = None
 
     def in_the_way(self, names: Sequence[str]) -> str:
         """The two parts, or part and obstacle, for which the path that was checked last was refused; "" where it
         passed. names: of the robot's observers."""
         if self._refused is None:
             return ""
-        one, other, obstacle = self._refused
-        second = names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
-        return f"{names[one]} and {second}"
+        return " and ".join(self.names_of(self._refused, names))
+
+    def names_of(self, pair: Pair, names: Sequence[str]) -> tuple[str, str]:
+        """The names of a pair. names: of the robot's observers, or of their links."""
+        one, other, obstacle = pair
+        return names[one], names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
 
     def __call__(self, path: FloatArray, instead: FloatArray, standing: FloatArray) -> bool:
         """Whether a path of postures (k, n), rad, is clear, a tick from row to row, first row present, last row at
@@ -117,6 +132,7 @@ class PathClearance:
         measured = self._measured
         clear = clear and (measured is None or self._servos_are_clear(path, instead, standing, measured))
         self._refused = None if clear else self._checker.refused
+        self._first = self._first or self._refused
         return clear
 
     def _servos_are_clear(

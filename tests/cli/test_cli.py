@@ -16,6 +16,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from rich.table import Table
 
 from command_line import code_of
 from command_line import code_of as leave
@@ -27,8 +28,9 @@ from retarget.cli import controls, main
 from retarget.cli.application import console, log, progress_bar
 from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, LEAST_MEMORY, REFUSED, STOPPED, exit_code_of
+from retarget.cli.run import USUAL_OPTIONS
 from retarget.cli.stop import sent
-from sim.performer import synthetic_performer
+from retarget.sources.open import open_source
 
 
 def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture[str]) -> None:
@@ -40,17 +42,21 @@ def test_help_lists_every_command_and_imports_none(capsys: pytest.CaptureFixture
 
 
 def test_the_help_of_a_command_has_headings(capsys: pytest.CaptureFixture[str]) -> None:
-    assert leave("run", "--help") == DONE
+    assert leave("run", "--help-all") == DONE
     shown = capsys.readouterr().out
     assert shown.index("retarget run session.yaml --speed 0.5") < shown.index("Robot:") < shown.index("--bus NAME|PORT")
     assert shown.index("Live streams:") < shown.index("--person") < shown.index("Results:") < shown.index("--report")
     assert max(map(len, shown.splitlines())) > 150, "in a pipe nothing is wrapped"
 
 
-def test_the_help_of_run_fits_two_screens(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_of_run_fits_a_screen(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     assert leave("run", "--help") == DONE
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 24 and max(map(len, lines)) <= 80 and lines[-1] == "more: --help-all"
+    assert all(any(line.startswith(f"  {option} ") for line in lines) for option in USUAL_OPTIONS)
+    assert leave("run", "--help-all") == DONE
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 100 and max(map(len, lines)) <= 80
     assert not any("--no-mirror" in line for line in lines), "the opposites of switches go without saying"
@@ -199,6 +205,15 @@ def test_the_help_lists_every_exit_code(capsys: pytest.CaptureFixture[str]) -> N
     assert all(f"{code} " in shown.split("Exit codes:")[1] for code in (DONE, STOPPED, REFUSED, DEFECT, INTERRUPTED))
 
 
+def test_a_table_in_a_pipe_has_no_blanks_at_the_ends_of_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table("a", "b", box=None)
+    table.add_row("short", "a much longer text")
+    table.add_row("a longer name", "short")
+    console().print(table)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3 and lines == [line.rstrip() for line in lines]
+
+
 # `retarget demo`: works on its own, and leaves a report, a recording and pictures.
 
 demo = partial(code_of, "demo")
@@ -206,8 +221,8 @@ demo = partial(code_of, "demo")
 
 @pytest.mark.long
 def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    whole = synthetic_performer()
-    monkeypatch.setattr("sim.performer.synthetic_performer", lambda: whole.cut(0.0, 4.0))
+    whole = open_source("sample")
+    monkeypatch.setattr("retarget.cli.demo.open_source", lambda name: whole.cut(0.0, 4.0))
     monkeypatch.chdir(tmp_path)
     assert demo() == DONE
     folder = tmp_path / "out" / "demo"
@@ -217,10 +232,13 @@ def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     headings = {"Limits", "Motion", "Poses", "Tracking", "Asked and reached", "Balance", "Joint angles"}
     assert headings <= set(re.findall(r"<h2>(.*?)</h2>", page)) and "✗" not in page
     report = json.loads((folder / "report.json").read_text())
-    assert report["frames"] == 481 and report["stop"]["reason"] is None
+    assert report["frames"] == 121 and report["stop"]["reason"] is None
     assert report["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0}
     assert report["hand_path_ratio"] > 0.5
-    assert "out/demo/report.json" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert len(out.splitlines()) <= 12 and "out/demo/report.json" in out
+    said = out.splitlines()[-1]
+    assert re.fullmatch(r"op3 follows: hands \d+ mm off, nothing touched, .* Open out/demo/report.html", said)
 
 
 # `retarget stop` from the command line: confirmed, not confirmed, no run.

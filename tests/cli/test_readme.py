@@ -81,7 +81,7 @@ def test_every_line_works_in_its_order(
             main(words(line))
         allowed = next((codes for part, codes in ENDS.items() if part in line), {DONE})
         assert int(leaving.value.code or 0) in allowed, f"{line}\n{capsys.readouterr().err}"
-    made = {"run.npz", "run.mcap", "my_robot"} | ({"pictures"} if page == "README.md" else set())
+    made = {"run.npz", "run.mcap", "my_robot"} | ({"report"} if page == "README.md" else set())
     assert made <= {path.name for path in tmp_path.iterdir()}
 
 

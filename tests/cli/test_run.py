@@ -196,8 +196,9 @@ def test_a_robot_follows_a_recording(amc: Path, tmp_path: Path, capsys: pytest.C
         assert time[phase == "follow"] == pytest.approx(np.arange(751) / 125.0)
         assert np.isfinite(arrays["joint_positions"]).all()
     shown = capsys.readouterr()
-    for words in ("tracking, mm", "joint speeds", "lag", "its own links", "cost per tick", "report:"):
-        assert words in shown.out
+    heading, files, sentence = shown.out.splitlines()
+    assert heading.startswith(str(amc)) and str(saved) in files
+    assert sentence.startswith("op3 ") and sentence.endswith(f". Look at {report}")
     assert "%" not in shown.err  # no progress bar in a pipe
 
 
@@ -236,7 +237,7 @@ def press_ctrl_c(*_: object) -> None:
 
 def test_files_are_there_before_anything_is_said(amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[bool] = []
-    monkeypatch.setattr("retarget.cli.run.show_summary", lambda *_: seen.append((tmp_path / "r.json").exists()))
+    monkeypatch.setattr("retarget.cli.run.show_summary", lambda *_, **__: seen.append((tmp_path / "r.json").exists()))
     assert run_run(*short(amc, "--report", tmp_path / "r.json")) == DONE
     assert seen == [True]
 
@@ -263,7 +264,7 @@ def test_a_file_that_cannot_be_written_costs_no_other(
     shown = capsys.readouterr()
     assert code == STOPPED
     assert saved.exists()
-    shows_lines(shown.out, re.compile("^(tracking|run)"))
+    shows_lines(shown.out, re.compile("^(written)"))
     assert {path.name for path in tmp_path.iterdir()} == {"r.npz", "r_human.xml"}
     note, *errors = shown.err.splitlines()
     assert note.startswith("note: frame rate")

@@ -189,7 +189,7 @@ def test_every_pair_is_compared_but_those_that_may_touch() -> None:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("offset", [0.5, 0.0, -0.3])
 def test_all_is_found(seed: int, offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("retarget.report.blocks.BLOCK", 64)
+    monkeypatch.setattr("retarget.report.motion_metrics.BLOCK", 64)
     rng = np.random.default_rng(seed)
     table = offset + np.abs(0.3 + np.cumsum(rng.normal(0.0, 0.01, (400, 12)), axis=0)) - 0.05
     bound = table - rng.uniform(0.0, 0.05, table.shape)

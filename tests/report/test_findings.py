@@ -1,24 +1,26 @@
 """Every limit of the page of a report: kept where the numbers say so, and not where they say otherwise."""
 
-import io
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from benchmarks.physics_runs import play
 from messages import shows
+from retarget.cli.run import show_summary
 from retarget.frames import JointTracks, SensorFrames
-from retarget.report.findings import Finding, findings, limit_use, show_summary
+from retarget.report.findings import MOST_REMARKS, findings, remarks, sentence
+from retarget.report.lines import Finding, in_words, lines_of
 from retarget.report.measure import measure
+from retarget.report.motion_metrics import limit_use
 from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
 from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase
-from retarget.run.run_result import RunResult
+from retarget.run.run_result import RefusedPair, RunResult
 from retarget.schema.priorities import load_priorities
 from rig import Rig, person, result, scripted_run, short_clip
 from sim.performer import minimum_jerk, synthetic_performer
@@ -66,7 +68,11 @@ CASES: list[tuple[str, Any, str]] = [
         "2.0 mm inside each other",
     ),
     ("faults", lambda r: changed(r, "bus", faults=2), "2 faults"),
-    ("ticks missed", lambda r: changed(r, "bus", missed_ticks=5, longest_period_ms=30.0), "longest took 30.0 ms"),
+    (
+        "ticks missed",
+        lambda r: changed(r, "bus", missed_ticks=5, longest_period_ms=30.0),
+        "longest took 30.0 ms",
+    ),
     ("end", lambda r: changed(r, "stop", reason="a hand in the way"), "a hand in the way"),
 ]
 
@@ -102,8 +108,8 @@ def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report)
 BAD, LEGS, FINE = Spread(60.0, 80.0, 90.0), Spread(33.0, 50.0, 60.0), Spread(5.0, 9.0, 12.0)
 FOLLOWS: list[tuple[dict[str, Any], bool | None, str]] = [
     ({}, True, "follows"),
-    ({"hand_path_ratio": 0.6}, None, "follows in part: hands on 60% of their way"),
-    ({"hand_path_ratio": 0.1}, False, "does not follow: hands on 10% of their way"),
+    ({"hand_path_ratio": 0.6}, None, "follows in part: hands on 60% of their path"),
+    ({"hand_path_ratio": 0.1}, False, "does not follow: hands on 10% of their path"),
     ({"fallen": True}, False, "does not follow: it fell"),
     ({"trunk_lean_deg": Spread(6.0, 30.0, 68.0)}, None, "follows in part: its trunk 30° off (p95)"),
     (
@@ -239,12 +245,12 @@ def test_feet_that_are_to_stay_are_said_to_stay(run: RunResult, report: Report) 
     still = replace(report, foot_path_ratio=0.0)
     assert of("foot path", run, still).measured == "none: the performer's feet move, its own stay planted"
     steps = replace(report, foot_path_ratio=0.4, steps=StepsReport(3, 2, 1))
-    assert of("foot path", run, steps).measured == "40.0 % of the performer's"
+    assert of("foot path", run, steps).measured == "40.0% of the performer's"
 
 
 def test_a_number_says_what_it_is_of(run: RunResult, report: Report) -> None:
     missed = of("highest priority", run, replace(report, priority_violation_max=0.25))
-    assert missed.measured == "missed by 0.250 mm, or mrad of a turn, at most"
+    assert missed.measured == "off by 0.250 mm or mrad at most"
 
 
 def test_the_joint_that_turned_used_most_of_its_speed(run: RunResult) -> None:
@@ -274,10 +280,18 @@ def swung() -> tuple[RunResult, Report]:
     return run, measure(run)
 
 
-def shown(run: RunResult, report: Report) -> list[str]:
-    text = io.StringIO()
-    show_summary(run, report, Console(file=text, width=120))
-    return [" ".join(line.split()) for line in text.getvalue().splitlines()]
+@pytest.fixture
+def shown(capsys: pytest.CaptureFixture[str]) -> Callable[[RunResult, Report], list[str]]:
+    """Prints every figure of a run, and returns the lines."""
+
+    def lines(run: RunResult, report: Report) -> list[str]:
+        show_summary(run, report, verbose=True)
+        return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+
+    return lines
+
+
+Shown = Callable[[RunResult, Report], list[str]]
 
 
 def line(lines: list[str], start: str) -> str:
@@ -285,7 +299,7 @@ def line(lines: list[str], start: str) -> str:
     return found
 
 
-def test_the_servos_stand_beside_what_was_sent(swung: tuple[RunResult, Report]) -> None:
+def test_the_servos_stand_beside_what_was_sent(swung: tuple[RunResult, Report], shown: Shown) -> None:
     run, report = swung
     assert report.servo_tracking_mm is not None and report.servo_error_deg is not None
     sent, servos = report.tracking_mm["l_hand"], report.servo_tracking_mm["l_hand"]
@@ -303,12 +317,12 @@ def test_a_good_hand_does_not_hide_a_bad_one(swung: tuple[RunResult, Report]) ->
     run, report = swung
     hands = {"l_hand": 2.0, "r_hand": 30.0, "mean": 3.3, "worse": 30.0}
     reported = replace(report, reachable_hands_mm=hands, reachable_share={"l_hand": 0.95, "r_hand": 0.05})
-    text = line(shown(run, reported), "hands within reach")
-    assert text.endswith("l_hand in 95% of ticks, then 2.0 mm off; r_hand in 5% of ticks, then 30.0 mm off")
+    text = of("hands within reach", run, reported).measured
+    shows(text, "left hand 2.0 mm", "95%", "right hand 30.0 mm", "5%")
     assert "3.3" not in text
 
 
-def test_a_run_that_followed_nobody_has_no_empty_rows(run: RunResult) -> None:
+def test_a_run_that_followed_nobody_has_no_empty_rows(run: RunResult, shown: Shown) -> None:
     braked = replace(run.record, phase=np.full(len(run.record), Phase.BRAKE))
     stopped = replace(run, record=braked)
     nothing = Percentiles(np.nan, np.nan, np.nan)
@@ -328,6 +342,66 @@ def test_on_virtual_time_no_tick_is_missed(run: RunResult, report: Report) -> No
 def test_ticks_that_the_gate_braked_by_itself_are_shown(swung: tuple[RunResult, Report]) -> None:
     run, report = swung
     led = replace(report, no_command_frames=0)
-    assert line(shown(run, led), "gate") == f"gate changed 0 of {report.ticks} goals"
-    alone = line(shown(run, replace(report, gated_frames=3, no_command_frames=7)), "gate")
-    assert alone == f"gate changed 3 of {report.ticks} goals; no goal in 7 ticks: joints braked"
+    assert of("gate", run, led).measured == f"changed 0 of {report.ticks} goals"
+    alone = of("gate", run, replace(report, gated_frames=3, no_command_frames=7)).measured
+    assert alone == f"changed 3 of {report.ticks} goals; no goal in 7 ticks: joints braked"
+
+
+PAIR = RefusedPair("MP_BACK_R", "MP_ARM_HIGH_R", 300, obstacle=False)
+
+
+def test_the_pair_that_the_gate_refused_most_is_named_with_what_to_do(run: RunResult, report: Report) -> None:
+    changed = replace(report, gated_frames=335, refused_pair=PAIR)
+    shows(of("gate", run, changed).measured, "MP_BACK_R", "MP_ARM_HIGH_R", "300", "ignore_pairs")
+    (note,) = [one for one in remarks(run, changed, ()) if "MP_BACK_R" in one]
+    shows(note, "335")
+    assert not any("MP_BACK_R" in one for one in remarks(run, replace(changed, gated_frames=1), ())), "no harm"
+    wall = replace(changed, refused_pair=replace(PAIR, second="wall", obstacle=True))
+    assert "ignore_pairs" not in of("gate", run, wall).measured, "an obstacle is there"
+    assert "refused" not in of("gate", run, replace(changed, gated_frames=0)).measured
+
+
+# A table of lines: a figure that is not known leaves the sentence out.
+
+
+def test_a_sentence_without_its_figure_is_left_out() -> None:
+    known = {"a": {"b": 0.5}, "none": None, "empty": "", "pair": (1.0, 2.0)}
+    assert in_words("{a.b:.1f} of {pair.1:g}", known) == "0.5 of 2"
+    assert in_words("{a.b} and {none}", known) == in_words("{empty}", known) == in_words("{a.c.d}", known) == ""
+
+
+# The end of a run on a terminal.
+
+
+def test_a_run_ends_with_one_sentence(run: RunResult, report: Report) -> None:
+    alike: dict[str, Any] = {"likeness_deg": None, "likeness_recorded_deg": None, "legs_away_s": None}
+    hands = {"mean": 26.2, "worse": 27.0}
+    alike |= {"reachable_hands_mm": hands, "trunk_lean_deg": None, "com_margin_mm": 43.4, "hand_path_ratio": 1.0}
+    fine = replace(report, **alike)
+    shows(sentence(run, fine), "op3 follows", "26 mm", "43 mm")
+    shows(sentence(run, replace(fine, penetrating_frames=1)), "1 tick")
+    shows(sentence(run, replace(fine, com_margin_mm=-2.0)), "0 mm")
+    shows(
+        sentence(run, replace(fine, hand_path_ratio=0.5, likeness_deg={"thighs": LEGS, "shanks": LEGS})),
+        "33°",
+        "1 more",
+    )
+    stopped = replace(run, reason="a hand in the way")
+    shows(sentence(stopped, changed(fine, "stop", reason="a hand in the way")), "op3 stopped at", "a hand in the way")
+
+
+def test_few_lines_come_before_it(run: RunResult, report: Report) -> None:
+    assert remarks(run, report, ()) == []
+    bad = changed(changed(report, "limit_violations", position=3), "stop", reason="a hand in the way")
+    limit, note = remarks(run, bad, ("a note",))
+    shows(limit, "joint positions", "3 values")
+    assert note == "note: a note"
+    many = remarks(run, bad, tuple("abcdefghi"))
+    assert len(many) == MOST_REMARKS
+    shows(many[-1], "4", "--verbose")
+
+
+def test_a_human_alone_has_a_sentence_of_its_own(run: RunResult, report: Report) -> None:
+    alone = replace(run, robot=None)
+    shows(sentence(alone, replace(report, robot="human", unsensed_mm={"mean": 31.0})), "the performer", "31 mm")
+    assert [*lines_of("sentence", {})] == []

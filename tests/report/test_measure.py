@@ -158,7 +158,7 @@ def test_it_measures_on_the_whole_run_what_costs_little(run: RunResult) -> None:
 
 def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "show_summary", lambda run, report, console: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "show_summary", lambda run, report, **_: said.append(report.notes))
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
     follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
     assert "last" not in " ".join(said[0])
@@ -203,7 +203,7 @@ def test_the_summary_of_a_long_run_needs_less_memory_than_the_run(clip_run: RunR
 def test_blocks_of_any_size_give_the_same_figures(clip_run: RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
     report = measure(clip_run)
     for block in (7, len(clip_run.record) + 1):
-        monkeypatch.setattr("retarget.report.blocks.BLOCK", block)
+        monkeypatch.setattr("retarget.report.motion_metrics.BLOCK", block)
         again = measure(clip_run)
         assert again.lag_s == pytest.approx(report.lag_s, rel=1e-9)
         assert replace(again, lag_s=report.lag_s) == report

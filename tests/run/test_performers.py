@@ -55,7 +55,7 @@ def test_a_recording_whose_sensors_jump_is_held_as_a_live_performer_is(speed: fl
             continue
         assert found.valid.all()
         own = sane.sample(time).position[five]
-        assert found.position == pytest.approx(own, abs=0.03), "what jumped is not followed"
+        assert found.position == pytest.approx(own, abs=0.1), "what jumped is not followed"
     assert FIRST + 0.1 < held[0] <= FIRST + LIMITS.stale_after + samples.motion_dt
     assert held[-1] == pytest.approx(LAST + speed * LIMITS.healthy, abs=0.02)
     assert reasons == {"head: jumped, l_wrist: jumped, r_wrist: jumped", TOO_SHORT}

@@ -221,6 +221,19 @@ def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:
     assert is_clear(among, path[[0, 0]]) and among.clearance.in_the_way(among.observers.names) == "", "nothing now"
 
 
+def test_the_ticks_in_which_a_pair_was_refused_are_counted() -> None:
+    robot = GatedRobot()
+    path = robot.sent + np.array([[0.0], [0.6]]) * joint("l_sho_pitch")
+    middle = place_of_hand(robot, path.mean(axis=0)[None])[0]
+    among = GatedRobot(scene(wire=sphere(middle, 0.0035, margin=0.0001, influence=0.01)))
+    for _ in range(3):
+        among.clearance.measure(among.sent, among.sent)
+        assert not is_clear(among, path) and not is_clear(among, path) and is_clear(among, path[[0, 0]])
+    among.clearance.measure(among.sent, among.sent)
+    ((pair, ticks),) = among.clearance.refusals.items()
+    assert ticks == 3 and among.clearance.names_of(pair, among.observers.names) == ("l_forearm", "wire")
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_the_verdict_is_that_of_looking_everywhere(seed: int) -> None:

@@ -75,7 +75,7 @@ def test_home_writes_what_it_shows(lab: Lab) -> None:
     code, out, err = lab.home()
     assert (code, err) == (0, "")
     assert "+0.046" in out and "-0.018" in out
-    shows(out.replace("\n", ""), calibration_path("op3"))
+    shows(out.replace("\n", "  "), calibration_path("op3"))
     zeros = [servo.zero_tick for servo in load_robot("op3").joint_map.servos]
     assert (zeros[0], zeros[1], zeros[19]) == (2078, 2048, 2036)
     assert lab.closed()
@@ -227,7 +227,7 @@ def test_a_file_that_is_named_is_the_only_one_that_is_written(words: tuple[str, 
     for word, more in (("", ()), (", which is there already", ("--overwrite",))):
         code, out, err = lab.home(*words, "--out", str(own / "zeros.yaml"), *more, typed="y\n" * 4)
         assert (code, err) == (0, "")
-        text = out.replace("\n", "")
+        text = out.replace("\n", "  ")
         shows(text, f"{own / 'zeros.yaml'}{word}")
         assert f"{own / 'zeros.yaml'}" in out.splitlines()[0]
     assert "tick: 2078" in (own / "zeros.yaml").read_text()

@@ -12,12 +12,12 @@ from messages import shows
 from physics_rig import PhysicsRig, op3, standing
 from retarget.ik.support_polygon import plant, support_distance
 from retarget.report.animation import animation_of
-from retarget.report.findings import findings, physics_findings
+from retarget.report.findings import findings, remarks
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
 from retarget.report.page import page_html
 from retarget.report.plots import plot_pressure
-from retarget.run.run_result import PhysicsRun, RunResult
+from retarget.run.run_result import Fallen, PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
 from sim.buses import simulation_of
 from sim.physics.ground import sole_corners
@@ -98,10 +98,14 @@ def test_the_page_shows_the_simulated_body_and_says_what_is_planned(bare: RunRes
     assert {"centre of mass, as planned", "its own links, as planned"} <= planned
 
 
+PHYSICS = ("physics", "at rest", "pressure", "torque", "heat", "contacts", "simulation")
+
+
 def facts(bare: RunResult, physics: PhysicsRun) -> tuple[PhysicsReport, dict[str, str]]:
-    report = physics_report(replace(bare, physics=physics))
+    run = replace(bare, physics=physics)
+    report = physics_report(run)
     assert report is not None
-    return report, {one.name: one.measured for one in physics_findings(report) if one.measured}
+    return report, {one.name: one.measured for one in findings(run, measure(run)) if one.name in PHYSICS}
 
 
 def test_a_person_reads_when_and_how_it_fell(bare: RunResult, pushed: PhysicsRun) -> None:
@@ -112,6 +116,14 @@ def test_a_person_reads_when_and_how_it_fell(bare: RunResult, pushed: PhysicsRun
     shows(lines["torque"])
     shows(lines["simulation"])
     shows(lines)
+
+
+def test_a_robot_that_did_not_stay_at_rest_breaks_a_limit_on_the_page_too(bare: RunResult, pushed: PhysicsRun) -> None:
+    toppled = replace(bare, physics=replace(pushed, toppled=Fallen(9.0, "the pelvis is sideways")))
+    report = measure(toppled)
+    (found,) = [one for one in findings(toppled, report) if one.name == "at rest"]
+    assert found.kept is False and any("sideways" in line for line in remarks(toppled, report, ()))
+    assert "sideways" in page_html(toppled, report, figures={})
 
 
 def test_what_is_bolted_down_has_no_pressure_and_never_falls(bare: RunResult) -> None:
