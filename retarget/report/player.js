@@ -91,7 +91,8 @@ function paintFilm(pen, shown) {
 }
 
 function endFilm() {
-  film?.stop();
+  const ended = film;
+  setTimeout(() => ended?.stop(), 300); // with the last picture, however short it is
   film = null;
   $("film").setAttribute("aria-pressed", "false");
 }
