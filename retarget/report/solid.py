@@ -350,7 +350,7 @@ def animation_path(path: Path) -> Path:
     """The path, if an animation can be written there. Raises UsageError for another kind of file, and ConfigError where
     what writes it is missing."""
     if path.suffix.lower() not in KINDS:
-        raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=tuple(KINDS))
+        raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=", ".join(KINDS))
     if path.suffix.lower() == ".mp4" and find_spec("av") is None:
         step = "Install it: pip install av; or write a .webp"
         raise ConfigError("an MP4 needs PyAV", where="--animate", found=str(path), next_step=step)
