@@ -26,8 +26,9 @@ from retarget.errors import InputError, RefusedError, UsageError
 from retarget.frames import SensorSample
 from retarget.human.performer_calibration import Person
 from retarget.human.reconstruction import Reconstructor
-from retarget.human.rest_pose import fit_rest_pose, refuse_stance
+from retarget.human.rest_pose import fit_rest_pose
 from retarget.human.samples import RATES_HZ, Parts, PerformerInput
+from retarget.human.stance import refuse_sides, refuse_stance
 from retarget.live.begin import live_rate_hz
 from retarget.live.performer import base_sensors
 from retarget.live.playout import OFF, SMOOTHINGS, pose_filter
@@ -203,9 +204,9 @@ class Pipeline:
 
         present: the robot's joint positions, rad (n,), from which it goes slowly to its stance, then to the performer's
         posture; None: those of the last goal, before the first one those of the stance. calibration: the performer's
-        size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, or sensors are not
-        valid; UsageError: `present` is not finite or far beyond the servos' limits, or the robot still moves;
-        HardwareError: no servo turns so far. Then nothing has changed.
+        size; None: it is measured from the sample, a rest pose. Raises InputError: not a rest pose, left and right are
+        swapped or limbs crossed, or sensors are not valid; UsageError: `present` is not finite or far beyond the
+        servos' limits, or the robot still moves; HardwareError: no servo turns so far. Then nothing has changed.
         """
         if not self.stands:
             raise UsageError(
@@ -375,10 +376,12 @@ def _checked_rate(rate_hz: float) -> float:
 
 def _dimensions(first: SensorSample, calibration: HumanDimensions | Person | None) -> HumanDimensions:
     """The performer's size; measured from the first sample where it is not known."""
-    if calibration is not None:
-        return calibration.dimensions if isinstance(calibration, Person) else calibration
     names, position = tuple(compress(first.names, first.valid)), first.position[first.valid]
-    refuse_stance(dict(zip(names, position, strict=True)), where="the first sample")
+    at, turns = dict(zip(names, position, strict=True)), dict(zip(names, first.orientation[first.valid], strict=True))
+    if calibration is not None:
+        refuse_sides(at, where="the first sample", turns=turns)
+        return calibration.dimensions if isinstance(calibration, Person) else calibration
+    refuse_stance(at, where="the first sample", turns=turns)
     return fit_rest_pose(names, position, source="the first sample").dimensions
 
 

@@ -168,8 +168,9 @@ def said() -> str:
                     )
                 elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                     texts.append(node.value)
-    table = (ROOT / "retarget/setup/doctor.yaml").read_text(encoding="utf-8")
-    texts += [re.sub(r"\{[^}]*\}", " ", line) for line in re.findall(r'"([^"]+)"', table)]
+    for name in ("setup/doctor.yaml", "live/advice.yaml"):
+        table = (ROOT / "retarget" / name).read_text(encoding="utf-8")
+        texts += [re.sub(r"\{[^}]*\}", " ", line) for line in re.findall(r'"([^"]+)"', table)]
     return "\n".join(" ".join(re.findall(r"[\w'-]+", text.lower())) for text in texts)
 
 

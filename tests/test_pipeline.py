@@ -470,6 +470,22 @@ def test_what_cannot_be_used_is_refused_and_nothing_changes() -> None:
 
 
 @pytest.mark.long
+def test_swapped_sides_and_a_mirrored_performer_are_refused() -> None:
+    pipeline, stands = Pipeline("op3"), still()
+    sides = [stands.names.index(name) for name in ("head", "r_wrist", "l_wrist", "l_ankle", "r_ankle")]
+    assert stands.names == FIVE
+    with refuses(InputError, found="are exchanged, as seen from the wrists"):
+        pipeline.start(replace(stands, position=stands.position[sides]))
+    known = calibrate(frames())
+    with refuses(InputError, found="are exchanged, as seen from the wrists"):  # also of who is known
+        pipeline.start(replace(stands, position=stands.position[sides]), calibration=known)
+    back = stands.orientation.copy()
+    back[stands.names.index("head")] = [0.0, 0.0, 0.0, 1.0]
+    with refuses(InputError, found="your head faces backward"):
+        pipeline.start(replace(stands, orientation=back))
+
+
+@pytest.mark.long
 def test_what_cannot_be_started_is_refused() -> None:
     with refuses(UsageError, "rate_hz"):
         Pipeline(None, rate_hz=np.nan)
@@ -504,10 +520,6 @@ def test_what_cannot_be_started_is_refused() -> None:
     wide[stands.names.index("l_ankle")] += [0.0, 0.4, 0.0]
     with refuses(InputError, found="m apart", allowed="0.5 m"):
         pipeline.start(replace(stands, position=wide))
-    sides = [stands.names.index(name) for name in ("head", "r_wrist", "l_wrist", "l_ankle", "r_ankle")]
-    assert stands.names == FIVE
-    with refuses(InputError, found="are exchanged, as seen from the wrists"):
-        pipeline.start(replace(stands, position=stands.position[sides]))
     for wrong in (np.full(20, np.nan), [0.0, 0.0], "stand"):
         with refuses(UsageError, "Pipeline.start, present"):
             pipeline.start(still(), present=wrong)

@@ -124,8 +124,8 @@ class RunOperator(Operator):
 
     def state_and_reason(self) -> tuple[str, str]:
         """The present state of a live run, in a few words, and why the performer is not followed, "" where he is."""
-        words = self.words()
-        return words, self._performer.hold_reason if words == "holding" else ""
+        words, stop = self.words(), self.status().stop
+        return words, stop or (self._performer.hold_reason if words == "holding" else "")
 
     @property
     def _performer(self) -> Clutched:

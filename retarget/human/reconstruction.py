@@ -244,9 +244,9 @@ class Reconstructor:
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
 
-    def resume(self) -> None:
-        """Go on after a hold: the body goes from where it is to its sensors as if all had been lost."""
-        self._intake.resume()
+    def resume(self, speed: float = 1.0) -> None:
+        """Go on after a hold: the body goes slowly from where it is to its sensors. speed: of the performer's time."""
+        self._intake.resume(speed)
 
     @property
     def away(self) -> float:

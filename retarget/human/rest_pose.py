@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget.arithmetic import arccos, arcsin, arctan2, cos, dot, exp, hypot, log, matmul, norm, norms, sin, squares
+from retarget.arithmetic import arccos, arcsin, arctan2, cos, exp, hypot, log, matmul, norms, sin, squares
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.ik.least_squares import least_squares
@@ -127,7 +127,7 @@ def _directions(parameters: FloatArray) -> FloatArray:
 
 REQUIRED = ("head", "l_wrist", "r_wrist")
 """Without ankles the ground (z = 0) stands in for them."""
-_ANKLES = ("l_ankle", "r_ankle")
+ANKLES = ("l_ankle", "r_ankle")
 
 SENSOR_SPREAD_M = 0.01
 """Spread, m, of the distance of a sensor from the joint centre that it stands for."""
@@ -140,17 +140,6 @@ MAX_RESIDUAL_M = 0.06
 """A fit that misses the sensors by more (root mean square) is no rest pose of a human."""
 MAX_SPREADS = 5.0
 """A fit whose proportions are more spreads off the average is no human."""
-
-PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")
-"""Left and right of these show which way a person faces, by the vector from right to left."""
-NARROWEST_M = 0.05
-"""Left and right nearer than this show no direction."""
-FEET_APART_M = 0.5
-"""Ankles of a grown person at rest are no farther apart on the ground. Then legs of average length lean by 10 degrees
-each, and the head is 1 % lower; of the smallest live performer, 1.2 m tall, it is 2 %. Ankles that are farther apart
-without a lower head make long legs, and who stands astride begins with a posture that no robot takes on its soles."""
-FEET_LEVEL_M = 0.05
-"""Both ankles on one floor differ by less in height: shoes, straps and noise do. So much makes a person 2 % smaller."""
 
 ALIKE_RAD = 0.61
 """Largest difference between the angles of both arms at rest."""
@@ -200,8 +189,8 @@ def fit_rest_pose(
         )
     position = np.asarray(position, float)
     columns = [POINTS.index(name) for name in names]
-    on_ground = not set(_ANKLES) <= set(names)
-    ankles = [POINTS.index(name) for name in _ANKLES]
+    on_ground = not set(ANKLES) <= set(names)
+    ankles = [POINTS.index(name) for name in ANKLES]
     seen = np.array([middle in names for middle, _ in LIMBS])
     bend = np.where(seen, SEEN_BEND_SPREAD_RAD, BEND_SPREAD_RAD)
     loose_rows = [row for row, name in enumerate(names) if name in loose]
@@ -234,63 +223,6 @@ def fit_rest_pose(
     return RestFit(_dimensions(fit, source=source), offset, _arms(points))
 
 
-def refuse_stance(at: Mapping[str, FloatArray], *, where: str) -> None:
-    """Raise InputError for feet that do not stand side by side on one floor, and for pairs of sensors that do not agree
-    where left is: limbs are crossed, or two sensors are swapped. at: positions (3,) m by name, z up.
-
-    For who stands still to be measured: a walk has no such stance, and still shows the size. Where the head is not as
-    high as a standing person's nothing is said: then unit or axes are others.
-    """
-    if "head" not in at or not _may_stand(at):
-        return
-    _refuse_crossed(at, where=where)
-    if not set(_ANKLES) <= set(at):
-        return
-    way = at["l_ankle"] - at["r_ankle"]
-    apart, higher = norm(way[:2]), float(way[2])
-    found, allowed = [], []
-    if apart > FEET_APART_M:
-        found.append(f"your ankles are {apart:.2f} m apart")
-        allowed.append(f"{FEET_APART_M:g} m apart")
-    if abs(higher) > FEET_LEVEL_M:
-        one, other = ("left", "right") if higher > 0.0 else ("right", "left")
-        found.append(f"your {one} foot is {abs(higher):.2f} m above your {other} one")
-        allowed.append(f"{FEET_LEVEL_M:g} m above the other")
-    if found:
-        raise InputError(
-            "the feet do not stand side by side",
-            where=where,
-            found="; ".join(found),
-            allowed=f"at most {', and '.join(allowed)}",
-            next_step="Stand with both feet on the floor, as far apart as the hips. If you stand so, see that both "
-            "trackers of the feet are worn at the ankles, and none lies elsewhere",
-        )
-
-
-def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
-    """Raise InputError where pairs of sensors do not agree where left is."""
-    ways = {part: (at[f"l_{part}"] - at[f"r_{part}"])[:2] for part in PAIRS if {f"l_{part}", f"r_{part}"} <= set(at)}
-    if not ways:
-        return
-    widest = max(ways.values(), key=norm)
-    # The distance of each left sensor to the left of its right one, as the pair sees it that is widest apart.
-    left = {part: dot(way, widest) / max(norm(widest), NARROWEST_M) for part, way in ways.items()}
-    other = [f"{part}s" for part, by in left.items() if by < -NARROWEST_M]
-    same = [f"{part}s" for part, by in left.items() if by > NARROWEST_M]
-    if not other:
-        return
-    fewer, more = sorted((other, same), key=len)
-    exchanged = fewer if len(fewer) < len(more) else [*fewer, *more]
-    raise InputError(
-        "limbs are crossed, or left and right of some sensors are swapped",
-        where=where,
-        found=f"left and right of the {', '.join(fewer)} are exchanged, as seen from the {', '.join(more)}",
-        allowed="each left sensor to the left of its right one",
-        next_step="Let the arms hang, and do not cross the feet. If you stand so, swap the roles of the left and the "
-        f"right tracker of the {' or '.join(exchanged)}, or their names in the performer's file",
-    )
-
-
 def _arms(points: FloatArray) -> FloatArray:
     """Angles (2,) rad of both arms from hanging, by all points (23, 3) m."""
     ends = [[POINTS.index(f"{side}_{end}") for side in "lr"] for end in ("shoulder", "wrist")]
@@ -303,7 +235,7 @@ def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
 
     Raises InputError if head and wrists, and the ankles that there are, are never valid together.
     """
-    needed = [name for name in (*REQUIRED, *_ANKLES) if name in frames.names]
+    needed = [name for name in (*REQUIRED, *ANKLES) if name in frames.names]
     columns = np.array([frames.index(name) for name in needed])
     seen = frames.valid[:, columns]
     rows = np.unique(np.linspace(0, len(frames) - 1, _LOOKED_AT).astype(int))
@@ -336,7 +268,7 @@ def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
 
 def standing_stature(frames: SensorFrames, at: int) -> float:
     """Stature (m) of an average person whose head is as high above the ankles (or the ground) as in this frame."""
-    known = [name for name in ("head", *_ANKLES) if name in frames.names]
+    known = [name for name in ("head", *ANKLES) if name in frames.names]
     sensors = {name: frames.position[at, frames.index(name)] for name in known}
     above, share, _ = _head_height(sensors)
     return above / share
@@ -345,15 +277,15 @@ def standing_stature(frames: SensorFrames, at: int) -> float:
 def _head_height(sensors: Mapping[str, FloatArray]) -> tuple[float, float, float]:
     """Height (m) of the head above the ankles, or the ground without them; its share of stature; where that is."""
     head = float(sensors["head"][2])
-    if not set(_ANKLES) <= set(sensors):
+    if not set(ANKLES) <= set(sensors):
         return head, FRACTIONS.head_height, 0.0
-    ankles = float(np.mean([sensors[name][2] for name in _ANKLES]))
+    ankles = float(np.mean([sensors[name][2] for name in ANKLES]))
     # The average person's ankles are this share of the height between ankles and head above the ground.
     ground = ankles - FRACTIONS.ankle_height / (FRACTIONS.head_height - FRACTIONS.ankle_height) * (head - ankles)
     return head - ankles, FRACTIONS.head_height - FRACTIONS.ankle_height, ground
 
 
-def _may_stand(sensors: Mapping[str, FloatArray]) -> bool:
+def may_stand(sensors: Mapping[str, FloatArray]) -> bool:
     """Whether the head is as high as that of a standing human."""
     above, share, _ = _head_height(sensors)
     low, high = STATURE_M
@@ -363,7 +295,7 @@ def _may_stand(sensors: Mapping[str, FloatArray]) -> bool:
 def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArray:
     """Parameters near the answer: heading from left and right, stature from the head, arms from the wrists."""
     above, share, ground = _head_height(sensors)
-    if not _may_stand(sensors):
+    if not may_stand(sensors):
         low, high = STATURE_M
         raise InputError(
             "the sensors do not show a standing human",
@@ -376,7 +308,7 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
     # From right to left: its normal on the ground is where the person faces. Ankles say it too, where they are known.
     left = sensors["l_wrist"] - sensors["r_wrist"]
     half_span = 0.5 * hypot(left[0], left[1])
-    if set(_ANKLES) <= set(sensors):
+    if set(ANKLES) <= set(sensors):
         left = left + sensors["l_ankle"] - sensors["r_ankle"]
     parameters = np.zeros(COUNT)
     parameters[:2] = sensors["head"][:2]

@@ -2,13 +2,13 @@
 
 A sensor that is lost stands still for a while, and so does one that jumps faster than any human: most jumps come back.
 A spike, farther beside the motion so far than a human accelerates, counts as lost while it is that far. A sensor that
-is there again, or stays where it jumped to, is led in: its goal goes from where it was to where the sensor is. So do
-all sensors after a hold, from where the body has them.
+is there again, or stays where it jumped to, is led in: its goal goes from where it was to where the sensor is. After a
+hold all sensors are led in slowly, from where the body has them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import fsum
+from dataclasses import dataclass, replace
+from math import cos, fsum, pi
 
 import numpy as np
 
@@ -29,7 +29,7 @@ FADED = 1e-6
 VELOCITY_SETTLE_S = 0.02
 """Time constant of the low-pass on a sensor's velocity."""
 DOUBT_S = 0.1
-"""A sensor that jumped is followed to where it stays after so long (s); it is there 0.3 s after the jump."""
+"""A sensor that jumped is led in to where it stays after so long, s."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ stream becomes invalid within 0.2 s, and with these times takes no part within 0
 
 class SensorIntake:
     """`position` (k, 3) m, world: the goal of each of k sensors. `present` (k,): which of them have one; `all_present`:
-    whether all do. `orientation` (k, 4) wxyz: the goal of each, NaN where it is not known. `away`: greatest distance of
-    a goal from its sensor, m."""
+    whether all do. `orientation` (k, 4) wxyz: the goal of each, NaN where it is not known. `away`: greatest distance
+    of a goal that a sensor has from it, m."""
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
-        self._times = self._pace = times or IntakeTimes()
+        self._times, self._slow_times = times or IntakeTimes(), SLOW
         self.position = np.zeros((count, 3))
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.all_present = False
@@ -69,7 +69,8 @@ class SensorIntake:
         self.orientation: FloatArray = np.full((count, 4), np.nan)
         self._turn = self.orientation  # the last goal that each had
         self._offset = np.zeros((count, 3))  # from each sensor to its goal
-        self._turns: BoolArray = np.zeros(count, dtype=bool)  # whose goals still turn to them
+        self._led: BoolArray = np.zeros(count, dtype=bool)  # which are being led in
+        self._slow: BoolArray = np.zeros(count, dtype=bool)  # which have not been led in since a hold
 
     def start(self, position: FloatArray, orientation: FloatArray, valid: BoolArray) -> None:
         """Take the valid sensors of the first sample, (k, 3) m and (k, 4) wxyz, as they are."""
@@ -81,15 +82,17 @@ class SensorIntake:
         self.all_present = bool(valid.all())
         self._lost_for[:] = np.where(valid, 0.0, np.inf)
         self._has_lost = not self.all_present
-        self._offset[:], self._turns[:], self.away = 0.0, False, 0.0
+        self._offset[:], self._led[:], self._slow[:], self.away = 0.0, False, False, 0.0
         self.orientation = self._turn = np.where(valid[:, None], orientation, np.nan)
 
-    def resume(self) -> None:
-        """Begin again after a hold: every sensor comes back, from where the body has it."""
+    def resume(self, speed: float = 1.0) -> None:
+        """Begin again after a hold: every sensor comes back, from where the body has it. speed: of the performer's
+        time."""
         self.present[:], self._lost_for[:], self._velocity[:] = False, np.inf, np.nan
         self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present, self._has_lost = False, True
-        self._pace = SLOW
+        self._slow[:] = True
+        self._slow_times = replace(SLOW, fade=SLOW.fade * speed, speed=SLOW.speed / speed, turn=SLOW.turn / speed)
 
     def step(
         self, position: FloatArray, orientation: FloatArray, valid: BoolArray, *, reached: FloatArray, dt: float
@@ -119,33 +122,42 @@ class SensorIntake:
         old = np.where(anew[:, None], now, self._velocity)
         smooth = low_pass(old, now, dt / VELOCITY_SETTLE_S)
         self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
-        self.orientation = np.where(valid[:, None], orientation, np.nan)
-        if self.away > 0.0:
+        known = believed & np.isfinite(orientation[:, 0])
+        before, self.orientation = self.orientation, np.where(known[:, None], orientation, np.nan)
+        # An orientation that was not there, or turns faster than any human, is led in; NaN compares false.
+        goes_on = np.abs((before * self.orientation).sum(axis=1)) >= cos(min(0.5 * FASTEST_RAD_S * dt, 0.5 * pi))
+        self._led |= known & ~goes_on & np.isfinite(self._turn[:, 0])
+        if self._led.any():
             self._lead_in(dt)
         else:
-            self.position[:], self._pace = self.measured, self._times
-        known = np.isfinite(self.orientation[:, 0])
+            self.position[:], self.away = self.measured, 0.0
         self._turn = np.where(known[:, None], self.orientation, self._turn)
 
     def _lead_in(self, dt: float) -> None:
-        """Put the goals of sensors that have come back nearer to them. All offsets fade alike, so that a body that can
-        be in both postures can be in those between; and where a sensor comes to its goal, the goal waits."""
-        offset = self.position - self.measured
+        """Put goals that are led in nearer to their sensors. They go the same share of their ways, so that a body that
+        can be in both postures can be in those between; and a goal stays where it is while its sensor comes nearer."""
+        offset, angles = self.position - self.measured, np.zeros(len(self.present))
         grown = squares(offset) > squares(self._offset)
         offset[grown] = self._offset[grown]
-        far = float(norms(offset).max())
-        rows = np.flatnonzero(self._turns & np.isfinite(self.orientation[:, 0]))
-        now, last = self.orientation[rows], self._turn[rows]
-        angles = rotations.angle_between(last, now)
-        angle = float(angles.max(initial=0.0))
-        pace, share = self._pace, exp(-dt / self._pace.fade)
-        for size, fastest in ((far, pace.speed * dt), (angle, pace.turn * dt)):
-            share = max(share, 1.0 - fastest / max(size, fastest))
-        self._turns[rows] = share * angles > FADED
-        over = share * far <= FADED and not self._turns.any()
-        self.away, self._offset = (0.0, np.zeros_like(offset)) if over else (share * max(far, FADED), share * offset)
-        np.add(self.measured, self._offset, out=self.position)
-        self.orientation[rows] = rotations.slerp(now, last, np.where(self._turns[rows], share, 0.0))
+        turning = self._led & np.isfinite(self.orientation[:, 0]) & np.isfinite(self._turn[:, 0])
+        angles[turning] = rotations.angle_between(self._turn[turning], self.orientation[turning])
+        for is_slow, times in ((False, self._times), (True, self._slow_times)):
+            rows = self._led & self.present & (self._slow == is_slow)
+            if not rows.any():
+                continue
+            share = exp(-dt / times.fade)
+            for sizes, fastest in ((norms(offset), times.speed * dt), (angles, times.turn * dt)):
+                share = max(share, 1.0 - fastest / max(float(sizes[rows].max()), fastest))
+            goes_on = rows & (share * np.maximum(norms(offset), angles) > FADED)
+            offset *= np.where(goes_on, share, np.where(rows, 0.0, 1.0))[:, None]
+            turned = turning & goes_on
+            self.orientation[turned] = rotations.slerp(
+                self.orientation[turned], self._turn[turned], np.full(np.count_nonzero(turned), share)
+            )
+            self._led &= goes_on | ~rows
+            self._slow &= goes_on | ~rows
+        self._offset, self.away = offset, float(norms(offset[self.present]).max(initial=0.0))
+        np.add(self.measured, offset, out=self.position)
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
         """Which valid sensors (k,) have not just jumped from their last valid place: not at all, back, or long ago."""
@@ -170,15 +182,13 @@ class SensorIntake:
         changed = back | (valid & ~calm)
         self.position[changed] = asked_before[changed]
         self._offset[changed] = asked_before[changed] - position[changed]
-        self._turns |= changed & np.isfinite(self._turn[:, 0])
+        self._led |= changed
         self.measured[valid] = position[valid]
         self._lost_for[valid] = 0.0
         self._lost_for[~valid] += dt
         self._has_lost = not valid.all()
         self.present[:] = self._lost_for <= self._times.hold
         self.all_present = bool(self.present.all())
-        if changed.any():
-            self.away = max(float(norms(self._offset).max()), FADED)
 
 
 def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:

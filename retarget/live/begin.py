@@ -15,6 +15,7 @@ from retarget.human.calibration import dimensions_from_skeleton
 from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
 from retarget.human.samples import MAX_KEPT, Performance
 from retarget.human.sensor_intake import SLOW
+from retarget.live.advice import advice
 from retarget.live.performer import LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
 from retarget.live.playout import LIGHT
 from retarget.live.rest_capture import (
@@ -101,27 +102,8 @@ WAIT_S = 10.0
 """Time, s, to raise the arm after a request: enough to hear, understand and do it."""
 
 RAISED, ASIDE = "left rose", "left rose aside"
-_SWAP = (
-    "If a camera shows a mirror image, give --mirrored-camera (or leave it out); else swap the roles of the left and "
-    "the right trackers, or their names in the performer's file"
-)
-REFUSALS = {
-    "right rose": ("the right wrist rose: left and right are swapped", _SWAP),
-    "left rose behind": (
-        "the left wrist went back: the axes are mirrored",
-        "One horizontal axis (x or y) of what is sent has the wrong sign: see that the convention of roles, "
-        "or the axes that the sender names, are the sender's, and that it mirrors nothing",
-    ),
-    "left sank": (
-        "the left wrist went down: up is down",
-        "See that the convention of roles is that of the sender, and reset the trackers",
-    ),
-    "right sank": (
-        "the right wrist went down: left and right are swapped, and up is down",
-        "See that the convention of roles is that of the sender, and which tracker is worn where",
-    ),
-}
-"""What is wrong, and the next step, where this was seen instead of RAISED."""
+REFUSED = ("right rose", "left rose behind", "left sank", "right sank")
+"""Seen instead of RAISED, these show what is wrong; symptoms of `advice.yaml`."""
 
 
 class SideCheck:
@@ -130,7 +112,7 @@ class SideCheck:
     def __init__(self, rest: FloatArray) -> None:
         """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
         self.seen = ""
-        """What one wrist did for long enough, while the other stayed: RAISED, ASIDE, a key of REFUSALS; "" so far."""
+        """What one wrist did for long enough, while the other stayed: RAISED, ASIDE, one of REFUSED; "" so far."""
         self.aside = False
         """Whether the left arm was raised to the side."""
         self._rest = np.array(rest, dtype=float)
@@ -183,20 +165,14 @@ def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> Inpu
     if lost:
         step = "See that they are worn, switched on and seen, and try again"
         return InputError("sensors are lost", where=where, found=f"no {', no '.join(lost)}", next_step=step)
-    what, step = (
-        "the left arm was not seen to rise",
-        "See that the trackers of both hands move with them, and try again",
-    )
-    if check.aside:
-        what = "the left arm rose to the side only, which does not show whether the axes are mirrored"
-        step = "Raise it to the front"
+    said = advice(ASIDE if check.aside else "not raised")
     return InputError(
-        what,
+        said.what,
         where=where,
         found=check.found(),
         allowed=f"the left wrist up by more than {RISE_M:g} m and forward by more than {FRONT_M:g} m, the right one "
         f"up by less than {STILL_M:g} m",
-        next_step=f"{step}; or --no-check-sides",
+        next_step=said.then,
     )
 
 
@@ -258,7 +234,11 @@ class Beginning:
         size = known or (None if self.options.stature is not None else self._skeleton_size())
         seconds = CAPTURE_S if known is None else KNOWN_CAPTURE_S
         roles = stream.roles
-        capture = RestCapture(where=self.where, seconds=seconds, loose=roles.loose, needed=needed(roles))
+        # The axes of a rigid body of Motive are the room's, not the performer's.
+        oriented = roles.convention != "natnet"
+        capture = RestCapture(
+            where=self.where, seconds=seconds, loose=roles.loose, needed=needed(roles), oriented=oriented
+        )
         found = self._captured(capture, size)
         height = f"{found.dimensions.stature:.2f} m tall"
         if size is not None:
@@ -292,9 +272,9 @@ class Beginning:
             check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
             if message := problems.look(now):
                 self.notify(message)
-            if check.seen in REFUSALS:
-                what, step = REFUSALS[check.seen]
-                raise InputError(what, where=where, found=check.found(), next_step=step)
+            if check.seen in REFUSED:
+                said = advice(check.seen)
+                raise InputError(said.what, where=where, found=check.found(), next_step=said.then)
             if check.seen == RAISED:
                 break
             if check.aside and not asked_again:
@@ -435,6 +415,8 @@ def begin_live(
         mirror=options.mirror,
         optional=calibrated.missing if stream.roles.partial else (),
         has_deadlines=has_deadlines,
+        waits=where.startswith("web:")
+        and not has_deadlines,  # the page of simulated servos goes on, and needs no run anew
         notify=notify,
     )
     notes = tuple(f"{name} is not worn, or was not fresh: it takes no part until it is" for name in calibrated.missing)

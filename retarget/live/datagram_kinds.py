@@ -9,6 +9,7 @@ import struct
 from dataclasses import dataclass
 
 from retarget.live.address import KINDS
+from retarget.live.advice import advice
 from retarget.sources.streams.mvn import QUATERNION, TYPES, read_header
 from retarget.sources.streams.natnet_wire import MessageId, split
 from retarget.sources.streams.osc import OscPacket, read_osc
@@ -129,46 +130,15 @@ def _shown(text: str) -> str:
 
 # What to do when something else arrives than the address reads.
 
-_ALIEN = {
-    "Rokoko Studio": "Its stream is not read: let a bridge send VMC, or poses as JSON (docs/live.md)",
-    "Axis Studio (Perception Neuron)": "Its broadcast is not read: let a bridge send VMC, or poses as JSON "
-    "(docs/live.md)",
-    "mocopi": "Its own protocol is not read: let MCP2VMCP or the receiver send VMC, to vmc://:39539",
-    "VRChat OSC": "Switch OSC trackers on at the sender; better still VMC, which has wrists",
-    "JSON": "docs/live.md says which keys there are; examples/send_poses.py sends them",
-}
-
 
 def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
     """What to do about datagrams `got` at an address of `kind`; "" where the address reads them. recording: the file
     that holds them, "" for a live stream."""
+    symptom = f"instead {got.kind}" if got.kind else f"unread {got.name}"
     if reads(kind, got):
-        return _own(kind, got)
-    if got.kind and recording:
-        return f"Read it as replay://{recording}?kind={got.kind}"
-    if got.kind:
-        usual = KINDS[got.kind].port
-        there = f"{got.kind}://:{port}" if got.kind != "natnet" else "natnet://HOST"
-        to = f", its usual port being {KINDS[kind].port}" if KINDS[kind].port else ""
-        elsewhere = f" (it usually goes to port {usual})" if usual and usual != port else ""
-        return (
-            f"Listen with {there}, or send {got.name} elsewhere{elsewhere} and let {KINDS[kind].sender} send here{to}"
-        )
-    if got.name.startswith(DAMAGED):
-        return f"Look at the settings of {KINDS[kind].sender}, and at what may cut its datagrams on the way"
-    if got.name in _ALIEN:
-        return _ALIEN[got.name]
-    return f"Look which program sends it, and let {KINDS[kind].sender} send here instead"
-
-
-def _own(kind: str, got: Recognised) -> str:
-    """What to do about the right protocol with the wrong content; "" for nothing."""
-    if kind == "mvn" and got.detail and got.detail[5:7] not in ("01", "12", "13"):
-        return "In MVN's network streamer choose Position + Orientation (Quaternion)"
-    if kind == "json" and got.detail:
-        return f'Send "axes" as one of {", ".join(CONVENTIONS)}'
-    if kind == "vmc" and got.detail == "no poses":
-        return "Load an avatar in the sender, start its tracking, and let it send bones or trackers"
-    if kind == "natnet" and got.detail in ("connect", "discovery", "definitions request", "keep alive", "command"):
-        return "This is another client's question, not Motive: HOST must be the computer with Motive"
-    return ""
+        symptom = f"part {got.detail}"
+    elif got.kind and recording:
+        symptom = f"recorded {got.kind}"
+    usual = KINDS[got.kind].port if got.kind else None
+    facts = {"port": port, "recording": recording, "got": got.kind, "name": got.name, "usual": usual}
+    return advice(symptom, kind, sender=KINDS[kind].sender, axes=", ".join(CONVENTIONS), **facts).then

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from math import inf
 
 from retarget.errors import Problem
+from retarget.live.advice import advice
 from retarget.sources.streams.natnet_wire import (
     COMMAND_PORT,
     DATA_PORT,
@@ -150,65 +151,33 @@ PATIENCE_S = 3.0
 def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
     """List the problems at `now`, s, causes before consequences. host: as the user gave it, for the text."""
     server, found = session.server, list[Problem]()
-    if server is None and session.started is not None and now - session.started >= PATIENCE_S:
-        found.append(_no_answer(session, host))
+
+    def note(symptom: str, *, seen: str = "", allowed: str = "", **facts: object) -> None:
+        said = advice(symptom, "natnet", host=host, command_port=COMMAND_PORT, **facts)
+        found.append(Problem(said.what, host, found=seen, allowed=allowed, next_step=said.then))
+
     if server is None:
+        if session.started is not None and now - session.started >= PATIENCE_S:
+            note("frames without answer" if session.frames else "no answer")
         return tuple(found)
     if not OLDEST <= server.version <= NEWEST:
-        step = (
-            "Update Motive"
-            if server.version < OLDEST
-            else "In Motive's streaming settings choose a 4.x bitstream version"
-        )
-        what = f"{server.version}, from {server.name} {server.app_version[0]}.{server.app_version[1]}"
-        allowed = "3.0 to 4.x (Motive 2.0 and later)"
-        return (Problem("NatNet version that cannot be read", host, found=what, allowed=allowed, next_step=step),)
+        seen = f"{server.version}, from {server.name} {server.app_version[0]}.{server.app_version[1]}"
+        symptom = "old version" if server.version < OLDEST else "new version"
+        note(symptom, seen=seen, allowed="3.0 to 4.x (Motive 2.0 and later)")
+        return tuple(found)
     if session.silent(now):
-        found.append(_no_frames(session, server, host))
-    if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
-        what = "Motive sends no model definitions, so bodies have numbers and no names"
-        step = f"Check that no firewall drops large UDP datagrams from port {COMMAND_PORT}"
-        found.append(Problem(what, host, next_step=step))
-    return tuple(found)
-
-
-def _no_answer(session: NatnetSession, host: str) -> Problem:
-    if session.frames:
-        return Problem(
-            f"frames arrive, but Motive does not answer on UDP port {COMMAND_PORT}: names and clock stay unknown",
-            host,
-            next_step="Check that this is the address of the computer that runs Motive, and both firewalls",
-        )
-    return Problem(
-        f"no answer from Motive on UDP port {COMMAND_PORT}",
-        host,
-        next_step="In Motive's streaming settings switch streaming on and choose as Local Interface the network card "
-        "of this network (not loopback); open UDP 1510 and 1511 in both firewalls",
-    )
-
-
-def _no_frames(session: NatnetSession, server: ServerInfo, host: str) -> Problem:
-    if server.multicast != (session.group is not None):
-        sent, wanted = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
-        return Problem(
-            "Motive streams in the other transport than this session expects",
-            host,
-            found=sent + (f" to {server.group}, port {server.data_port}" if server.multicast else ""),
-            allowed=wanted,
-            next_step=f"In Motive's streaming settings set Transmission Type to {wanted}, or ask for {sent} here",
-        )
-    hint = "check that the firewall lets UDP from Motive in"
-    if session.group is not None:
-        group, port = session.group
         sent_to = server.group, server.data_port or DATA_PORT
-        if sent_to != session.group:
-            return Problem(
-                "Motive streams to another multicast group",
-                host,
-                found="{}, port {}".format(*sent_to),
-                allowed=f"{group}, port {port}",
-                next_step="Write natnet://{0}:{2}?multicast={1}".format(host, *sent_to),
-            )
-        hint = f"check that {group} was joined on the network card that faces Motive, and that UDP port {port} is open"
-    step = f"In Motive switch to Live or press Play, and stream Rigid Bodies or Skeletons; {hint}"
-    return Problem("Motive answers but sends no frames", host, next_step=step)
+        if server.multicast != (session.group is not None):
+            sent, wanted = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
+            to = f" to {server.group}, port {server.data_port}" if server.multicast else ""
+            note("other transport", seen=sent + to, allowed=wanted, sent=sent, wanted=wanted)
+        elif session.group is None:
+            note("no frames")
+        elif sent_to != session.group:
+            seen, allowed = ("{}, port {}".format(*place) for place in (sent_to, session.group))
+            note("other group", seen=seen, allowed=allowed, group=sent_to[0], port=sent_to[1])
+        else:
+            note("no frames, multicast", group=session.group[0], port=session.group[1])
+    if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
+        note("no names")
+    return tuple(found)

@@ -117,6 +117,7 @@ def open_stream(
         playout=Playout(count, delay=None if latest else PlayoutDelay()),
         smoothing=smoothing,
         tap=tap,
+        kind="" if address is None else kind,
     )
 
 

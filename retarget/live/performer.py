@@ -1,4 +1,4 @@
-"""A live performer as a run follows it: valid sensors in our world, with holds and reacquisition blends."""
+"""A live performer as a run follows it: valid sensors in our world, with holds."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf
@@ -20,9 +20,11 @@ from retarget.frames import (
 from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
-from retarget.live.rest_capture import Alignment, facing_of
+from retarget.human.stance import facing_of
+from retarget.live.advice import advice
+from retarget.live.rest_capture import Alignment
 from retarget.live.roles import NO_WRISTS, Roles
-from retarget.live.sensor_validity import Debounce, Engagement, SensorDebounce
+from retarget.live.sensor_validity import Debounce, Engagement, Repeats, SensorDebounce
 from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import GoalLatency, LiveReport, StreamNews, StreamProblems, Tally, live_report
 from retarget.types import BoolArray, Notify
@@ -103,7 +105,7 @@ WORDS = {
     ValidityState.NOT_IN_USE: "not received",
     ValidityState.OUT_OF_RANGE: "outside the room",
 }
-TOO_SHORT = f"good data for less than {LIMITS.healthy:g} s at a time"
+TOO_SHORT = advice("too short", healthy=LIMITS.healthy).what
 
 
 class SampleRecord:
@@ -142,7 +144,8 @@ class LivePerformer:
     """`retarget.human.samples.Samples` of a stream. `first`: the sample that the robot approaches.
 
     ticks: at most; kept: samples that are recorded. optional: sensors for which the robot never holds. has_deadlines:
-    whether ticks that come late make it hold; simulated servos wait. notify: receives what changes, a sentence each.
+    whether ticks that come late make it hold; simulated servos wait. waits: a hold has no limit in time. notify:
+    receives what changes, a sentence each.
     """
 
     def __init__(
@@ -158,6 +161,7 @@ class LivePerformer:
         mirror: bool = False,
         optional: tuple[str, ...] = (),
         has_deadlines: bool = True,
+        waits: bool = False,
         notify: Notify = lambda text: None,
     ) -> None:
         names = stream.roles.sensors
@@ -165,13 +169,14 @@ class LivePerformer:
         self.ticks, self._clock, self._notify = ticks, clock, notify
         self._record = SampleRecord(names, kept=min(kept, ticks), rate_hz=rate_hz)
         self._timing = TickTiming(self.dt if has_deadlines else inf)
+        self._waits, self._too_short = waits, advice("too short", stream.kind, healthy=LIMITS.healthy).what
         self._problems, self._news = StreamProblems(stream), StreamNews(stream, notify)
         self._tally, self.latency = Tally(names, self.dt), GoalLatency(stream)
         self.engagement = Engagement(first)
         self._approach = Debounce(good=True)
         self._optional = optional
         self._states = stream.read(clock.now()).states
-        self._used = SensorDebounce(self._states)
+        self._used, self._holds = SensorDebounce(self._states), Repeats(1)
         stream.validity.forget_recovered()
 
     @property
@@ -199,8 +204,8 @@ class LivePerformer:
 
     @property
     def paused(self) -> bool:
-        """Whether the operator pauses the robot."""
-        return not self.engagement.wanted
+        """True if a hold has no limit in time: the operator pauses the robot, or nothing has torque."""
+        return self._waits or not self.engagement.wanted
 
     def catch_up(self) -> None:
         """Take all that has arrived; for a robot without torque."""
@@ -215,10 +220,10 @@ class LivePerformer:
         """Whether the robot is not paused, and data have been good for long enough to go on with the approach."""
         now = self._clock.now()
         reading, _ = self._read(now)
-        good = not self.paused and self._is_good(reading, now)
+        good = self.engagement.wanted and self._is_good(reading, now)
         went, goes = self._approach.good, self._approach.step(now, good=good)
         if goes is not went:
-            self._notify("the robot goes on" if goes else f"the robot waits during its approach{self._late()}")
+            self._report(now, "the robot goes on", "the robot waits during its approach{}", good=goes)
         return goes
 
     def sample(self, tick: int) -> SensorSample | None:
@@ -243,8 +248,8 @@ class LivePerformer:
         late = "ticks were missed" if self._timing.behind else ""
         now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after) or sensors or late
         if now and self.engagement.tries + self._approach.tries:
-            return f"{TOO_SHORT}, at last: {now}"
-        return now or TOO_SHORT
+            return f"{self._too_short}, at last: {now}"
+        return now or self._too_short
 
     def clutch(self, *, engaged: bool) -> None:
         """Follow again from where the robot is, or hold it."""
@@ -284,12 +289,16 @@ class LivePerformer:
         followed = self.engagement.step(now, sample, good=self._is_good(reading, now))
         self._tally.count(reading.states, followed=followed is not None)
         if self.engagement.following is not before:
-            self._notify(
-                "the performer is followed"
-                if followed
-                else f"the performer is not followed{self._late()}: the robot holds"
-            )
+            holds = "the performer is not followed{}: the robot holds"
+            self._report(now, "the performer is followed", holds, good=followed is not None)
         return followed
+
+    def _report(self, now: float, goes_on: str, holds: str, *, good: bool) -> None:
+        """Say that the robot goes on, or holds; of holds that come again and again see `Repeats`. holds: with a place
+        for the reason."""
+        if self._holds.is_news([0], now, begins=not good):
+            late = " because ticks come late" if self._timing.behind else ""
+            self._notify(goes_on if good else f"{holds.format(late)}{self._holds.count_text([0])}")
 
     def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
         """The reading of this tick, and the sample of its valid sensors in our world; reports what has changed."""
@@ -304,9 +313,6 @@ class LivePerformer:
         if problem := self._problems.look(now):
             self._notify(problem)
         return reading, sample
-
-    def _late(self) -> str:
-        return " because ticks come late" if self._timing.behind else ""
 
     def _holding(self) -> dict[str, ValidityState]:
         """The sensors for which the robot holds: base sensors that are not fresh, and those that have jumped."""

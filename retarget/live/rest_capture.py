@@ -12,15 +12,8 @@ from retarget.arithmetic import arctan2, cos, matmul, norm, norms, sin
 from retarget.errors import InputError
 from retarget.frames import SensorSample, Skeleton
 from retarget.human.pose_validation import ValidityState
-from retarget.human.rest_pose import (
-    ALIKE_RAD,
-    NARROWEST_M,
-    PAIRS,
-    REQUIRED,
-    RestFit,
-    fit_rest_pose,
-    refuse_stance,
-)
+from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
+from retarget.human.stance import TURNED, facing_of, refuse_crooked, refuse_stance
 from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
 from retarget.sources.streams.mvn import MvnDecoder
@@ -92,17 +85,6 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
     return Alignment(yaw=-arctan2(forward[1], forward[0]), origin=np.array([middle[0], middle[1], floor]))
 
 
-def facing_of(at: dict[str, FloatArray]) -> FloatArray | None:
-    """Return the horizontal unit vector (2,) that an upright person faces, from positions (3,) m of sensors by name;
-    None if unknown."""
-    left = np.zeros(2)
-    for part in PAIRS:
-        if f"l_{part}" in at and f"r_{part}" in at:
-            left += (at[f"l_{part}"] - at[f"r_{part}"])[:2]
-    length = norm(left)
-    return None if length < NARROWEST_M else np.array([left[1], -left[0]]) / length
-
-
 CAPTURE_S = 1.0
 """Time that the performer stands still."""
 KNOWN_CAPTURE_S = 0.5
@@ -113,15 +95,6 @@ STILL_M = 0.03
 """Largest distance of a sensor from its mean position: breathing and swaying move a head by a centimetre."""
 LIVE_STATURE_M = (1.2, 2.2)
 """A smaller performer crouches, kneels or sits, or the unit is not metres; a taller one is no human."""
-OFF_BASE_M = 0.15
-"""The head of a person who stands upright is no farther from above the hips and the middle of the feet: 5 cm ahead of
-the ankles."""
-HANDS_AHEAD_M = 0.3
-"""Hands that hang, or are held aside, are no farther ahead of the head or behind it."""
-KNEES_AHEAD_M = 0.1
-"""A straight leg's knee is no farther ahead of its ankle; bent so far, a body is 3 cm (2 %) lower."""
-LOWEST_HEAD_M = 0.7
-"""Lower above the ankles, the sender's axes or unit are others: no words about the posture."""
 FRESH_SHARE = 0.9
 """Share of the capture in which a sensor must be fresh to count."""
 FEWEST = 20
@@ -161,10 +134,17 @@ class RestCapture:
     """Collects the last `seconds` s of samples of the stream's world. `take` them; once `done`, read the `result`."""
 
     def __init__(
-        self, *, where: str, seconds: float = CAPTURE_S, loose: tuple[str, ...] = (), needed: tuple[str, ...] = REQUIRED
+        self,
+        *,
+        where: str,
+        seconds: float = CAPTURE_S,
+        loose: tuple[str, ...] = (),
+        needed: tuple[str, ...] = REQUIRED,
+        oriented: bool = True,
     ) -> None:
         """where: the stream, for messages. loose: sensors that may sit beside their joints. needed: sensors that must
-        be fresh, where the performer wears them."""
+        be fresh, where the performer wears them. oriented: orientations are in canonical axes, and show the front."""
+        self._oriented = oriented
         self._where, self._seconds, self._loose, self._needed = where, seconds, loose, needed
         self._times: deque[float] = deque()
         self._samples: deque[SensorSample] = deque()
@@ -204,7 +184,9 @@ class RestCapture:
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_motion(names, track, mean)
-        refuse_stance(_located(names, mean), where=f"{self._where}, calibration")
+        where, sent = f"{self._where}, calibration", self._turns(counts)
+        front = {name: turn for name, turn in zip(names, sent, strict=True) if name in TURNED and self._oriented}
+        refuse_stance(_located(names, mean), where=where, turns=front)
         alignment = align(names, mean, where=self._where)
         known = proportional_dimensions(stature) if size is None and stature is not None else size
         if known is not None:
@@ -214,20 +196,20 @@ class RestCapture:
         standing, offset = alignment.positions(mean), np.zeros((len(names), 3))
         at = _located(names, standing)
         if size is None:
-            turns = alignment.orientations(self._turns(counts))
+            turns = alignment.orientations(sent)
             rows = [row for row, ok in enumerate(counts) if ok]
             loose = [names[row] for row in rows if names[row] in self._loose and np.isfinite(turns[row]).all()]
             counted = [names[row] for row in rows]
             try:
                 fit = fit_rest_pose(counted, standing[rows], loose=loose, stature=stature, source=self._where)
             except InputError:
-                self._refuse_crooked(at)
+                refuse_crooked(at, where=where)
                 raise
             self._refuse_unlike(fit)
             size = fit.dimensions
             standing[rows] -= fit.offset
             offset[rows] = np.nan_to_num(rotations.rotate(rotations.conjugate(turns[rows]), fit.offset))
-        self._refuse_crooked(at)
+        refuse_crooked(at, where=where)
         missing = tuple(name for name, ok in zip(names, counts, strict=True) if not ok)
         return Calibrated(size, alignment, names, standing, missing, offset)
 
@@ -263,35 +245,6 @@ class RestCapture:
                 step="Stand upright; measure anew with --recalibrate, or give another --person or --stature",
             )
         return 0.0 if ankles else float(found - expected)
-
-    def _refuse_crooked(self, at: dict[str, FloatArray]) -> None:
-        """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m in our world, where the
-        performer faces x."""
-        feet = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
-        bases = {"feet": feet if len(feet) == 2 else [], "hips": [at["pelvis"]] if "pelvis" in at else []}
-        if not at.keys() >= set(REQUIRED) or any(at["head"][2] - foot[2] < LOWEST_HEAD_M for foot in feet):
-            return
-        found = []
-        for part, base in bases.items():
-            ahead, aside = (at["head"] - np.mean(base, axis=0))[:2].tolist() if base else (0.0, 0.0)
-            if abs(ahead) > OFF_BASE_M:
-                found.append(f"your head is {abs(ahead):.2f} m {'ahead of' if ahead > 0.0 else 'behind'} your {part}")
-            if abs(aside) > OFF_BASE_M:
-                side = "left" if aside > 0.0 else "right"
-                found.append(f"your head is {abs(aside):.2f} m to the {side} of your {part}")
-            if found:
-                break
-        bent = [
-            float(at[f"{s}_knee"][0] - at[f"{s}_ankle"][0]) for s in "lr" if {f"{s}_knee", f"{s}_ankle"} <= at.keys()
-        ]
-        if bent and max(bent) > KNEES_AHEAD_M:
-            found.append(f"your knees are bent, {max(bent):.2f} m ahead of your feet")
-        reach = 0.5 * float(at["l_wrist"][0] + at["r_wrist"][0]) - float(at["head"][0])
-        if abs(reach) > HANDS_AHEAD_M:
-            found.append(f"your hands are {abs(reach):.2f} m {'ahead of' if reach > 0.0 else 'behind'} your head")
-        if found:
-            step = "Stand upright on both feet, legs straight, looking ahead, arms hanging or straight out to the sides"
-            raise self._refused("the performer does not stand upright", "; ".join(found), step=step)
 
     def _refuse_unlike(self, fit: RestFit) -> None:
         """Raise InputError unless the performer stands upright with both arms alike."""

@@ -61,6 +61,7 @@ class SensorValidity:
         self._states: StateArray = np.full(len(self.names), ValidityState.STALE, dtype=np.uint8)
         self._reported = self._states.copy()
         self._was_fresh = np.zeros(len(self.names), dtype=bool)
+        self._repeats = Repeats(len(self.names))
         self._now = 0.0
 
     def restart(self, limits: ValidityLimits) -> None:
@@ -101,7 +102,7 @@ class SensorValidity:
 
     def messages(self) -> list[str]:
         """What has changed since the last call, in sentences for the user, one for all sensors that changed alike. What
-        came and went between needs none."""
+        came and went between needs none; a sensor that drops out again and again is counted, see `Repeats`."""
         if self._states.tobytes() == self._reported.tobytes():
             return []
         alike: dict[tuple[ValidityState, ValidityState, bool], dict[str, float]] = {}
@@ -112,10 +113,15 @@ class SensorValidity:
             change = before, after, moved and before is ValidityState.JUMPED and after is ValidityState.FRESH
             alike.setdefault(change, {})[self.names[row]] = seconds if isfinite(seconds) else 0.0
         self._reported = self._states.copy()
-        return [
-            f"{self._named(sensors)}: {change_text(before, after, max(sensors.values()), resettled=resettled)}"
-            for (before, after, resettled), sensors in alike.items()
-        ]
+        said = []
+        for (before, after, resettled), sensors in alike.items():
+            rows = [self.names.index(name) for name in sensors]
+            is_lost = after is not ValidityState.FRESH
+            if not self._repeats.is_news(rows, self._now, begins=is_lost):
+                continue
+            text = change_text(before, after, max(sensors.values()), resettled=resettled)
+            said.append(f"{self._named(sensors)}: {text}{self._repeats.count_text(rows) if is_lost else ''}")
+        return said
 
     def _named(self, sensors: Collection[str]) -> str:
         return "all sensors" if len(sensors) == len(self.names) > MOST_NAMED else ", ".join(sensors)
@@ -123,6 +129,34 @@ class SensorValidity:
     def forget_recovered(self) -> None:
         """No message about sensors that are fresh now."""
         self._reported[self._states == ValidityState.FRESH] = ValidityState.FRESH
+
+
+AGAIN_S = 30.0
+"""What comes and goes is said once; from then on at most so often, s, with a count."""
+
+
+class Repeats:
+    """What comes and goes, by row: said at first, then counted, and said with the count after AGAIN_S."""
+
+    def __init__(self, count: int) -> None:
+        self._times = np.zeros(count, dtype=int)
+        self._said = np.full(count, -np.inf)  # [s] when its beginning was last said
+        self._quiet = np.zeros(count, dtype=bool)  # whether its last beginning was not
+
+    def is_news(self, rows: Sequence[int], now: float, *, begins: bool) -> bool:
+        """True if rows that begin at `now`, s, are to be said; else if they end, and one of their beginnings was."""
+        at = [*rows]
+        if begins:
+            self._times[at] += 1
+            is_due = bool((now - self._said[at] >= AGAIN_S).any())
+            self._quiet[at] = not is_due
+            self._said[at] = now if is_due else self._said[at]
+        return not self._quiet[at].all()
+
+    def count_text(self, rows: Sequence[int]) -> str:
+        """How often rows began so far, in words; "" for the first time."""
+        times = int(self._times[[*rows]].max())
+        return f" ({times} times so far)" if times > 1 else ""
 
 
 # Whether something has been good for long enough to be used again.

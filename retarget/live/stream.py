@@ -60,7 +60,8 @@ class LiveStream:
 
     frames: decoded so far. arrived: datagrams so far, admitted or not; last: s, when the last frame arrived that has a
     time; captured: s, when the newest was captured. tap: records the admitted datagrams, None: they are not recorded.
-    smoothing: see `SMOOTHINGS`. Raises UsageError for an unknown one.
+    smoothing: see `SMOOTHINGS`. Raises UsageError for an unknown one. kind: the scheme of the address, "" of the
+    caller's own receiver.
     """
 
     def __init__(
@@ -75,7 +76,9 @@ class LiveStream:
         playout: Playout,
         smoothing: str = OFF,
         tap: RawTap | None = None,
+        kind: str = "",
     ) -> None:
+        self.kind = kind
         self.receiver, self.decoder, self.roles = receiver, decoder, roles
         self.admission, self.clock_map, self.validity, self.playout = admission, clock_map, validity, playout
         self.frames = self.arrived = 0

@@ -12,15 +12,13 @@ import numpy as np
 from retarget.errors import InputError, Problem
 from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.live.address import KINDS, for_others, parse_address
-from retarget.live.admission import NEW_SOCKETS, NOT_ALLOWED, SECOND_SOURCE, TOO_LONG, TOO_MANY, Source
-from retarget.live.clock_map import FASTER, JumpKind, not_seconds
+from retarget.live.admission import NOT_ALLOWED, TOO_LONG, TOO_MANY
+from retarget.live.advice import advice
 from retarget.live.datagram_kinds import advice_for, reads, recognise
 from retarget.live.natnet_session import NEWEST, natnet_problems
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
-from retarget.sources.streams.json_pose import TIME_IN_MS
-from retarget.sources.streams.mvn import MvnDecoder
 from retarget.sources.streams.natnet_wire import OLDEST
 from retarget.types import Notify
 
@@ -31,96 +29,111 @@ SILENT_S = 1.0
 NATNET_S = 2.5
 """The same where Motive is asked first."""
 MOST_REASONS, MOST_NAMES = 3, 40
-SENDER = "See that the sender speaks the protocol of this address"
-SWITCH_ON = "Wear and switch on these, or choose another --performer"
-FAR = "See in which unit the sender sends lengths, and where its origin is: sensors must be within 10 m of it"
-REPLAY = "replay"
-OVER, LONGER = "the recording was over {:.1f} s ago", "Take a longer one"
-"""Message and next step for a recording that ends too soon."""
-OWNER_SILENT = (
-    "{}, which was first, is silent, and no other sender may take its place while a robot may move: let it send again, "
-    "or end this run and start it anew"
-)
-"""To be filled with the owner of the stream."""
-IN_SECONDS = "Let the sender send its time in seconds"
-STEPS = {
-    NEW_SOCKETS: "Let it keep one socket for all datagrams",
-    TIME_IN_MS: IN_SECONDS,
-    **{not_seconds(unit): IN_SECONDS for unit in FASTER.values()},
-}
-"""The next step, by a reason that a sender's mistake in every datagram has."""
-QUATERNIONS = "In MVN's network streamer choose Position + Orientation (Quaternion)"
+"""Reasons and names that a message lists at most: it stays readable."""
 
 
-def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
-    """Make the error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
-    problems, refused = _motive(stream, now), _refused(stream)
-    silence, reasons = now - stream.last, _listed(refused)
-    if problems:
-        return InputError.from_problems(problems)
-    if stream.arrived == 0:
-        return _nothing(stream, waited, where=where)
-    if stream.frames == 0:
-        other, step = _something_else(stream, where)
-        found = f"{stream.arrived} datagrams: {other or reasons or 'no poses in them'}"
-        return InputError(
-            "what arrives cannot be used", where=where, found=found, next_step=step or _step(stream, refused)
-        )
-    if _commonest(refused) in STEPS:
-        step = _step(stream, refused)
-        return InputError("what arrives cannot be used", where=where, found=reasons, next_step=step)
-    if silence >= 0.5 * SILENT_S and stream.receiver.finished:
-        return InputError(OVER.format(silence), where=where, next_step=LONGER)
-    if silence >= 0.5 * SILENT_S:
-        return InputError(
-            f"nothing has arrived for {silence:.1f} s, and before that {stream.frames} frames",
-            where=where,
-            found=", ".join(f"no {name}" for name in missing),
-            next_step="See that the sender still runs, and sends here",
-        )
-    sent = dict(zip(stream.roles.sensors, stream.roles.places, strict=True))
-    return InputError(
-        "sensors are missing in the stream",
-        where=where,
-        found=", ".join(f"no {name} ({sent[name].position})" for name in missing)
-        + (f"; refused: {reasons}" if reasons else ""),
-        allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step=FAR if _commonest(refused) == OUT_OF_RANGE else SWITCH_ON,
-    )
+def _refused(stream: LiveStream) -> Counter[str]:
+    """Counts of everything that was not used so far, by reason; a copy."""
+    stages = stream.admission.refused, stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
+    counts = (*stages, stream.clock_map.dropped, stream.playout.dropped)
+    return sum((dropped.reasons for dropped in counts), Counter[str]())
 
 
-def _something_else(stream: LiveStream, where: str) -> tuple[str, str]:
-    """What arrives instead of what the address reads, and the next step; "" each where unknown."""
-    if where.partition("://")[0] not in KINDS:  # the caller's own source
-        return "", ""
-    address, got = parse_address(where), recognise(stream.undecoded)
-    kind = address.recorded if address.kind == REPLAY else address.kind
-    if kind is None or not got.kind or reads(kind, got):
-        return "", ""
-    return got.text, advice_for(kind, got, port=address.port, recording=str(address.path or ""))
+def _listed(reasons: Counter[str]) -> str:
+    return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS)) or "no poses in it"
 
 
-def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
-    """The error for a stream on which nothing has arrived, with the address and port that are listened on."""
-    what, receiver = f"nothing arrives, waited {waited:g} s", stream.receiver
-    if not isinstance(receiver, UdpReceiver):
-        step = "Start the sender, let it send to this address and port, and see that no firewall is between"
-        return InputError(what, where=where, next_step=step)
-    host, port = receiver.bound
-    found, step = f"{host}, UDP port {port}", f"Start the sender, and let it send to {host}, port {port}"
-    if IPv4Address(host).is_loopback:
-        found += ", which only this machine can reach"
-        step += f". {for_others(where.partition('://')[0], port)}"
-    else:
-        step += "; see that no firewall is between"
-    step += f". `retarget doctor {shlex.quote(where)}` says what may keep it out"
-    return InputError(what, where=where, found=f"listening at {found}", next_step=step)
+def _commonest(reasons: Counter[str]) -> str:
+    """The commonest reason, "" for none."""
+    return max(reasons, key=reasons.__getitem__, default="")
+
+
+def _mistake(reasons: Counter[str]) -> str:
+    """The next step for a sender's mistake in every datagram, if it is the commonest reason; else ""."""
+    return advice(f"mistake {_commonest(reasons)}").then
+
+
+def _step(stream: LiveStream, reasons: Counter[str]) -> str:
+    """The next step for what was not used, by its commonest reason."""
+    admission = stream.admission
+    refused = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
+    owner = "{}:{}".format(*admission.owner or ("the sender", "any port"))
+    return _mistake(reasons) or advice(f"reason {_commonest(reasons)}", stream.kind, owner=owner, refused=refused).then
+
+
+def _motive(stream: LiveStream, now: float) -> list[Problem]:
+    """The problems that Motive's answers show."""
+    receiver = stream.receiver
+    return [*natnet_problems(receiver.session, now, host=receiver.host)] if isinstance(receiver, NatnetReceiver) else []
+
+
+def _is_foreign(stream: LiveStream) -> bool:
+    receiver = stream.receiver
+    server = receiver.session.server if isinstance(receiver, NatnetReceiver) else None
+    return server is not None and not OLDEST <= server.version <= NEWEST
 
 
 def refuse_version(stream: LiveStream, now: float) -> None:
     """Raise InputError for a Motive version that cannot be read, though its frames may look readable."""
     if _is_foreign(stream):
         raise InputError.from_problems(_motive(stream, now))
+
+
+def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
+    """Make the error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
+    refused, silence = _refused(stream), now - stream.last
+    if problems := _motive(stream, now):
+        return InputError.from_problems(problems)
+    if stream.arrived == 0:
+        return _nothing(stream, waited, where=where)
+    if stream.frames == 0 or _mistake(refused):
+        got, step = _instead(stream, where)
+        found = got or _listed(refused)
+        found = found if stream.frames else f"{stream.arrived} datagrams: {found}"
+        step = step or _step(stream, refused)
+        return InputError("what arrives cannot be used", where=where, found=found, next_step=step)
+    absent = ", ".join(f"no {name}" for name in missing)
+    if silence >= 0.5 * SILENT_S:
+        said = advice("over" if stream.receiver.finished else "silent", stream.kind, silence=silence)
+        found = "" if stream.receiver.finished else f"{stream.frames} frames before that, and now {absent}"
+        return InputError(said.what, where=where, found=found, next_step=said.then)
+    sent = dict(zip(stream.roles.sensors, stream.roles.places, strict=True))
+    absent = ", ".join(f"no {name} ({sent[name].position})" for name in missing)
+    said = advice("missing")
+    return InputError(
+        said.what,
+        where=where,
+        found=absent + (f"; refused: {_listed(refused)}" if refused else ""),
+        allowed=", ".join(list(stream.names)[:MOST_NAMES]),
+        next_step=_step(stream, refused) if _commonest(refused) == OUT_OF_RANGE else said.then,
+    )
+
+
+def _instead(stream: LiveStream, where: str) -> tuple[str, str]:
+    """What arrives instead of what the address reads, and the next step; "" each where unknown."""
+    got = recognise(stream.undecoded)
+    if stream.frames or where.partition("://")[0] not in KINDS or not got.kind:  # also the caller's own source
+        return "", ""
+    address = parse_address(where)
+    kind = stream.kind or address.kind
+    if reads(kind, got):
+        return "", ""
+    return got.text, advice_for(kind, got, port=address.port, recording=str(address.path or ""))
+
+
+def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
+    """The error for a stream on which nothing has arrived, with the address and port that are listened on."""
+    receiver = stream.receiver
+    if not isinstance(receiver, UdpReceiver):
+        said = advice("nothing arrives", stream.kind, waited=waited)
+        return InputError(said.what, where=where, next_step=said.then)
+    host, port = receiver.bound
+    here = IPv4Address(host).is_loopback
+    others, quoted = for_others(where.partition("://")[0], port), shlex.quote(where)
+    symptom = f"nothing arrives, {'loopback' if here else 'port'}"
+    said = advice(symptom, stream.kind, waited=waited, host=host, port=port, others=others, where=quoted)
+    found = f"listening at {host}, UDP port {port}" + (", which only this machine can reach" if here else "")
+    return InputError(said.what, where=where, found=found, next_step=said.then)
 
 
 class StreamProblems:
@@ -161,85 +174,33 @@ class StreamProblems:
         if now - self._stream.last <= patience:
             return ""
         arrived, refused = self._before or self._seen()
-        if self._stream.arrived == arrived:
-            return "nothing arrived"
-        return f"what arrived was unusable: {_listed(_refused(self._stream) - refused) or 'no poses in it'}"
+        symptom = "silent short" if self._stream.arrived == arrived else "unusable short"
+        return advice(symptom, self._stream.kind, reasons=_listed(_refused(self._stream) - refused)).what
 
     def why(self, now: float) -> str:
         """Return what is wrong, also where it was reported before; "" for nothing."""
-        silence = now - self._stream.last
+        stream, silence = self._stream, now - self._stream.last
         # What arrives instead is only known of the time since it was noted.
         if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
             return ""
-        return self._cause(silence, now, *self._before)
+        arrived, refused = self._before
+        news = _refused(stream) - refused
+        if problems := _motive(stream, now):
+            return problems[0].render() + (f" What arrived was not used: {_listed(news)}" if news else "")
+        if stream.receiver.finished or stream.arrived == arrived:
+            return advice("over" if stream.receiver.finished else "silent", stream.kind, silence=silence).text
+        said = advice("unusable", stream.kind, silence=silence, reasons=_listed(news))
+        return f"{said.what}. {_step(stream, news)}"
 
     def _seen(self) -> tuple[int, Counter[str]]:
         return self._stream.arrived, _refused(self._stream)
 
-    def _cause(self, silence: float, now: float, arrived: int, refused: Counter[str]) -> str:
-        problems, news = _motive(self._stream, now), _refused(self._stream) - refused
-        if problems:
-            return problems[0].render() + (f" What arrived was not used: {_listed(news)}" if news else "")
-        if self._stream.receiver.finished:
-            return f"{OVER.format(silence)}. {LONGER}"
-        if self._stream.arrived == arrived:
-            return f"nothing has arrived for {silence:.1f} s: see that the sender runs, and sends here"
-        reasons = _listed(news) or "no poses in it"
-        return f"what arrives has been unusable for {silence:.1f} s: {reasons}. {_step(self._stream, news)}"
-
-
-def _refused(stream: LiveStream) -> Counter[str]:
-    """Counts of everything that was not used so far, by reason; a copy."""
-    stages = stream.admission.refused, stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
-    counts = (*stages, stream.clock_map.dropped, stream.playout.dropped)
-    return sum((dropped.reasons for dropped in counts), Counter[str]())
-
-
-def _listed(reasons: Counter[str]) -> str:
-    return "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(MOST_REASONS))
-
-
-def _commonest(reasons: Counter[str]) -> str:
-    """The commonest reason, "" for none."""
-    return max(reasons, key=reasons.__getitem__, default="")
-
-
-def _step(stream: LiveStream, reasons: Counter[str]) -> str:
-    """The next step for what was not used, by its commonest reason."""
-    admission, commonest = stream.admission, _commonest(reasons)
-    if commonest == SECOND_SOURCE and admission.owner is not None:
-        return OWNER_SILENT.format("{}:{}".format(*admission.owner))
-    if commonest == NOT_ALLOWED:
-        who = ",".join(address for address, reason in admission.named if reason == NOT_ALLOWED)
-        return f"If that is the sender, name it in the address: ?allow={who}"
-    return STEPS.get(commonest) or (QUATERNIONS if isinstance(stream.decoder, MvnDecoder) else SENDER)
-
-
-def _is_foreign(stream: LiveStream) -> bool:
-    receiver = stream.receiver
-    server = receiver.session.server if isinstance(receiver, NatnetReceiver) else None
-    return server is not None and not OLDEST <= server.version <= NEWEST
-
-
-def _motive(stream: LiveStream, now: float) -> list[Problem]:
-    """The problems that Motive's answers show."""
-    receiver = stream.receiver
-    return [*natnet_problems(receiver.session, now, host=receiver.host)] if isinstance(receiver, NatnetReceiver) else []
-
 
 # Messages about a stream while it runs, each once: other senders, losses, a clock that jumped.
 
-_JUMPS = {
-    JumpKind.RESTARTED: "the sender's clock began anew: it was started again",
-    JumpKind.FORWARD: "the sender's clock jumped forward by {:.2f} s",
-    JumpKind.BACK: "the sender's clock jumped back by {:.2f} s",
-}
-_NOT_USED = {
-    TOO_LONG: (1, "datagrams that are empty or longer than 64 KiB are not used"),
-    TOO_MANY: (5_000, "the sender sends more datagrams than are taken: the rest is not used"),
-}
-"""Counts from which these are reported: what waited in the kernel while a bus was opened comes at once, and is no
-flood."""
+REPORTED_FROM = {TOO_LONG: ("too long", 1), TOO_MANY: ("too many", 5_000)}
+"""Symptoms and counts from which these are reported: what waited in the kernel while a bus was opened comes at once,
+and is no flood."""
 
 
 class StreamNews:
@@ -258,39 +219,30 @@ class StreamNews:
         admission, clock = self._stream.admission, self._stream.clock_map
         if admission.refused.count != self._refused:
             self._refused = admission.refused.count
+            owner = "{}:{}".format(*admission.owner or ("another", "any port"))
             for source, reason in admission.news():
-                self._notify(_refusal(source, reason, admission.owner))
-            for reason, (count, text) in _NOT_USED.items():
+                who = f"{source[0]}:{source[1]}"
+                self._notify(advice(f"refused {reason}", who=who, reason=reason, owner=owner).what)
+            for reason, (symptom, count) in REPORTED_FROM.items():
                 if admission.refused.reasons[reason] >= count:
-                    self._once(text)
+                    self._once(symptom)
         if clock.jumps != self._jumps and clock.last_jump is not None:
             self._jumps = clock.jumps
-            jump = clock.last_jump
-            self._once(_JUMPS[jump.kind].format(abs(jump.shift)), key=jump.kind)
+            self._once(f"clock {clock.last_jump.kind}", shift=abs(clock.last_jump.shift))
         overflowed = getattr(self._stream.receiver, "overflowed", 0)  # of sockets
         if self._overflowed is None:  # the stream was not polled while a bus was opened
             self._overflowed = overflowed
         if overflowed > self._overflowed:
-            self._once("datagrams were lost in this computer: they came faster than they were fetched")
+            self._once("overflowed")
         tap = self._stream.tap
         if tap is not None and (news := tap.news()):
             self._notify(news)
 
-    def _once(self, text: str, *, key: str = "") -> None:
-        if (key or text) not in self._reported:
-            self._reported.add(key or text)
-            self._notify(text)
-
-
-def _refusal(source: Source, reason: str, owner: Source | None) -> str:
-    who = f"{source[0]}:{source[1]}"
-    if reason == NEW_SOCKETS:
-        return f"{reason}, and all but the first are ignored. {STEPS[reason]}"
-    if reason == SECOND_SOURCE and owner is not None:
-        return f"{who} sends too, and is ignored: {owner[0]}:{owner[1]} was first"
-    if reason == NOT_ALLOWED:
-        return f"{who} sends too, and is ignored: not on the allow-list (?allow=)"
-    return f"{who} sends too, and is ignored: {reason}"
+    def _once(self, symptom: str, **facts: float) -> None:
+        if symptom not in self._reported:
+            self._reported.add(symptom)
+            if text := advice(symptom, self._stream.kind, **facts).what:
+                self._notify(text)
 
 
 # The report after a live run: what came, what was not used, which sensors were lost, how often the robot held.

@@ -98,8 +98,8 @@ class ArmBranches:
         speed_override: float,
     ) -> bool:
         """Set the targets of a hierarchy for a tick of `dt` s from posture q (nq,), where an arm is led. limbs: lines
-        asked, m, as in `limb_names`; they are set already. speed_override: (0, 1], share of all
-        speeds. Returns whether an arm is led."""
+        asked, m, as in `limb_names`; they are set already. speed_override: (0, 1], share
+        of all speeds. Returns whether an arm is led."""
         hierarchy.reset_posture(targets)
         led = [arm for arm in self._arms if arm.look(q, dt, speed_override, limbs=limbs, reached=reached)]
         for arm in led:

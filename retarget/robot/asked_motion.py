@@ -56,17 +56,17 @@ class MotionFilter:
 
     def step(self, moved: FloatArray, error: FloatArray, dt: float, *, speed_override: float = 1.0) -> FloatArray:
         """Displacement (k, 3) to ask for in this tick of `dt` s. moved (k, 3): how far what is asked went since the
-        last tick. error (k, 3): from where the robot is to what is asked now. speed_override: (0, 1], share of all
-        limits of speed, with its square of those of acceleration."""
-        slow = speed_override * speed_override
-        fastest_own, braking, speed = slow * self._own, slow * self._catch_up, speed_override * self._speed
+        last tick. error (k, 3): from where the robot is to what is asked now. speed_override: (0, 1], share of the
+        limit of speed; its square is the share of accelerations, but for what slows down."""
+        gain = speed_override * speed_override
+        braking, speed = gain * self._catch_up, speed_override * self._speed
         kept = exp(-dt / SMOOTH_S)
         first = kept * (self._first + moved)  # m or rad that the first low pass is behind
         moved = moved + self._first - first
         second = kept * (self._second + moved)
         moved = moved + self._second - second
         self._first, self._second = first, second
-        self._velocity = self._velocity + _limited((1.0 - kept) * (moved / dt - self._velocity), fastest_own * dt)
+        self._velocity = _changed(self._velocity, (1.0 - kept) * (moved / dt - self._velocity), self._own * dt, gain)
 
         # What is left after following that motion for this tick is the gap that is to be caught up with.
         own, lag = dt * self._velocity, 2.0 * dt * kept / (1.0 - kept)
@@ -74,13 +74,19 @@ class MotionFilter:
         far = norms(gap)
         fastest = np.minimum(np.minimum(RATE * far, np.sqrt(2.0 * braking * far)), speed)
         caught = _limited(gap, np.minimum(fastest * dt, far))
-        self._caught = self._caught + _limited(caught - self._caught, braking * dt * dt)
+        self._caught = _changed(self._caught, caught - self._caught, self._catch_up * dt * dt, gain)
         return own + self._caught
 
 
 def _limited(vectors: FloatArray, most: FloatArray) -> FloatArray:
     """Vectors (k, 3), those longer than `most` (k,) drawn in to that."""
     return vectors * (most / np.maximum(np.maximum(norms(vectors), most), STILL))[:, None]
+
+
+def _changed(velocities: FloatArray, changes: FloatArray, most: FloatArray, gain: float) -> FloatArray:
+    """Velocities (k, 3) after changes, of at most `most` (k,) each where it slows down, else a share `gain` of it."""
+    slows = norms(velocities + changes) < norms(velocities)
+    return velocities + _limited(changes, np.where(slows, most, gain * most))
 
 
 class AskedMotion:

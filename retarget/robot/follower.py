@@ -64,8 +64,8 @@ SOLE_BRAKING = 0.2
 SETTLING_S = 8.0
 """Longest duration, s."""
 RESTING_SPEED, RESTING_S = 0.1, 0.04
-"""A robot none of whose coordinates is faster (rad/s, m/s, of its own time) for so long (s of it) rests: a few ticks,
-so that the turning point of a swing does not count."""
+"""A robot none of whose coordinates is faster (rad/s, m/s) for so long (s) rests: a few ticks, so that the turning
+point of a swing does not count. At a share of all speeds it is that share of both."""
 
 
 # Return to stance: a robot on its own soles stands before it goes to rest, legs and trunk as in its stance, arms aside.

@@ -251,8 +251,7 @@ class Approach(Controller):
 
 
 RETURNED_M, SPEED_UP_S = 0.01, 0.75
-"""After a hold the robot is slow until all sensors are so near (m) to their goals, and has its speed so long (s) after
-that."""
+"""After a hold the robot is slow until no sensor is farther (m) from its goal; its speed comes back in so many s."""
 
 
 class Follow(Controller):
@@ -288,7 +287,7 @@ class Follow(Controller):
         """Follow from where the robot is; after a hold slowly at first."""
         self.posture, self.lost = None, False
         if self._ticks > 0:
-            self._reconstructor.resume()
+            self._reconstructor.resume(self._motion_dt / self._dt)
             self._follower.resume()
             self._settled = 0.0
 

@@ -23,6 +23,7 @@ import signal
 import socket
 import struct
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -44,8 +45,19 @@ from retarget.model.scene_state import obstacle_meshes
 from retarget.run.table import RunTable
 from retarget.schema.scene import load_scene
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM
-from retarget.types import FloatArray
-from retarget.web.feed import BUFFER_BYTES, LONGEST_ANSWER, READY, REFUSED, STOP, Note, PageSetup, Settings, unpacked
+from retarget.types import FloatArray, RunState
+from retarget.web.feed import (
+    BUFFER_BYTES,
+    LONGEST_ANSWER,
+    READY,
+    REFUSED,
+    STATE_WORDS,
+    STOP,
+    Note,
+    PageSetup,
+    Settings,
+    unpacked,
+)
 from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, NOTE, PAUSE, RELEASE
 from retarget.web.runtime import runtime_folder
 from retarget.web.serving import Pages
@@ -79,8 +91,9 @@ LOST_S = 0.5
 goes on when asked to."""
 ASKED, LOST = "it was asked for on a page", "the performer was lost: page, link or camera"
 """Why the robot is paused."""
-OUT_OF_REACH_M = 0.03
-"""A landmark of the robot is farther than this from where it is asked before the page says so, m."""
+OUT_OF_REACH_M, SETTLED_S, SETTLED_M = 0.03, 0.5, 0.02
+"""A landmark of the robot that follows is out of reach if it is farther than the first of these from where it is asked,
+m, though for so long, s, it has not moved by more than the last, m: before that the robot may only be late."""
 LAST_SHOWN_S = 1.5
 """So long the page stays when the run has ended, with the reason."""
 
@@ -128,6 +141,8 @@ class PageServer:
     _reported: dict[str, float] = field(default_factory=dict)
     """When a sentence went to the terminal."""
     _round_trip_ms: float = 0.0
+    _moved: deque[tuple[float, FloatArray]] = field(default_factory=deque)
+    """Times, s, and landmarks of the robot in the rows of the last SETTLED_S."""
 
     # Browsers.
 
@@ -340,11 +355,22 @@ class PageServer:
 
     def _clipped(self, cast: Cast, row: RunTable) -> Iterator[str]:
         """Landmarks that the robot does not reach, in words."""
-        if "landmarks_asked" not in row or cast.profile is None:
+        if "landmarks_asked" not in row or cast.profile is None or row.doing != STATE_WORDS[RunState.FOLLOW]:
+            self._moved.clear()
             return
-        reached = cast.profile.points(row.q[None], cast.profile.landmark_frames(cast.landmarks))[0]
-        for name, off in zip(cast.landmarks, np.linalg.norm(reached - row.landmarks_asked, axis=1), strict=True):
-            if off > OUT_OF_REACH_M:
+        now, reached = (
+            float(row.time),
+            cast.profile.points(row.q[None], cast.profile.landmark_frames(cast.landmarks))[0],
+        )
+        while len(self._moved) > 1 and self._moved[1][0] <= now - SETTLED_S:
+            self._moved.popleft()
+        self._moved.append((now, reached))
+        if self._moved[0][0] > now - SETTLED_S:
+            return
+        moved = np.max([np.linalg.norm(reached - before, axis=1) for _, before in self._moved], axis=0)
+        distances = np.linalg.norm(reached - row.landmarks_asked, axis=1)
+        for name, off, still in zip(cast.landmarks, distances, moved <= SETTLED_M, strict=True):
+            if still and off > OUT_OF_REACH_M:
                 side = {"l_": "left ", "r_": "right "}.get(name[:2], "")
                 yield f"{side}{(name[2:] if side else name).replace('_', ' ')} {100 * off:.0f} cm out of reach"
 

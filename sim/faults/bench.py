@@ -63,10 +63,9 @@ class TickEnd:
 class Trace:
     """The events of a run; all times in s of its clock.
 
-    out: when which sensors took no part. steps: greatest distance (m) that a joint with a sensor goes in a tick, of the
-    reconstructed body. sent: every packet of the host. postures: in which each goal holds the joints under their load,
-    (n,) rad. let_go: when which
-    servo (id) stopped driving: its torque went off, or its watchdog stopped it.
+    out: when which sensors took no part. speeds: greatest speed (m/s) of a joint with a sensor, of the human's body.
+    sent: every packet of the host. postures: in which each goal holds the joints under their load, (n,) rad. let_go:
+    when which servo (id) stopped driving: its torque went off, or its watchdog stopped it.
     began: when following began. approach_ended: when the robot was where it follows from. gone: when the host was
     killed. acted: when faults that wait for an event took effect, each once. rebased: when the clock map followed a
     jump of the sender's clock. asked: postures (n,), rad, that a forced stage asked for. torque: registers of all
@@ -76,7 +75,7 @@ class Trace:
 
     ticks: list[TickEnd] = field(default_factory=list)
     out: list[tuple[float, frozenset[str]]] = field(default_factory=list)
-    steps: list[tuple[float, float]] = field(default_factory=list)
+    speeds: list[tuple[float, float]] = field(default_factory=list)
     sent: list[Sent] = field(default_factory=list)
     postures: list[tuple[float, FloatArray]] = field(default_factory=list)
     let_go: list[tuple[float, int]] = field(default_factory=list)
@@ -326,8 +325,8 @@ class Bench(Operator, Observer):
         if tick.row is None:
             return
         joints = tick.record.human_joints[tick.row, self._worn]
-        step = 0.0 if self._joints is None else float(np.linalg.norm(joints - self._joints, axis=1).max())
-        self.trace.steps.append((tick.given.now, step))
+        moved = 0.0 if self._joints is None else float(np.linalg.norm(joints - self._joints, axis=1).max())
+        self.trace.speeds.append((tick.given.now, moved / self.samples.dt))
         self._joints = joints
 
     def leave(self) -> None:

@@ -165,8 +165,8 @@ HEALTHY_S = 0.5
 BACK_S = 0.6
 """Longest time from good data until a robot goes on, s."""
 HALF = 0.5
-STEP_M = 0.025
-"""Most that a joint with a sensor moves in a tick after a hold, m: 0.25 m/s of being led in, 2.8 m/s of its own."""
+FASTEST_BACK_M_S = 3.1
+"""Greatest speed of a joint with a sensor after a hold, m/s: 0.25 of being led in, and 2.85 of its own."""
 MARGIN_M = 0.004
 """Margin of the observers of the profile, m."""
 STOOD_S = 0.2
@@ -273,9 +273,9 @@ def _hold(row: Row, seen: Seen) -> Judged:
     wrong += ["it stopped"] if seen.stopped is not None else []
     if row.back is not None and on is not None and on - seen.onset < row.back + HEALTHY_S:
         wrong.append(f"it went on after {on - seen.onset:.3f} s, data were good from {row.back:g} s on")
-    jump = max((step for time, step in seen.trace.steps if on is not None and time >= on), default=0.0)
-    if jump > STEP_M:
-        wrong.append(f"it went on with a jump: {jump:.3f} m of a joint in a tick")
+    jump = max((step for time, step in seen.trace.speeds if on is not None and time >= on), default=0.0)
+    if not jump <= FASTEST_BACK_M_S:
+        wrong.append(f"it went on with a jump: {jump:.1f} m/s of a joint")
     if row.reaction is Reaction.HOLD:
         return hold, wrong
     return on, wrong + late("on its way again", on, seen.onset, row.limit)

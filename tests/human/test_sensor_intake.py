@@ -351,3 +351,73 @@ def test_a_spike_of_one_recorded_frame_is_put_between_its_neighbours(spike: floa
     assert np.abs(without_spikes(time, faulty) - way).max() < 0.002
     assert (without_spikes(time, way) == way).all()
     assert (without_spikes(time[:2], way[:2]) == way[:2]).all()
+
+
+# Orientations, and sensors that come back one by one.
+
+
+def about(intake: SensorIntake, turn: float, *, known: bool = True, seen: tuple[bool, bool] = (True, True)) -> float:
+    """One tick: how far the goal of the first sensor is turned, rad."""
+    turns = about_z(turn)
+    if not known:
+        turns[0] = np.nan
+    intake.step(HERE, turns, valid(*seen), reached=HERE, dt=DT)
+    return float(rotations.angle_between(about_z(0.0), intake.orientation)[0])
+
+
+@pytest.mark.parametrize("lost", [0, 1, 200])
+def test_an_orientation_that_jumps_or_comes_back_alone_is_led_in(lost: int) -> None:
+    intake = SensorIntake(2, SLOW)
+    intake.start(HERE, about_z(0.0), valid(True, True))
+    for _ in range(lost):
+        about(intake, 0.0, known=False)
+    angles = [0.0] + [about(intake, 2.5) for _ in range(400)]
+    assert max(np.diff(angles)) <= SLOW.turn * DT + 1e-9 and angles[-1] == pytest.approx(2.5, abs=1e-3)
+
+
+def test_all_are_slow_after_a_hold_also_those_that_come_back_later() -> None:
+    intake, there = SensorIntake(2), HERE + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume()
+    intake.step(NOWHERE, UNTURNED, valid(False, False), reached=HERE, dt=DT)
+    for _ in range(200):
+        intake.step(there, UNTURNED, valid(True, False), reached=HERE, dt=DT)
+    before = HERE
+    for tick in range(900):
+        intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+        assert tick == 0 or np.abs(intake.position - before).max() <= SLOW.speed * DT + 1e-9
+        before = intake.position.copy()
+    assert (before == there).all()
+    intake.step(HERE, UNTURNED, valid(True, False), reached=HERE, dt=DT)  # a loss later on is as ever
+    for _ in range(60):
+        intake.step(HERE, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+    assert intake.away < 1e-3
+
+
+def test_a_sensor_that_stays_away_holds_no_other_back() -> None:
+    intake = SensorIntake(2, SLOW)
+    intake.start(HERE, about_z(0.0), valid(True, True))
+    intake.resume()
+    there = HERE + 0.1
+    for _ in range(600):
+        intake.step(there, about_z(1.0), valid(False, True), reached=HERE, dt=DT)
+    assert intake.position[1] == pytest.approx(there[1], abs=1e-5) and intake.away < 1e-5
+
+
+def test_slow_is_slow_in_real_time() -> None:
+    """A recording that is played four times as fast."""
+    intake, there = SensorIntake(2), HERE + np.array([0.0, 0.0, 0.5])
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume(4.0)
+    intake.step(there, UNTURNED, valid(True, True), reached=HERE, dt=4.0 * DT)
+    assert np.abs(intake.position - HERE).max() == pytest.approx(SLOW.speed * DT)
+
+
+def test_a_new_start_forgets_what_was_led_in() -> None:
+    intake = SensorIntake(2, SLOW)
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.resume()
+    intake.step(HERE + 0.5, UNTURNED, valid(True, True), reached=HERE, dt=DT)
+    intake.start(HERE, UNTURNED, valid(True, True))
+    intake.step(HERE, UNTURNED, valid(True, True), reached=HERE + 1.0, dt=DT)
+    assert (intake.position == HERE).all() and intake.away == 0.0

@@ -15,7 +15,7 @@ from retarget.errors import ConfigError, InputError, UsageError
 from retarget.human.performer_calibration import person_of, person_path, read_person, write_person
 from retarget.human.samples import Performance
 from retarget.live.admission import SECOND_SOURCE
-from retarget.live.begin import FRONT_M, RAISED, REFUSALS, RISE_M, SURE_S, Beginning, LiveOptions, SideCheck, begin_live
+from retarget.live.begin import FRONT_M, RAISED, REFUSED, RISE_M, SURE_S, Beginning, LiveOptions, SideCheck, begin_live
 from retarget.live.performer import LivePerformer
 from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S
 from retarget.live.stream import LiveStream
@@ -144,7 +144,7 @@ def test_only_a_left_wrist_that_stays_up_in_front_passes(
         if check.seen == RAISED:
             assert shown >= SURE_S
             return
-        if check.seen in REFUSALS:
+        if check.seen in REFUSED:
             return
 
 

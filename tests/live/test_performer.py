@@ -3,7 +3,7 @@
 import pytest
 
 from hardware.clock import VirtualClock
-from live_rig import WHERE, live_stream
+from live_rig import WHERE, five, live_stream
 from messages import refuses
 from retarget.errors import InputError, UsageError
 from retarget.live.begin import LiveOptions, begin_live
@@ -60,3 +60,22 @@ def test_a_file_without_wrists_is_refused_at_once() -> None:
     without = plain.model_copy(update={"sensors": {name: plain.sensors[name] for name in ("head", "l_ankle")}})
     with refuses(UsageError, "l_wrist", "r_wrist"):
         begun(without)
+
+
+@pytest.mark.parametrize(
+    ("where", "deadlines", "waits"), [("web://", False, True), ("web://", True, False), (WHERE, False, False)]
+)
+def test_a_page_is_waited_for_without_limit_where_nothing_has_torque(where: str, deadlines: bool, waits: bool) -> None:
+    stream = live_stream(FakeSender(), five())
+    found = begin_live(
+        stream,
+        LiveOptions(countdown=0.2),
+        clock=VirtualClock(),
+        rate_hz=100.0,
+        where=where,
+        notify=lambda text: None,
+        has_deadlines=deadlines,
+    ).samples
+    assert isinstance(found, LivePerformer) and found.paused is waits
+    found.clutch(engaged=False)
+    assert found.paused

@@ -399,3 +399,34 @@ def test_who_stands_with_feet_together_or_as_wide_as_a_stride_is_measured(
     at = moved({name: points[name] - [2.0, -1.0, 0.0] for name in FIVE}, apart)
     at["l_ankle"] = at["l_ankle"] + np.array([ahead, 0.0, 0.04])
     assert measured(at) == pytest.approx(PERSON.stature, rel=0.04)
+
+
+def facing_back() -> FloatArray:
+    """Orientation of a head whose face is where left and right have the back."""
+    return rotations.from_axis_angle([0.0, 0.0, 1.0], np.pi)
+
+
+@pytest.mark.parametrize("known", [None, STATURE])
+def test_toes_or_a_face_that_point_backward_show_a_mirrored_performer(known: float | None) -> None:
+    at = standing()
+    ahead = {f"{side}_toe": at[f"{side}_ankle"] + [0.15, 0.0, -0.05] for side in "lr"}
+    assert measured(at | ahead) == pytest.approx(STATURE, rel=0.02)
+    with refuses(InputError, found=("left toes", "right toes")):
+        measured({name: place * [-1.0, 1.0, 1.0] for name, place in (at | ahead).items()}, known)
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_a_face_counts_only_where_the_axes_are_the_performers(oriented: bool) -> None:
+    at = standing()
+    capture = RestCapture(where="test", oriented=oriented)
+    turns = np.full((len(at), 4), np.nan)
+    turns[list(at).index("head")] = facing_back()
+    for tick in range(60):
+        capture.take(
+            0.02 * tick, SensorSample(tuple(at), np.array([*at.values()]), turns, np.ones(len(at), dtype=bool))
+        )
+    if not oriented:
+        assert capture.result().dimensions.stature == pytest.approx(STATURE, rel=0.02)
+        return
+    with refuses(InputError, found="your head faces backward", next_step="--mirrored-camera"):
+        capture.result()

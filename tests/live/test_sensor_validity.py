@@ -341,3 +341,19 @@ def test_real_slimevr_bytes_raise_no_alarm(shared: Path) -> None:
     assert {state for stamp, states in alarms for state in states if stamp < 1.1} == {0, ValidityState.JUMPED}
     assert {state for stamp, states in alarms for state in states if stamp >= 1.1} == {0}
     assert alarms[-1][0] > 15.0
+
+
+def test_a_sensor_that_drops_out_again_and_again_is_said_once_and_then_counted() -> None:
+    """A camera's pictures stall for 0.4 s in every 1.5 s, for 75 s: 50 times."""
+    validity, said = SensorValidity(NAMES[:1]), list[tuple[float, str]]()
+    row, turn = np.zeros(1, dtype=np.intp), np.array([[1.0, 0.0, 0.0, 0.0]])
+    for tick in range(7500):
+        now = 0.01 * tick
+        if now % 1.5 < 1.1:
+            at = np.array([[0.0, 0.01 * np.sin(now), 1.6]])
+            validity.take(row, now, position=at, orientation=turn, tracked=np.ones(1, dtype=bool))
+        validity.judge(now)
+        said += [(now, text) for text in validity.messages()]
+    begins = [(round(now), text.rpartition(" (")[2]) for now, text in said if "back" not in text]
+    assert [counted for _, counted in begins[1:]] == ["21 times so far)", "41 times so far)"]
+    assert len(said) == 6 and begins[0][0] <= 2 and said[1][1] == "head: back"

@@ -307,7 +307,7 @@ def test_silence_while_it_runs_is_reported_once_and_again_when_it_comes_again() 
     sender = FakeSender(faults=[silent(2.0, 5.0), silent(7.0, 8.5), silent(9.0, 9.5)])
     messages = looks(live_stream(sender, five()), 0.0, 11.0)
     assert [round(time, 1) for time, _ in messages] == [3.0, 8.0]
-    assert all(text.startswith("nothing has arrived for 1.0 s: see that the sender runs") for _, text in messages)
+    assert all(text.startswith("nothing has arrived for 1.0 s. See that the sender runs") for _, text in messages)
 
 
 class Motive:
@@ -397,3 +397,25 @@ def test_where_nothing_arrives_at_a_socket_its_address_and_reach_are_named() -> 
         receiver.close()
     assert port > 0
     shows(text, "127.0.0.1", "UDP", port, f"vmc://0.0.0.0:{port}?allow=ITS_ADDRESS", "`retarget doctor vmc://:39539`")
+
+
+def test_a_page_is_advised_as_a_page() -> None:
+    stream = live_stream(FakeSender(faults=[silent(2.0, 9.0)]), five())
+    stream.kind = "web"
+    messages = looks(stream, 0.0, 4.0)
+    assert len(messages) == 1
+    shows(messages[0][1])
+    shows(StreamProblems(stream).briefly(4.0, 0.2))
+    stream.decoder.dropped.note("picture without a person")
+    stream.arrived = 5
+    stream.frames = 0
+    shows(str(unusable(stream, ["head"], 10.0, where="web://", now=4.0)), "picture without a person")
+
+
+def test_a_page_whose_pictures_stall_has_no_clock_that_jumps() -> None:
+    said: list[str] = []
+    stamps = FakeSender(stamp=lambda time: 1000.0 + time + (0.15 if 0.5 < time < 1.5 else 0.0))
+    stream = live_stream(stamps, five())
+    stream.kind = "web"
+    polled(stream, said, seconds=2.5)
+    assert not said

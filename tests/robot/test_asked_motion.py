@@ -1,5 +1,6 @@
 """Goals of one tick: near to where the robot is, towards what is asked, and none for what was not asked."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,13 +73,20 @@ OWN, CATCH_UP, SPEED = 40.0, 20.0, 2.0
 
 
 def followed(
-    asked: FloatArray, dt: float = DT, *, start: float | None = None, lead_time: float = 0.0, own: float = OWN
+    asked: FloatArray,
+    dt: float = DT,
+    *,
+    start: float | None = None,
+    lead_time: float = 0.0,
+    own: float = OWN,
+    speed_override: Sequence[float] | None = None,
 ) -> FloatArray:
-    """Where a point gets (T,) m that follows asked (T,) m along x and reaches every goal."""
+    """Where a point gets (T,) m that follows asked (T,) m along x and reaches every goal. speed_override (T,)."""
     passing = MotionFilter(np.array([[own, CATCH_UP, SPEED]]), np.array([lead_time]))
     here, last, way = asked[0] if start is None else start, asked[0], []
-    for there in asked.tolist():
-        step = passing.step(np.array([[there - last, 0.0, 0.0]]), np.array([[there - here, 0.0, 0.0]]), dt)
+    for there, share in zip(asked.tolist(), speed_override or [1.0] * len(asked), strict=True):
+        moved, error = (np.array([[off, 0.0, 0.0]]) for off in (there - last, there - here))
+        step = passing.step(moved, error, dt, speed_override=share)
         here, last = here + float(step[0, 0]), there
         way.append(here)
     return np.array(way)
@@ -93,6 +101,23 @@ def test_a_gap_closes_without_overshoot_within_the_limits(gap: float, dt: float)
     assert speed.max() <= min(RATE * gap, SPEED) + 1e-9
     change = np.diff(speed, prepend=0.0) / dt
     assert change.max() <= CATCH_UP + 1e-6 and change.min() >= -2.0 * CATCH_UP * (1.0 + RATE * dt)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_a_slower_robot_catches_up_more_slowly_and_gently(share: float) -> None:
+    way = followed(np.full(1500, 1.0), start=0.0, speed_override=[share] * 1500)
+    speed = np.diff(way, prepend=0.0) / DT
+    assert speed.max() <= share * SPEED + 1e-9 and way.max() <= 1.0 + 1e-9 and way[-1] == pytest.approx(1.0, abs=1e-3)
+    assert (np.diff(speed, prepend=0.0) / DT).max() <= share**2 * CATCH_UP + 1e-6
+
+
+@pytest.mark.parametrize(("before", "after"), [(1.0, 0.5), (1.0, 0.2), (0.5, 0.5)])
+def test_a_slower_robot_brakes_as_hard_as_any(before: float, after: float) -> None:
+    """The motion stops, and the robot is made slower in the same tick: it goes on no farther than it would."""
+    asked = np.minimum(1.5 * DT * np.arange(600.0), 1.5 * DT * 200)
+    shares = [before] * 200 + [after] * 400
+    fast = followed(asked).max() - asked[-1]
+    assert followed(asked, speed_override=shares).max() - asked[-1] <= fast + 0.03
 
 
 @pytest.mark.parametrize("own", [1.0, OWN])

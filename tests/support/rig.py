@@ -54,7 +54,7 @@ class StubReconstructor(Reconstructor):
     def away(self) -> float:
         return self.off
 
-    def resume(self) -> None:
+    def resume(self, speed: float = 1.0) -> None:
         self.resumed += 1
 
     def start(self, sample: SensorSample) -> HumanPosture:

@@ -485,6 +485,7 @@ def test_a_run_that_has_ended_is_left_alone(browser: Any, stand_in: StandIn) -> 
     with opened(browser, stand_in) as page:
         stand_in.state = {"state": "ended"}
         says(page, "The run is over", where="why")
+        assert page.locator("#stop").is_disabled() and page.locator("#pause").is_disabled()
         stand_in.wait(lambda: not stand_in.pages)
 
 

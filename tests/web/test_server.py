@@ -22,6 +22,7 @@ from retarget.errors import ConfigError
 from retarget.live.admission import Datagram
 from retarget.model.human import build_human
 from retarget.run.table import RunTable
+from retarget.types import FloatArray
 from retarget.web.feed import PageSetup, Settings, ViewFeed
 from retarget.web.link import PoseReceiver, open_web
 
@@ -351,23 +352,34 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         anna.say(say="health", rtt_ms=4.0)
         one.told("here")
         one.until(lambda: not [*one.control.poll(0.0)] and one.control.health)
-        one.feed._send(
-            RunTable(
-                time=np.array(1.0),
+
+        def row(time: float, q: FloatArray, doing: str = "following", reason: str = "") -> RunTable:
+            return RunTable(
+                time=np.array(time),
                 latency=np.array(0.007),
                 human_q=build_human(dimensions(performer())).body.qpos0,
-                q=goal,
-                doing=np.array("holding", dtype=np.object_),
-                reason=np.array("l_wrist: lost", dtype=np.object_),
+                q=q,
+                doing=np.array(doing, dtype=np.object_),
+                reason=np.array(reason, dtype=np.object_),
                 landmarks_asked=asked,
                 sensors=sensors,
             )
-        )
+
+        def clipped(time: float, q: FloatArray) -> list[str]:
+            one.feed._send(row(time, q))
+            return list(anna.hear("state")["clipped"])
+
+        late = goal.copy()
+        late[robot.body.joint_qpos[robot.body.joint_index("l_sho_pitch")]] += 0.5
+        # A hand that comes is late; one that has stood still for half a second is out of reach.
+        assert [clipped(0.1, late), *(clipped(time, goal) for time in (0.4, 0.6, 0.8))] == [[], [], [], []]
+        assert clipped(1.0, goal) == ["left hand 12 cm out of reach"]
+        one.feed._send(row(1.1, goal, "holding", "l_wrist: lost"))
         state = anna.hear("state")
         assert (state["state"], state["why"]) == ("holding", "l_wrist: lost")
         assert state["sensors"] == {"head": True, "l_wrist": False}
         assert state["latency_ms"] == {"page to goal": 9.0}
-        assert state["clipped"] == ["left hand 12 cm out of reach"]
+        assert state["clipped"] == []
         for who in ("human", "robot"):
             poses = state["tracks"][f"{who}.poses"]
             assert len(poses) == 7 * len(scene[who]["body"]["meshes"]) and np.isfinite(poses).all()

@@ -151,7 +151,7 @@ async function stayAwake() {
 
 function headline() {
   if (link.state === LINK.REFUSED) return { state: "refused", why: page.refusal };
-  if (link.state !== LINK.OPEN && page.run?.state === "ended") return { state: "ended", why: page.run.why || "The run is over. Start the next one, and open its address." };
+  if (link.state !== LINK.OPEN && page.run?.state === "ended") return { state: "ended", why: `${page.run.why ? `${page.run.why}. ` : ""}The run is over. Start the next one, and open its address.` };
   if (link.state === LINK.OPENING && !page.welcome) return { state: "connecting", why: "" };
   if (link.state !== LINK.OPEN) return { state: "not connected", why: lostWords() };
   const state = page.run?.state || "waiting";
@@ -204,6 +204,7 @@ function numbers() {
 
 function show() {
   const { state, why, note } = headline();
+  byId("stop").disabled = link.state !== LINK.OPEN && page.run?.state === "ended"; // no robot is there to be stopped
   const connected = link.state === LINK.OPEN;
   const run = (connected && page.run) || {}; // what was last known is not known any more
   document.body.dataset.view = page.view;

@@ -56,7 +56,7 @@ def test_a_performer_is_followed_and_the_robot_goes_to_rest() -> None:
     np.testing.assert_allclose(sent.q[-1, robot.servo_columns], rest[robot.servo_columns], atol=1e-6)
 
 
-def test_sides_that_are_swapped_are_held_and_then_followed_by_a_blend() -> None:
+def test_sides_that_are_swapped_are_held_and_then_followed_slowly() -> None:
     rig = LiveRig(
         FakeSender(faults=[swapped("l_ankle", "r_ankle", 5.5, 99.0)]),
         options=LiveOptions(countdown=0.5, duration=4.5),
@@ -214,7 +214,7 @@ def lost_wrist(intake: IntakeTimes, monkeypatch: pytest.MonkeyPatch) -> tuple[Li
 
 
 @pytest.mark.long
-def test_a_sensor_that_comes_back_is_blended_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sensor_that_comes_back_is_led_in_and_no_joint_goes_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, result = lost_wrist(SLOW, monkeypatch)
     shows(rig.said, "l_wrist")
     assert result.stop is None and result.record.robot is not None

@@ -1,0 +1,44 @@
+"""Advice on a stream: what is wrong and what to do, by symptom and kind of source, from the table `advice.yaml`."""
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from retarget.schema import strict_yaml
+
+MAX_KNOWN = 128
+"""Symptoms whose rows are kept: a hold asks in every tick, and a sender may make up new ones."""
+
+
+class Advice(NamedTuple):
+    """what: is wrong, then: what to do; "" for nothing."""
+
+    what: str
+    then: str
+
+    @property
+    def text(self) -> str:
+        """Both as one text."""
+        return ". ".join(part for part in self if part)
+
+
+@cache
+def _rows() -> list[dict[str, str]]:
+    table: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("advice.yaml")).data
+    rows: list[dict[str, str]] = table["rows"]
+    return rows
+
+
+@lru_cache(maxsize=MAX_KNOWN)
+def _row(symptom: str, kind: str) -> dict[str, str]:
+    """The first row that fits; an empty one where none does."""
+    fits = (row for row in _rows() if row.get("kind", kind) == kind and fnmatchcase(symptom, row["symptom"]))
+    return next(fits, {})
+
+
+def advice(symptom: str, kind: str = "", **facts: Any) -> Advice:
+    """The advice on a symptom of a stream of this kind, a scheme of an address, with facts filled in."""
+    row = _row(symptom, kind)
+    return Advice(row.get("what", "").format_map(facts), row.get("then", "").format_map(facts))
