@@ -61,7 +61,7 @@ def replay(
         raise UsageError("only goals are sent slower", where="--speed", next_step="Leave it out, or add --goals")
     if goals and (report or save):
         raise UsageError("goals alone have no report", where="--report, --save", next_step="Leave them out")
-    outputs = Outputs.checked(report=report, save=save, plots=None, overwrite=overwrite)
+    outputs = Outputs.checked(report=report, save=save, overwrite=overwrite)
     found = read_recording(file)
     cycles = found.cycles
     if found.damage:

@@ -559,6 +559,7 @@ class RunRequest:
         best_likeness: Add the best likeness that the joints allow.
         save FILE.npz: Write every tick, for other tools.
         plots DIR: Write pictures.
+        animate FILE.webp|.gif|.mp4: Write performer and robot as they move.
         record FILE.mcap: Keep the run as it goes, for `retarget replay`.
         verbose: Print every figure, not the sentence alone.
     """
@@ -572,6 +573,7 @@ class RunRequest:
     best_likeness: bool = False
     save: Path | None = None
     plots: Path | None = None
+    animate: Path | None = None
     view: Annotated[
         int | None,
         typer.Option(
@@ -591,7 +593,12 @@ class RunRequest:
         usual = "web" if self.source.startswith("web:") else self.options.performer_name
         options = replace(self.options, gate=not self.no_gate, performer=self.options.performer or usual)
         outputs = Outputs.checked(
-            report=self.report, save=self.save, plots=self.plots, record=self.record, overwrite=self.overwrite
+            report=self.report,
+            save=self.save,
+            plots=self.plots,
+            animate=self.animate,
+            record=self.record,
+            overwrite=self.overwrite,
         )
         if is_address(self.source):
             played = options.playback

@@ -225,7 +225,7 @@ def body_from_file(file: BodyFile) -> BodyModel:
             for suffix in _VELOCITY_SUFFIXES[JointType(kind)]
         ),
         frames=tuple(_frame(model, i) for i in range(model.nsite)),
-        geoms=tuple(_geom(model, i) for i in range(model.ngeom)),
+        geoms=geoms_of(model),
         parent=_ints(model.body_parentid),
         body_pos=_floats(model.body_pos),
         body_quat=_directions(model.body_quat),
@@ -251,6 +251,11 @@ def _frame(model: Any, index: int) -> Frame:
         position=_floats(model.site_pos[index]),
         quat=_directions(model.site_quat[index]),
     )
+
+
+def geoms_of(model: Any) -> tuple[Geom, ...]:
+    """The shapes of a `mujoco.MjModel`."""
+    return tuple(_geom(model, index) for index in range(model.ngeom))
 
 
 def _geom(model: Any, index: int) -> Geom:

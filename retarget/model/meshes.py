@@ -1,7 +1,8 @@
 """The shapes of a body as triangles, link by link: the one source of pictures, of pages and of what a headset shows."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
@@ -91,6 +92,30 @@ def _box(half: FloatArray) -> Mesh:
     return Mesh(half * sides.reshape(-1, 3), faces.reshape(-1, 3))
 
 
+ROUND, ROUND_STEPS = 0.25, 2
+"""Radius of the edges of a box that is a link, in its least half side, and steps of a quarter of their circle."""
+
+
+def _rounded(half: FloatArray) -> Mesh:
+    """A box (3,) whose edges are round: the eighths of a ball, apart."""
+    radius = ROUND * float(half.min())
+    quarter = np.linspace(0.0, 0.5 * np.pi, ROUND_STEPS + 1)
+    up = np.concatenate([quarter - 0.5 * np.pi, quarter])[:, None]
+    about = (0.5 * np.pi * np.arange(4)[:, None] + quarter).ravel()
+    ball = [np.cos(up) * np.cos(about), np.cos(up) * np.sin(about), np.repeat(np.sin(up), len(about), axis=1)]
+    middle = np.repeat([0.25 * np.pi, 0.75 * np.pi, 1.25 * np.pi, 1.75 * np.pi], len(quarter))
+    below = np.repeat([-1.0, 1.0], len(quarter))[:, None]
+    signs = [np.sign(np.cos(middle)) + 0.0 * up, np.sign(np.sin(middle)) + 0.0 * up, below + 0.0 * middle]
+    vertices = radius * np.stack(ball, axis=-1) + (half - radius) * np.stack(signs, axis=-1)
+    number = np.arange(vertices[..., 0].size).reshape(len(up), len(about))
+    after = np.roll(number, -1, axis=1)
+    a, b, c, d = number[:-1], after[:-1], after[1:], number[1:]
+    sides = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    low, high = number[0, :: len(quarter)], number[-1, :: len(quarter)]
+    ends = [low[[0, 2, 1]], low[[0, 3, 2]], high[[0, 1, 2]], high[[0, 2, 3]]]
+    return Mesh(vertices.reshape(-1, 3), np.concatenate([sides, np.array(ends)]))
+
+
 # The links of a body.
 
 MOST_TRIANGLES = 8000
@@ -108,21 +133,37 @@ def link_meshes(body: BodyModel) -> dict[int, Mesh]:
     and height fields are left out. Of a link's shapes only those for looking at (which collide with nothing), if it has
     any."""
     reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
+    return _coarse(range(1, len(body.parent)), partial(_parts, body), reach, MOST_TRIANGLES)
+
+
+def link_shapes(geoms: Sequence[Geom], links: Iterable[int], *, reach: float, most: int) -> dict[int, Mesh]:
+    """The shapes of each of these links that has some, as `link_meshes` has them, of at most about so many triangles.
+    reach: size of the body, m."""
+    return _coarse(links, partial(_shapes, geoms), reach, most)
+
+
+def _coarse(
+    links: Iterable[int], parts_of: Callable[[int, int, float], list[Mesh]], reach: float, most: int
+) -> dict[int, Mesh]:
+    """The parts of each link that has some as one mesh, as fine as that many triangles allow."""
     meshes: dict[int, Mesh] = {}
+    links = tuple(links)
     for around in DETAILS:
         cell = 0.0 if around == DETAILS[0] else reach / (CELLS * around)
-        meshes = {
-            link: joined(parts) for link in range(1, len(body.parent)) if (parts := _parts(body, link, around, cell))
-        }
-        if sum(len(mesh.faces) for mesh in meshes.values()) <= MOST_TRIANGLES:
+        meshes = {link: joined(parts) for link in links if (parts := parts_of(link, around, cell))}
+        if sum(len(mesh.faces) for mesh in meshes.values()) <= most:
             break
     return meshes
 
 
-def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[Mesh]:
-    geoms = [geom for geom in body.geoms if geom.body == link]
+def _shapes(geoms: Sequence[Geom], link: int, around: int, cell: float) -> list[Mesh]:
+    geoms = [geom for geom in geoms if geom.body == link]
     geoms = [geom for geom in geoms if not geom.collides] or geoms
-    parts = [mesh for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
+    return [mesh for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
+
+
+def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[Mesh]:
+    parts = _shapes(body.geoms, link, around, cell)
     ends, begin = list(body.body_pos[body.parent == link]), np.zeros(3)
     points = joined(parts).vertices if parts else np.array(ends).reshape(-1, 3)
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (begin, begin)
@@ -154,7 +195,9 @@ def _geom_mesh(geom: Geom, around: int, cell: float) -> Mesh | None:
         mesh = Mesh(geom.size * ball.vertices, ball.faces)
     elif geom.kind == "sphere":
         mesh = shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0), around=around)
-    elif geom.kind in ("capsule", "cylinder", "box"):
+    elif geom.kind == "box":
+        mesh = _rounded(geom.size)
+    elif geom.kind in ("capsule", "cylinder"):
         mesh = shape_mesh(ShapeKind[geom.kind.upper()], size, around=around)
     else:
         return None

@@ -14,7 +14,8 @@ from retarget.model.robot import RobotBody
 from retarget.model.scene_state import obstacle_meshes, obstacle_poses
 from retarget.report import motion_metrics
 from retarget.report.findings import moments
-from retarget.report.plots import HUMAN_BONES, POSES, unlike_ticks
+from retarget.report.plots import POSES, unlike_ticks
+from retarget.report.solid import HUMAN_BONES, facing_x
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.record import PHASE_NAMES
 from retarget.run.run_result import RunResult
@@ -94,13 +95,6 @@ def _performer(run: RunResult, rows: IntArray) -> dict[str, Any]:
     marks = turned(run.sensors_asked[rows], heading)
     made = figure("performer", run.human.solid, poses, marks=marks, layers=("servos",), scene=scene)
     return made | {"caption": caption}
-
-
-def facing_x(poses: FloatArray, heading: FloatArray) -> FloatArray:
-    """Poses (T, m, 7) of a world in which a body faces `heading` (1, 2), as seen where it faces x."""
-    half = -0.5 * float(np.arctan2(heading[0, 1], heading[0, 0]))
-    turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-    return np.concatenate([turned(poses[..., :3], heading), rotations.multiply(turn, poses[..., 3:])], axis=-1)
 
 
 def _robot(run: RunResult, rows: IntArray) -> dict[str, Any] | None:

@@ -17,14 +17,15 @@ PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 
 @dataclass(frozen=True)
 class Outputs:
-    """Paths of report, page, recording and pictures of a run; None: nowhere. While it goes on record is written, and
-    the page at port view shows it. overwrite: replace what is there. best_likeness: the report has that, too.
+    """Paths of report, page, recording, pictures and animation of a run; None: nowhere. While it goes on record is
+    written, and the page at port view shows it. overwrite: replace what is there. best_likeness: the report has it.
     verbose: every figure is printed."""
 
     report: Path | None = None
     page: Path | None = None
     save: Path | None = None
     plots: Path | None = None
+    animate: Path | None = None
     record: Path | None = None
     view: int | None = None
     overwrite: bool = False
@@ -34,7 +35,7 @@ class Outputs:
     @property
     def measured(self) -> bool:
         """Whether a file is asked for that is written of the whole run."""
-        return not (self.report is None and self.page is None and self.save is None and self.plots is None)
+        return any((self.report, self.page, self.save, self.plots, self.animate))
 
     @classmethod
     def checked(
@@ -42,7 +43,8 @@ class Outputs:
         *,
         report: Path | None,
         save: Path | None,
-        plots: Path | None,
+        plots: Path | None = None,
+        animate: Path | None = None,
         record: Path | None = None,
         overwrite: bool = False,
     ) -> "Outputs":
@@ -52,6 +54,7 @@ class Outputs:
             page=None if report is None else page_path(report),
             save=None if save is None else save_path(save),
             plots=plots,
+            animate=None if animate is None else _animation_path(animate),
             record=record,
             overwrite=overwrite,
         )
@@ -69,7 +72,12 @@ class Outputs:
 
     def refuse_existing(self, option: str = "") -> None:
         """Raise UsageError for the first file that is there already. option: by which all of them were asked for."""
-        places = [("--report", self.report), ("--report", self.page), ("--save", self.save)]
+        places = [
+            ("--report", self.report),
+            ("--report", self.page),
+            ("--save", self.save),
+            ("--animate", self.animate),
+        ]
         if self.plots is not None:
             places += [("--plots", self.plots / f"{name}.png") for name in PICTURE_NAMES]
         for own, path in places:
@@ -81,6 +89,8 @@ class Outputs:
         if self.page is not None or self.plots is not None:
             from retarget.report.page import write_page
             from retarget.report.plots import figures_of, write_plots
+        if self.animate is not None:
+            from retarget.report.solid import write_animation
 
         figures = cache(lambda: figures_of(run))  # page and pictures show the same
         tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
@@ -88,6 +98,7 @@ class Outputs:
             ("run", self.save, lambda path: write_npz(run, path)),
             ("page", self.page, lambda path: write_page(run, report, path, figures=figures())),
             ("picture", self.plots, lambda path: write_plots(figures(), path)),
+            ("animation", self.animate, lambda path: write_animation(run, path)),
         ]
         files: list[tuple[str, Path]] = []
         problems: list[str] = []
@@ -103,6 +114,13 @@ class Outputs:
         return WrittenFiles(tuple(files), tuple(problems))
 
 
+def _animation_path(path: Path) -> Path:
+    """As `animation_path`, which is imported with what draws."""
+    from retarget.report.solid import animation_path
+
+    return animation_path(path)
+
+
 @dataclass(frozen=True)
 class WrittenFiles:
     """What became of the files of a run. files: what each one is, and where; problems: why others are not there."""
@@ -112,7 +130,7 @@ class WrittenFiles:
 
     @property
     def first(self) -> Path | None:
-        """The file to look at first: the page, else the picture of the poses, else any; None where there is none."""
+        """The file to look at first: page, animation or picture of the poses, else any; None where there is none."""
         by_name = {path.name if what == "picture" else what: path for what, path in self.files}
-        known = (by_name.get(what) for what in ("page", "poses.png", "report", "run"))
+        known = (by_name.get(what) for what in ("page", "animation", "poses.png", "report", "run"))
         return next(filter(None, known), None)

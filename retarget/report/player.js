@@ -51,12 +51,59 @@ function drawStrip() {
   pen.fillRect(ratio * (at(data.time[row]) - 1), 0, 2 * ratio, canvas.height);
 }
 
+// The bodies as they are seen, from where following begins to the end or until it is paused, at the speed of the page.
+let film = null;
+const KINDS = ["video/mp4;codecs=avc1.42E01F", "video/webm"];
+
+function startFilm() {
+  const sheet = document.createElement("canvas"), shown = figures.map(({ viewOn }) => viewOn.canvas), parts = [];
+  sheet.width = 2 * Math.ceil(shown.reduce((sum, canvas) => sum + canvas.width, 0) / 2); // H.264 has even sizes
+  sheet.height = 2 * Math.ceil(Math.max(...shown.map((canvas) => canvas.height)) / 2);
+  const mimeType = KINDS.find((kind) => MediaRecorder.isTypeSupported(kind));
+  film = new MediaRecorder(sheet.captureStream(30), { mimeType, videoBitsPerSecond: 8e6 });
+  film.paint = () => paintFilm(sheet.getContext("2d"), shown);
+  film.ondataavailable = ({ data }) => parts.push(data);
+  film.onstop = () => {
+    const name = document.title.replace(/\.\w+$/, "") + (mimeType.startsWith("video/mp4") ? ".mp4" : ".webm");
+    const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob(parts, { type: mimeType })), download: name });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+  };
+  row = Math.max(0, data.phase.indexOf("f"));
+  $("film").setAttribute("aria-pressed", "true");
+  film.start();
+  play();
+}
+
+function paintFilm(pen, shown) {
+  const style = getComputedStyle(shown[0]), ratio = shown[0].width / shown[0].clientWidth;
+  pen.fillStyle = style.backgroundColor;
+  pen.fillRect(0, 0, pen.canvas.width, pen.canvas.height);
+  pen.fillStyle = colour.soft;
+  pen.textAlign = "center";
+  pen.font = `${16 * ratio}px ${style.fontFamily}`;
+  let from = 0;
+  shown.forEach((canvas, i) => {
+    pen.drawImage(canvas, from, 0);
+    pen.fillText(figures[i].label, from + canvas.width / 2, 24 * ratio);
+    from += canvas.width;
+  });
+}
+
+function endFilm() {
+  const ended = film;
+  setTimeout(() => ended?.stop(), 300); // with the last picture, however short it is
+  film = null;
+  $("film").setAttribute("aria-pressed", "false");
+}
+
 function draw() {
   for (const figure of figures) {
     figure.viewOn.show(frame(figure, row), side);
     if (figure.viewOn.scene) $("say-" + figure.name).textContent = "grid " + length(figure.viewOn.cell);
   }
   if (above) drawAbove();
+  film?.paint();
   drawStrip();
   plot?.draw(data.time, (name, at, joint) => joints[name][joints.names.length * at + joint], data.time[row]);
   $("scrub").value = row;
@@ -82,7 +129,7 @@ function tick(now) {
   before = now;
   row = nearest(shown);
   draw();
-  if (row >= rows - 1 && !data.repeats) return pause();
+  if (row >= rows - 1 && (film || !data.repeats)) return pause();
   if (row >= rows - 1) shown = data.time[0];
   requestAnimationFrame(tick);
 }
@@ -98,6 +145,7 @@ function play() {
 
 function pause() {
   playing = false;
+  endFilm();
   $("play").textContent = "▶ Play";
 }
 
@@ -109,6 +157,8 @@ function show(next) {
 
 $("scrub").max = rows - 1;
 $("play").addEventListener("click", () => (playing ? pause() : play()));
+$("film").addEventListener("click", () => (film ? pause() : (pause(), startFilm())));
+$("film").hidden = typeof MediaRecorder === "undefined" || figures.some(({ viewOn }) => !viewOn.scene) || !KINDS.some((kind) => MediaRecorder.isTypeSupported(kind));
 for (const button of document.querySelectorAll(".step")) button.addEventListener("click", () => show(row + Number(button.value)));
 $("scrub").addEventListener("input", (event) => show(Number(event.target.value)));
 const strip = $("strip");

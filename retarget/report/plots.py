@@ -10,19 +10,17 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
+from PIL import Image
 
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import convex_hull, plant
-from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import MIDDLE, SIDES
 from retarget.report import motion_metrics
 from retarget.report.likeness import ARMS, LEAN, limb_angles
 from retarget.report.motion_metrics import moved_joints
-from retarget.report.solid import ELEVATION, facets_of, lit, project
+from retarget.report.solid import SHADE, SHARPER, feet_of, performer_postures, robot_postures
 from retarget.report.tracking import performance_of, performer_facing, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder
@@ -75,74 +73,12 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 # A strip of poses: the performer as reconstructed, and the robot below, at the same instants, facing the same way.
 
-# A body in some postures, where each stands in the picture.
-
-Bone = tuple[str, str]
-"""Two points that a line joins."""
-
-SHADOW, THIN, MARGIN = 0.24, 0.010, 0.03
-"""Radius of the shadow, thickness of a recorded bone, and room beside a body, in its heights."""
-_BELOW, _SOLES, _BODY, _OVER = range(4)
-"""Layers of the picture."""
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnPostures:
-    """A body in p postures that face x, with the feet at the origin, in heights of the body.
-
-    corners (p, f, 3, 3), normal (p, f, 3), colour (f, 3): its facets. soles: outlines (p, c, 3) on the ground.
-    recorded (p, k, 3): ends of thin black lines over it, pairs of points in `bones`.
-    """
-
-    corners: FloatArray
-    normal: FloatArray
-    colour: FloatArray
-    soles: tuple[FloatArray, ...] = ()
-    recorded: FloatArray | None = None
-    bones: tuple[tuple[int, int], ...] = ()
-
-    def extent(self, pose: int) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of one posture in the picture, all that is drawn included."""
-        shown = [self.corners[pose].reshape(-1, 3), *(sole[pose] for sole in self.soles)]
-        if self.recorded is not None:
-            shown.append(self.recorded[pose])
-        across, up, _ = project(np.concatenate(shown))
-        return (
-            min(float(np.nanmin(across)) - MARGIN, -SHADOW),
-            max(float(np.nanmax(across)) + MARGIN, SHADOW),
-            min(float(np.nanmin(up)) - MARGIN, -SHADOW * float(np.sin(ELEVATION))),
-            float(np.nanmax(up)) + MARGIN,
-        )
-
-    def draw(self, axes: Axes, pose: int, *, place: tuple[float, float], points_per_unit: float) -> None:
-        """Draw one posture with its origin at `place`. points_per_unit: typographic points to a unit of the picture."""
-        x, y = place
-        flat = 2.0 * SHADOW * float(np.sin(ELEVATION))
-        axes.add_patch(Ellipse(place, 2.0 * SHADOW, flat, facecolor="#eeeeee", zorder=_BELOW))
-        for sole in self.soles:
-            across, up, _ = project(sole[pose])
-            axes.fill(x + across, y + up, facecolor="#d5d5d5", edgecolor="#a0a0a0", linewidth=0.6, zorder=_SOLES)
-        outlines, shades = lit(self.corners[pose], self.normal[pose], self.colour)
-        axes.add_collection(
-            PolyCollection(list(outlines + place), facecolors=shades, edgecolors=shades, linewidths=0.3, zorder=_BODY)
-        )
-        if self.recorded is not None:
-            across, up, _ = project(self.recorded[pose])
-            for bone in self.bones:
-                ends = list(bone)
-                axes.plot(x + across[ends], y + up[ends], color="black", linewidth=THIN * points_per_unit, zorder=_OVER)
-
-
 POSES = 9
-"""In a strip, and where a robot follows, the one that is least alike."""
-WIDTH, MOST_PER_HEIGHT, TITLE = 13.5, 1.7, 0.45
-"""Inches: of the whole picture, of a body's height at most, and of the title."""
-GAP, ROOM = 0.07, 0.12
-"""Between poses and above each line of them, in heights of the head."""
-HUMAN_BONES: tuple[Bone, ...] = tuple(
-    (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
-)
-"""Bones of the human: each joint with the one that carries it."""
+"""In a strip; where a robot follows, one of them is the one that is least alike."""
+WIDTH, MOST_PER_HEIGHT, TITLE, LABEL = 13.5, 1.7, 0.45, 0.36
+"""Inches: of the whole picture, of a body's height at most, of the title, and of two lines over a pose."""
+GAP = 0.07
+"""Between poses and lines of them, in heights of the head."""
 
 
 def plot_poses(run: RunResult) -> Figure | None:
@@ -150,49 +86,62 @@ def plot_poses(run: RunResult) -> Figure | None:
     if run.ticks_followed < 2:
         return None
     ticks, worst = unlike_ticks(run, min(POSES, run.ticks_followed)), least_alike(run)
-    ticks = sorted({*ticks} | ({worst} if worst is not None else set()))
     bodies = [performer_postures(run, ticks)]
     bodies += [] if run.robot is None else [robot_postures(run, ticks)]
     extents = np.array([[body.extent(pose) for pose in range(len(ticks))] for body in bodies])  # (lines, poses, 4)
     left, right = extents[..., 0].min(axis=0), extents[..., 1].max(axis=0)
     ends = np.cumsum(right - left + GAP)
-    places = ends - GAP - right
-    bottom, top = extents[..., 2].min(axis=1), extents[..., 3].max(axis=1) + ROOM
-    floors = -np.cumsum(top) - np.concatenate([[0.0], np.cumsum(-bottom)[:-1]])
-    across, down = float(ends[-1]), float(floors[-1] + bottom[-1])
+    across, places = float(ends[-1]) + SHADE, ends - right
     inches = min(WIDTH / across, MOST_PER_HEIGHT)
+    lines = extents[..., 3].max(axis=1) - extents[..., 2].min(axis=1) + GAP
+    lines[0] += LABEL / inches
+    floors = np.cumsum(lines) + extents[..., 2].min(axis=1)
+    down = float(lines.sum())
+    scale = SHARPER * DPI * inches
+    picture = Image.new("RGB", (round(scale * across), round(scale * down)), "white")
+    for body, floor in zip(bodies, (scale * floors).tolist(), strict=True):
+        for pose, place in enumerate((scale * places).tolist()):
+            body.draw(picture, pose, place=(place, floor), scale=scale)
     title = "A performer, reconstructed (left orange, right blue)"
     if run.robot is not None:
         title = f"A performer, and {run.robot.profile.name} following (left orange, right blue)"
     elif run.human_truth is not None:
         title += "; thin: as recorded"
-    figure = new_figure(max(inches * across, 6.0), -inches * down + TITLE, title)
+    figure = new_figure(max(inches * across, 6.0), inches * down + TITLE, title)
     axes = figure.subplots()
-    for pose, tick in enumerate(ticks):
-        for body, floor in zip(bodies, floors, strict=True):
-            place = (float(places[pose]), float(floor))
-            body.draw(axes, pose, place=place, points_per_unit=72.0 * inches)
+    axes.imshow(picture, extent=(0.0, across, down, 0.0), interpolation="antialiased")
+    for place, tick in zip(places.tolist(), ticks, strict=True):
         label = f"{run.record.time[tick]:.1f} s" + ("\nleast alike" if tick == worst else "")
-        axes.text(places[pose], 0.0, label, fontsize=9, ha="center", va="top", color="#555555")
-    axes.set_xlim(-GAP, across)
-    axes.set_ylim(down, 0.0)
-    axes.set_aspect("equal")
+        axes.text(place, 0.0, label, fontsize=9, ha="center", va="top", color="#555555")
     axes.set_axis_off()
     return figure
 
 
 def unlike_ticks(run: RunResult, count: int) -> list[int]:
-    """The `count` ticks at which the performer's postures differ most: the first tick that followed, then each time the
-    one farthest from those chosen. Equal steps would show a motion that repeats itself at one of its phases."""
+    """The `count` ticks at which the performer's postures differ most: the first tick that followed, the one at which
+    the robot is least alike, then each time the one farthest from those chosen, but none sooner after another than half
+    of equal steps. Those would show a motion that repeats itself at one of its phases."""
     following, facing = run.record.following, performer_facing(run)
     points = turned(run.record.human_joints[following], facing)
-    rows = thinned(len(points))
-    points = points[rows] - _feet(points, run.record.human_joint_names)[rows]
-    chosen: list[int] = [0]
-    apart = np.full(len(points), np.inf)
+    rows, worst = thinned(len(points)), least_alike(run)
+    if worst is not None:
+        rows = np.union1d(rows, worst - following.start)
+    points = points[rows] - feet_of(points, run.record.human_joint_names)[rows]
+    apart, room = np.full(len(points), np.inf), 0.5 * len(rows) / count
+    number = np.arange(len(rows))
+    chosen: list[int] = []
+
+    def choose(row: int) -> None:
+        chosen.append(row)
+        apart[:] = np.minimum(apart, np.linalg.norm(points - points[row], axis=-1).sum(axis=-1))
+        apart[np.abs(number - row) < room] = -1.0
+
+    if worst is not None:
+        choose(int(np.searchsorted(rows, worst - following.start)))
+    if apart[0] >= 0.0:
+        choose(0)
     while len(chosen) < count:
-        apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=-1).sum(axis=-1))
-        chosen.append(int(np.nanargmax(apart)))
+        choose(int(np.nanargmax(apart)))
     return sorted(following.start + int(rows[row]) for row in chosen)
 
 
@@ -205,49 +154,6 @@ def least_alike(run: RunResult) -> int | None:
     angles = [angle[following] for limb, angle in limb_angles(run.robot, q, asked).items() if limb in (*ARMS, LEAN)]
     off = np.concatenate(angles, axis=1).sum(axis=1) if angles else np.zeros(0)
     return following.start + int(np.nanargmax(off)) if np.isfinite(off).any() else None
-
-
-def performer_postures(run: RunResult, ticks: list[int]) -> DrawnPostures:
-    """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
-    record, truth = run.record, run.human_truth
-    facing = performer_facing(run)[np.array(ticks) - run.record.following.start]
-    points = turned(record.human_joints[ticks], facing)
-    feet, size = _feet(points, record.human_joint_names), _size(points, record.human_joint_names)
-    corners, normal, colour = facets_of(run.human.solid, record.human_q[ticks])
-    corners, normal = turned(corners, facing), turned(normal, facing)
-    recorded: FloatArray | None = None
-    bones: tuple[tuple[int, int], ...] = ()
-    if truth is not None and run.robot is None:
-        recorded = (turned(truth[ticks], facing) - feet) / size
-        bones = tuple((record.human_joint_names.index(a), record.human_joint_names.index(b)) for a, b in HUMAN_BONES)
-    return DrawnPostures((corners - feet[:, None]) / size, normal, colour, recorded=recorded, bones=bones)
-
-
-def robot_postures(run: RunResult, ticks: list[int]) -> DrawnPostures:
-    """The robot as it moved, with its soles: the simulated body, or what was sent where nothing has mass."""
-    robot, moved = run.robot, run.moved_q
-    assert robot is not None and moved is not None
-    names = tuple(robot.profile.frames)
-    q = np.ascontiguousarray(moved[ticks])
-    points = robot.points(q, names)
-    feet, size = _feet(points, names), _size(points, names)
-    corners, normal, colour = facets_of(robot.solid, q)
-    soles = tuple((sole - feet) / size for sole in motion_metrics.standing_of(robot, q).soles)
-    return DrawnPostures((corners - feet[:, None]) / size, normal, colour, soles)
-
-
-def _feet(points: FloatArray, names: tuple[str, ...]) -> FloatArray:
-    """Where each posture stands (p, 1, 3): on the ground between the feet."""
-    feet = [names.index(name) for name in ("l_ankle", "r_ankle") if name in names] or [0]
-    centre = points[:, feet].mean(axis=1, keepdims=True)
-    centre[..., 2] = 0.0
-    return np.asarray(centre)
-
-
-def _size(points: FloatArray, names: tuple[str, ...]) -> float:
-    """Height (m) of the head where it is highest, or of the highest point of a body without head."""
-    heights = points[:, names.index("head"), 2] if "head" in names else points[..., 2]
-    return max(float(np.nanmax(heights)), 1e-3)
 
 
 # Every joint angle over time, and its limits.

@@ -1,39 +1,36 @@
-"""Bodies as solids in pictures: their triangles, lit from above, drawn from the farthest to the nearest."""
+"""Bodies as solids in pictures, still and moving: lit as on the pages (`bodies.js`), drawn from the farthest to the
+nearest. Whoever wants a body in a picture takes this one drawing."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from io import BytesIO
+from itertools import chain
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from PIL import Image, ImageDraw, ImageFilter
 
 from retarget import rotations
+from retarget.errors import ConfigError, UsageError
+from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import SolidBody
-from retarget.types import FloatArray
+from retarget.report import motion_metrics
+from retarget.report.tracking import performer_facing, turned
+from retarget.run.run_result import RunResult
+from retarget.schema.files import write_atomic
+from retarget.types import FloatArray, IntArray
+
+# Where the viewer and the light are; `bodies.js` has the same ones.
 
 AZIMUTH, ELEVATION = np.deg2rad(35.0), np.deg2rad(12.0)
 """Where the viewer stands: about the vertical from the way the body faces, and above the horizon."""
 TO_VIEWER = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
-LIGHT = np.array([0.5, -0.1, 0.86])
-DARKEST = 0.6
-"""Brightness of what the light does not reach."""
-
-
-def facets_of(solid: SolidBody, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The f triangles of a body in postures (p, nq): corners (p, f, 3, 3) m and normals (p, f, 3) in the world, and
-    colours (f, 3)."""
-    local = np.concatenate([mesh.vertices[mesh.faces] for mesh in solid.meshes])
-    owner = np.repeat(np.arange(len(solid.meshes)), [len(mesh.faces) for mesh in solid.meshes])
-    poses = solid.poses(q)[:, owner, None]
-    corners = poses[..., :3] + rotations.rotate(poses[..., 3:], local)
-    normal = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-    return corners, normal, solid.colours[owner]
-
-
-def lit(corners: FloatArray, normal: FloatArray, colour: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The facets that are seen of a body that faces x, the nearest last: outlines (s, 3, 2), across and up, and colours
-    (s, 3). corners (f, 3, 3), normal (f, 3), colour (f, 3)."""
-    seen = normal @ TO_VIEWER > 0.0
-    across, up, near = project(corners[seen])
-    light = DARKEST + (1.0 - DARKEST) * np.maximum(normal[seen] @ LIGHT, 0.0)[:, None]
-    order = np.argsort(near.mean(axis=1))
-    return np.stack([across, up], axis=-1)[order], np.minimum(colour[seen] * light, 1.0)[order]
+LIGHT = np.array([0.47, -0.1, 0.877])
+FLOOR_LIGHT, SKY_LIGHT, SUN = np.array([0.66, 0.64, 0.63]), np.array([0.80, 0.81, 0.83]), 0.27
+"""Light from below and from above, and of what stands towards the light."""
 
 
 def project(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -43,3 +40,326 @@ def project(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     before = np.cos(AZIMUTH) * points[..., 0] + np.sin(AZIMUTH) * points[..., 1]
     up = points[..., 2] * np.cos(ELEVATION) - before * np.sin(ELEVATION)
     return across, up, before * np.cos(ELEVATION) + points[..., 2] * np.sin(ELEVATION)
+
+
+def lit(outward: FloatArray, colour: FloatArray) -> FloatArray:
+    """The colours (v, 3) of places of a body with normals outward (v, 3), which have `colour` (v, 3) by themselves."""
+    facing = np.abs(outward @ TO_VIEWER)[:, None]
+    light = FLOOR_LIGHT + (SKY_LIGHT - FLOOR_LIGHT) * (0.5 + 0.5 * outward[:, 2:])
+    light = light + SUN * np.maximum(outward @ LIGHT, 0.0)[:, None]
+    return np.asarray(np.minimum(colour * light * (0.80 + 0.24 * facing) + 0.10 * facing**24, 1.0))
+
+
+# A body in some postures, where each stands in the picture.
+
+Bone = tuple[str, str]
+"""Two points that a line joins."""
+HUMAN_BONES: tuple[Bone, ...] = tuple(
+    (POINTS[parent], name) for name, parent in zip(POINTS, PARENTS, strict=True) if parent >= 0
+)
+"""Bones of the human: each joint with the one that carries it."""
+THIN, MARGIN = 0.010, 0.03
+"""Thickness of a recorded bone, and room beside a body, in its heights."""
+FLOOR, SHADOW_PX, DARK = 0.9, 160, 52
+"""Half the side of the floor on which shadows fall, in heights, its pixels across, and how dark they are of 255."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPostures:
+    """A body in p postures that face x, with the feet at the origin, in heights of the body.
+
+    poses (p, m, 7): of its links, position and wxyz; size: of a height, m. soles: outlines (p, c, 3) on the ground.
+    recorded (p, k, 3): ends of thin black lines over it, pairs of points in `bones`.
+    """
+
+    solid: SolidBody
+    poses: FloatArray
+    size: float
+    soles: tuple[FloatArray, ...] = ()
+    recorded: FloatArray | None = None
+    bones: tuple[tuple[int, int], ...] = ()
+
+    @cached_property
+    def _surface(self) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+        """Of all meshes: vertices (v, 3) in their links, in heights, normals (v, 3), owners (v,) and faces (f, 3)."""
+        meshes = self.solid.meshes
+        vertices = np.concatenate([mesh.vertices for mesh in meshes]) / self.size
+        owner = np.repeat(np.arange(len(meshes)), [len(mesh.vertices) for mesh in meshes])
+        first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        faces = np.concatenate([mesh.faces + begin for mesh, begin in zip(meshes, first[:-1], strict=True)])
+        across = np.cross(*(vertices[faces[:, corner]] - vertices[faces[:, 0]] for corner in (1, 2)))
+        outward = np.zeros_like(vertices)
+        for corner in range(3):
+            np.add.at(outward, faces[:, corner], across)
+        return vertices, outward / np.maximum(np.linalg.norm(outward, axis=1)[:, None], 1e-12), owner, faces
+
+    def points(self, pose: int) -> FloatArray:
+        """The vertices of its surface (v, 3) in one posture."""
+        vertices, _, owner, _ = self._surface
+        poses = self.poses[pose, owner]
+        return np.asarray(poses[:, :3] + rotations.rotate(poses[:, 3:], vertices))
+
+    def extent(self, pose: int) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of one posture in the picture, all that is drawn but the shadow included."""
+        shown = [self.points(pose), *(sole[pose] for sole in self.soles)]
+        if self.recorded is not None:
+            shown.append(self.recorded[pose])
+        across, up, _ = project(np.concatenate(shown))
+        low, high = np.nanmin([across, up], axis=1) - MARGIN, np.nanmax([across, up], axis=1) + MARGIN
+        return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+    def draw(self, picture: Image.Image, pose: int, *, place: tuple[float, float], scale: float) -> None:
+        """Draw one posture with its origin at `place`, pixels across and down. scale: pixels to a height."""
+        _, outward, owner, faces = self._surface
+        points, pen = self.points(pose), ImageDraw.Draw(picture)
+
+        def pixels(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+            across, up, near = project(points)
+            return np.stack([place[0] + scale * across, place[1] - scale * up], axis=-1), near
+
+        _cast(picture, points[faces], place, scale)
+        for sole in self.soles:
+            pen.polygon(pixels(sole[pose])[0].ravel().tolist(), outline="#a0a0a0", width=max(1, round(0.004 * scale)))
+        shades = lit(rotations.rotate(self.poses[pose, owner, 3:], outward), self.solid.colours[owner])
+        _fill(picture, *pixels(points), shades, faces)
+        if self.recorded is not None:
+            ends, _ = pixels(self.recorded[pose])
+            for a, b in self.bones:
+                pen.line([*ends[a].tolist(), *ends[b].tolist()], "black", max(1, round(THIN * scale)))
+
+
+def _cast(picture: Image.Image, corners: FloatArray, place: tuple[float, float], scale: float) -> None:
+    """Darken the floor by what facets (f, 3, 3) cast on it, out of focus."""
+    fallen = corners[..., :2] - corners[..., 2:] * LIGHT[:2] / LIGHT[2]
+    fallen = fallen[_areas(fallen) > 0.0]  # what faces the light casts it all
+    mask = Image.new("L", (SHADOW_PX, SHADOW_PX))
+    pen = ImageDraw.Draw(mask)
+    for facet in (0.5 * SHADOW_PX * (1.0 + fallen / FLOOR)).reshape(-1, 6).tolist():
+        pen.polygon(facet, DARK)
+    mask = mask.filter(ImageFilter.GaussianBlur(0.02 * SHADOW_PX))
+    # The floor's x and y as they are seen, and where pixels of the picture are on the floor.
+    across, up, _ = project(np.eye(2, 3))
+    half = np.ceil(scale * FLOOR * np.abs([across, up]).sum(axis=1)).astype(int)
+    low = np.round(place).astype(int) - half
+    back = np.linalg.inv(scale * np.array([across, -up])) * 0.5 * SHADOW_PX / FLOOR
+    begin = back @ (low - np.array(place)) + 0.5 * SHADOW_PX
+    lies = [value for row, first in zip(back, begin, strict=True) for value in (*row.tolist(), float(first))]
+    size = (2 * int(half[0]), 2 * int(half[1]))
+    seen = mask.transform(size, Image.Transform.AFFINE, lies, Image.Resampling.BILINEAR)
+    picture.paste("black", (int(low[0]), int(low[1])), seen)
+
+
+def _fill(picture: Image.Image, corners: FloatArray, near: FloatArray, shades: FloatArray, faces: IntArray) -> None:
+    """Paint the faces (f, 3) of a surface, the nearest one in each pixel. corners (v, 2): of the picture, in pixels;
+    near (v,), and shades (v, 3) in 0 to 1, which change evenly over a face."""
+    faces = faces[_areas(corners[faces]) < 0.0]  # those that look at the viewer: pixels count downwards
+    box = np.concatenate([np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0)) + 1.0])
+    box = np.clip(box, 0, 2 * picture.size).astype(int)
+    corners, (wide, high) = corners - box[:2], (box[2:] - box[:2]).tolist()
+    # The lines of pixels that each face has, and from where to where it has them.
+    x, y = corners[faces, 0], corners[faces, 1]
+    first = np.clip(np.ceil(y.min(axis=1)), 0, high).astype(int)
+    count = np.clip(np.ceil(y.max(axis=1)), 0, high).astype(int) - first
+    face, line = _counted(count)
+    line += first[face]
+    left, right = np.full(len(line), np.inf), np.full(len(line), -np.inf)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        (xa, ya), (xb, yb) = (x[face, a], y[face, a]), (x[face, b], y[face, b])
+        crossed = (ya <= line) != (yb <= line)
+        at = xa + (line - ya) * (xb - xa) / np.where(crossed, yb - ya, 1.0)
+        left, right = np.where(crossed, np.minimum(left, at), left), np.where(crossed, np.maximum(right, at), right)
+    known = left <= right
+    face, line = face[known], line[known]
+    begin = np.clip(np.ceil(left[known]), 0, wide).astype(int)
+    span, column = _counted(np.clip(np.ceil(right[known]), 0, wide).astype(int) - begin)
+    column += begin[span]
+    # Of what changes evenly: its value where the first corner is, and its change by pixel across and down.
+    edges = np.stack([corners[faces[:, 1]] - corners[faces[:, 0]], corners[faces[:, 2]] - corners[faces[:, 0]]], axis=1)
+    values = np.column_stack([near, shades])
+    steps = np.stack([values[faces[:, 1]] - values[faces[:, 0]], values[faces[:, 2]] - values[faces[:, 0]]], axis=1)
+    slope = np.linalg.inv(edges) @ steps  # (f, 2, 4)
+    start = values[faces[:, 0]] - np.einsum("fk,fkv->fv", corners[faces[:, 0]], slope)
+    depth = (start[face, 0] + line * slope[face, 1, 0])[span] + column * slope[face, 0, 0][span]
+    order = np.argsort(depth)
+    seen = np.full(wide * high, -1)
+    seen[(line[span] * wide + column)[order]] = order  # what is assigned last stays
+    filled = np.flatnonzero(seen >= 0)
+    seen = seen[filled]
+    of, x_at, y_at = face[span[seen]], column[seen][:, None], line[span[seen]][:, None]
+    shade = start[of, 1:] + x_at * slope[of, 0, 1:] + y_at * slope[of, 1, 1:]
+    painted = np.array(picture.crop(tuple(box.tolist()))).reshape(-1, 3)
+    painted[filled] = np.clip(255.0 * shade, 0.0, 255.0)
+    picture.paste(Image.fromarray(painted.reshape(high, wide, 3)), tuple(box[:2].tolist()))
+
+
+def _areas(corners: FloatArray) -> FloatArray:
+    """Twice the areas (f,) of flat faces (f, 3, 2), below 0 for those that turn from the first axis away from the
+    second."""
+    (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    return np.asarray(ax * by - bx * ay)
+
+
+def _counted(count: IntArray) -> tuple[IntArray, IntArray]:
+    """For a row each of count (n,): which of the n it is of, and the how many-eth of it."""
+    owner = np.repeat(np.arange(len(count)), count)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+
+
+def performer_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
+    """The reconstructed human, turned to its heading; of a human alone with the recorded one."""
+    record, truth = run.record, run.human_truth
+    facing = performer_facing(run)[np.array(ticks) - run.record.following.start]
+    points = turned(record.human_joints[ticks], facing)
+    feet, size = feet_of(points, record.human_joint_names), _size(points, record.human_joint_names)
+    poses = facing_x(run.human.solid.poses(record.human_q[ticks]), facing)
+    recorded: FloatArray | None = None
+    bones: tuple[tuple[int, int], ...] = ()
+    if truth is not None and run.robot is None:
+        recorded = (turned(truth[ticks], facing) - feet) / size
+        bones = tuple((record.human_joint_names.index(a), record.human_joint_names.index(b)) for a, b in HUMAN_BONES)
+    return DrawnPostures(run.human.solid, _standing(poses, feet, size), size, recorded=recorded, bones=bones)
+
+
+def robot_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
+    """The robot as it moved, with its soles: the simulated body, or what was sent where nothing has mass."""
+    robot, moved = run.robot, run.moved_q
+    assert robot is not None and moved is not None
+    names = tuple(robot.profile.frames)
+    q = np.ascontiguousarray(moved[ticks])
+    points = robot.points(q, names)
+    feet, size = feet_of(points, names), _size(points, names)
+    soles = tuple((sole - feet) / size for sole in motion_metrics.standing_of(robot, q).soles)
+    return DrawnPostures(robot.solid, _standing(robot.solid.poses(q), feet, size), size, soles)
+
+
+def facing_x(poses: FloatArray, heading: FloatArray) -> FloatArray:
+    """Poses (T, m, 7) of a world in which a body faces `heading` (T or 1, 2), as seen where it faces x."""
+    half = -0.5 * np.arctan2(heading[:, 1], heading[:, 0])
+    turn = np.column_stack([np.cos(half), np.zeros((len(half), 2)), np.sin(half)])[:, None]
+    return np.concatenate([turned(poses[..., :3], heading), rotations.multiply(turn, poses[..., 3:])], axis=-1)
+
+
+def _standing(poses: FloatArray, feet: FloatArray, size: float) -> FloatArray:
+    """Poses (p, m, 7) with the feet (p, 1, 3) at the origin, in heights."""
+    return np.concatenate([(poses[..., :3] - feet) / size, poses[..., 3:]], axis=-1)
+
+
+def feet_of(points: FloatArray, names: tuple[str, ...]) -> FloatArray:
+    """Where each posture stands (p, 1, 3): on the ground between the feet."""
+    feet = [names.index(name) for name in ("l_ankle", "r_ankle") if name in names] or [0]
+    centre = points[:, feet].mean(axis=1, keepdims=True)
+    centre[..., 2] = 0.0
+    return np.asarray(centre)
+
+
+def _size(points: FloatArray, names: tuple[str, ...]) -> float:
+    """Height (m) of the head where it is highest, or of the highest point of a body without head."""
+    heights = points[:, names.index("head"), 2] if "head" in names else points[..., 2]
+    return max(float(np.nanmax(heights)), 1e-3)
+
+
+# Bodies side by side, moving.
+
+FPS = 20
+"""Pictures a second of an animation."""
+LONGEST_S = 60.0
+"""What an animation shows of a run at most: a longer file is not sent to anybody."""
+HEIGHT = 540
+"""Pixels of an animation from top to bottom, about."""
+GAP, TITLE, SHADE = 0.05, 0.12, 0.12
+"""Between bodies, above them, and to the right of the last one, for its shadow, in heights."""
+SHARPER = 2
+"""Pixels drawn to one shown."""
+QUALITY = 80
+"""Of WebP, in percent."""
+
+
+def moving(run: RunResult, *, seconds: float = LONGEST_S) -> dict[str, DrawnPostures]:
+    """Performer and robot of a run that followed something, by what is written over them, at FPS instants a second, as
+    long as it followed, and at most for so many seconds."""
+    following = run.record.following
+    time = run.record.time[following]
+    wanted = np.arange(time[0], min(time[-1], time[0] + seconds), 1.0 / FPS)
+    ticks = (following.start + np.searchsorted(time, wanted - 1e-9)).tolist()
+    shown = {"performer": performer_postures(run, ticks)}
+    return shown if run.robot is None else shown | {run.robot.profile.name: robot_postures(run, ticks)}
+
+
+def pictures(shown: Mapping[str, DrawnPostures], *, width: int | None = None) -> Iterator[Image.Image]:
+    """One for each instant, with all bodies side by side on one floor. width: pixels across; None: as HEIGHT has it."""
+    count = min(len(body.poses) for body in shown.values())
+    extents = np.array([[body.extent(pose) for pose in range(count)] for body in shown.values()])
+    left, right = extents[..., 0].min(axis=1), extents[..., 1].max(axis=1)
+    ends = np.cumsum(right - left + GAP)
+    places = ends - right
+    floor, top = float(extents[..., 2].min()), float(extents[..., 3].max()) + TITLE
+    ends[-1] += SHADE
+    across = width or HEIGHT * float(ends[-1]) / (top - floor)
+    scale = across / float(ends[-1])  # pixels to a height
+    size = [2 * round(0.5 * pixels) for pixels in (across, scale * (top - floor))]  # even: H.264 has it so
+    for pose in range(count):
+        picture = Image.new("RGB", (SHARPER * size[0], SHARPER * size[1]), "white")
+        pen = ImageDraw.Draw(picture)
+        for (title, body), place in zip(shown.items(), (SHARPER * scale * places).tolist(), strict=True):
+            pen.text((place, 0.0), title, "#555555", anchor="ma", font_size=0.55 * TITLE * SHARPER * scale)
+            body.draw(picture, pose, place=(place, SHARPER * scale * top), scale=SHARPER * scale)
+        yield picture.reduce(SHARPER)
+
+
+def webp(frames: Iterable[Image.Image], *, quality: int = QUALITY) -> bytes:
+    """Pictures as an animated WebP that begins anew in the end."""
+    return _film("webp", frames, quality=quality, method=4)
+
+
+def gif(frames: Iterable[Image.Image]) -> bytes:
+    """Pictures as a GIF that begins anew in the end, all in the colours of the first."""
+    rest = iter(frames)
+    first = next(rest).quantize(255, dither=Image.Dither.NONE)
+    palette, ground = first.getpalette() or [], int(np.asarray(first)[0, 0])
+    palette[3 * ground : 3 * ground + 3] = (255, 255, 255)  # nearly, with the shadows in its group of colours
+    first.putpalette(palette)
+    return _film("gif", chain([first], (one.quantize(palette=first, dither=Image.Dither.NONE) for one in rest)))
+
+
+def _film(kind: str, frames: Iterable[Image.Image], **how: Any) -> bytes:
+    rest, made = iter(frames), BytesIO()
+    next(rest).save(made, kind, save_all=True, append_images=rest, duration=1000 // FPS, loop=0, **how)
+    return made.getvalue()
+
+
+def mp4(frames: Iterable[Image.Image]) -> bytes:
+    """Pictures as H.264, as every browser and phone plays it."""
+    import av
+
+    rest, made = iter(frames), BytesIO()
+    first = next(rest)
+    with av.open(made, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=FPS, options={"crf": "20"})
+        stream.pix_fmt, (stream.width, stream.height) = "yuv420p", first.size
+        for frame in chain([first], rest):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(frame), format="rgb24")))
+        container.mux(stream.encode())
+    return made.getvalue()
+
+
+KINDS: dict[str, Callable[[Iterable[Image.Image]], bytes]] = {".webp": webp, ".gif": gif, ".mp4": mp4}
+"""Suffix of a file -> what makes an animation of pictures."""
+
+
+def animation_path(path: Path) -> Path:
+    """The path, if an animation can be written there. Raises UsageError for another kind of file, and ConfigError where
+    what writes it is missing."""
+    if path.suffix.lower() not in KINDS:
+        raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=", ".join(KINDS))
+    if path.suffix.lower() == ".mp4" and find_spec("av") is None:
+        step = "Install it: pip install av; or write a .webp"
+        raise ConfigError("an MP4 needs PyAV", where="--animate", found=str(path), next_step=step)
+    return path
+
+
+def write_animation(run: RunResult, path: Path) -> None:
+    """Write performer and robot of a run side by side, as they move, at most LONGEST_S of it. path: as of
+    `animation_path`. Raises UsageError where it cannot be written, or where nothing was followed."""
+    if run.ticks_followed < 2:
+        raise UsageError("an animation shows what followed", where="--animate", found="no tick that followed")
+    write_atomic(path, KINDS[path.suffix.lower()](pictures(moving(run))), option="--animate")

@@ -11,8 +11,10 @@ import numpy as np
 
 from retarget import rotations
 from retarget.errors import InputError
+from retarget.model.body import geoms_of
 from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.compile_limits import try_in_child
+from retarget.model.meshes import link_shapes
 from retarget.model.scene_shapes import ShapeKind
 from retarget.setup.robot_file import MeshFiles, ReadyUrdf, Source, listed, missing_meshes, ready_urdf
 from retarget.setup.shape_fit import NAME, LinkShape, fitted_shapes
@@ -22,6 +24,8 @@ FAR_TOO_LARGE = 5.0
 """A mesh of so many times the distance between the joints is in another unit."""
 WHOLE_TURN = 2.0 * np.pi + 1e-3
 """[rad] A limit beyond it may be in degrees."""
+MOST_LOOKS, LEAST_VERTICES = 6000, 4
+"""Triangles of all meshes that stay for pictures, about, and corners of one that MuJoCo takes."""
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
 
@@ -167,10 +171,31 @@ def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[s
     for part in list(spec.meshes):
         spec.delete(part)
     if meshed:
-        notes.append(f"meshes of {len(meshed)} links are capsules and boxes around them in the body that is written")
+        _add_looks(spec, model, {model.body(name).id: name for name in meshed})
+        notes.append(f"meshes of {len(meshed)} links are capsules and boxes around them; pictures keep them, coarser")
     spec.meshdir, spec.texturedir = "", ""
     spec.compile()
     return str(spec.to_xml()).encode()
+
+
+def _add_looks(spec: Any, model: Any, links: dict[int, str]) -> None:
+    """Give links, by their numbers in the model, their meshes back, coarser, for pictures alone: they collide with
+    nothing and weigh nothing."""
+    mujoco = engine()
+    reach = float(np.linalg.norm(model.body_pos, axis=1).sum())
+    spec.compiler.discardvisual = False  # of a URDF
+    for link, mesh in link_shapes(geoms_of(model), links, reach=reach, most=MOST_LOOKS).items():
+        if len(mesh.vertices) < LEAST_VERTICES:
+            continue
+        name = f"{links[link]}_look"
+        spec.add_mesh(
+            name=name,
+            uservert=mesh.vertices.ravel(),
+            userface=mesh.faces.ravel(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+        kind = mujoco.mjtGeom.mjGEOM_MESH
+        spec.body(links[link]).add_geom(name=name, type=kind, meshname=name, contype=0, conaffinity=0, group=2)
 
 
 def _far_too_large(model: Any, meshes: MeshFiles) -> str:

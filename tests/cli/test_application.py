@@ -93,6 +93,7 @@ OUTPUTS = {
     "report of a page": (("--report", "."), "report.json"),
     "save": (("--save", "r.npz"), "r.npz"),
     "plots": (("--plots", "."), "angles.png"),
+    "animation": (("--animate", "r.gif"), "r.gif"),
     "record": (("--record", "r.mcap"), "r.mcap"),
 }
 

@@ -139,6 +139,21 @@ def test_a_recording_is_drawn_and_played(browser: Any, tmp_path: Path) -> None:
         process.wait(timeout=20.0)
 
 
+def test_the_page_saves_what_it_shows_as_a_video(browser: Any, tmp_path: Path) -> None:
+    process, address = started("view", saved_run(tmp_path / "run.npz", robot="op3"), "--port", "0")
+    try:
+        with opened(browser, address) as page:
+            with page.expect_download(timeout=120000) as saved:
+                page.select_option("#speed", "0.1")
+                page.click("#film")
+            assert saved.value.suggested_filename in ("run.mp4", "run.webm")
+            saved.value.save_as(tmp_path / "film")
+        assert (tmp_path / "film").stat().st_size > 5000
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(timeout=20.0)
+
+
 def test_a_run_that_goes_on_is_drawn(browser: Any, tmp_path: Path) -> None:
     words = ("run", "--robot", "op3", "--source", "sample", "--loop", "--scene", "table", "--view", "0")
     process, address = started(*words)

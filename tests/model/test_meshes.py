@@ -73,14 +73,15 @@ def test_shapes_are_closed_and_of_their_volume(
     ],
 )
 def test_triangles_lie_on_the_surface_of_the_shape_that_is_for_looking_at(geom: str, expected: float) -> None:
-    """Distances are MuJoCo's, of a tiny sphere; the middle of a face may be a sagitta inside."""
+    """Distances are MuJoCo's, of a tiny sphere; the middle of a face may be a sagitta inside, and edges of a box are
+    round: a corner is 0.42 of their radius inside."""
     ((link, mesh),) = link_meshes(load_body_text(SHAPES.format(geom), source="test")).items()
     assert link == 1 and is_closed(mesh)
     assert 0.93 * expected < volume(mesh) <= 1.0001 * expected
     points = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
     off = distances(SHAPES.format(geom), points)
-    assert np.abs(off[: len(mesh.vertices)]).max() < 2e-4
-    assert off.min() > -0.006 and off.max() < 2e-4
+    within = 0.011 if "box" in geom else 2e-4
+    assert off.max() < 2e-4 and off[: len(mesh.vertices)].min() > -within and off.min() > -max(within, 0.006)
 
 
 def distances(text: str, points: FloatArray) -> FloatArray:

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from messages import Facts, refuses, shows
 from retarget.errors import InputError
-from retarget.model.body import load_body
+from retarget.model.body import load_body, load_body_text
 from retarget.model.body_xml import MAX_DEPTH
+from retarget.model.meshes import link_meshes
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.robot_file import MeshFiles, read_source
 from unknown_robots import HUMANOID, Part, humanoid, urdf
@@ -181,13 +182,22 @@ def test_meshes_are_found_whatever_the_case_and_path_of_their_names(
 
 @pytest.mark.parametrize("content", [binary_stl(), text_stl()], ids=["binary", "text"])
 def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
-    """What is written needs no other file."""
+    """What is written needs no other file, and has the mesh for pictures alone."""
     (tmp_path / "foot.stl").write_bytes(content)
     body = drafted_urdf(humanoid().replace(FOOT, '<mesh filename="FOOT.stl"/>'), tmp_path)
     plain = drafted_urdf(humanoid(), tmp_path)
-    assert b"<mesh" not in body.content and b"foot.stl" not in body.content
+    assert b"file=" not in body.content and b"foot.stl" not in body.content
     assert body.model.nmesh == 1 and body.model.body_mass == pytest.approx(plain.model.body_mass)
-    assert body.notes == ("meshes of 2 links are capsules and boxes around them in the body that is written",)
+    assert body.notes == ("meshes of 2 links are capsules and boxes around them; pictures keep them, coarser",)
+    written = load_body_text(body.content.decode(), source="test")
+    looks = [geom for geom in written.geoms if geom.kind == "mesh"]
+    assert len(looks) == 2 and not any(geom.collides for geom in looks)
+    assert written.mass == pytest.approx(plain.model.body_mass)
+    simple = {geom.body: geom.kind for geom in written.geoms if geom.collides}
+    assert all(simple[geom.body] in ("box", "capsule") for geom in looks), "what collides is simple"
+    drawn, shell = link_meshes(written)[looks[0].body], looks[0].triangles
+    assert shell is not None and len(drawn.faces) >= len(shell)
+    assert np.ptp(drawn.vertices, axis=0).max() < 1.5 * np.ptp(shell.reshape(-1, 3), axis=0).max()
     assert not body.too_large
 
 
@@ -392,7 +402,8 @@ def test_a_mesh_becomes_a_shape(tmp_path: Path) -> None:
     points = "0 0 0  0.1 0 0  0 0.1 0  0 0 0.1  0.1 0.1 0.1"
     body = drafted(two(asset=f'<mesh name="m" vertex="{points}"/>', geom='<geom type="mesh" mesh="m"/>'), tmp_path)
     written = mujoco.MjModel.from_xml_string(body.content.decode())
-    assert body.model.nmesh == 1 and written.nmesh == 0 and written.ngeom == 3
+    assert body.model.nmesh == 1 and written.nmesh == 1 and written.ngeom == 4
+    assert np.count_nonzero(written.geom_contype | written.geom_conaffinity) == 3, "the mesh is for pictures alone"
     alike(body.model, written)
 
 

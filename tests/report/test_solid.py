@@ -1,0 +1,106 @@
+"""Bodies in pictures: the nearest is seen, and an animation shows performer and robot of a run as they move."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from messages import refuses
+from retarget.errors import ConfigError, UsageError
+from retarget.model.body import load_body_text
+from retarget.model.meshes import LEFT, MIDDLE, RIGHT, rgb, solid_body
+from retarget.report import solid
+from retarget.report.solid import FPS, DrawnPostures, animation_path, gif, moving, mp4, pictures, webp, write_animation
+from retarget.run.run_result import RunResult
+from rig import scripted_run
+
+TWO = """<mujoco><worldbody><body name="base"><freejoint/><geom type="box" size="0.1 0.2 0.3"/>
+<body name="l_ball" pos="0.2 0 0"><joint/><geom type="sphere" size="0.1"/></body></body></worldbody></mujoco>"""
+"""A grey box, and an orange ball before it."""
+
+
+def drawn(quat: tuple[float, ...]) -> tuple[int, int]:
+    """Pixels that are orange, and those that are grey, of both in one picture. quat: how they are turned, wxyz."""
+    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
+    poses = body.poses(np.array([[0.0, 0.0, 0.5, *quat, 0.0]]))
+    picture = Image.new("RGB", (200, 200), "white")
+    DrawnPostures(body, poses, 1.0).draw(picture, 0, place=(100.0, 180.0), scale=150.0)
+    red, green, blue = np.moveaxis(np.asarray(picture).astype(int), -1, 0)
+    above = np.arange(200)[:, None] < 140  # the floor has a shadow
+    return int((red > 2 * blue).sum()), int(((abs(red - blue) < 12) & (green < 200) & above).sum())
+
+
+def test_the_nearest_is_seen() -> None:
+    orange, grey = drawn((1.0, 0.0, 0.0, 0.0))
+    assert orange > 0.9 * np.pi * 15.0**2 and grey > 2000, "the ball is a circle of 15 pixels"
+    hidden, more = drawn((0.0, 0.0, 0.0, 1.0))
+    assert hidden < 0.35 * orange and more > grey, "turned by half, the box stands before the ball"
+
+
+def test_sides_that_turn_to_the_light_are_brighter() -> None:
+    outward = np.eye(3)
+    colour = np.tile(rgb(MIDDLE), (3, 1))
+    front, side, top = solid.lit(outward, colour).mean(axis=1)
+    assert top > front > side > 0.3
+
+
+@pytest.fixture(scope="module")
+def run() -> RunResult:
+    return scripted_run()
+
+
+@pytest.fixture(scope="module")
+def frames(run: RunResult) -> list[Image.Image]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solid, "HEIGHT", 200)
+        return list(pictures(moving(run, seconds=0.3)))
+
+
+def test_performer_and_robot_stand_side_by_side_and_move(run: RunResult, frames: list[Image.Image]) -> None:
+    assert [*moving(run)] == ["performer", "op3"]
+    assert len(frames) == 6 and all(frame.width % 2 == frame.height % 2 == 0 for frame in frames)
+    for half in np.split(
+        np.array([np.asarray(frame) for frame in frames], dtype=float), [frames[0].width // 2], axis=2
+    ):
+        for side in (LEFT, RIGHT):
+            seen = half[0] / half[0].sum(axis=2, keepdims=True)
+            assert (np.abs(seen - np.array(rgb(side)) / sum(rgb(side))).max(axis=2) < 0.1).sum() > 100, side
+        assert (half[0] != half[-1]).any()
+
+
+@pytest.mark.parametrize(("make", "kind"), [(webp, "WEBP"), (gif, "GIF")])
+def test_an_animation_has_every_picture(
+    make: Callable[[list[Image.Image]], bytes], kind: str, frames: list[Image.Image]
+) -> None:
+    with Image.open(BytesIO(make(frames))) as image:
+        assert image.format == kind and getattr(image, "n_frames", 1) == len(frames) and image.size == frames[0].size
+        image.seek(len(frames) - 1)
+        off = np.abs(np.asarray(image.convert("RGB")).astype(int) - np.asarray(frames[-1]))
+        assert off.mean() < 3.0 and image.info["duration"] == 1000 / FPS
+
+
+def test_a_film_has_every_picture(frames: list[Image.Image]) -> None:
+    av = pytest.importorskip("av", reason="PyAV is not installed: pip install av")
+    with av.open(BytesIO(mp4(frames))) as film:
+        shown = [picture.to_image() for picture in film.decode(video=0)]
+        assert len(shown) == len(frames) and shown[0].size == frames[0].size
+        assert film.streams.video[0].codec_context.name == "h264" and film.streams.video[0].average_rate == FPS
+    assert np.abs(np.asarray(shown[-1]).astype(int) - np.asarray(frames[-1])).mean() < 3.0
+
+
+def test_what_cannot_be_written_is_refused_before_anything_runs(
+    run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with refuses(UsageError, "--animate"):
+        animation_path(Path("run.avi"))
+    monkeypatch.setattr(solid, "find_spec", lambda name: None)
+    with refuses(ConfigError, "PyAV", "pip install"):
+        animation_path(Path("run.mp4"))
+    assert animation_path(Path("run.WEBP")) == Path("run.WEBP")
+    with refuses(UsageError, "followed"):
+        write_animation(replace(run, record=run.record[:1]), tmp_path / "run.webp")
+    assert not [*tmp_path.iterdir()]
