@@ -126,7 +126,8 @@ class SensorIntake:
         before, self.orientation = self.orientation, np.where(known[:, None], orientation, np.nan)
         # An orientation that was not there, or turns faster than any human, is led in; NaN compares false.
         alike = np.abs((before * self.orientation).sum(axis=1))  # cosine of half of the angle between them
-        goes_on = 2.0 - 2.0 * alike <= (0.5 * FASTEST_RAD_S * dt) ** 2
+        half = 0.5 * FASTEST_RAD_S * dt
+        goes_on = 2.0 - 2.0 * alike <= half * half
         self._led |= known & ~goes_on & np.isfinite(self._turn[:, 0])
         if self._led.any():
             self._lead_in(dt)
