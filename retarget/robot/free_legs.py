@@ -21,9 +21,9 @@ SWING = 0.3
 """Weight of a sole that does not carry: a swing foot may lag without pulling the pelvis or the stance foot."""
 CARRY_S = 0.05
 """Time constant (s) with which a sole takes the other weight."""
-SPOT = 0.2
+SPOT = 0.05
 """A foot that carries stays on its spot as long as the performer's is within so many lengths of the robot's leg from
-there: an ankle that rolls over its toes gets 0.15 far."""
+there. An ankle that rolls over its toes gets 0.15 far; a foot that waits until then has to hurry, and the legs lag."""
 SPOT_S = 0.1
 """Time constant (s) with which a foot that no longer carries gets to where the performer's is."""
 
