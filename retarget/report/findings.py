@@ -52,7 +52,7 @@ def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FollowingVerdict:
     """Whether a robot follows. words: after its name. differs: what a person sees, in words. broken: it does not; None:
     it does in part."""
 
@@ -92,7 +92,7 @@ class RunFigures:
     # Whether it follows.
 
     @cached_property
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> FollowingVerdict | None:
         """Robot and performer compared; None where no robot followed."""
         if self.robot is None or not self.run.ticks_followed:
             return None
@@ -100,8 +100,8 @@ class RunFigures:
         for words, broken in (("does not follow", True), ("follows in part", None)):
             differs = [one for one, value in known if value is not None and value >= self._limit(one, broken)]
             if differs:
-                return Verdict(words, tuple(in_words(one["says"], self) for one in differs), broken)
-        return Verdict("follows", (), False)
+                return FollowingVerdict(words, tuple(in_words(one["says"], self) for one in differs), broken)
+        return FollowingVerdict("follows", (), False)
 
     def _limit(self, of: Mapping[str, Any], broken: bool | None) -> float:
         """The limit of a difference that is seen, or with which it does not follow."""
