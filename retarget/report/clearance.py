@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget import _solver
-from retarget.model.body import BodyModel
 from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
-from retarget.model.observers import Observers, placed
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState
@@ -377,80 +374,7 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
     return PlacedBody(file, postures if len(rows) == len(postures) else postures[rows], rows)
 
 
-# How near a body's observers came to each other and to a scene: on their own shapes, by the solver's own distances.
-
-Measure = Callable[..., Any]
-"""`_solver.shape_distances`, or the bound of these."""
-
-
-@dataclass(frozen=True, eq=False)
-class MovingShapes:
-    """n shapes in T postures: kinds (n,) and sizes (n, 3) as in `scene_shapes`, position (T, n, 3) m and quat (T, n, 4)
-    wxyz of their canonical frames."""
-
-    kinds: IntArray
-    sizes: FloatArray
-    position: FloatArray
-    quat: FloatArray
-
-    def measured(self, measure: Measure, rows: IntArray, pairs: IntArray) -> Any:
-        """What `measure` says of pairs (m, 2) in postures (m,)."""
-        sides = [(self.kinds[of], self.sizes[of], self.position[rows, of], self.quat[rows, of]) for of in pairs.T]
-        return measure(*sides[0], *sides[1])
-
-    def look(self, closest: ClosestPairs, pairs: IntArray) -> None:
-        """Look at the distances of pairs (P, 2) in all T postures."""
-
-        def distances(rows: IntArray, which: IntArray) -> FloatArray:
-            return np.asarray(self.measured(_solver.shape_distances, rows, pairs[which])[0])
-
-        def bounds(rows: IntArray) -> FloatArray:
-            every, which = (index.ravel() for index in np.meshgrid(rows, np.arange(len(pairs)), indexing="ij"))
-            found = self.measured(_solver.shape_gaps_at_least, every, pairs[which])
-            return np.asarray(found).reshape(len(rows), len(pairs))
-
-        if len(pairs):
-            closest.look(distances, bounds, len(self.position))
-
-
-def observer_clearance(
-    body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
-) -> tuple[float | None, float | None, float | None]:
-    """Smallest distance (m, negative inside) in postures q (T, nq) at `times` (T,): of pairs that are looked at, to any
-    obstacle, and to the ground. None: nothing to look at."""
-    if not len(q):
-        return None, None, None
-    own_pairs, scene_pairs, ground_pairs = observers.pairs, observers.pairs[:0], observers.pairs[:0]
-    if scene is not None and scene.shapes.names:
-        pairs, _ = observers.obstacle_pairs(scene.shapes)
-        on_ground, pairs = scene.shapes.ground[pairs[:, 1]], pairs + np.array([0, len(observers.kinds)])
-        scene_pairs, ground_pairs = pairs[~on_ground], pairs[on_ground]
-    looks = [(pairs, ClosestPairs(())) for pairs in (own_pairs, scene_pairs, ground_pairs)]
-    for rows in blocks(len(q)):
-        shapes = _shapes(body, observers, q[rows], scene=scene, times=times[rows])
-        for pairs, closest in looks:
-            shapes.look(closest, pairs)
-    own, obstacles, ground = (closest.found.smallest if len(pairs) else None for pairs, closest in looks)
-    return own, obstacles, ground
-
-
-def _shapes(
-    body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
-) -> MovingShapes:
-    """The shapes of observers in postures q (T, nq), then those of the scene at `times` (T,)."""
-    own = MovingShapes(observers.kinds, observers.sizes, *placed(body, observers, q))
-    if scene is None or not scene.shapes.names:
-        return own
-    poses, shapes = [scene.at(max(float(time), 0.0)) for time in times], scene.shapes
-    return MovingShapes(
-        np.concatenate([own.kinds, shapes.kinds]),
-        np.concatenate([own.sizes, shapes.sizes]),
-        np.concatenate([own.position, np.stack([pose.position for pose in poses])], axis=1),
-        np.concatenate([own.quat, np.stack([pose.quat for pose in poses])], axis=1),
-    )
-
-
-# How near the last stage's body came to itself and to its scene in a run: on its own geoms, and on its observers.
+# How near the last stage's body came to itself and to its scene in a run, on its own geoms.
 
 NEUTRAL = "attractor"
 """The human's posture in which pairs that touch are left out."""
@@ -475,31 +399,25 @@ def robot_clearances(
     return to_itself, placed.to_scene(scene, times), placed.to_ground(scene, times, soles=standing)
 
 
-def clearances(run: RunResult) -> tuple[dict[str, Any], Clearances]:
-    """The clearance of the postures that were sent to a robot, or else of the reconstructed human: on its own geoms, by
-    the keys of the report, and of its observers. Of ticks that penetrate, one that does both counts twice."""
+def clearances(run: RunResult) -> dict[str, Any]:
+    """The clearance of the postures that were sent to a robot, or else of the reconstructed human, by the keys of the
+    report. Of ticks that penetrate, one that does both counts twice."""
     robot, sent, times = run.robot, run.record.robot, np.maximum(run.record.time, 0.0)
     if robot is not None and sent is not None:
-        body, q = robot.body, sent.q
-        to_itself, to_scene, to_ground = robot_clearances(robot, q, run.scene, times)
+        to_itself, to_scene, to_ground = robot_clearances(robot, sent.q, run.scene, times)
     else:
-        body, q = run.human.body, run.record.human_q
-        placed = place_body(run.human.mjcf, q)
+        placed = place_body(run.human.mjcf, run.record.human_q)
         to_itself, to_scene, to_ground = placed.to_itself(neutral=run.human.posture(NEUTRAL)), NOTHING, NOTHING
         if run.scene is not None:
             to_scene, to_ground = placed.to_scene(run.scene, times), placed.to_ground(run.scene, times, soles=())
     compared = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
-    seen: tuple[float | None, float | None, float | None] = (None, None, None)
-    if run.observers is not None:
-        seen = observer_clearance(body, run.observers, q, scene=run.scene, times=run.record.time)
     deep = sum(part.deep for part in compared) if compared else None
-    found = {
+    return {
         "min_clearance_mm": Clearances(in_mm(to_itself.smallest), in_mm(to_scene.smallest), in_mm(to_ground.smallest)),
         "penetrating_frames": sum(part.penetrating for part in compared) if compared else None,
         "deep": DeepReport(deep, to_scene.pair, to_ground.pair),
         "closest_links": to_itself.pair,
     }
-    return found, Clearances(*(in_mm(distance) for distance in seen))
 
 
 def in_mm(metres: float | None) -> float | None:

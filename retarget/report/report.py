@@ -100,13 +100,8 @@ class DeepReport:
 
 @dataclass(frozen=True)
 class ObserversReport:
-    """clearance_mm: smallest distances of the observers' own shapes. activations: how often one became active.
+    """reactive_share: of the ticks that followed, those in which one was in contact."""
 
-    reactive_share: of the ticks that followed, those in which one was in contact.
-    """
-
-    clearance_mm: Clearances
-    activations: int
     reactive_share: float
 
 
