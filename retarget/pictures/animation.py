@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from retarget import rotations
 from retarget.model.meshes import OBSERVER, OBSTACLE, Mesh, SolidBody, shapes_json
 from retarget.model.robot import RobotBody
+from retarget.pictures.plots import POSES, unlike_ticks
+from retarget.pictures.solid import HUMAN_BONES, facing_x, obstacles
 from retarget.report import motion_metrics
 from retarget.report.findings import moments
-from retarget.report.plots import POSES, unlike_ticks
-from retarget.report.solid import HUMAN_BONES, facing_x, obstacles
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.record import PHASE_NAMES
 from retarget.run.run_result import RunResult

@@ -14,8 +14,8 @@ from retarget.errors import ConfigError, UsageError
 from retarget.model.body import load_body_text
 from retarget.model.meshes import LEFT, MIDDLE, RIGHT, rgb, solid_body
 from retarget.model.scene_state import SceneState
-from retarget.report import solid
-from retarget.report.solid import (
+from retarget.pictures import solid
+from retarget.pictures.solid import (
     FPS,
     DrawnPostures,
     animation_path,
