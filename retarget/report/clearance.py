@@ -278,11 +278,6 @@ class Clearance:
     row: int | None = None
     deep: int = 0
 
-    @property
-    def deepest(self) -> float:
-        """Depth of the deepest penetration, m; 0 without one."""
-        return max(0.0, -(self.smallest or 0.0))
-
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:

@@ -9,6 +9,7 @@ from typing import Any
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
 from retarget.run.run_result import RefusedPair
+from retarget.schema.catalogue import HUMAN
 from retarget.schema.files import make_folder, write_atomic
 
 DIGITS = 6
@@ -226,6 +227,11 @@ class Report:
     priorities: tuple[str, ...]
     speed: float
     notes: tuple[str, ...]
+
+    @property
+    def lag_ms(self) -> float | None:
+        """The lag of a robot, ms; None of a human alone."""
+        return None if self.robot == HUMAN or self.lag_s is None else 1e3 * self.lag_s
 
     def as_json(self) -> str:
         """The report as JSON text; numbers that are not finite become null."""

@@ -53,7 +53,6 @@ def test_the_smallest_gap_is_found_however_far(nearest: float) -> None:
     assert found.smallest == pytest.approx(nearest, abs=1e-9)
     assert found.row == 30
     assert found.penetrating == found.deep == (1 if nearest < 0.0 else 0)
-    assert found.deepest == pytest.approx(max(0.0, -nearest), abs=1e-9)
     assert found.pair is not None and set(found.pair) == {"base", "hand"}
 
 
