@@ -53,34 +53,31 @@ class ClosestPairs:
 
     def look(self, distances: Distances, bounds: Bounds, count: int) -> None:
         """Look at the next `count` postures, which both functions number from 0."""
-        for rows in blocks(count):
-            self._look(distances, bounds, np.arange(count)[rows])
-        self._seen += count
-
-    @property
-    def found(self) -> Closest:
-        """The nearest pair so far."""
-        return Closest(self._smallest, *self._at, tuple(self._deeper))
-
-    def _look(self, distances: Distances, bounds: Bounds, postures: IntArray) -> None:
-        if not len(postures):
+        if not count:
             return
+        postures = np.arange(count)
         bound = bounds(postures) - ROUND_OFF_M
         # First the pair of each posture that may be nearest; then all that may be nearer, or deep.
         which = bound.argmin(axis=1)
         found = distances(postures, which)
         least = min(self._smallest, float(found.min()))
         rows, others = np.nonzero(bound < max([least, *(-depth for depth in self._tolerances)]))
-        found = np.append(found, distances(postures[rows], others))
-        rows, which = np.append(np.arange(len(postures)), rows), np.append(which, others)
-        nearest = np.full(len(postures), np.inf)  # [m]
+        found = np.append(found, distances(rows, others))
+        rows, which = np.append(postures, rows), np.append(which, others)
+        nearest = np.full(count, np.inf)  # [m]
         np.minimum.at(nearest, rows, found)
         for number, depth in enumerate(self._tolerances):
             self._deeper[number] += int(np.count_nonzero(nearest < -depth))
         best = np.lexsort((which, rows, found))[0]
         if found[best] < self._smallest:
             self._smallest = float(found[best])
-            self._at = (self._seen + int(postures[rows[best]]), int(which[best]))
+            self._at = (self._seen + int(rows[best]), int(which[best]))
+        self._seen += count
+
+    @property
+    def found(self) -> Closest:
+        """The nearest pair so far."""
+        return Closest(self._smallest, *self._at, tuple(self._deeper))
 
 
 # The geoms of a body over many postures, and MuJoCo's distance between two of them.
@@ -201,8 +198,6 @@ def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
 
 # Which geoms of a body are compared with each other.
 
-Pair = tuple[int, int]
-
 
 def compared_pairs(
     model: Any, links: IntArray, geoms: IntArray, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()
@@ -213,34 +208,30 @@ def compared_pairs(
     excludes; of `ignored` pairs of links; of pairs of links that touch in the posture `neutral` (nq,).
     """
     never = _never_compared(model, ignored)
-    first, second = np.triu_indices(len(geoms), 1)
-    welded = np.asarray(model.body_weldid)[links]
-    apart = links[first] != links[second]
+    pairs = np.column_stack(np.triu_indices(len(geoms), 1))
+    first, second = links[pairs].T
+    welded = np.asarray(model.body_weldid)[links[pairs]].T
     # Links on a base that is fixed to the world are all welded to it, and yet may meet.
-    apart &= (welded[first] != welded[second]) | (welded[first] == 0)
-    pairs = np.column_stack([first, second])[apart]
-    named = np.array([_pair(links[a], links[b]) not in never for a, b in pairs], dtype=np.bool_)
-    pairs = pairs[named]
-    touching = {_pair(a, b) for a, b in links[pairs[_touching(model, geoms[pairs], neutral)]]}
-    kept = np.array([_pair(links[a], links[b]) not in touching for a, b in pairs], dtype=np.bool_)
-    return np.asarray(pairs[kept])
+    apart = (first != second) & ((welded[0] != welded[1]) | (welded[0] == 0)) & ~never[first, second]
+    pairs = pairs[apart]
+    first, second = links[pairs].T
+    touching, met = _touching(model, geoms[pairs], neutral), np.zeros_like(never)
+    met[first[touching], second[touching]] = met[second[touching], first[touching]] = True
+    return np.asarray(pairs[~met[first, second]])
 
 
-def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> set[Pair]:
-    """Pairs of links that are left out whatever the neutral posture is."""
+def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
+    """Pairs of links (links, links) that are left out whatever the neutral posture is."""
     weld, parent = np.asarray(model.body_weldid), np.asarray(model.body_parentid)
-    never = set()
-    for link in range(1, model.nbody):
-        never.add(_pair(link, parent[link]))
-        # Of links that no joint parts, all are neighbours of what the joint hangs on.
-        for other in range(1, model.nbody):
-            if weld[other] and weld[link] != weld[other] and weld[parent[weld[link]]] == weld[other]:
-                never.add(_pair(link, other))
-    for signature in model.exclude_signature:
-        never.add(_pair(int(signature) >> 16, int(signature) & 0xFFFF))
+    # Of links that no joint parts, all are neighbours of what the joint hangs on.
+    above = weld[parent[weld]]
+    never = (above[:, None] == weld) & (weld[:, None] != weld) & (weld != 0)
+    never[np.arange(model.nbody), parent] = True
+    excluded = np.asarray(model.exclude_signature, dtype=np.int64)
+    never[excluded >> 16, excluded & 0xFFFF] = True
     for first, second in ignored:
-        never.add(_pair(model.body(first).id, model.body(second).id))
-    return never
+        never[model.body(first).id, model.body(second).id] = True
+    return np.asarray(never | never.T)
 
 
 def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
@@ -252,10 +243,6 @@ def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
     mujoco.mj_kinematics(model, data)
     distances = [mujoco.mj_geomDistance(model, data, int(a), int(b), FAR_M, None) for a, b in pairs]
     return np.array(distances) <= 0.0
-
-
-def _pair(first: int, second: int) -> Pair:
-    return (int(min(first, second)), int(max(first, second)))
 
 
 TOUCH_M = 1e-6

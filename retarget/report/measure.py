@@ -375,7 +375,7 @@ def _clearances(run: RunResult) -> Part:
     seen = observer_activity(modes[run.record.following], run.observer_names, dt)
     if seen is None:
         return found
-    return found | {"mode_switches_per_s": seen.switches, "observers": ObserversReport(seen.reactive)}
+    return found | {"mode_switches_per_s": seen[0], "observers": ObserversReport(seen[1])}
 
 
 def _standing(run: RunResult) -> Part:

@@ -349,16 +349,9 @@ class ModeSwitches:
     name: str | None
 
 
-@dataclass(frozen=True)
-class ObserverActivity:
-    """switches: from any mode to any other. reactive: share of the ticks in which any observer was."""
-
-    switches: ModeSwitches
-    reactive: float
-
-
-def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> ObserverActivity | None:
-    """Compute the activity of observers from their modes (T, n), `dt` s apart; None without ticks or observers."""
+def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> tuple[ModeSwitches, float] | None:
+    """The changes of the modes (T, n) of observers, `dt` s apart, and the share of ticks in which any pushes its part
+    out; None without ticks or observers."""
     ticks, count = modes.shape
     if count != len(names):
         raise ValueError(f"{len(names)} names for {count} observers")
@@ -368,10 +361,8 @@ def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: floa
     per_second = changed.sum(axis=0) / (max(ticks - 1, 1) * dt)  # (n,) [1/s]
     worst = int(np.argmax(per_second))
     name = names[worst] if per_second[worst] > 0.0 else None
-    return ObserverActivity(
-        switches=ModeSwitches(float(per_second.mean()), float(per_second[worst]), name),
-        reactive=float((modes == REACTIVE).any(axis=1).mean()),
-    )
+    switches = ModeSwitches(float(per_second.mean()), float(per_second[worst]), name)
+    return switches, float((modes == REACTIVE).any(axis=1).mean())
 
 
 # What the report says of the simulated mechanics of a run.
