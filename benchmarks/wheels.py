@@ -183,7 +183,7 @@ def _try_lines(place: Path, tools: Path, kind: str) -> None:
         typed(*line.split())
     if "joints" not in typed("python", "-P", "-c", PIPELINE):
         raise SystemExit("retarget.Pipeline printed no joints")
-    typed("python", "-P", str(place / "own_loop.py"))
+    typed("python", "-P", "../own_loop.py")
     for name in ("out/demo/report.html", "report/report.html", "run.npz", "run.mcap"):
         if not (folder / name).is_file():
             raise SystemExit(f"{kind}: {name} was not written")
