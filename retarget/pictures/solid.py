@@ -135,8 +135,9 @@ class DrawnPostures:
         _fill(picture, *pixels(points), shades, faces)
         if self.recorded is not None:
             ends, _ = pixels(self.recorded[pose])
-            for a, b in self.bones:
-                pen.line([*ends[a].tolist(), *ends[b].tolist()], "black", max(1, round(THIN * scale)))
+            for bone in self.bones:
+                if np.isfinite(ends[[*bone]]).all():  # a file that knows only some of the joints
+                    pen.line(ends[[*bone]].ravel().tolist(), "black", max(1, round(THIN * scale)))
         if whole is not None:
             picture.paste(Image.blend(picture, whole, 0.5))
 
