@@ -12,9 +12,8 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
-from functools import cache, partial
+from contextlib import contextmanager
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, STDOUT, Popen, run
@@ -24,70 +23,235 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.docs_diagrams import axes, observer, shapes, terminal
+from benchmarks.drawings import axes, imported, observer, terminal
 from benchmarks.table import ROOT
+
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+import rendered
+from camera_people import landmarks
 
 IMAGES = ROOT / "docs" / "images"
 SIZE, SHARPNESS = (960, 600), 4.0 / 3.0
 """Of a page's window, and pixels to one of its own: letters can be read where a picture is 720 pixels wide."""
-QUALITY, MOST_BYTES = 82, 1_200_000
+PHONE = (390, 800)
+QUALITY, MOST_BYTES = 80, 1_200_000
 """Of WebP in percent, and bytes of all pictures together."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--use-fake-ui-for-media-stream")
 ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+/\S+/")
 WAIT_MS = 120_000
 """For a state of a run, at most."""
-FOLDER = Path(mkdtemp(prefix="pictures-"))
 
 
 # Runs, as they are typed.
 
 
 def retarget(*words: str) -> str:
-    """What a command prints. Its files are in FOLDER."""
+    """What a command prints. Its files are in `folder`."""
     command = [sys.executable, "-P", "-m", "retarget", *words]
-    done = run(command, cwd=FOLDER, env=environment(), stdout=PIPE, stderr=STDOUT, text=True, check=True)
+    done = run(command, cwd=folder(), env=environment(), stdout=PIPE, stderr=STDOUT, text=True, check=True)
     return done.stdout
+
+
+@cache
+def folder() -> Path:
+    """Where runs write."""
+    return Path(mkdtemp(prefix="pictures-"))
 
 
 def environment() -> dict[str, str]:
     """Of a command: this checkout's code."""
-    return os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", "COLUMNS": "100"}
+    return os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", "COLUMNS": "200"}
 
 
 @cache
 def recorded() -> tuple[str, str]:
-    """The run that pages and terminal show: its command without the first word, and what it prints."""
+    """The run that pages and terminal show: its command, and what it prints."""
     line = "run --robot op3 --source sample --report report --save run.npz"
     return line, retarget(*line.split())
 
 
 @contextmanager
-def served(*words: str, by: tuple[str, ...] = ("-m", "retarget")) -> Iterator[str]:
-    """The address that a command prints while it runs."""
-    command = [sys.executable, "-P", *by, *words]
-    with Popen(command, cwd=FOLDER, env=environment(), stdin=DEVNULL, stdout=PIPE, stderr=STDOUT, text=True) as process:
+def served(*words: str) -> Iterator[str]:
+    """The address that a command prints; it runs as long."""
+    command = [sys.executable, "-P", "-m", "retarget", *words]
+    with Popen(command, cwd=folder(), env=environment(), stdin=DEVNULL, stdout=PIPE, stderr=STDOUT) as process:
+        assert process.stdout is not None
         try:
-            yield next(found.group() for line in process.stdout or () if (found := ADDRESS.search(line)))
+            yield next(found.group() for line in process.stdout if (found := ADDRESS.search(line.decode())))
         finally:
             process.terminate()
-            with suppress(OSError):
-                shutil.copyfileobj(process.stdout, sys.stderr if process.wait() > 1 else StringSink())  # type: ignore
+            process.communicate()
 
 
 # Pages.
 
 
 @contextmanager
-def page(size: tuple[int, int] = SIZE, script: str = "", **options: Any) -> Iterator[Any]:
-    """A page of a browser. script: runs in it first."""
+def browser() -> Iterator[Any]:
+    """A headless Chromium."""
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=FLAGS)
-        options = {"device_scale_factor": SHARPNESS, "color_scheme": "light"} | options
-        opened = browser.new_page(viewport={"width": size[0], "height": size[1]}, **options)
-        opened.set_default_timeout(WAIT_MS)
-        opened.add_init_script(script)
+        opened = driver.chromium.launch(executable_path=chromium, args=FLAGS)
         yield opened
-        browser.close()
+        opened.close()
+
+
+def page(opened: Any, address: str, size: tuple[int, int] = SIZE, *, script: str = "") -> Any:
+    """A page of a browser. script: runs in it first."""
+    window = {"width": size[0], "height": size[1]}
+    found = opened.new_page(viewport=window, device_scale_factor=SHARPNESS, color_scheme="light")
+    found.set_default_timeout(WAIT_MS)
+    found.add_init_script(script)
+    found.goto(address)
+    return found
+
+
+def shot(found: Any) -> Image.Image:
+    """What a page shows."""
+    return Image.open(BytesIO(found.screenshot(timeout=WAIT_MS))).convert("RGB")
+
+
+PLAYED = """(time) => { const bar = document.getElementById('scrub'), clock = document.getElementById('clock');
+    for (bar.value = 0; parseFloat(clock.textContent) < time && +bar.value < +bar.max; bar.value = +bar.value + 1)
+        bar.dispatchEvent(new Event('input')); }"""
+"""Moves the timeline of a player to a time, s."""
+WAVES_S = 2.3
+"""A moment of the sample at which the performer waves."""
+
+
+def played(found: Any, *, top: str) -> Image.Image:
+    """A player at WAVES_S. top: the element that the picture begins with."""
+    found.wait_for_function("() => document.getElementById('clock').textContent")
+    if "Pause" in found.inner_text("#play"):
+        found.click("#play")
+    found.evaluate(PLAYED, WAVES_S)
+    found.evaluate("(top) => document.querySelector(top).scrollIntoView()", top)
+    found.wait_for_timeout(1000.0)
+    return shot(found)
+
+
+def report_page() -> Image.Image:
+    """The page of a run."""
+    recorded()
+    with browser() as opened:
+        return played(page(opened, (folder() / "report" / "report.html").as_uri()), top="#player")
+
+
+def view_page() -> Image.Image:
+    """`retarget view` of its recording."""
+    recorded()
+    with served("view", "run.npz", "--port", "0") as address, browser() as opened:
+        found = page(opened, address)
+        found.wait_for_selector("#joint select")
+        found.select_option("#joint select >> nth=0", label="r_el")
+        return played(found, top="body")
+
+
+LIVE = "() => document.getElementById('state').textContent === 'Following'"
+
+
+def live_page() -> Image.Image:
+    """The page of a live run: the performer of `examples/send_poses.py`."""
+    sender = [sys.executable, str(ROOT / "examples" / "send_poses.py")]
+    words = ("run", "--robot", "op3", "--source", "json://:14150", "--yes", "--view", "0")
+    with Popen(sender) as process, served(*words) as address, browser() as opened:
+        found = page(opened, address)
+        found.wait_for_function(LIVE)
+        found.wait_for_timeout(4000.0)
+        made = shot(found)
+        process.terminate()
+    return made
+
+
+# The page that a performer sees: a camera whose pictures are drawn here, and a tracker that knows who is in them.
+
+STILL_S, FPS = 6.0, 10.0
+"""How long the performer stands before it raises the left arm, and pictures drawn a second."""
+CAMERA = """const pictures = PICTURES.map((data) => { const one = new Image(); one.src = data; return one; });
+const canvas = Object.assign(document.createElement('canvas'), { width: 640, height: 480 });
+navigator.mediaDevices.getUserMedia = async () => {
+  setInterval(() => canvas.getContext('2d').drawImage(pictures[ROW], 0, 0), 50);
+  return canvas.captureStream(20); };"""
+TRACKER = """const rows = ROWS, person = (points) => points.map(([x, y, , , , visibility]) => ({ x, y, z: 0, visibility }));
+const world = (points) => points.map(([, , x, y, z, visibility]) => ({ x, y, z, visibility }));
+const found = () => { const points = rows[ROW]; return { landmarks: [person(points)], worldLandmarks: [world(points)] }; };
+export const FilesetResolver = { forVisionTasks: async (base) => ({ wasmLoaderPath: `${base}/loader.js` }) };
+export const PoseLandmarker = { createFromOptions: async () => ({ detectForVideo: found, detect: found }) };"""
+ROW = "Math.floor(Date.now() / 1000 * RATE) % COUNT"
+"""The picture of this moment: the page and its tracker, which runs beside it, have the same clock."""
+
+
+def web_page() -> Image.Image:
+    """The page of `web://` as the performer sees it, and beside it the page of who looks after the robot, on a phone."""
+    person = rendered.performer()
+    parts = (rendered.standing(person, STILL_S), rendered.raising(person, "l", seconds=6.0, swing=60.0))
+    joints = np.concatenate([part.joints for part in (*parts, rendered.waving(person, seconds=8.0))])
+    q = np.concatenate([part.q for part in (*parts, rendered.waving(person, seconds=8.0))])
+    motion = rendered.Motion(person, q, joints)
+    every = round(rendered.RATE / FPS)
+    coarse = rendered.Motion(person, q[::every], joints[::every])
+    pictures = [_jpeg(picture) for picture in rendered.drawn(coarse)]
+    rows = np.round(landmarks(motion, noise=0.002), 4).tolist()
+
+    def timed(text: str, rate: float, **values: Any) -> str:
+        for name, value in values.items():
+            text = text.replace(name, json.dumps(value))
+        return text.replace(
+            "ROW", ROW.replace("RATE", f"{rate}").replace("COUNT", f"{len(next(iter(values.values())))}")
+        )
+
+    tracker = timed(TRACKER, rendered.RATE, ROWS=rows)
+    camera = timed(CAMERA, FPS, PICTURES=pictures)
+    with served("run", "--robot", "op3", "--source", "web://:0") as address, browser() as opened:
+        found = page(opened, "about:blank", script=camera)
+        for name, text in {"vision_bundle.mjs": tracker, "wasm/loader.js": "export default () => null;"}.items():
+            found.context.route(f"**/runtime/{name}", _answer(text))
+        found.goto(address)
+        found.click("[data-input=camera]")
+        found.wait_for_function(LIVE)
+        return shot(found)
+
+
+def _answer(text: str) -> Callable[[Any], None]:
+    return lambda route: route.fulfill(body=text, content_type="text/javascript")
+
+
+def _jpeg(picture: rendered.Image) -> str:
+    made = BytesIO()
+    Image.fromarray(picture).save(made, "JPEG", quality=88)
+    return f"data:image/jpeg;base64,{base64.b64encode(made.getvalue()).decode()}"
+
+
+# All of them.
+
+DRAWN: dict[str, Callable[[], Image.Image | bytes]] = {
+    "terminal.svg": lambda: terminal(dict([recorded()])),
+    "axes.svg": axes,
+    "import.webp": imported,
+    "observer.webp": observer,
+    "report-page.webp": report_page,
+    "view-page.webp": view_page,
+    "live-page.webp": live_page,
+    "web-page.webp": web_page,
+}
+
+
+def main(*names: str) -> None:
+    """Write the pictures of these names, all without one. Raises SystemExit where they are too large together."""
+    for name in names or DRAWN:
+        made = DRAWN[name]()
+        path = IMAGES / name
+        if isinstance(made, bytes):
+            path.write_bytes(made)
+        else:
+            made.save(path, quality=QUALITY, method=6)
+        print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB")
+    total = sum((IMAGES / name).stat().st_size for name in (*DRAWN, "wiring.svg") if (IMAGES / name).exists())
+    if total > MOST_BYTES:
+        raise SystemExit(f"the pictures have {total} bytes, allowed: {MOST_BYTES}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
