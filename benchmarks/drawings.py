@@ -12,10 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from benchmarks.table import ROOT
 from hardware.clock import VirtualClock
 from retarget import _solver
-from retarget.model.body import BodyModel
 from retarget.model.human import PostureReader, build_human
 from retarget.model.human_dimensions import POINTS, kind_of, proportional_dimensions
 from retarget.model.meshes import (
@@ -178,8 +176,8 @@ def axes() -> bytes:
 
 # An imported body.
 
-IMPORTED = "poppy"
-"""The robot whose shapes become the meshes of a file."""
+IMPORTED = "op3"
+"""The robot whose shapes become the meshes of a file, those of links without looks with a waist."""
 SLENDER, RINGS, AROUND = 1.25, 9, 16
 """Length of a shell in its width at least, its rings, and corners of a ring."""
 
@@ -196,7 +194,7 @@ def _shell(mesh: Mesh) -> Mesh:
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     half = 0.5 * (high - low)
     long = int(np.argmax(half))
-    wide = [axis for axis in ((long + 1) % 3, (long + 2) % 3)]
+    wide = [(long + 1) % 3, (long + 2) % 3]
     if half[long] < SLENDER * half[wide].max():
         return mesh
     along = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, RINGS))
@@ -219,11 +217,11 @@ def _with_meshes(robot: RobotBody, folder: Path) -> Path:
     spec, body = mujoco.MjSpec.from_file(robot.body.source), robot.body
     for geom in list(spec.geoms):
         spec.delete(geom)
-    feet = [sole.body for sole in robot.soles]
+    kept = {sole.body for sole in robot.soles} | {geom.body for geom in body.geoms if not geom.collides}
     reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
     for link, mesh in link_shapes(body.geoms, range(1, len(body.parent)), reach=reach, most=MOST_TRIANGLES).items():
         name = body.body_names[link]
-        (folder / f"{name}.stl").write_bytes(_stl(mesh if link in feet else _shell(mesh)))
+        (folder / f"{name}.stl").write_bytes(_stl(mesh if link in kept else _shell(mesh)))
         spec.add_mesh(name=name, file=str(folder / f"{name}.stl"))
         spec.body(name).add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
     spec.compile()

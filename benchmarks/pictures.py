@@ -25,6 +25,7 @@ from PIL import Image
 
 from benchmarks.drawings import axes, imported, observer, terminal
 from benchmarks.table import ROOT
+from hardware.clock import MonotonicClock
 
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 import rendered
@@ -33,7 +34,8 @@ from camera_people import landmarks
 IMAGES = ROOT / "docs" / "images"
 SIZE, SHARPNESS = (960, 600), 4.0 / 3.0
 """Of a page's window, and pixels to one of its own: letters can be read where a picture is 720 pixels wide."""
-PHONE = (390, 800)
+TALL, PHONE = (960, 820), (390, 844)
+"""Windows that have the plot of a joint, too, and of a phone."""
 QUALITY, MOST_BYTES = 80, 1_200_000
 """Of WebP in percent, and bytes of all pictures together."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--use-fake-ui-for-media-stream")
@@ -98,12 +100,11 @@ def browser() -> Iterator[Any]:
         opened.close()
 
 
-def page(opened: Any, address: str, size: tuple[int, int] = SIZE, *, script: str = "") -> Any:
-    """A page of a browser. script: runs in it first."""
+def page(opened: Any, address: str, size: tuple[int, int] = SIZE) -> Any:
+    """A page of a browser."""
     window = {"width": size[0], "height": size[1]}
     found = opened.new_page(viewport=window, device_scale_factor=SHARPNESS, color_scheme="light")
     found.set_default_timeout(WAIT_MS)
-    found.add_init_script(script)
     found.goto(address)
     return found
 
@@ -143,23 +144,28 @@ def view_page() -> Image.Image:
     """`retarget view` of its recording."""
     recorded()
     with served("view", "run.npz", "--port", "0") as address, browser() as opened:
-        found = page(opened, address)
+        found = page(opened, address, TALL)
         found.wait_for_selector("#joint select")
         found.select_option("#joint select >> nth=0", label="r_el")
-        return played(found, top="body")
+        return played(found, top="#player")
 
 
-LIVE = "() => document.getElementById('state').textContent === 'Following'"
+FOLLOWS = "() => document.getElementById('state').textContent === 'Following'"
+CYCLE_S, RAISED_S = 12.0, 10.7
+"""Of the performer of `examples/send_poses.py`, and when in it the right arm is up."""
 
 
 def live_page() -> Image.Image:
-    """The page of a live run: the performer of `examples/send_poses.py`."""
+    """The page of a live run, whose performer raises an arm."""
     sender = [sys.executable, str(ROOT / "examples" / "send_poses.py")]
     words = ("run", "--robot", "op3", "--source", "json://:14150", "--yes", "--view", "0")
+    clock = MonotonicClock()
     with Popen(sender) as process, served(*words) as address, browser() as opened:
-        found = page(opened, address)
-        found.wait_for_function(LIVE)
-        found.wait_for_timeout(4000.0)
+        began = clock.now()
+        found = page(opened, address, TALL)
+        found.wait_for_function(FOLLOWS)
+        found.wait_for_timeout(3000.0)
+        found.wait_for_timeout(1e3 * ((RAISED_S - (clock.now() - began)) % CYCLE_S))
         made = shot(found)
         process.terminate()
     return made
@@ -167,50 +173,56 @@ def live_page() -> Image.Image:
 
 # The page that a performer sees: a camera whose pictures are drawn here, and a tracker that knows who is in them.
 
-STILL_S, FPS = 6.0, 10.0
-"""How long the performer stands before it raises the left arm, and pictures drawn a second."""
-CAMERA = """const pictures = PICTURES.map((data) => { const one = new Image(); one.src = data; return one; });
+STILL_S, RAISING_S, WAVING_S, FPS = 12.0, 6.0, 12.0, 8.0
+"""How long the performer stands, raises the left arm as it is asked to, and waves, again and again; and pictures drawn
+a second."""
+WAVES_AT_S = STILL_S + RAISING_S + 3.5
+CAMERA = """const pictures = PICTURES.map((data) => Object.assign(new Image(), { src: data }));
 const canvas = Object.assign(document.createElement('canvas'), { width: 640, height: 480 });
-navigator.mediaDevices.getUserMedia = async () => {
-  setInterval(() => canvas.getContext('2d').drawImage(pictures[ROW], 0, 0), 50);
-  return canvas.captureStream(20); };"""
-TRACKER = """const rows = ROWS, person = (points) => points.map(([x, y, , , , visibility]) => ({ x, y, z: 0, visibility }));
+const draw = () => canvas.getContext('2d').drawImage(pictures[Math.max(AT(FPS) - STILL, 0)], 0, 0);
+navigator.mediaDevices.getUserMedia = async () => { setInterval(draw, 50); return canvas.captureStream(20); };"""
+TRACKER = """const rows = ROWS;
+const image = (points) => points.map(([x, y, , , , visibility]) => ({ x, y, z: 0, visibility }));
 const world = (points) => points.map(([, , x, y, z, visibility]) => ({ x, y, z, visibility }));
-const found = () => { const points = rows[ROW]; return { landmarks: [person(points)], worldLandmarks: [world(points)] }; };
+const found = () => { const points = rows[AT(RATE)];
+  return { landmarks: [image(points)], worldLandmarks: [world(points)] }; };
 export const FilesetResolver = { forVisionTasks: async (base) => ({ wasmLoaderPath: `${base}/loader.js` }) };
 export const PoseLandmarker = { createFromOptions: async () => ({ detectForVideo: found, detect: found }) };"""
-ROW = "Math.floor(Date.now() / 1000 * RATE) % COUNT"
-"""The picture of this moment: the page and its tracker, which runs beside it, have the same clock."""
+AT = "const AT = (rate) => Math.floor((Date.now() - BEGAN) / 1000 % LONG * rate);\n"
+"""The number of the picture of this moment: the page and its tracker, which runs beside it, have the same clock."""
+
+
+def performance() -> tuple[list[str], list[Any]]:
+    """Pictures of a performer at FPS, those of standing but for the last one left out, and landmarks at RATE."""
+    person = rendered.performer()
+    parts = [rendered.standing(person, STILL_S), rendered.raising(person, "l", seconds=RAISING_S, swing=60.0)]
+    parts.append(rendered.waving(person, seconds=WAVING_S))
+    q, joints = (np.concatenate([getattr(part, name) for part in parts]) for name in ("q", "joints"))
+    rows = np.arange(round(STILL_S * FPS) - 1, round(len(q) / rendered.RATE * FPS))
+    shown = np.minimum((rows / FPS * rendered.RATE).astype(int), len(q) - 1)
+    pictures = [_jpeg(picture) for picture in rendered.drawn(rendered.Motion(person, q[shown], joints[shown]))]
+    return pictures, np.round(landmarks(rendered.Motion(person, q, joints), noise=0.002), 4).tolist()
 
 
 def web_page() -> Image.Image:
-    """The page of `web://` as the performer sees it, and beside it the page of who looks after the robot, on a phone."""
-    person = rendered.performer()
-    parts = (rendered.standing(person, STILL_S), rendered.raising(person, "l", seconds=6.0, swing=60.0))
-    joints = np.concatenate([part.joints for part in (*parts, rendered.waving(person, seconds=8.0))])
-    q = np.concatenate([part.q for part in (*parts, rendered.waving(person, seconds=8.0))])
-    motion = rendered.Motion(person, q, joints)
-    every = round(rendered.RATE / FPS)
-    coarse = rendered.Motion(person, q[::every], joints[::every])
-    pictures = [_jpeg(picture) for picture in rendered.drawn(coarse)]
-    rows = np.round(landmarks(motion, noise=0.002), 4).tolist()
+    """The page of `web://` as the performer sees it."""
+    pictures, rows = performance()
+    long = STILL_S + RAISING_S + WAVING_S
+    with served("run", "--robot", "op3", "--source", "web://:8899") as address, browser() as opened:
+        found = page(opened, address)
+        began = found.evaluate("Date.now()")
+        values = {"BEGAN": began, "LONG": long, "PICTURES": pictures, "ROWS": rows, "STILL": round(STILL_S * FPS) - 1}
+        values |= {"FPS": FPS, "RATE": rendered.RATE}
 
-    def timed(text: str, rate: float, **values: Any) -> str:
-        for name, value in values.items():
-            text = text.replace(name, json.dumps(value))
-        return text.replace(
-            "ROW", ROW.replace("RATE", f"{rate}").replace("COUNT", f"{len(next(iter(values.values())))}")
-        )
+        def script(text: str) -> str:
+            return re.sub("|".join(values), lambda name: json.dumps(values[name.group()]), AT + text)
 
-    tracker = timed(TRACKER, rendered.RATE, ROWS=rows)
-    camera = timed(CAMERA, FPS, PICTURES=pictures)
-    with served("run", "--robot", "op3", "--source", "web://:0") as address, browser() as opened:
-        found = page(opened, "about:blank", script=camera)
-        for name, text in {"vision_bundle.mjs": tracker, "wasm/loader.js": "export default () => null;"}.items():
+        found.evaluate(script(CAMERA))
+        for name, text in {"vision_bundle.mjs": script(TRACKER), "wasm/loader.js": "export default 0;"}.items():
             found.context.route(f"**/runtime/{name}", _answer(text))
-        found.goto(address)
         found.click("[data-input=camera]")
-        found.wait_for_function(LIVE)
+        found.wait_for_function(FOLLOWS)
+        found.wait_for_timeout(1e3 * ((WAVES_AT_S - found.evaluate(f"(Date.now() - {began}) / 1000")) % long))
         return shot(found)
 
 
