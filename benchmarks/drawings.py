@@ -155,8 +155,8 @@ def axes() -> bytes:
     parts = [f'<defs><marker id="tip" viewBox="0 0 10 10" refX="7" refY="5" markerWidth="4.5" markerHeight="4.5" '
              f'orient="auto"><path d="M0 0L10 5L0 10z" fill="{INK}"/></marker></defs>']  # fmt: skip
     for at in np.arange(-0.75, 0.76, 0.25):
-        for line in (((at, -0.75, 0), (at, 0.75, 0)), ((-0.75, at, 0), (0.75, at, 0))):
-            parts.append(_line(_seen(np.array(line))[0], "#c9d1d9", 1))
+        for edge in (((at, -0.75, 0), (at, 0.75, 0)), ((-0.75, at, 0), (0.75, at, 0))):
+            parts.append(_line(_seen(np.array(edge))[0], "#c9d1d9", 1))
     parts += _body(joints)
     parts += _arrows(np.array(CORNER), 0.36, {"x forward": (-22, 26), "y left": (34, 10), "z up": (0, -12)}, 3)
     for name, (x, y) in WORN.items():

@@ -1,8 +1,8 @@
 """`python -m benchmarks.pictures [NAME ...]` (`make pictures`): the pictures of the documentation, made anew.
 
 Pages are those of real runs of OP3 on mock servos in headless Chromium, `terminal.svg` has what such a run prints, and
-bodies are drawn as in a report. The performer of `web://` is rendered, and tracked by what is known of it: the real
-body tracker would take the processor that draws the page. `wiring.svg` is drawn by hand.
+bodies are drawn as in a report. The performer of `web://` is rendered, and its landmarks are those that are known: the
+real body tracker and a browser without a graphics card are too much for two cores. `wiring.svg` is drawn by hand.
 """
 
 import base64
@@ -13,7 +13,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, STDOUT, Popen, run
@@ -25,11 +25,18 @@ from PIL import Image
 
 from benchmarks.drawings import axes, imported, observer, terminal
 from benchmarks.table import ROOT
-from hardware.clock import MonotonicClock
+from hardware.clock import MonotonicClock, VirtualClock
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.run.table import RunTable
+from retarget.sources.open import open_source
+from retarget.web.shown import Cast, live_tracks
+from sim.mock_bus import mock_bus
 
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 import rendered
 from camera_people import landmarks
+from page_stand_in import StandIn, running
 
 IMAGES = ROOT / "docs" / "images"
 SIZE, SHARPNESS = (960, 600), 4.0 / 3.0
@@ -171,63 +178,49 @@ def live_page() -> Image.Image:
     return made
 
 
-# The page that a performer sees: a camera whose pictures are drawn here, and a tracker that knows who is in them.
+# The page that a performer sees: its camera has one picture, and its tracker knows who is in it.
 
-STILL_S, RAISING_S, WAVING_S, FPS = 12.0, 6.0, 12.0, 8.0
-"""How long the performer stands, raises the left arm as it is asked to, and waves, again and again; and pictures drawn
-a second."""
-WAVES_AT_S = STILL_S + RAISING_S + 3.5
-CAMERA = """const pictures = PICTURES.map((data) => Object.assign(new Image(), { src: data }));
+CAMERA = """const picture = Object.assign(new Image(), { src: PICTURE });
 const canvas = Object.assign(document.createElement('canvas'), { width: 640, height: 480 });
-const draw = () => canvas.getContext('2d').drawImage(pictures[Math.max(AT(FPS) - STILL, 0)], 0, 0);
-navigator.mediaDevices.getUserMedia = async () => { setInterval(draw, 50); return canvas.captureStream(20); };"""
-TRACKER = """const rows = ROWS;
-const image = (points) => points.map(([x, y, , , , visibility]) => ({ x, y, z: 0, visibility }));
-const world = (points) => points.map(([, , x, y, z, visibility]) => ({ x, y, z, visibility }));
-const found = () => { const points = rows[AT(RATE)];
-  return { landmarks: [image(points)], worldLandmarks: [world(points)] }; };
+const draw = () => canvas.getContext('2d').drawImage(picture, 0, 0);
+navigator.mediaDevices.getUserMedia = async () => { setInterval(draw, 50); return canvas.captureStream(); };"""
+TRACKER = """const points = POINTS;
+const landmarks = [points.map(([x, y, , , , visibility]) => ({ x, y, z: 0, visibility }))];
+const worldLandmarks = [points.map(([, , x, y, z, visibility]) => ({ x, y, z, visibility }))];
+const found = () => ({ landmarks, worldLandmarks });
 export const FilesetResolver = { forVisionTasks: async (base) => ({ wasmLoaderPath: `${base}/loader.js` }) };
 export const PoseLandmarker = { createFromOptions: async () => ({ detectForVideo: found, detect: found }) };"""
-AT = "const AT = (rate) => Math.floor((Date.now() - BEGAN) / 1000 % LONG * rate);\n"
-"""The number of the picture of this moment: the page and its tracker, which runs beside it, have the same clock."""
-
-
-def performance() -> tuple[list[str], list[Any]]:
-    """Pictures of a performer at FPS, those of standing but for the last one left out, and landmarks at RATE."""
-    person = rendered.performer()
-    parts = [rendered.standing(person, STILL_S), rendered.raising(person, "l", seconds=RAISING_S, swing=60.0)]
-    parts.append(rendered.waving(person, seconds=WAVING_S))
-    q, joints = (np.concatenate([getattr(part, name) for part in parts]) for name in ("q", "joints"))
-    rows = np.arange(round(STILL_S * FPS) - 1, round(len(q) / rendered.RATE * FPS))
-    shown = np.minimum((rows / FPS * rendered.RATE).astype(int), len(q) - 1)
-    pictures = [_jpeg(picture) for picture in rendered.drawn(rendered.Motion(person, q[shown], joints[shown]))]
-    return pictures, np.round(landmarks(rendered.Motion(person, q, joints), noise=0.002), 4).tolist()
 
 
 def web_page() -> Image.Image:
-    """The page of `web://` as the performer sees it."""
-    pictures, rows = performance()
-    long = STILL_S + RAISING_S + WAVING_S
-    with served("run", "--robot", "op3", "--source", "web://:8899") as address, browser() as opened:
-        found = page(opened, address)
-        began = found.evaluate("Date.now()")
-        values = {"BEGAN": began, "LONG": long, "PICTURES": pictures, "ROWS": rows, "STILL": round(STILL_S * FPS) - 1}
-        values |= {"FPS": FPS, "RATE": rendered.RATE}
-
-        def script(text: str) -> str:
-            return re.sub("|".join(values), lambda name: json.dumps(values[name.group()]), AT + text)
-
-        found.evaluate(script(CAMERA))
-        for name, text in {"vision_bundle.mjs": script(TRACKER), "wasm/loader.js": "export default 0;"}.items():
-            found.context.route(f"**/runtime/{name}", _answer(text))
-        found.click("[data-input=camera]")
+    """The page of `web://` at WAVES_S of the sample, as its server has it from a run."""
+    with prepare(partial(open_source, "sample"), RunOptions(robot="op3"), clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        made = prepared.run()
+    record, robot = made.record, made.robot
+    assert robot is not None
+    tick = int(np.searchsorted(record.time, WAVES_S))
+    motion = rendered.planted(made.human, record.human_q[[tick]])
+    names = tuple(robot.profile.landmarks)
+    cast = Cast(
+        human=made.human.solid, robot=robot.solid, profile=robot, joints=robot.joint_map.joints, landmarks=names
+    )
+    known = {name: record.known[name][tick] for name in ("q", "human_q", "present", "landmarks_asked", "sensors")}
+    stand_in = StandIn(
+        files={
+            "runtime/vision_bundle.mjs": TRACKER.replace("POINTS", json.dumps(landmarks(motion)[0].tolist())).encode(),
+            "runtime/wasm/loader.js": b"export default 0;",
+        },
+        state={"state": "following", "why": "", "sensors": dict.fromkeys(made.sensors, True)},
+        scene=json.loads(json.dumps(cast.as_json())),
+        tracks=live_tracks(cast, RunTable(time=record.time[tick], **known)),
+    )
+    with running(stand_in), browser() as opened:
+        found = page(opened, stand_in.address)
+        found.evaluate(CAMERA.replace("PICTURE", json.dumps(_jpeg(next(rendered.drawn(motion))))))
+        found.click("[data-input=camera]:enabled")
         found.wait_for_function(FOLLOWS)
-        found.wait_for_timeout(1e3 * ((WAVES_AT_S - found.evaluate(f"(Date.now() - {began}) / 1000")) % long))
+        found.wait_for_function("() => trouble.hidden && human.width > 100 && overlay.width > 100")
         return shot(found)
-
-
-def _answer(text: str) -> Callable[[Any], None]:
-    return lambda route: route.fulfill(body=text, content_type="text/javascript")
 
 
 def _jpeg(picture: rendered.Image) -> str:
