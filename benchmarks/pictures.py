@@ -262,6 +262,7 @@ def main(*names: str) -> None:
         else:
             made.save(path, quality=QUALITY, method=6)
         print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB")
+    shutil.rmtree(folder())
     total = sum((IMAGES / name).stat().st_size for name in (*DRAWN, "wiring.svg") if (IMAGES / name).exists())
     if total > MOST_BYTES:
         raise SystemExit(f"the pictures have {total} bytes, allowed: {MOST_BYTES}")
