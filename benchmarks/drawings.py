@@ -33,7 +33,7 @@ from retarget.model.meshes import (
 from retarget.model.observers import placed, robot_observers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState, obstacle_meshes, obstacle_poses
-from retarget.report.solid import HUMAN_BONES, DrawnPostures, feet_of, pictures, project, robot_postures
+from retarget.pictures.solid import HUMAN_BONES, DrawnPostures, feet_of, pictures, project, robot_postures
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult
