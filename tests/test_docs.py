@@ -69,7 +69,7 @@ def test_commands_and_options_are_there(page: str) -> None:
 def test_extras_are_there_and_named_beside_the_first_commands() -> None:
     project = tomllib.loads(text_of("pyproject.toml"))["project"]
     for page in PAGES:
-        lists = re.findall(r"pip install 'retarget\[(.+?)\]'", text_of(page))
+        lists = re.findall(r"pip install (?:-e )?'(?:retarget|\.)\[(.+?)\]'", text_of(page))
         named = {extra for one in lists for extra in one.split(",")}
         assert named <= set(project["optional-dependencies"]), page
         assert page != "README.md" or named == {"record", "view"}
@@ -207,7 +207,8 @@ def test_every_section_is_in_the_table_of_symptoms() -> None:
 
 CONFIG: dict[str, Any] = yaml.safe_load(text_of("mkdocs.yml"))
 MADE = {"reference/robot.md", "reference/performer.md", "reference/priorities.md", "reference/scene.md", *PYTHON_PAGES}
-MADE |= {"reference/command-line.md", "reference/run-table.md", "security.md", "changelog.md", "examples.md"}
+MADE |= {f"reference/{name}.md" for name in ("command-line", "run-table", "states", "report", "exports", "measurements")}
+MADE |= {"security.md", "changelog.md", "examples.md"}
 """Pages that are no files of docs/."""
 LOADING = {"script": "src", "img": "src", "iframe": "src", "link": "href", "source": "src"}
 """Elements that fetch what they name."""

@@ -10,11 +10,13 @@ from pydantic import BaseModel
 from command_pages import command_page
 from model_tables import models_below, section
 from python_pages import PAGES, python_page
+from result_pages import formats_page, measurements_page, report_page
 from retarget.run.table import EVERY_S, FIELDS
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import Priorities
 from retarget.schema.profile import RobotProfile
 from retarget.schema.scene import Scene
+from state_tables import tables_of_states
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS: dict[str, tuple[str, str, type[BaseModel]]] = {
@@ -35,6 +37,10 @@ def made_pages() -> dict[str, str]:
     pages |= {place: python_page(place) for place in PAGES}
     pages["reference/command-line.md"] = command_page()
     pages["reference/run-table.md"] = run_table()
+    pages["reference/report.md"] = report_page()
+    pages["reference/exports.md"] = formats_page()
+    pages["reference/measurements.md"] = measurements_page()
+    pages["reference/states.md"] = f"# States of a run\n\n{tables_of_states()}\n"
     for path in _scripts():
         pages[f"examples/{path.stem}.md"] = _source(path)
     for beside, place in SHOWN.items():
