@@ -342,6 +342,12 @@ def test_bars_in_code_are_plain_in_tables_only(hooks: Any) -> None:
     assert hooks.plain_pipes(r"`a\|b`") == r"`a\|b`"
 
 
+def test_the_first_page_begins_and_ends_as_the_readme(hooks: Any) -> None:
+    page, readme = hooks.first_page(text_of("docs/README.md")), text_of("README.md")
+    assert page.startswith(readme[:200]) and page.endswith(readme[-200:])
+    assert "\n## Documentation\n" in page and "](docs/" not in page and "## The first run" not in page
+
+
 def test_every_example_is_a_page_and_is_listed(hooks: Any) -> None:
     pages = hooks.made_pages()
     assert "read_into_pandas.py](examples/read_into_pandas.md) | A recording as pandas tables" in pages["examples.md"]

@@ -65,7 +65,17 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Lead what points out of docs/ to its page here, and write what Git hosts read so that it is read here too."""
-    return plain_pipes(parted_lists(led_inside(markdown, page.file.src_uri)))
+    text = first_page(markdown) if page.file.src_uri == "README.md" else markdown
+    return plain_pipes(parted_lists(led_inside(text, page.file.src_uri)))
+
+
+def first_page(documentation: str) -> str:
+    """The list of pages between the top and the end of the README of the root."""
+    whole = (ROOT / "README.md").read_text(encoding="utf-8")
+    top, _, others = whole.partition("## The first run\n")
+    end = others[others.index("## Questions") :]
+    around = [text.replace("](docs/", "](").replace("](SECURITY.md", "](../SECURITY.md") for text in (top, end)]
+    return f"{around[0]}#{documentation}\n{around[1]}"
 
 
 def led_inside(markdown: str, place: str) -> str:
@@ -77,7 +87,7 @@ def led_inside(markdown: str, place: str) -> str:
         if target.startswith("../examples/"):
             return f"]({up}examples/{PurePosixPath(target).stem}.md{anchor})"
         if target == "../README.md":
-            return f"]({up}README.md)"
+            return f"]({up}README.md{anchor})"
         return f"]({up}{SHOWN[target]}{anchor})" if target in SHOWN else match[0]
 
     return LINK.sub(lead, markdown)
