@@ -7,7 +7,7 @@ from retarget.report.report import Report
 
 CAPTIONS = {
     "shipped-robots": "What the shipped robots do with recordings. Mock servos, speed 1, as sent: angles between the "
-    "limbs of robot and performer, in brackets the mean that the joints would allow; the worse hand, seen from its shoulder; "
+    "limbs of robot and performer, in brackets the mean that the joints would allow; the worse hand from its shoulder; "
     "and how far feet, pelvis and heading went of the performer's.",
     "standing": "Which motions stand. Whole runs of OP3 in physics, the path to rest included, at speed 1.",
     "robustness": "OP3 through 02_06 at half speed under perturbations, 50 seeds of each kind.",
@@ -20,7 +20,7 @@ CAPTIONS = {
     "unsensed": "Reconstruction from few sensors: mean distance, mm, from the recorded ones of pelvis, knees, elbows, "
     "shoulders and neck, of those that wear no sensor.",
     "judged": "OP3 at 30 Hz: runs on the mock bus beside a fit that solves each frame alone (weighted least squares to "
-    "the same landmarks within the joints' ranges, soles flat, a pull to the stance; no speeds, collisions or balance).",
+    "the same landmarks within the joints' ranges, soles flat, a pull to the stance).",
     "paper": "The paper's experiments 1 to 3. Distances in mm, negative inside; in brackets the frames more than 1 mm "
     "inside. Frames per second are those of a busy machine.",
     "frames": "A frame beside PlaCo and mink, median us; in brackets the mean error of the ankles, mm.",
