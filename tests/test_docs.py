@@ -345,7 +345,7 @@ def test_bars_in_code_are_plain_in_tables_only(hooks: Any) -> None:
 def test_the_first_page_begins_and_ends_as_the_readme(hooks: Any) -> None:
     page, readme = hooks.first_page(text_of("docs/README.md")), text_of("README.md")
     assert page.startswith(readme[:200]) and page.endswith(readme[-100:])
-    assert "\n## Documentation\n" in page and "](docs/" not in page and "## The first run" not in page
+    assert "\n## Documentation\n" in page and "](docs/" not in page and "op3_data" not in page
 
 
 def test_every_example_is_a_page_and_is_listed(hooks: Any) -> None:
