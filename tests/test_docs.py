@@ -348,6 +348,11 @@ def test_the_first_page_begins_and_ends_as_the_readme(hooks: Any) -> None:
     assert "\n## Documentation\n" in page and "](docs/" not in page and "op3_data" not in page
 
 
+def test_pictures_have_their_text_as_a_caption(hooks: Any) -> None:
+    assert hooks.captioned("![A table](images/a.webp)\nb") == "![A table](images/a.webp)\n<br>*A table*\n\nb"
+    assert hooks.captioned("see ![a](b.png)") == "see ![a](b.png)"
+
+
 def test_every_example_is_a_page_and_is_listed(hooks: Any) -> None:
     pages = hooks.made_pages()
     assert "read_into_pandas.py](examples/read_into_pandas.md) | A recording as pandas tables" in pages["examples.md"]

@@ -66,7 +66,7 @@ def on_files(files: Files, *, config: Any) -> Files:
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Lead what points out of docs/ to its page here, and write what Git hosts read so that it is read here too."""
     text = first_page(markdown) if page.file.src_uri == "README.md" else markdown
-    return plain_pipes(parted_lists(led_inside(text, page.file.src_uri)))
+    return captioned(plain_pipes(parted_lists(led_inside(text, page.file.src_uri))))
 
 
 def first_page(documentation: str) -> str:
@@ -105,6 +105,11 @@ def parted_lists(markdown: str) -> str:
             lines.append("")
         lines.append(line)
     return "\n".join(lines)
+
+
+def captioned(markdown: str) -> str:
+    """The text of each picture below it, as a caption."""
+    return re.sub(r"^(!\[(.+)\]\(\S+\))$", r"\1\n<br>*\2*\n", markdown, flags=re.MULTILINE)
 
 
 def plain_pipes(markdown: str) -> str:
