@@ -28,7 +28,7 @@ from retarget.report.report import BusReport, Report, StopReport
 from rig import scripted_run
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ["README.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
+PAGES = ["README.md", "AGENTS.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
 PROGRAM = {"--help", "--version"}
 
 
