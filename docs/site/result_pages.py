@@ -6,7 +6,7 @@ from retarget.recording.exports.formats import format_table
 from retarget.report.report import Report
 
 CAPTIONS = {
-    "shipped-robots": "What the shipped robots do with recordings. Mock servos, speed 1, as sent: angles between the "
+    "shipped-robots": "The shipped robots follow recordings. Mock servos, speed 1, as sent: angles between the "
     "limbs of robot and performer, in brackets the mean that the joints would allow; the worse hand from its shoulder; "
     "and how far feet, pelvis and heading went of the performer's.",
     "standing": "Which motions stand. Whole runs of OP3 in physics, the path to rest included, at speed 1.",
@@ -27,9 +27,9 @@ CAPTIONS = {
     "observed": "A frame with collision observers, the same shapes and pairs, damper on all pairs, median us.",
     "obstacles": "A frame with obstacles around the arms of OP3, half of them within influence, us.",
     "tick": "A live tick of OP3: five sensors as JSON, emulated servos.",
-    "latency": "How long a motion of a hand takes to the shafts, in a live run of five sensors at 90 Hz. The last line "
+    "latency": "Time from a motion of a hand to the shafts, in a live run of five sensors at 90 Hz. The last line "
     "compares what was sent with the shafts, and knows of no stage.",
-    "lateness": "How late ticks wake up, in the live loop and in an empty one by turns, at a load of 9.5.",
+    "lateness": "Lateness of ticks, in the live loop and in an empty one by turns, at a load of 9.5.",
     "bus": "A cycle of 20 emulated XM430-W350 behind a pseudo-terminal, no wire delay, beside dynamixel-sdk 4.1.0.",
     "physics-speed": "Whole runs of OP3 with mass at half speed.",
 }
@@ -48,7 +48,7 @@ def measurements_page() -> str:
 
 def report_page() -> str:
     """The keys of a report, from the docstrings of its fields."""
-    lines = ["# Keys of a report", "", "`report.json`, in its order. What is not known is `null`.", ""]
+    lines = ["# Keys of a report", "", "`report.json`, in its order. A key is `null` where its value is not known.", ""]
     lines += ["| key | meaning |", "|---|---|"]
     lines += [f"| `{name}` | {' '.join(text.split())} |" for name, text in docstrings_below(Report)]
     return "\n".join([*lines, ""])

@@ -153,7 +153,7 @@ class Report:
     ticks: int
     """Ticks of the bus."""
     duration_s: float
-    """s to the end, braking and the path to rest included."""
+    """Seconds to the end, braking and the path to rest included."""
     rate_hz: float
     """Ticks per second of the robot."""
     frames_per_s: float
@@ -165,13 +165,13 @@ class Report:
     retarget_us: Percentiles | None = None
     """Thread CPU per tick, the robot's stage."""
     tracking_mm: dict[str, Spread]
-    """Of a robot, landmarks sent against their targets at the same tick; of a human, joints against sensors."""
+    """Landmarks of a robot against their targets at the same tick; joints of a human against sensors."""
     lag_s: float | None
     """Delay at which targets and landmarks correlate best; null of a run that is too short."""
     hand_path_ratio: float | None = None
     """Length of the hands' paths over that of their targets: a frozen robot shows 0."""
     pelvis_excursion_ratio: float | None = None
-    """The same of how far the pelvis went."""
+    """The same ratio for the pelvis."""
     unsensed_mm: dict[str, float] | None = None
     """Joints without a sensor, against the recorded body."""
     min_clearance_mm: Clearances
@@ -187,11 +187,11 @@ class Report:
     com_outside_support_frames: int | None = None
     """Ticks with the centre of mass outside the hull of the soles."""
     foot_slide_mm: float | None = None
-    """How far a sole slid while it touched."""
+    """Farthest slide of a sole while it touched."""
     jerk_p95: float | None
-    """Of joints, rad/s^3."""
+    """Jerk of joints, rad/s^3."""
     fallen: bool | None = None
-    """As the simulation saw it; null without."""
+    """True if the robot fell in the simulation; null without one."""
     mode_switches_per_s: ModeSwitches | None = None
     """Changes of mode of observers, mean and worst."""
     bus: BusReport | None
@@ -203,19 +203,19 @@ class Report:
     servo_tracking_mm: dict[str, Spread] | None = None
     """As `tracking_mm`, of where the servos were."""
     servo_error_deg: dict[str, Spread] | None = None
-    """How far each servo stood from the goal of the tick before."""
+    """Distance of each servo from the goal of the tick before."""
     no_command_frames: int | None = None
     """Ticks without a goal, in which the gate braked; not among `gated_frames`."""
     likeness_deg: dict[str, Spread] | None = None
     """Angles between limbs of robot and performer: upper arms, forearms, thighs, shanks."""
     trunk_lean_deg: Spread | None = None
-    """How far the trunk leans from where the performer's does."""
+    """Angle between the leans of the trunks of robot and performer."""
     likeness_recorded_deg: dict[str, Spread] | None = None
     """The same limbs and `trunk_lean` against the recorded body; null where the file does not know it whole."""
     legs_away_s: dict[str, float] | None = None
     """Longest time that each thigh and shank was more than 45 degrees off, from the recorded body where it is known."""
     pelvis_height_mm: Spread | None = None
-    """How much higher or lower the pelvis was than its target."""
+    """Height of the pelvis above or below its target."""
     best_likeness_deg: dict[str, Spread] | None = None
     """Likeness of arms and `trunk_lean` at the best posture of each instant that limits and self-collision allow; null
     where it was not asked for."""
@@ -248,15 +248,15 @@ class Report:
     observers: ObserversReport | None = None
     """Clearance and activity of the observers."""
     physics: PhysicsReport | None
-    """As the simulation saw it: falls, `toppled` at rest, centre of pressure, slip, torque, temperature."""
+    """Falls in the simulation, `toppled` at rest, centre of pressure, slip, torque, temperature."""
     steps: StepsReport | None = None
     """Steps of a robot that makes some."""
     live: LiveReport | None
-    """Of a stream: frames, dropped ones with reasons, lost sensors, holds; null of a file."""
+    """Frames of a stream, dropped ones with reasons, lost sensors, holds; null of a file."""
     latency_ms: dict[str, TimePercentiles] | None
-    """Of a hand's motion on its path to the shafts, by stage, see `retarget.report.latency`."""
+    """Delay of a hand's motion on its path to the shafts, by stage, see `retarget.report.latency`."""
     hand_to_shaft_ms: TimePercentiles | None
-    """Of the whole path."""
+    """Delay of the whole path."""
     robot: str
     """Robot of the run."""
     source: str
