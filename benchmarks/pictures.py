@@ -3,6 +3,7 @@
 Pages are those of real runs of OP3 on mock servos in headless Chromium, `terminal.svg` has what such a run prints, and
 bodies are drawn as in a report. The performer of `web://` is rendered, and its landmarks are those that are known: the
 real body tracker and a browser without a graphics card are too much for two cores. `wiring.svg` is drawn by hand.
+Look at `live-page.webp` afterwards: it is of a run in real time, which lags on a busy machine.
 """
 
 import base64
@@ -228,7 +229,7 @@ def web_page() -> Image.Image:
         found.wait_for_function("() => human.width > 100 && overlay.width > 100")
         # How fast its pictures come is no matter of a browser without a graphics card.
         found.evaluate("() => { trouble.style.display = numbers.style.display = 'none'; }")
-        found.wait_for_timeout(1000.0)
+        found.wait_for_timeout(4000.0)
         return shot(found)
 
 
@@ -262,6 +263,7 @@ def main(*names: str) -> None:
         else:
             made.save(path, quality=QUALITY, method=6)
         print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB")
+    shutil.rmtree(folder())
     total = sum((IMAGES / name).stat().st_size for name in (*DRAWN, "wiring.svg") if (IMAGES / name).exists())
     if total > MOST_BYTES:
         raise SystemExit(f"the pictures have {total} bytes, allowed: {MOST_BYTES}")
