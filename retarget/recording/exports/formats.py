@@ -172,12 +172,12 @@ def export_place(
             found=str(place)[:200],
             next_step=f"Give {place.stem[:200]}{form.ending}, or --to {others[0].name}",
         )
+    if not overwrite:
+        refuse_existing(place, option="--out")
     if form.write is None:
         check_folder(place, option="--out")
     else:
         check_place(place, option="--out")
-    if not overwrite:
-        refuse_existing(place, option="--out")
     return place
 
 
