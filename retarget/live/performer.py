@@ -223,7 +223,7 @@ class LivePerformer:
         good = self.engagement.wanted and self._is_good(reading, now)
         went, goes = self._approach.good, self._approach.step(now, good=good)
         if goes is not went:
-            self._report(now, "the robot goes on", "the robot waits during its approach{}", good=goes)
+            self._report("the robot goes on", "the robot waits during its approach{}", good=goes)
         return goes
 
     def sample(self, tick: int) -> SensorSample | None:
@@ -290,13 +290,13 @@ class LivePerformer:
         self._tally.count(reading.states, followed=followed is not None)
         if self.engagement.following is not before:
             holds = "the performer is not followed{}: the robot holds"
-            self._report(now, "the performer is followed", holds, good=followed is not None)
+            self._report("the performer is followed", holds, good=followed is not None)
         return followed
 
-    def _report(self, now: float, goes_on: str, holds: str, *, good: bool) -> None:
+    def _report(self, goes_on: str, holds: str, *, good: bool) -> None:
         """Say that the robot goes on, or holds; of holds that come again and again see `Repeats`. holds: with a place
         for the reason."""
-        if self._holds.is_news([0], now, begins=not good):
+        if self._holds.is_news([0], begins=not good):
             late = " because ticks come late" if self._timing.behind else ""
             self._notify(goes_on if good else f"{holds.format(late)}{self._holds.count_text([0])}")
 

@@ -117,7 +117,7 @@ class SensorValidity:
         for (before, after, resettled), sensors in alike.items():
             rows = [self.names.index(name) for name in sensors]
             is_lost = after is not ValidityState.FRESH
-            if not self._repeats.is_news(rows, self._now, begins=is_lost):
+            if not self._repeats.is_news(rows, begins=is_lost):
                 continue
             text = change_text(before, after, max(sensors.values()), resettled=resettled)
             said.append(f"{self._named(sensors)}: {text}{self._repeats.count_text(rows) if is_lost else ''}")
@@ -131,27 +131,17 @@ class SensorValidity:
         self._reported[self._states == ValidityState.FRESH] = ValidityState.FRESH
 
 
-AGAIN_S = 30.0
-"""What comes and goes is said once; from then on at most so often, s, with a count."""
-
-
 class Repeats:
-    """What comes and goes, by row: said at first, then counted, and said with the count after AGAIN_S."""
+    """What comes and goes, by row: its first, tenth, hundredth ... beginning is said, with a count, and its end where
+    the beginning was. So a run of hours says little."""
 
     def __init__(self, count: int) -> None:
         self._times = np.zeros(count, dtype=int)
-        self._said = np.full(count, -np.inf)  # [s] when its beginning was last said
-        self._quiet = np.zeros(count, dtype=bool)  # whether its last beginning was not
 
-    def is_news(self, rows: Sequence[int], now: float, *, begins: bool) -> bool:
-        """True if rows that begin at `now`, s, are to be said; else if they end, and one of their beginnings was."""
-        at = [*rows]
-        if begins:
-            self._times[at] += 1
-            is_due = bool((now - self._said[at] >= AGAIN_S).any())
-            self._quiet[at] = not is_due
-            self._said[at] = now if is_due else self._said[at]
-        return not self._quiet[at].all()
+    def is_news(self, rows: Sequence[int], *, begins: bool) -> bool:
+        """True if rows that begin are to be said; else if they end, and one of their beginnings was."""
+        self._times[[*rows]] += begins
+        return any(times == 10 ** (len(str(times)) - 1) for times in self._times[[*rows]].tolist())
 
     def count_text(self, rows: Sequence[int]) -> str:
         """How often rows began so far, in words; "" for the first time."""
