@@ -57,11 +57,11 @@ from retarget.cli.session import Session
 from retarget.cli.stop import socket_path
 from retarget.cli.view import opened_page, viewing
 from retarget.cli.web.control import LABEL, PAGE, PageControl, opened_web
-from retarget.errors import UsageError
+from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
 from retarget.live.address import StreamAddress, is_address, parse_address
-from retarget.live.begin import LONGEST_COUNTDOWN_S, LiveOptions, begin_live, live_rate_hz
+from retarget.live.begin import LONGEST_COUNTDOWN_S, POLL_S, LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
 from retarget.live.playout import LIGHT
@@ -409,9 +409,9 @@ def follow_live(
         devices, dead_man = _opened(live.oversight, controls, run.lines.log, status=lambda: operator.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
         stack.enter_context(run.live_page(address, live))
-        notify, supervisor = run.notify, Supervisor()
-        perform = _performing(address, begins, run, tap, supervisor, stack)
-        with run.prepared(perform, supervisor) as prepared:
+        notify = run.notify
+        with ExitStack() as robot:
+            prepared = _begun(address, begins, run, tap, stack, robot)
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
             operator = RunOperator(
@@ -434,6 +434,35 @@ def follow_live(
         stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
         return max(run.recorder.code(finished(result, outputs, run.lines, said=prepared.notes)), _followed(result, notify))
+
+
+AGAIN_S = 5.0
+"""Time, s, for which the page shows why a performer was not followed, before it begins again."""
+
+
+def _begun(
+    address: StreamAddress,
+    begins: LiveOptions,
+    run: CommandRun,
+    tap: RawTap | None,
+    stack: ExitStack,
+    robot: ExitStack,
+) -> Prepared:
+    """The run that can start; `robot` closes its bus. A performer who is refused on the page tries again there, with
+    the same address, where no servo can have torque. Raises RetargetError; KeyboardInterrupt: STOP on the page."""
+    while True:
+        began, supervisor = run.clock.now(), Supervisor()
+        try:
+            return robot.enter_context(run.prepared(_performing(address, begins, run, tap, supervisor, stack), supervisor))
+        except InputError as error:
+            came = run.clock.now() - began < begins.patience  # else the page was not even opened
+            if run.control is None or not run.options.simulated or not came:
+                raise
+            run.notify(f"{error} It begins again in {AGAIN_S:g} s.")
+            until = run.clock.now() + AGAIN_S
+            while run.clock.now() < until:
+                run.control.look()
+                run.clock.sleep_until(run.clock.now() + POLL_S)
 
 
 def _performing(

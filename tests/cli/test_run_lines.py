@@ -20,7 +20,7 @@ EACH_S, GAP_S = 2.0, 0.6
 def dropping_out(path: Path, count: int) -> str:
     """Address of a stream that drops out so often, after 4 s in which the performer is measured and approached."""
     writer, sender = RawWriter(path, url="json://:14150"), FakeSender()
-    for tick in range(round(100 * (4.0 + count * EACH_S))):
+    for tick in range(round(100 * (5.0 + count * EACH_S))):
         now = 0.01 * tick
         lost = now > 4.0 and (now - 4.0) % EACH_S > EACH_S - GAP_S
         for datagram in sender.poll(now):
