@@ -433,7 +433,9 @@ def follow_live(
         times = {} if run.control is None else run.control.times()
         stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
-        return max(run.recorder.code(finished(result, outputs, run.lines, said=prepared.notes)), _followed(result, notify))
+        return max(
+            run.recorder.code(finished(result, outputs, run.lines, said=prepared.notes)), _followed(result, notify)
+        )
 
 
 AGAIN_S = 5.0
@@ -453,7 +455,9 @@ def _begun(
     while True:
         began, supervisor = run.clock.now(), Supervisor()
         try:
-            return robot.enter_context(run.prepared(_performing(address, begins, run, tap, supervisor, stack), supervisor))
+            return robot.enter_context(
+                run.prepared(_performing(address, begins, run, tap, supervisor, stack), supervisor)
+            )
         except InputError as error:
             came = run.clock.now() - began < begins.patience  # else the page was not even opened
             if run.control is None or not run.options.simulated or not came:

@@ -8,7 +8,7 @@ from typing import Self
 from retarget.errors import InputError, UsageError
 from retarget.live.address import RECORDED, StreamAddress, parse_address
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
-from retarget.live.datagram_kinds import recognise
+from retarget.sources.streams.datagram_kinds import recognise
 from retarget.sources.streams.raw_record import RawReader, RawWriter, RecordedDatagram
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import Notify

@@ -15,7 +15,7 @@ from hardware.realtime import PROCESSES, named_process
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, listed_interfaces
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
-from retarget.live.natnet_session import NatnetSession
+from retarget.sources.streams.natnet_session import NatnetSession
 from retarget.sources.streams.natnet_wire import COMMAND_PORT
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
 

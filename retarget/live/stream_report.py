@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -13,14 +14,73 @@ from retarget.errors import InputError, Problem
 from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, TOO_LONG, TOO_MANY
-from retarget.live.advice import advice
-from retarget.live.datagram_kinds import advice_for, reads, recognise
-from retarget.live.natnet_session import NEWEST, natnet_problems
+from retarget.live.advice import advice, problem
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
-from retarget.sources.streams.natnet_wire import OLDEST
+from retarget.sources.streams.datagram_kinds import Recognised, reads, recognise
+from retarget.sources.streams.natnet_session import NEWEST, NatnetSession
+from retarget.sources.streams.natnet_wire import COMMAND_PORT, DATA_PORT, OLDEST
+from retarget.sources.streams.stream_frame import CONVENTIONS
 from retarget.types import Notify
+
+# What to do when something else arrives than the address reads.
+
+
+def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
+    """What to do about datagrams `got` at an address of `kind`; "" where the address reads them. recording: the file
+    that holds them, "" for a live stream."""
+    symptom = f"instead {got.kind}" if got.kind else f"unread {got.name}"
+    if reads(kind, got):
+        symptom = f"part {got.detail}"
+    elif got.kind and recording:
+        symptom = f"recorded {got.kind}"
+    usual = KINDS[got.kind].port if got.kind else None
+    facts = {"port": port, "recording": recording, "got": got.kind, "name": got.name, "usual": usual}
+    return advice(symptom, kind, sender=KINDS[kind].sender, axes=", ".join(CONVENTIONS), **facts).then
+
+
+# Problems of a NatNet session, and what to set in Motive.
+
+PATIENCE_S = 3.0
+"""Time, s, after which an answer counts as missing."""
+
+
+def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
+    """List the problems at `now`, s, causes before consequences. host: as the user gave it, for the text."""
+    server, found = session.server, list[Problem]()
+
+    def note(symptom: str, *, seen: str = "", **facts: Any) -> None:
+        found.append(problem(symptom, host, "natnet", found=seen, host=host, command_port=COMMAND_PORT, **facts))
+
+    if server is None:
+        if session.started is not None and now - session.started >= PATIENCE_S:
+            note("frames without answer" if session.frames else "no answer")
+        return tuple(found)
+    if not OLDEST <= server.version <= NEWEST:
+        seen = f"{server.version}, from {server.name} {server.app_version[0]}.{server.app_version[1]}"
+        symptom = "old version" if server.version < OLDEST else "new version"
+        note(symptom, seen=seen)
+        return tuple(found)
+    if session.silent(now):
+        sent_to = server.group, server.data_port or DATA_PORT
+        if server.multicast != (session.group is not None):
+            sent, wanted = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
+            to = f" to {server.group}, port {server.data_port}" if server.multicast else ""
+            note("other transport", seen=sent + to, sent=sent, wanted=wanted)
+        elif session.group is None:
+            note("no frames")
+        elif sent_to != session.group:
+            seen, own = ("{}, port {}".format(*place) for place in (sent_to, session.group))
+            note("other group", seen=seen, own=own, group=sent_to[0], port=sent_to[1])
+        else:
+            note("no frames, multicast", group=session.group[0], port=session.group[1])
+    if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
+        note("no names")
+    return tuple(found)
+
+
+# Why a stream cannot be used, and what is wrong with it while it runs.
 
 NOTED_S = 0.05
 """Time, s, without a frame after which counts are noted: what arrives from then on arrives instead of frames."""

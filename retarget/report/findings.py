@@ -447,8 +447,9 @@ def heading(report: Report) -> str:
 def remarks(
     run: RunResult, report: Report, notes: Sequence[str], *, most: int = MOST_REMARKS, kept_back: int = 0
 ) -> list[str]:
-    """The lines that matter, at most `most`, the last of which counts those left out and the notices kept back: limits that were not kept, but for what the sentence says; what
-    was not followed; the pair that the gate refused most; and notes."""
+    """The lines that matter, at most `most`: limits that were not kept, but for what the sentence says; what was not
+    followed; the pair that the gate refused most; and notes. The last one counts holds, notices that were kept back,
+    and the lines that are left out."""
     known = findings(run, report)
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
     lines = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]

@@ -73,15 +73,15 @@ def test_every_kind_of_run(run: str, printed: Callable[..., list[str]]) -> None:
 
 def test_a_replay(printed: Callable[..., list[str]]) -> None:
     pytest.importorskip("mcap", reason="the extra 'record' is not installed (make test installs it)")
-    assert len(printed("run", "--robot", "op3", "--source", "sample", "--end", "0.5", "--record", "r.mcap")) <= MOST_LINES
+    assert (
+        len(printed("run", "--robot", "op3", "--source", "sample", "--end", "0.5", "--record", "r.mcap")) <= MOST_LINES
+    )
     assert len(printed("replay", "r.mcap")) <= MOST_LINES
     assert len(printed("replay", "r.mcap", "--goals", "--bus", "mock")) <= MOST_LINES
 
 
 @pytest.mark.parametrize("count", [12, pytest.param(100, marks=pytest.mark.long)])
-def test_a_stream_that_drops_out_again_and_again(
-    count: int, tmp_path: Path, printed: Callable[..., list[str]]
-) -> None:
+def test_a_stream_that_drops_out_again_and_again(count: int, tmp_path: Path, printed: Callable[..., list[str]]) -> None:
     source = dropping_out(tmp_path / "gaps.raw", count)
     robot = "op3" if count < 100 else "human"  # whose run takes a third of the time
     words = ("run", "--robot", robot, "--source", source, "--countdown", "1")

@@ -34,10 +34,11 @@ from retarget.live.admission import (
     Source,
     admission_for,
 )
-from retarget.live.datagram_kinds import Recognised, advice_for, recognise
 from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import NatnetReceiver, UdpReceiver, open_socket
+from retarget.live.stream_report import advice_for
+from retarget.sources.streams.datagram_kinds import Recognised, recognise
 from retarget.sources.streams.natnet_wire import MessageId, Version, split
 from retarget.sources.streams.raw_record import RawReader, RawWriter
 

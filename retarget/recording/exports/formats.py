@@ -156,9 +156,7 @@ def format_named(name: str) -> Format:
     return FORMATS[name]
 
 
-def export_place(
-    form: Format, run: Path, out: Path | None, *, of_human: bool = False, overwrite: bool = False
-) -> Path:
+def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False, overwrite: bool = False) -> Path:
     """Path of an export: `out`, or beside the run under its name. Raises UsageError where nothing can be written, where
     something is unless it may be overwritten, and for the suffix of another format."""
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
@@ -209,7 +207,9 @@ def _write_folder(place: Path, contents: Mapping[str, bytes], *, overwrite: bool
     """Write a folder; one that is there is replaced only by one of the same layout, so that no other is lost."""
     if not overwrite:
         refuse_existing(place, option="--out")
-    others = {path.name for path in place.iterdir()} - {Path(name).parts[0] for name in contents} if place.is_dir() else ()
+    others = (
+        {path.name for path in place.iterdir()} - {Path(name).parts[0] for name in contents} if place.is_dir() else ()
+    )
     if others:
         raise UsageError(
             "a folder with other things in it is not replaced",

@@ -3,7 +3,7 @@
 A new protocol needs a decoder, `retarget/sources/streams/NAME.py` with `decode(datagram) -> list[StreamFrame]`, that
 never raises, reads no clock, and bounds everything that it counts (`vrchat.py` is the shortest). Then rows: its axes
 here, its address in `retarget/live/address.py` (KINDS), names of sensors in `retarget/live/roles.py`, decoder and
-stamps in `retarget/live/open_stream.py`, and how the doctor recognises it in `retarget/live/datagram_kinds.py`. Its
+stamps in `retarget/live/open_stream.py`, and how the doctor recognises it in `datagram_kinds.py`. Its
 tests: the datagrams of the maker's documentation, and every field cut short, too long, NaN or repeated.
 """
 

@@ -77,7 +77,10 @@ def documented() -> Callable[[str], str]:
 
 
 def test_twenty_new_servos_follow_the_sample_at_the_end(
-    documented: Callable[[str], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    documented: Callable[[str], str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     bench = Bench(monkeypatch, capsys)
