@@ -48,7 +48,7 @@ def _row(symptom: str, kind: str) -> dict[str, str]:
 def advice(symptom: str, kind: str = "", **facts: Any) -> Advice:
     """The advice on a symptom of a stream of this kind, a scheme of an address, with facts filled in."""
     row = _row(symptom, kind)
-    return Advice(*(row.get(part, "").format_map(facts) for part in Advice._fields))
+    return Advice(*(row.get(part, "").format_map({**facts, "kind": kind}) for part in Advice._fields))
 
 
 def problem(symptom: str, where: str, kind: str = "", *, found: str = "", **facts: Any) -> Problem:

@@ -21,12 +21,21 @@ from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
 from retarget.human.stance import facing_of
-from retarget.live.advice import advice
+from retarget.live.advice import advice, refusal
 from retarget.live.rest_capture import Alignment
-from retarget.live.roles import NO_WRISTS, Roles
+from retarget.live.roles import Roles
 from retarget.live.sensor_validity import Debounce, Engagement, Repeats, SensorDebounce
 from retarget.live.stream import LiveStream, StreamReading
-from retarget.live.stream_report import GoalLatency, LiveReport, StreamNews, StreamProblems, Tally, live_report
+from retarget.live.stream_report import (
+    MS,
+    GoalLatency,
+    LiveReport,
+    StreamNews,
+    StreamProblems,
+    Tally,
+    refused_counts,
+    spread_of,
+)
 from retarget.types import BoolArray, Notify
 
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
@@ -64,13 +73,8 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
     """Raise UsageError where the performer's file does not list a sensor that measuring needs."""
     missing = [name for name in REQUIRED if name not in roles.sensors]
     if missing:
-        vrchat = roles.convention == "slimevr_vrchat"
-        raise UsageError(
-            "the performer cannot be measured without head and both wrists",
-            where=where,
-            found=f"a performer's file without {', '.join(missing)}",
-            next_step=NO_WRISTS if vrchat else "Add them to the performer's file, or choose another --performer",
-        )
+        found = f"a performer's file without {', '.join(missing)}"
+        raise refusal(UsageError, f"unmeasurable {roles.convention}", where, found=found)
 
 
 PLAYED_S = 0.05
@@ -275,8 +279,20 @@ class LivePerformer:
         self, *, address: str, person: str | None, times: Mapping[str, Sequence[float]] = MappingProxyType({})
     ) -> LiveReport:
         """The report on the stream. times: s, of stages before the arrival of frames."""
-        stages = {**times, "goal": self.latency.times}
-        return live_report(self.stream, self._tally, stages, address=address, person=person)
+        stages, stream = {**times, "goal": self.latency.times}, self.stream
+        return LiveReport(
+            address=address,
+            frames=stream.frames,
+            datagrams=stream.arrived,
+            dropped=dict(refused_counts(stream).most_common()),
+            refused=tuple(f"{source}: {reason}" for source, reason in stream.admission.named),
+            lost_s=self._tally.lost_s,
+            holds=self._tally.holds,
+            playout_delay_ms=MS * stream.playout.delay,
+            smoothing=stream.smoothing,
+            latency_ms={stage: spread_of(taken) for stage, taken in stages.items() if taken},
+            person=person,
+        )
 
     def recorded(self) -> Clip:
         """The samples that were followed; during a hold, the held one."""

@@ -12,6 +12,7 @@ import numpy as np
 from retarget._solver import Validity
 from retarget.frames import SensorSample
 from retarget.human.pose_validation import LIMITS, StateArray, ValidityLimits, ValidityState, other_sides
+from retarget.live.advice import advice
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
@@ -33,17 +34,12 @@ NO_TIME = "pose at a time that is not finite"
 def change_text(before: ValidityState, after: ValidityState, seconds: float, *, resettled: bool) -> str:
     """What has changed, for the user. seconds: how long it has been in the new state, 0 where that is not known.
     resettled: it is valid again at another place than before its jump."""
+    symptom = after.name.lower()
     if after is ValidityState.FRESH:
-        if resettled:
-            return "accepted again at its new place"
-        return "received now" if before is ValidityState.NOT_IN_USE else "back"
-    return {
-        ValidityState.STALE: f"nothing that can be used for {seconds:.1f} s" if seconds else "not received yet",
-        ValidityState.FROZEN: f"frozen since {seconds:.1f} s (tracker lost?)",
-        ValidityState.JUMPED: "jumped farther than a human can",
-        ValidityState.NOT_IN_USE: "not received since the start (not worn?)",
-        ValidityState.OUT_OF_RANGE: "position outside the room",
-    }[after]
+        symptom = "resettled" if resettled else "received" if before is ValidityState.NOT_IN_USE else "fresh"
+    elif after is ValidityState.STALE and not seconds:
+        symptom = "never"
+    return advice(f"sensor {symptom}", seconds=seconds).what
 
 
 class SensorValidity:

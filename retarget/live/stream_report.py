@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from itertools import islice
@@ -14,7 +14,7 @@ from retarget.errors import InputError, Problem
 from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, TOO_LONG, TOO_MANY
-from retarget.live.advice import advice, problem
+from retarget.live.advice import advice, problem, refusal
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
@@ -92,7 +92,7 @@ MOST_REASONS, MOST_NAMES = 3, 40
 """Reasons and names that a message lists at most: it stays readable."""
 
 
-def _refused(stream: LiveStream) -> Counter[str]:
+def refused_counts(stream: LiveStream) -> Counter[str]:
     """Counts of everything that was not used so far, by reason; a copy."""
     stages = stream.admission.refused, stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
     counts = (*stages, stream.clock_map.dropped, stream.playout.dropped)
@@ -141,7 +141,7 @@ def refuse_version(stream: LiveStream, now: float) -> None:
 
 def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
     """Make the error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
-    refused, silence = _refused(stream), now - stream.last
+    refused, silence = refused_counts(stream), now - stream.last
     if problems := _motive(stream, now):
         return InputError.from_problems(problems)
     if stream.arrived == 0:
@@ -150,23 +150,18 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         got, step = _instead(stream, where)
         found = got or _listed(refused)
         found = found if stream.frames else f"{stream.arrived} datagrams: {found}"
-        step = step or _step(stream, refused)
-        return InputError("what arrives cannot be used", where=where, found=found, next_step=step)
+        return refusal(InputError, "cannot be used", where, found=found, step=step or _step(stream, refused))
     absent = ", ".join(f"no {name}" for name in missing)
     if silence >= 0.5 * SILENT_S:
-        said = advice("over" if stream.receiver.finished else "silent", stream.kind, silence=silence)
         found = "" if stream.receiver.finished else f"{stream.frames} frames before that, and now {absent}"
-        return InputError(said.what, where=where, found=found, next_step=said.then)
+        symptom = "over" if stream.receiver.finished else "silent"
+        return refusal(InputError, symptom, where, stream.kind, found=found, silence=silence)
     sent = dict(zip(stream.roles.sensors, stream.roles.places, strict=True))
     absent = ", ".join(f"no {name} ({sent[name].position})" for name in missing)
-    said = advice("missing")
-    return InputError(
-        said.what,
-        where=where,
-        found=absent + (f"; refused: {_listed(refused)}" if refused else ""),
-        allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step=_step(stream, refused) if _commonest(refused) == OUT_OF_RANGE else said.then,
-    )
+    found = absent + (f"; refused: {_listed(refused)}" if refused else "")
+    symptom = "missing, outside" if _commonest(refused) == OUT_OF_RANGE else "missing"
+    names = ", ".join(list(stream.names)[:MOST_NAMES])
+    return refusal(InputError, symptom, where, found=found, names=names, step=_step(stream, refused))
 
 
 def _instead(stream: LiveStream, where: str) -> tuple[str, str]:
@@ -185,15 +180,14 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
     """The error for a stream on which nothing has arrived, with the address and port that are listened on."""
     receiver = stream.receiver
     if not isinstance(receiver, UdpReceiver):
-        said = advice("nothing arrives", stream.kind, waited=waited)
-        return InputError(said.what, where=where, next_step=said.then)
+        return refusal(InputError, "nothing arrives", where, stream.kind, waited=waited)
     host, port = receiver.bound
     here = IPv4Address(host).is_loopback
-    others, quoted = for_others(where.partition("://")[0], port), shlex.quote(where)
-    symptom = f"nothing arrives, {'loopback' if here else 'port'}"
-    said = advice(symptom, stream.kind, waited=waited, host=host, port=port, others=others, where=quoted)
+    facts = {"waited": waited, "host": host, "port": port, "quoted": shlex.quote(where)}
+    facts["others"] = for_others(where.partition("://")[0], port)
     found = f"listening at {host}, UDP port {port}" + (", which only this machine can reach" if here else "")
-    return InputError(said.what, where=where, found=found, next_step=said.then)
+    symptom = f"nothing arrives, {'loopback' if here else 'port'}"
+    return refusal(InputError, symptom, where, stream.kind, found=found, **facts)
 
 
 class StreamProblems:
@@ -235,7 +229,7 @@ class StreamProblems:
             return ""
         arrived, refused = self._before or self._seen()
         symptom = "silent short" if self._stream.arrived == arrived else "unusable short"
-        return advice(symptom, self._stream.kind, reasons=_listed(_refused(self._stream) - refused)).what
+        return advice(symptom, self._stream.kind, reasons=_listed(refused_counts(self._stream) - refused)).what
 
     def why(self, now: float) -> str:
         """Return what is wrong, also where it was reported before; "" for nothing."""
@@ -244,7 +238,7 @@ class StreamProblems:
         if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
             return ""
         arrived, refused = self._before
-        news = _refused(stream) - refused
+        news = refused_counts(stream) - refused
         if problems := _motive(stream, now):
             return problems[0].render() + (f" What arrived was not used: {_listed(news)}" if news else "")
         if stream.receiver.finished or stream.arrived == arrived:
@@ -253,7 +247,7 @@ class StreamProblems:
         return f"{said.what}. {_step(stream, news)}"
 
     def _seen(self) -> tuple[int, Counter[str]]:
-        return self._stream.arrived, _refused(self._stream)
+        return self._stream.arrived, refused_counts(self._stream)
 
 
 # Messages about a stream while it runs, each once: other senders, losses, a clock that jumped.
@@ -412,22 +406,3 @@ class Tally:
     def lost_s(self) -> dict[str, float]:
         """Time, s, that each sensor was lost so far, for sensors that ever were."""
         return {name: ticks * self._dt for name, ticks in zip(self._names, self._lost.tolist(), strict=True) if ticks}
-
-
-def live_report(
-    stream: LiveStream, tally: Tally, times: Mapping[str, Sequence[float]], *, address: str, person: str | None
-) -> LiveReport:
-    """The report on a run that has ended. times: of each stage, s."""
-    return LiveReport(
-        address=address,
-        frames=stream.frames,
-        datagrams=stream.arrived,
-        dropped=dict(_refused(stream).most_common()),
-        refused=tuple(f"{source}: {reason}" for source, reason in stream.admission.named),
-        lost_s=tally.lost_s,
-        holds=tally.holds,
-        playout_delay_ms=MS * stream.playout.delay,
-        smoothing=stream.smoothing,
-        latency_ms={stage: spread_of(taken) for stage, taken in times.items() if taken},
-        person=person,
-    )
