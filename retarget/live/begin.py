@@ -27,12 +27,12 @@ from retarget.live.rest_capture import (
     Calibrated,
     RestCapture,
     frozen_as_fresh,
-    skeleton_of,
 )
 from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import StreamProblems, refuse_version, unusable
 from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
 from retarget.model.robot import RobotBody
+from retarget.sources.streams.stream_frame import SkeletonSender
 from retarget.types import Notify, RunState
 
 Enter = Callable[[RunState], object]
@@ -90,8 +90,8 @@ def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> Inpu
         return InputError(why.rstrip("."), where=where)
     if lost:
         return refusal(InputError, "lost sensors", where, found=f"no {', no '.join(lost)}")
-    symptom, limits = ASIDE if check.aside else "not raised", {"rise": RISE_M, "front": FRONT_M, "still": STILL_M}
-    return refusal(InputError, symptom, where, found=check.found(), **limits)
+    symptom = ASIDE if check.aside else "not raised"
+    return refusal(InputError, symptom, where, found=check.found(), rise=RISE_M, front=FRONT_M, still=STILL_M)
 
 
 # Wait for data, measure after a countdown, from a second of standing still, and check the sides.
@@ -220,7 +220,8 @@ class Beginning:
 
     def _skeleton_size(self) -> HumanDimensions | None:
         """The size by the skeleton that the sender has sent; None where there is none, or none of a human's size."""
-        skeleton = skeleton_of(self.stream.decoder, self.stream.roles.names)
+        decoder = self.stream.decoder
+        skeleton = decoder.rest_of(self.stream.roles.names) if isinstance(decoder, SkeletonSender) else None
         if skeleton is None:
             return None
         try:

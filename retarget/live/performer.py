@@ -102,13 +102,12 @@ def live_sample(
 
 # Hold reasons in a few words; also the reason of a stop where a hold is too long.
 
-WORDS = {
-    ValidityState.STALE: "lost",
-    ValidityState.FROZEN: "frozen",
-    ValidityState.JUMPED: "jumped",
-    ValidityState.NOT_IN_USE: "not received",
-    ValidityState.OUT_OF_RANGE: "outside the room",
-}
+
+def lost_words(sensors: Mapping[str, ValidityState]) -> str:
+    """The state of each of these sensors, in a few words; "" for none."""
+    return ", ".join(f"{name}: {advice(f'short {state.name.lower()}').what}" for name, state in sensors.items())
+
+
 TOO_SHORT = advice("too short", healthy=LIMITS.healthy).what
 
 
@@ -248,10 +247,10 @@ class LivePerformer:
         """Why the performer is not followed, in a few words."""
         if not self.engagement.wanted:
             return "paused by the operator"
-        sensors = ", ".join(f"{name}: {WORDS[state]}" for name, state in self._holding().items())
         late = "ticks were missed" if self._timing.behind else ""
-        now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after) or sensors or late
-        if now and self.engagement.tries + self._approach.tries:
+        now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after)
+        now = now or lost_words(self._holding()) or late
+        if now and self.engagement.good.tries + self._approach.tries:
             return f"{self._too_short}, at last: {now}"
         return now or self._too_short
 

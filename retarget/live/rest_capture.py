@@ -11,16 +11,13 @@ import numpy as np
 from retarget import rotations
 from retarget.arithmetic import arctan2, cos, matmul, norm, norms, sin
 from retarget.errors import InputError
-from retarget.frames import SensorSample, Skeleton
+from retarget.frames import SensorSample
 from retarget.human.pose_validation import ValidityState
 from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
 from retarget.human.stance import TURNED, facing_of, refuse_crooked, refuse_stance
 from retarget.live.advice import refusal
 from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
-from retarget.sources.streams.mvn import MvnDecoder
-from retarget.sources.streams.natnet_decoder import NatnetDecoder
-from retarget.sources.streams.stream_frame import StreamDecoder
 from retarget.types import BoolArray, FloatArray
 
 # The stream's world in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.
@@ -255,20 +252,3 @@ class RestCapture:
 
     def _refused(self, symptom: str, found: str, **facts: Any) -> InputError:
         return refusal(InputError, symptom, f"{self._where}, calibration", found=found, **facts)
-
-
-# The skeleton that a sender sends beside its poses.
-
-_BONE = "bone://"
-
-
-def skeleton_of(decoder: StreamDecoder, names: Sequence[str] = ()) -> Skeleton | None:
-    """The performer's joints at rest, as the sender has sent them; None where it has not.
-
-    Xsens MVN sends them in datagrams of type 13, the T-pose of its own calibration; Motive sends them in the definition
-    of a skeleton. names: the poses that are used; the skeleton is the one of which they are bones.
-    """
-    if isinstance(decoder, NatnetDecoder):
-        owners = {name.removeprefix(_BONE).partition("/")[0] for name in names if name.startswith(_BONE)}
-        return decoder.rest(owners.pop()) if len(owners) == 1 else None
-    return decoder.rest if isinstance(decoder, MvnDecoder) else None

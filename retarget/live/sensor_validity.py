@@ -182,24 +182,19 @@ class Engagement:
         """Whether samples are followed; else the last one is held."""
         self.shown = first
         """The sample that was followed last."""
-        self._good = Debounce()
-
-    @property
-    def tries(self) -> int:
-        """How often data were good during this hold, but not for long enough."""
-        return self._good.tries
+        self.good = Debounce()  # its `tries` are of this hold
 
     def hold(self) -> None:
         """Hold from now on, until data are good for long enough."""
         self.following = False
-        self._good.restart()
+        self.good.restart()
 
     def step(self, now: float, sample: SensorSample, *, good: bool) -> SensorSample | None:
         """The sample to follow at `now`, s; None: hold. good: whether the sensors are valid."""
         if not good or not self.wanted:
             self.hold()
             return None
-        if not self.following and not self._good.step(now, good=True):
+        if not self.following and not self.good.step(now, good=True):
             return None
         self.following, self.shown = True, sample
         return sample
