@@ -195,7 +195,7 @@ def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
     assert written.mass == pytest.approx(plain.model.body_mass)
     simple = {geom.body: geom.kind for geom in written.geoms if geom.collides}
     assert all(simple[geom.body] in ("box", "capsule") for geom in looks), "what collides is simple"
-    drawn, shell = link_meshes(written)[looks[0].body], looks[0].triangles
+    drawn, shell = link_meshes(written)[looks[0].body, None], looks[0].triangles
     assert shell is not None and len(drawn.faces) >= len(shell)
     assert np.ptp(drawn.vertices, axis=0).max() < 1.5 * np.ptp(shell.reshape(-1, 3), axis=0).max()
     assert not body.too_large
