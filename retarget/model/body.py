@@ -54,8 +54,8 @@ class Geom:
     """A shape of the file on a body: `kind` and `size` (3,) as MuJoCo has them, `position` (3,) m and `quat` (4,) wxyz.
 
     Capsules and cylinders: radius, half length. Boxes: half sizes. Spheres: radius. triangles (t, 3, 3) m of a mesh, in
-    the shape's frame. A shape that does not collide is for looking at. colour: red, green and blue, 0 to 1, that the file
-    gives it; None for none.
+    the shape's frame. A shape that does not collide is for looking at. colour: red, green and blue, 0 to 1; None if the
+    file gives it none.
     """
 
     name: str

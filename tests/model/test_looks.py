@@ -14,7 +14,7 @@ from retarget.types import FloatArray
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
 FARTHEST = 0.015
-"""What is drawn of a link may stand out of what collides of it, or of the link that carries it, by so much, m: a bracket
+"""What is drawn of a link may stand out by so much, m, of what collides of it or of the link that carries it: a bracket
 turns about a servo of the other."""
 
 

@@ -236,7 +236,8 @@ def test_what_is_seen_refuses_no_body(tmp_path: Path) -> None:
         assert body.content == plain.content and any("visual" in note for note in body.notes) == noted
 
 
-SHOE = """v -.04 -.03 0\nv .04 -.03 0\nv .04 .03 0\nv -.04 .03 0\nv 0 0 .3\nf 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5
+SHOE = """v -.04 -.03 0\nv .04 -.03 0\nv .04 .03 0\nv -.04 .03 0\nv 0 0 .3
+f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5
 """
 """A pyramid, OBJ."""
 
