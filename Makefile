@@ -53,7 +53,7 @@ help:
 	@echo 'make long    the slow tests, a second to minutes each'
 	@echo 'make docs-tables  the measured tables of the pages, from docs/tables and from what is computed in a second'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
-	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
+	@echo 'make wheels  wheels for x86-64 and aarch64 and an sdist in wheels/, tried in an empty environment; minutes'
 	@echo 'make clean   remove .venv and everything built'
 
 web: $(VENV)/.with-web
@@ -156,17 +156,20 @@ mutants: $(VENV)/.with-test
 fuzz: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.fuzz --cases $(or $(N),100000) --jobs $(JOBS) $(FUZZ)
 
+# Ready to publish: the wheels, and the sdist for every other machine, have run the first lines of the README.
 # zig links against an old glibc (2.17), for machines older than this one and for the other architecture.
 wheels: $(VENV)/.pip
 	@command -v rustup >/dev/null || { echo 'make wheels needs rustup, to add the standard library of both' \
 		'architectures: https://rustup.rs (a cargo from a system package has only its own)' >&2; exit 1; }
 	rustup target add $(RUST_TARGETS)
 	$(BIN)/python -m pip install --quiet 'ziglang>=0.13'
+	rm -rf wheels
+	$(BIN)/maturin sdist --out wheels
 	for target in $(RUST_TARGETS); do \
 		PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --zig --target $$target \
 			--compatibility manylinux2014 --interpreter $(abspath $(BIN)/python) --out wheels || exit 1; \
 	done
-	@ls -l wheels
+	$(BIN)/python -m benchmarks.wheels wheels
 
 clean:
 	rm -rf $(VENV) $(LEROBOT) $(CRATE)/target wheels out .pytest_cache .mypy_cache .ruff_cache .hypothesis

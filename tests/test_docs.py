@@ -28,7 +28,7 @@ from retarget.report.report import BusReport, Report, StopReport
 from rig import scripted_run
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ["README.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
+PAGES = ["README.md", "AGENTS.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
 PROGRAM = {"--help", "--version"}
 
 
@@ -69,7 +69,7 @@ def test_commands_and_options_are_there(page: str) -> None:
 def test_extras_are_there_and_named_beside_the_first_commands() -> None:
     project = tomllib.loads(text_of("pyproject.toml"))["project"]
     for page in PAGES:
-        lists = re.findall(r"pip install 'retarget\[(.+?)\]'", text_of(page))
+        lists = re.findall(r"pip install -e '\.\[(.+?)\]'", text_of(page))
         named = {extra for one in lists for extra in one.split(",")}
         assert named <= set(project["optional-dependencies"]), page
         assert page != "README.md" or named == {"record", "view"}

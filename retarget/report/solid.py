@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFilter
 
 from retarget import rotations
-from retarget.errors import ConfigError, UsageError
+from retarget.errors import ConfigError, UsageError, install_step
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import SolidBody
 from retarget.report import motion_metrics
@@ -353,7 +353,7 @@ def animation_path(path: Path) -> Path:
     if path.suffix.lower() not in KINDS:
         raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=", ".join(KINDS))
     if path.suffix.lower() == ".mp4" and find_spec("av") is None:
-        step = "Install it: pip install av; or write a .webp"
+        step = f"{install_step('av')}; or write a .webp"
         raise ConfigError("an MP4 needs PyAV", where="--animate", found=str(path), next_step=step)
     return path
 
