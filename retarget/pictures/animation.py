@@ -125,7 +125,8 @@ def figure(
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
     corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
     some = poses[:: math.ceil(len(poses) / MOST_ROWS)]
-    points = (some[:, :, None, :3] + rotations.rotate(some[:, :, None, 3:], corners)).reshape(len(some), -1, 3)
+    some = some[:, solid.owners, None]
+    points = (some[..., :3] + rotations.rotate(some[..., 3:], corners)).reshape(len(some), -1, 3)
     height = float(points[..., 2].max())
     centre = poses[..., :2].mean(axis=1)
     if np.ptp(centre, axis=0).max() < TRAVEL * height:

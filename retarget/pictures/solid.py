@@ -71,8 +71,8 @@ FLOOR, SHADOW_PX, DARK = 0.9, 160, 52
 class DrawnPostures:
     """A body in p postures that face x, with the feet at the origin, in heights of the body.
 
-    poses (p, m, 7): of its links, position and wxyz; size: of a height, m. soles: outlines (p, c, 3) on the ground.
-    recorded (p, k, 3): ends of thin black lines over it, pairs of points in `bones`. around: the same body with its
+    poses (p, k, 7): of its links, position and wxyz; size: of a height, m. soles: outlines (p, c, 3) on the ground.
+    recorded (p, e, 3): ends of thin black lines over it, pairs of points in `bones`. around: the same body with its
     obstacles, which are seen through.
     """
 
@@ -101,7 +101,7 @@ class DrawnPostures:
     def points(self, pose: int) -> FloatArray:
         """The vertices of its surface (v, 3) in one posture."""
         vertices, _, owner, _ = self._surface
-        poses = self.poses[pose, owner]
+        poses = self.poses[pose, self.solid.owners[owner]]
         return np.asarray(poses[:, :3] + rotations.rotate(poses[:, 3:], vertices))
 
     def extent(self, pose: int) -> tuple[float, float, float, float]:
@@ -131,7 +131,8 @@ class DrawnPostures:
         _cast(picture, points[faces], place, scale)
         for sole in self.soles:
             pen.polygon(pixels(sole[pose])[0].ravel().tolist(), outline="#a0a0a0", width=max(1, round(0.004 * scale)))
-        shades = lit(rotations.rotate(self.poses[pose, owner, 3:], outward), self.solid.colours[owner])
+        turns = self.poses[pose, self.solid.owners[owner], 3:]
+        shades = lit(rotations.rotate(turns, outward), self.solid.colours[owner])
         _fill(picture, *pixels(points), shades, faces)
         if self.recorded is not None:
             ends, _ = pixels(self.recorded[pose])
@@ -269,7 +270,9 @@ def _among(
         return drawn
     meshes, poses = seen[0], np.broadcast_to(seen[1], (len(ticks), *seen[1].shape[1:]))
     solid, colours = drawn.solid, np.tile(rgb(OBSTACLE), (len(meshes), 1))
-    both = replace(solid, meshes=(*solid.meshes, *meshes), colours=np.vstack([solid.colours, colours]))
+    owners = np.append(solid.owners, drawn.poses.shape[1] + np.arange(len(meshes)))
+    colours = np.vstack([solid.colours, colours])
+    both = replace(solid, meshes=(*solid.meshes, *meshes), owners=owners, colours=colours)
     poses = np.concatenate([drawn.poses, _standing(facing_x(poses, facing), feet, drawn.size)], axis=1)
     return replace(drawn, around=DrawnPostures(both, poses, drawn.size))
 

@@ -142,7 +142,7 @@ class MovingGeoms:
 
 
 def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
-    """The geoms of every link of a compiled body, but not those of the world, in postures (T, nq)."""
+    """The geoms of a compiled body as `geoms_of_links` has them, in postures (T, nq)."""
     import mujoco
 
     data, chosen = mujoco.MjData(model), geoms_of_links(model)
@@ -157,8 +157,10 @@ def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
 
 
 def geoms_of_links(model: Any) -> IntArray:
-    """Numbers (g,) of the geoms of every link of a compiled body, but not those of the world."""
-    return np.flatnonzero(np.asarray(model.geom_bodyid) > 0)
+    """Numbers (g,) of the geoms of every link of a compiled body: those that collide with something, else all."""
+    owner = np.asarray(model.geom_bodyid)
+    collides = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
+    return np.flatnonzero((owner > 0) & (collides | ~np.isin(owner, owner[collides])))
 
 
 # Obstacles of a scene among the geoms of a body, in one MuJoCo model.
