@@ -18,6 +18,7 @@ from retarget.report.report import Report, Spread
 from retarget.report.unfollowed import INSTEAD
 from retarget.run.record import Phase
 from retarget.run.run_result import RunResult
+from retarget.safety.clearance import TIGHTEN
 from retarget.schema.priorities import LimbTask
 from retarget.types import MM
 
@@ -42,8 +43,6 @@ CLOSEST: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
     "ground": lambda report: report.deep.ground,
 }
 """What came closest, by the keys of `Clearances`."""
-TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
-"""What to do about two links for which the gate refuses goals."""
 
 
 def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:

@@ -12,8 +12,8 @@ from retarget.model.body_file import Root, compile_body
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_uncalibrated
 from retarget.run.options import RunOptions
-from retarget.run.prepare import try_robot
 from retarget.run.rest_trajectory import at_rest
+from retarget.run.trial import try_approach, try_robot
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, check_path
@@ -115,7 +115,9 @@ def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str, tuple[st
     try:
         robot = load_uncalibrated(folder)
         margin, rest = check_stand(robot), at_rest(robot)
-        try_robot(robot, RunOptions(robot=str(folder), bus="mock"))
+        options = RunOptions(robot=str(folder), bus="mock")
+        try_robot(robot, options)
+        try_approach(robot, options)
         return (), margin, rest, tuple(questioned_ranges(robot, robot_observers(robot)))
     except RefusedError as error:
         texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
