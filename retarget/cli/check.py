@@ -109,7 +109,7 @@ def _robot(path: Path) -> str:
     margin, to_rest = check_stand(robot), usual_rest_trajectory(robot)
     for bus in ("mock", "profile"):  # without mass, and with it
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
-    try_approach(robot, RunOptions(robot=str(path), bus="mock"))
+    try_approach(robot)
     models = [servo.model for servo in profile.servos.values()]
     layouts = profile.layouts()
     buses = [_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()]

@@ -115,9 +115,8 @@ def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str, tuple[st
     try:
         robot = load_uncalibrated(folder)
         margin, rest = check_stand(robot), at_rest(robot)
-        options = RunOptions(robot=str(folder), bus="mock")
-        try_robot(robot, options)
-        try_approach(robot, options)
+        try_robot(robot, RunOptions(robot=str(folder), bus="mock"))
+        try_approach(robot)
         return (), margin, rest, tuple(questioned_ranges(robot, robot_observers(robot)))
     except RefusedError as error:
         texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
