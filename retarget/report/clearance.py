@@ -328,9 +328,11 @@ class PlacedBody:
         return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.links), 1)))
 
     def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
-        """Measure the clearance (m) between the ground of the scene and all links but those named in `soles`."""
-        standing = [self.model.body(name).id for name in soles]
-        return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.links, standing)[:, None])
+        """Measure the clearance (m) between the ground of the scene and all links but those named in `soles`, and those
+        that fixed joints hold to them."""
+        held = np.asarray(self.model.body_weldid)
+        standing = np.isin(held[self.links], [held[self.model.body(name).id] for name in soles])
+        return self._to_obstacles(scene, times, scene.shapes.ground & ~standing[:, None])
 
     def _to_obstacles(self, scene: SceneState, times: FloatArray, looks: NDArray[np.bool_]) -> Clearance:
         """looks (g, k): which geom is compared with which obstacle."""

@@ -431,6 +431,8 @@ MOST_REMARKS = 7
 """With the first line, the files, the state of torque and the sentence, a run prints at most 12 lines."""
 CHANGED = 0.05
 """Share of the goals that the gate may change before that is said: the verdict allows a twentieth of the time, too."""
+MOST_CHANGED = 0.5
+"""Share from which on the sentence says it first: what else differs comes of that."""
 MOST_DIFFERENCES = 2
 """Differences that the sentence names, the first ones."""
 
@@ -467,6 +469,9 @@ def sentence(run: RunResult, report: Report) -> str:
     if verdict is not None:
         more = len(verdict.differs) - MOST_DIFFERENCES
         differs = [*verdict.differs[:MOST_DIFFERENCES], *([f"{more} more"] if more > 0 else [])]
+        pair = report.refused_pair
+        if pair is not None and (report.gated_frames or 0) > MOST_CHANGED * report.ticks:
+            differs.insert(0, f"most goals refused for {pair.first} - {pair.second}")
         words = verdict.words + (f" ({', '.join(differs)})" if differs else "")
     if report.stop.reason is not None:
         at = "".join(f" at {moment.time:.2f} s" for moment in moments(run) if moment.what == "Stopped")

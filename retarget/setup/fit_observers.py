@@ -18,7 +18,7 @@ from retarget.model.body_file import compile_body
 from retarget.model.observers import NEAR_LINKS, steps_between
 from retarget.model.robot import load_profile
 from retarget.rotations import multiply, rotate
-from retarget.schema.catalogue import HUMAN
+from retarget.schema.catalogue import BODIES, HUMAN
 from retarget.schema.profile import DRAFT
 from retarget.setup.shape_fit import LinkShape, fitted_shapes
 from retarget.types import BoolArray, FloatArray
@@ -200,9 +200,6 @@ def fragment(head: Iterable[str], shapes: Sequence[LinkShape], pairs: Sequence[I
     return "\n".join(lines) + "\n"
 
 
-BODY_SUFFIXES = (".xml", ".mjcf", ".urdf")
-
-
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Observers of the links of a robot, and the pairs to ignore. inputs: the files that it was made from."""
@@ -221,7 +218,7 @@ def fit(robot: str, zones: Zones) -> Fit:
     if robot == HUMAN:
         raise UsageError("the human is no robot", found=HUMAN, next_step="Give a robot's name, its profile or its body")
     path = Path(robot)
-    if path.suffix.lower() in BODY_SUFFIXES:
+    if path.suffix.lower() in BODIES:
         file, neutral, name = compile_body(path), dict[str, float](), path.name
         inputs: tuple[Path, ...] = (path,)
     else:

@@ -152,6 +152,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
     changed = [f"{one.joint} ({one.note})" for one in servos if one.note and one.joint not in body.limits]
     if changed:
         notes.append(f"limits that are not those of the body: {listed(changed)}")
+    notes += _one_link(links)
     root = _root(folder / "body.xml", found, has_legs=bool(anatomy.legs), notes=notes)
     file = compile_body(folder / "body.xml", root=root)
     placed, soles = PlacedShapes(body_from_file(file), body.shapes), root == "free"
@@ -179,6 +180,14 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
     )
     (folder / "robot.yaml").write_text(profile_text(draft), encoding="utf-8")
     return draft
+
+
+def _one_link(links: PartLinks) -> list[str]:
+    """A note on a link that is forearm and hand at once."""
+    both = [
+        hand for elbow, hand in ((links.l_elbow, links.l_hand), (links.r_elbow, links.r_hand)) if hand and elbow == hand
+    ]
+    return [f"forearm and hand are one link ({', '.join(both)}): its end is the hand"] if both else []
 
 
 def _root(body: Path, found: FoundFrames, *, has_legs: bool, notes: list[str]) -> Root:

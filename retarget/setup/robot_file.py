@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import takewhile
 from math import isfinite
 from pathlib import Path
+from shlex import quote
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
@@ -34,7 +35,17 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """Read a body file, and look at every file that it includes. Raises InputError."""
+    """Read a body file, and look at every file that it includes. Raises InputError, of other files of ours with what
+    they are for."""
+    from retarget.sources.open import SUFFIXES
+
+    name, suffix = quote(str(path)), path.suffix.lower()
+    if path.is_file() and suffix[1:] in SUFFIXES:
+        step = f"Follow it: retarget run {name}"
+        raise InputError("this is a motion, not a robot's body", where=str(path), next_step=step)
+    if (path / "robot.yaml").is_file() or (path.is_file() and suffix in (".yaml", ".yml")):
+        step = f"Check it: retarget check {name}"
+        raise InputError("this is a configuration, not a robot's body", where=str(path), next_step=step)
     content = read_body(path)
     xml = body_xml(content, source=str(path), folder=path.parent)
     return Source(path, xml.kind, content, xml.root)
