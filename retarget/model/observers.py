@@ -233,9 +233,8 @@ def _on_ground(robot: RobotBody, observers: Observers) -> Observers:
     Raises ConfigError for a part that is below the soles in the neutral posture.
     """
     postures = robot.profile.postures
-    moved_with = robot.body.moved_with
-    feet = {moved_with(sole.body) for sole in robot.soles}
-    stands = np.array([moved_with(link) in feet for link in observers.links.tolist()], dtype=bool)
+    feet = frozenset[str]().union(*robot.foot_links)
+    stands = np.array([robot.body.body_names[link] in feet for link in observers.links.tolist()], dtype=bool)
     neutral, *others = (
         _heights(robot, observers, angles) for angles in (postures.neutral, postures.stand, postures.rest)
     )

@@ -62,7 +62,7 @@ def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
 
 def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
     mujoco = engine()
-    meshes, spec = MeshFiles(source.path), None
+    meshes, spec = MeshFiles(source.path, leaves_out=no_meshes), None
     ready = ReadyUrdf("", [])
     try:
         if source.kind == "urdf":

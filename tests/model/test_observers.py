@@ -347,7 +347,7 @@ def heights(robot: RobotBody, q: FloatArray) -> float:
     """Least height (m) of the robot's own geoms, soles' links aside, over the floor, by MuJoCo."""
     placed = place_body(robot.profile.body_path, q, root=robot.profile.root)
     soles = [robot.body.body_names[sole.body] for sole in robot.soles]
-    found = placed.to_ground(SceneState(on_floor(None)), np.zeros(len(q)), soles=soles)
+    found = placed.to_ground(SceneState(on_floor(None)), np.zeros(len(q)), feet=soles)
     assert found.smallest is not None
     return found.smallest
 
