@@ -34,7 +34,7 @@ def collada_triangles(content: bytes, *, source: str) -> FloatArray:
         metres = float(file.assetInfo.unitmeter or 1.0)
         placed = [] if file.scene is None else [*file.scene.objects("geometry")]
         found = [_corners(part) for one in placed for part in one.primitives()]
-    except Exception as error:  # noqa: BLE001 - a parser of foreign files
+    except Exception as error:
         reason = str(error).strip().splitlines() or [type(error).__name__]
         step = "Export it again, or convert it to .stl beside it"
         raise InputError("a mesh that cannot be read", where=source, found=reason[0][:200], next_step=step) from error
