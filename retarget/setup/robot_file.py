@@ -74,7 +74,7 @@ class MeshFiles:
     problems: files that are there and cannot be read.
     """
 
-    def __init__(self, body: Path, *, leaves_out: bool) -> None:
+    def __init__(self, body: Path, *, leaves_out: bool = False) -> None:
         """body: the file. leaves_out: what is in COLLADA and cannot be read is as if it were not there."""
         self._body, self._leaves_out = body, leaves_out
         self._indices: dict[Path, dict[str, list[Path]]] = {}
