@@ -2,7 +2,8 @@
 
 from functools import partial
 
-from hardware.clock import VirtualClock
+from hardware.arrays import TickArray
+from hardware.clock import Clock, VirtualClock
 from hardware.no_bus import NoBus
 from retarget.errors import ConfigError
 from retarget.human.reconstruction import Reconstructor
@@ -40,14 +41,9 @@ def try_approach(robot: RobotBody) -> None:
         ticks = robot.joint_map.to_ticks(robot.posture(getattr(robot.profile.postures, posture))[robot.servo_columns])
         options = RunOptions(robot=robot.profile.name, bus="none", playback=Playback(end=FOLLOWED_S))
         perform = performance_of(partial(open_source, "sample"), options.playback)
-        bus = partial(NoBus, start=ticks)
+        make_bus = partial(_bus_at, ticks)
         with prepare_for(
-            perform,
-            options,
-            clock=VirtualClock(),
-            make_bus=lambda _, clock, bus=bus: bus(clock),
-            goes_to_rest=False,
-            robot=robot,
+            perform, options, clock=VirtualClock(), make_bus=make_bus, goes_to_rest=False, robot=robot
         ) as prepared:
             run = prepared.run()
         if run.reason is not None:
@@ -58,3 +54,7 @@ def try_approach(robot: RobotBody) -> None:
                 found=f"{pair.first} and {pair.second} come too near to each other" if pair else run.reason,
                 next_step=f"Move the posture `{posture}`, or {TIGHTEN}",
             )
+
+
+def _bus_at(ticks: TickArray, robot: RobotBody, clock: Clock) -> NoBus:
+    return NoBus(clock, start=ticks)

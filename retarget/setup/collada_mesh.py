@@ -5,6 +5,7 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from retarget.errors import InputError, install_step
 from retarget.types import FloatArray
@@ -48,10 +49,11 @@ def _corners(primitive: Any) -> FloatArray:
     index = primitive.vertex_index
     if index is None or index.ndim != 2 or index.shape[1] != 3:
         return np.zeros((0, 3, 3))
-    return np.asarray(primitive.vertex, dtype=float)[index]
+    corners: FloatArray = np.asarray(primitive.vertex, dtype=float)[index]
+    return corners
 
 
-def binary_stl(corners: FloatArray) -> bytes:
+def binary_stl(corners: NDArray[np.floating[Any]]) -> bytes:
     """Triangles (t, 3, 3) as a binary STL file."""
     rows = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
     rows["corners"] = corners

@@ -2,7 +2,6 @@
 meshes in COLLADA; and files that are no bodies."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,10 @@ import pytest
 
 from command_line import code_of, said_by
 from messages import refuses, shows
-from retarget.errors import ConfigError, InputError
+from retarget.errors import InputError
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_robot
-from retarget.run.trial import try_approach
+from retarget.safety.clearance import PathClearance
 from retarget.setup.collada_mesh import collada_triangles
 from retarget.setup.import_robot import Imported, import_robot
 from unknown_robots import HUMANOID, Part, humanoid, urdf
@@ -65,20 +64,17 @@ def test_a_robot_on_studs_follows_the_demo(studded: Imported, tmp_path: Path) ->
     assert report["penetrating_frames"] == 0, "soles touch the ground, whatever link they are on"
 
 
-def test_what_keeps_a_run_from_beginning_is_told_before_it(studded: Imported) -> None:
-    """A shin that is in the ground where the robot rests."""
-    robot = load_robot(studded.folder)
-    toe = {
-        "link": "p4",
-        "shape": {"sphere": {"at": [0, 0.1, -0.13], "radius": 0.02}},
-        "influence": 0.04,
-        "margin": 0.005,
-    }
-    low = type(robot.profile.observers["p4"]).model_validate(toe)
-    profile = robot.profile.model_copy(update={"observers": {**robot.profile.observers, "toe": low}})
-    try_approach(robot)
-    with refuses(ConfigError, "rest", "p4", "floor"):
-        try_approach(replace(robot, profile=profile))
+def test_what_keeps_a_run_from_beginning_is_told_before_it(
+    studded: Imported, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The gate lets nothing pass."""
+    monkeypatch.setattr(PathClearance, "__call__", lambda *_: False)
+    done = imported(on_studs(), tmp_path)
+    assert len(done.problems) == 1
+    shows(done.problems[0], "`rest`", "the gate refuses the approach")
+    code, _, err = said_by(capsys, "check", studded.folder)
+    assert code == 2
+    shows(err, "`rest`", "the gate refuses the approach")
 
 
 def test_arms_hang_beside_shoulders_that_reach_over_them(tmp_path: Path) -> None:
