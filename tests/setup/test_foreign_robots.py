@@ -15,6 +15,7 @@ from retarget.model.robot import load_robot
 from retarget.safety.clearance import PathClearance
 from retarget.setup.collada_mesh import collada_triangles
 from retarget.setup.import_robot import Imported, import_robot
+from retarget.setup.servo_guess import NO_TORQUE, UNKNOWN
 from unknown_robots import HUMANOID, Part, humanoid, urdf
 
 STUD = (0.0101, 0.0102, 0.0103)
@@ -95,8 +96,9 @@ def test_torques_that_no_servo_has(tmp_path: Path, capsys: pytest.CaptureFixture
     shows(said_by(capsys, "import", path, "--out", tmp_path / "strong", "--yes")[1], "no known one is strong enough")
     path.write_text(urdf(HUMANOID, base="chest", size=(0.12, 0.08, 0.16), effort=5e4))
     code, out, _ = said_by(capsys, "import", path, "--out", tmp_path / "placeholders", "--yes")
-    assert code == 0 and "strong enough" not in out
-    shows(out, "without a hint", "--servo")
+    assert code == 0
+    shows(out, UNKNOWN, "--servo")
+    assert {servo.why for servo in import_robot(path, tmp_path / "again").draft.servos} == {NO_TORQUE}
 
 
 def test_files_that_are_mixed_up(studded: Imported, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,17 +151,17 @@ def test_collada_that_cannot_be_read(content: str) -> None:
 
 
 def with_shell(folder: Path) -> Path:
-    """The humanoid, whose chest is a mesh in COLLADA."""
-    (folder / "chest.dae").write_text(TETRAHEDRON)
+    """The humanoid, whose head is a mesh in COLLADA."""
+    (folder / "head.dae").write_text(TETRAHEDRON)
     path = folder / "body.urdf"
-    path.write_text(humanoid().replace('<box size="0.08 0.08 0.08"/>', '<mesh filename="package://a/chest.dae"/>'))
+    path.write_text(humanoid().replace('<box size="0.08 0.08 0.08"/>', '<mesh filename="package://a/head.dae"/>'))
     return path
 
 
 def test_a_body_with_collada_is_imported(tmp_path: Path) -> None:
     pytest.importorskip("collada", reason=WITHOUT_PYCOLLADA)
     done = import_robot(with_shell(tmp_path), tmp_path / "new")
-    assert any("meshes of 1 links" in note for note in done.draft.notes)
+    assert [shape.link_name for shape in done.draft.shapes if shape.around_mesh] == ["face"]
 
 
 def test_without_pycollada_one_line_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
