@@ -41,8 +41,8 @@ from sim.mock_bus import mock_bus
 IMAGES = ROOT / "docs" / "images"
 SIZE, SHARPNESS = (960, 600), 4.0 / 3.0
 """Of a page's window, and pixels to one of its own: letters can be read where a picture is 720 pixels wide."""
-VIEW_SIZE, LIVE_SIZE = (960, 868), (960, 655)
-"""With the plot of a joint, and with the legend."""
+REPORT_SIZE, VIEW_SIZE, LIVE_SIZE = (960, 1150), (960, 868), (960, 655)
+"""With the verdict above the motion, with the plot of a joint, and with the legend."""
 QUALITY, MOST_BYTES = 80, 1_200_000
 """Of WebP in percent, and bytes of all pictures together."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--use-fake-ui-for-media-stream")
@@ -145,7 +145,7 @@ def report_page() -> Image.Image:
     """The page of a run."""
     recorded()
     with browser() as opened:
-        return played(page(opened, (folder() / "report" / "report.html").as_uri()), top="#player")
+        return played(page(opened, (folder() / "report" / "report.html").as_uri(), REPORT_SIZE), top="header")
 
 
 def view_page() -> Image.Image:
