@@ -157,6 +157,12 @@ class BodyModel:
         """Links whose joints move one link against the other: of the two chains to the root, what they do not share."""
         return set(self.chain_to_root(first)).symmetric_difference(self.chain_to_root(second))
 
+    def moved_with(self, link: int) -> int:
+        """The link that moves a link: itself where it has a joint, else the next one above that has; fixed joints move
+        nothing. 0, the world, where no joint is above."""
+        moving = set(self.joint_body.tolist())
+        return next((above for above in self.chain_to_root(link) if above in moving), 0)
+
     def scalar_joints(self) -> tuple[NDArray[np.bool_], IntArray]:
         """Mask (nv,) of the DoFs that are single hinges or slides, and the index of each in q (nv,), -1 for the
         others."""

@@ -74,7 +74,7 @@ def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
 def _read_and_written(source: Source, *, no_meshes: bool, looks: bool) -> BodyDraft:
     """The draft; looks: with the <visual> shapes of links that have others to collide with."""
     mujoco = engine()
-    meshes, spec = MeshFiles(source.path), None
+    meshes, spec = MeshFiles(source.path, leaves_out=no_meshes), None
     ready = ReadyUrdf("", [])
     try:
         if source.kind == "urdf":

@@ -357,6 +357,9 @@ def test_the_pair_that_the_gate_refused_most_is_named_with_what_to_do(run: RunRe
     (note,) = [one for one in remarks(run, changed, (), room=6) if "MP_BACK_R" in one]
     shows(note, "335")
     assert not any("MP_BACK_R" in one for one in remarks(run, replace(changed, gated_frames=1), (), room=6)), "no harm"
+    assert "MP_BACK_R" not in sentence(run, replace(changed, gated_frames=1))
+    most = replace(changed, gated_frames=report.ticks - 1)
+    shows(sentence(run, most), "most goals refused for MP_BACK_R - MP_ARM_HIGH_R")
     wall = replace(changed, refused_pair=replace(PAIR, second="wall", obstacle=True))
     assert "ignore_pairs" not in of("gate", run, wall).measured, "an obstacle is there"
     assert "refused" not in of("gate", run, replace(changed, gated_frames=0)).measured
