@@ -66,10 +66,10 @@ from retarget.live.performer import LivePerformer
 from retarget.live.playout import LIGHT
 from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
+from retarget.pictures.outputs import Outputs
 from retarget.recording.recorder import Recorder
 from retarget.report.findings import FOLLOWING, findings, heading, remarks, sentence
 from retarget.report.measure import best_likeness, measure, measure_latest
-from retarget.report.outputs import Outputs
 from retarget.report.report import Report
 from retarget.report.unfollowed import UnfollowedNotice
 from retarget.run.loop import Observer, Progress, RowObserver

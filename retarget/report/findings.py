@@ -215,11 +215,6 @@ class RunFigures:
         )
 
     @property
-    def lag_ms(self) -> float | None:
-        """Lag of a robot."""
-        return None if self.robot is None or self.report.lag_s is None else 1e3 * self.report.lag_s
-
-    @property
     def latency(self) -> str:
         """As `latency_line`, of a robot."""
         return "" if self.robot is None else latency_line(self.report)
@@ -280,11 +275,6 @@ class RunFigures:
         """The least distances, and between what they were."""
         known = {kind: mm for kind, mm in vars(self.report.min_clearance_mm).items() if mm is not None}
         return {kind: gap_words(mm, CLOSEST[kind](self.report)) for kind, mm in known.items()}
-
-    @property
-    def contact(self) -> float | None:
-        """Share of the ticks in which an observer was in contact; None without any."""
-        return (self.report.observers.reactive_share or None) if self.report.observers else None
 
     @property
     def refused(self) -> str:
@@ -358,8 +348,6 @@ class RunFigures:
     def ended_early(self) -> bool:
         """True if the run did not go on to its end."""
         return self.report.stop.reason is not None
-
-    # What only the sentence says.
 
     # What only the sentence says.
 

@@ -6,15 +6,14 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from retarget.errors import UsageError
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
 from retarget.run.run_result import RefusedPair
-from retarget.schema.files import check_folder, check_path, check_place, make_folder, write_atomic
+from retarget.schema.catalogue import HUMAN
+from retarget.schema.files import make_folder, write_atomic
 
 DIGITS = 6
 """Significant digits of every number."""
-FILE_NAME, PAGE_NAME = "report.json", "report.html"
 
 
 @dataclass(frozen=True)
@@ -100,13 +99,8 @@ class DeepReport:
 
 @dataclass(frozen=True)
 class ObserversReport:
-    """clearance_mm: smallest distances of the observers' own shapes. activations: how often one became active.
+    """reactive_share: of the ticks that followed, those in which one was in contact."""
 
-    reactive_share: of the ticks that followed, those in which one was in contact.
-    """
-
-    clearance_mm: Clearances
-    activations: int
     reactive_share: float
 
 
@@ -234,41 +228,14 @@ class Report:
     speed: float
     notes: tuple[str, ...]
 
+    @property
+    def lag_ms(self) -> float | None:
+        """The lag of a robot, ms; None of a human alone."""
+        return None if self.robot == HUMAN or self.lag_s is None else 1e3 * self.lag_s
+
     def as_json(self) -> str:
         """The report as JSON text; numbers that are not finite become null."""
         return json.dumps(plain(self), indent=2, allow_nan=False) + "\n"
-
-
-def report_path(text: str | Path) -> Path:
-    """Path of a report: FILE.json, or `report.json` in a folder, which need not be there yet.
-
-    Raises UsageError if it cannot be written there.
-    """
-    path = Path(text)
-    check_path(path, option="--report")
-    page = page_path(path)
-    if page is not None:
-        check_folder(page.parent, option="--report")
-        return page.with_name(FILE_NAME)
-    if path.suffix.lower() != ".json":
-        raise UsageError(
-            "a report is a JSON file, or a folder with that and a page",
-            where="--report",
-            found=str(path),
-            allowed="FILE.json, or a folder",
-            next_step=f"Give {path.with_suffix('.json').name}, or {path.stem} for both",
-        )
-    check_place(path, option="--report")
-    return path
-
-
-def page_path(text: str | Path) -> Path | None:
-    """Path of the page of a report: `report.html` in the folder that is given; None where a file is meant.
-
-    A name that is not there yet is a folder's, unless it ends like a file's.
-    """
-    path = Path(text)
-    return path / PAGE_NAME if path.is_dir() or not path.suffix[1:].isalpha() else None
 
 
 def write_report(report: Report, path: Path) -> None:

@@ -19,10 +19,10 @@ from operators import ENOUGH, Asks
 from retarget.cli import run as follow_clip
 from retarget.human.samples import Playback
 from retarget.live.begin import LiveOptions
+from retarget.pictures.outputs import Outputs
 from retarget.report import measure as bus
 from retarget.report.findings import findings
 from retarget.report.measure import latest_of, measure, measure_latest
-from retarget.report.outputs import Outputs
 from retarget.report.report import BusReport, ServoExtreme
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
