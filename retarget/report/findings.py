@@ -432,9 +432,12 @@ def heading(report: Report) -> str:
     return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {played}"
 
 
-def remarks(run: RunResult, report: Report, notes: Sequence[str]) -> list[str]:
-    """The lines that matter, at most `MOST_REMARKS`: limits that were not kept, but for what the sentence says; what
-    was not followed; the pair that the gate refused most; and notes."""
+def remarks(
+    run: RunResult, report: Report, notes: Sequence[str], *, most: int = MOST_REMARKS, kept_back: int = 0
+) -> list[str]:
+    """The lines that matter, at most `most`: limits that were not kept, but for what the sentence says; what was not
+    followed; the pair that the gate refused most; and notes. The last one counts holds, notices that were kept back,
+    and the lines that are left out."""
     known = findings(run, report)
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
     lines = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]
@@ -443,8 +446,11 @@ def remarks(run: RunResult, report: Report, notes: Sequence[str]) -> list[str]:
     if refused and (report.gated_frames or 0) > CHANGED * report.ticks:
         said.append(f"the gate changed {report.gated_frames} of {report.ticks} goals, {refused}")
     lines += [f"note: {text}" for text in (*said, *notes)]
-    more = len(lines) - MOST_REMARKS
-    return [*lines[: MOST_REMARKS - 1], f"and {more + 1} more lines: --verbose"] if more > 0 else lines
+    counts = [] if run.live is None or not run.live.holds.count else [f"held {counted(run.live.holds.count, 'time')}"]
+    counts += [counted(kept_back, "more notice")] if kept_back else []
+    shown = len(lines) if len(lines) + bool(counts) <= most else most - 1
+    counts += [counted(len(lines) - shown, "more line")] if shown < len(lines) else []
+    return [*lines[:shown], *([f"{', '.join(counts)}: --verbose"] if counts else [])]
 
 
 def sentence(run: RunResult, report: Report) -> str:

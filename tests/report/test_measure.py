@@ -158,7 +158,7 @@ def test_it_measures_on_the_whole_run_what_costs_little(run: RunResult) -> None:
 
 def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "show_summary", lambda run, report, **_: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "show_summary", lambda run, report, *_, **more: said.append(report.notes))
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
     follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
     assert "last" not in " ".join(said[0])

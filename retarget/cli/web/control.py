@@ -109,7 +109,7 @@ def opened_web(
         where, _, fingerprint = feed.address.partition(" ")
         for line in directions(where, fingerprint):
             notify(line)
-        if sys.stderr.isatty():
+        if listen and sys.stderr.isatty():  # a phone reads it
             code = io.StringIO()
             segno.make(where, error="l").terminal(code, compact=True)
             log(code.getvalue())
