@@ -126,8 +126,8 @@ FINE = 0.03
 """Radius, m, of circles that have them all."""
 LEAST_TRIANGLES = 40
 """A mesh of a file keeps so many."""
-THIN, THIN_AROUND = 0.025, 12
-"""Radius of what joins links, in the longest way from the root to an end, and its corners."""
+THIN, THIN_AROUND, ROOM = 0.025, 12, 500
+"""Radius of what joins links, in the longest way from the root to an end, its corners, and triangles of all of it."""
 
 
 Part = tuple[int, tuple[float, float, float] | None]
@@ -139,7 +139,7 @@ def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
     out. Of a link's shapes only those for looking at (which collide with nothing), if it has any; else also what joins
     links where shapes leave gaps, and all in the colour of its side."""
     geoms = _shown(body.geoms, range(1, len(body.parent)))
-    found, parts = _drawn(geoms, MOST_TRIANGLES), dict[Part, list[Mesh]]()
+    found, parts = _drawn(geoms, MOST_TRIANGLES - ROOM), dict[Part, list[Mesh]]()
     for geom, mesh in found:
         parts.setdefault((geom.body, None if geom.collides else geom.colour), []).append(mesh)
     for link, rods in _rods(body, found).items():

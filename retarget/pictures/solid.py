@@ -18,6 +18,7 @@ from retarget.errors import ConfigError, UsageError, install_step
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import OBSTACLE, Mesh, SolidBody, rgb
 from retarget.model.scene_state import obstacle_meshes, obstacle_poses
+from retarget.pictures.outputs import Watch, unwatched
 from retarget.report import motion_metrics
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.run_result import RunResult
@@ -430,9 +431,19 @@ def animation_path(path: Path) -> Path:
     return path
 
 
-def write_animation(run: RunResult, path: Path) -> None:
+def write_animation(run: RunResult, path: Path, *, watch: Watch = unwatched) -> None:
     """Write performer and robot of a run side by side, as they move, at most LONGEST_S of it. path: as of
-    `animation_path`. Raises UsageError where it cannot be written, or where nothing was followed."""
+    `animation_path`. watch: is told of each picture. Raises UsageError where it cannot be written, or where nothing was
+    followed."""
     if run.ticks_followed < 2:
         raise UsageError("an animation shows what followed", where="--animate", found="no tick that followed")
-    write_atomic(path, KINDS[path.suffix.lower()](pictures(moving(run))), option="--animate")
+    shown = moving(run)
+    with watch("animation", len(shown["performer"].poses)) as made:
+        content = KINDS[path.suffix.lower()](_told(pictures(shown), made))
+    write_atomic(path, content, option="--animate")
+
+
+def _told(frames: Iterable[Image.Image], made: Callable[[int], None]) -> Iterator[Image.Image]:
+    for number, frame in enumerate(frames, 1):
+        yield frame
+        made(number)

@@ -172,7 +172,7 @@ def test_the_player_shows_what_was_sent(html: str, run: RunResult) -> None:
     assert robot is not None and sent is not None
     rows = np.arange(0, len(run.record), data["every"])
     figure, poses = data["robot"], robot.solid.poses(sent.q[rows])
-    assert len(figure["body"]["meshes"]) == poses.shape[1]
+    assert {mesh["link"] for mesh in figure["body"]["meshes"]} == set(range(poses.shape[1]))
     numbers = np.frombuffer(base64.b64decode(figure["poses"]["numbers"]), dtype="<i2").reshape(poses.shape)
     place = numbers[..., :3] * figure["poses"]["step"]
     place[..., :2] += unpacked(figure["centre"], len(rows), 1, 2)

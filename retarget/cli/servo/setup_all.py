@@ -24,6 +24,7 @@ from retarget.cli.servo.write_settings import set_up, wanted_of
 from retarget.errors import suggest
 
 WHERE = "servo setup --all"
+TERMINAL = "Run it in a terminal; --port emulator shows it without servos"
 DOUBLE = "2X"
 """How the names of models begin of which one case holds two servos: they cannot be connected alone."""
 
@@ -66,7 +67,8 @@ class SetupWalk:
                 continue
             assert target.servo is not None
             place = f"[{index + 1}/{len(joints)}] {joint}"
-            word = answered(f"{place}: connect its {target.servo.model.name} alone, press ENTER: ", where=WHERE)
+            question = f"{place}: connect its {target.servo.model.name} alone, press ENTER: "
+            word = answered(question, where=WHERE, step=TERMINAL)
             if word in joints:
                 self.ready.discard(word)
                 index = joints.index(word)
