@@ -50,6 +50,7 @@ from retarget.cli.exit import (
     echo,
     memory_message,
     refuse_little_memory,
+    interruptible,
     stop_on_signals,
 )
 from retarget.cli.operator import Announcer, RunOperator, live_state

@@ -147,9 +147,7 @@ def _collapsed(
     return moved, _real(names[faces]), summed
 
 
-def _turning(
-    points: FloatArray, faces: IntArray, edges: IntArray, target: FloatArray, chosen: BoolArray
-) -> BoolArray:
+def _turning(points: FloatArray, faces: IntArray, edges: IntArray, target: FloatArray, chosen: BoolArray) -> BoolArray:
     """Which of the edges, if all those chosen became points at their targets, would turn a face over."""
     moved, names, of = points.copy(), np.arange(len(points)), np.full(len(points), -1)
     pick = np.flatnonzero(chosen)

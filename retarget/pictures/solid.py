@@ -199,7 +199,7 @@ def _spans(corners: FloatArray, size: tuple[int, int]) -> _Spans:
 
 def _pixels(begin: IntArray, count: IntArray) -> IntArray:
     """The numbers from each begin (n,) on, so many of each."""
-    return np.arange(count.sum()) + np.repeat(begin - (np.cumsum(count) - count), count)
+    return np.asarray(np.arange(count.sum()) + np.repeat(begin - (np.cumsum(count) - count), count))
 
 
 def _fill(picture: Image.Image, corners: FloatArray, near: FloatArray, shades: FloatArray, faces: IntArray) -> None:
@@ -299,9 +299,7 @@ def _among(
     meshes, poses = seen[0], np.broadcast_to(seen[1], (len(ticks), *seen[1].shape[1:]))
     solid, colours = drawn.solid, np.tile(rgb(OBSTACLE), (len(meshes), 1))
     owners = np.concatenate([solid.owners, len(solid.links) + np.arange(len(meshes))])
-    both = replace(
-        solid, meshes=(*solid.meshes, *meshes), owners=owners, colours=np.vstack([solid.colours, colours])
-    )
+    both = replace(solid, meshes=(*solid.meshes, *meshes), owners=owners, colours=np.vstack([solid.colours, colours]))
     poses = np.concatenate([drawn.poses, _standing(facing_x(poses, facing), feet, drawn.size)], axis=1)
     return replace(drawn, around=DrawnPostures(both, poses, drawn.size))
 

@@ -10,6 +10,7 @@ from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from retarget.cli.application import answered, ask
 from retarget.cli.exit import echo
+from retarget.cli.servo.find_port import TERMINAL
 from retarget.cli.servo.places import (
     Only,
     ServoPort,
@@ -24,7 +25,6 @@ from retarget.cli.servo.write_settings import set_up, wanted_of
 from retarget.errors import suggest
 
 WHERE = "servo setup --all"
-TERMINAL = "Run it in a terminal; --port emulator shows it without servos"
 DOUBLE = "2X"
 """How the names of models begin of which one case holds two servos: they cannot be connected alone."""
 
