@@ -48,9 +48,9 @@ from retarget.cli.exit import (
     StopRequest,
     detached_screens,
     echo,
+    interruptible,
     memory_message,
     refuse_little_memory,
-    interruptible,
     stop_on_signals,
 )
 from retarget.cli.operator import Announcer, RunOperator, live_state
