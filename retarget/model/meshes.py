@@ -127,7 +127,7 @@ FINE = 0.03
 LEAST_TRIANGLES = 40
 """A mesh of a file keeps so many."""
 THIN, THIN_AROUND, ROOM = 0.025, 12, 500
-"""Radius of what joins links, in the longest way from the root to an end, its corners, and triangles of all of it."""
+"""Radius of what joins links, in the longest way from the root to a joint, its corners, and triangles of all of it."""
 
 
 Part = tuple[int, tuple[float, float, float] | None]
@@ -210,7 +210,7 @@ def _rods(body: BodyModel, shown: Sequence[tuple[Geom, Mesh]]) -> dict[int, list
     for link in range(1, len(rigid)):
         if body.parent[link] > 0 and not (body.joint_body == link).any():
             rigid[link] = rigid[body.parent[link]]
-    radius, rods = THIN * float(_ways(body).max()), dict[int, list[Mesh]]()
+    radius, rods = THIN * float(_ways(body)[body.joint_body].max(initial=0.0)), dict[int, list[Mesh]]()
     for link in np.unique(rigid[1:]).tolist():
         inside = rigid == link
         own = [(geom, mesh) for geom, mesh in shown if inside[geom.body]]

@@ -19,7 +19,7 @@ BORDER = 10.0
 """Weight of the planes that keep open edges in place (section 6 of the paper), to those of the faces."""
 SHORT = 1e-4
 """Of an edge's length squared in its cost, so that flat places are thinned evenly."""
-STIFF = 1e-3
+STIFF = 1e-4
 """Pull to the middle of an edge, in the mean of its quadric's diagonal, where planes leave its place open."""
 CHEAPEST = 0.3
 """Share of the edges of which those collapse at once that do not meet."""
@@ -40,14 +40,16 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
         return triangles
     low = triangles.reshape(-1, 3).min(axis=0)
     size = max(float(np.ptp(triangles.reshape(-1, 3), axis=0).max()), 1e-9)
-    points, faces = _merged((triangles - low) / size, SAME)
-    cells = 2.0 * most**0.5
+    points, place = _merged((triangles - low).reshape(-1, 3) / size, SAME)
+    faces = _real(place.reshape(-1, 3))
+    quadrics, cells = _quadrics(points, faces), 2.0 * most**0.5
     while len(faces) > AT_FIRST * most:
-        coarser, fewer = _merged(points[faces], 1.0 / cells)
-        if len(fewer) <= AT_FIRST * most:
-            points, faces = coarser, fewer
+        middle, place = _merged(points, 1.0 / cells)
+        if len(fewer := _real(place[faces])) <= AT_FIRST * most:
+            quadrics, faces = _summed(quadrics.reshape(-1, 16), place, len(middle)).reshape(-1, 4, 4), fewer
+            points = _nearest(quadrics, middle)
         cells /= 1.2
-    quadrics, share = _quadrics(points, faces), CHEAPEST
+    share = CHEAPEST
     while len(faces) > most and share < LAST:
         before = len(faces)
         points, faces, quadrics = _collapsed(points, faces, quadrics, (len(faces) - most + 1) // 2, share=share)
@@ -56,15 +58,24 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
     return np.asarray(low + size * points[faces])
 
 
-def _merged(triangles: FloatArray, cell: float) -> tuple[FloatArray, IntArray]:
-    """Points (p, 3) and faces (f, 3), with the corners of triangles in one cell of a grid as one."""
-    corners = triangles.reshape(-1, 3)
-    number = np.round(corners / cell).astype(np.int64) + 1
-    key = (number[:, 0] * 2**21 + number[:, 1]) * 2**21 + number[:, 2]
-    _, place = np.unique(key, return_inverse=True)
-    count = np.bincount(place)
-    points = np.column_stack([np.bincount(place, weights=column) / count for column in corners.T])
-    return points, _real(place.reshape(-1, 3))
+def _merged(points: FloatArray, cell: float) -> tuple[FloatArray, IntArray]:
+    """The middles (p, 3) of the points in each cell of a grid, and which of these each point is in."""
+    number = np.round(points / cell).astype(np.int64) + 1
+    _, place = np.unique((number[:, 0] * 2**21 + number[:, 1]) * 2**21 + number[:, 2], return_inverse=True)
+    count = int(place.max(initial=-1)) + 1
+    return _summed(points, place, count) / np.bincount(place, minlength=count)[:, None], place
+
+
+def _summed(values: FloatArray, place: IntArray, count: int) -> FloatArray:
+    """Sums (count, k) of the rows of values (n, k) by their place."""
+    return np.column_stack([np.bincount(place, weights=column, minlength=count) for column in values.T])
+
+
+def _nearest(quadrics: FloatArray, middle: FloatArray) -> FloatArray:
+    """The points (n, 3) nearest to the planes of quadrics (n, 4, 4); the middle decides where they leave it open."""
+    stiff = STIFF * np.trace(quadrics[:, :3, :3], axis1=1, axis2=2)[:, None] / 3.0 + 1e-12
+    left = quadrics[:, :3, :3] + stiff[..., None] * np.eye(3)
+    return np.asarray(np.linalg.solve(left, (stiff * middle - quadrics[:, :3, 3])[..., None])[..., 0])
 
 
 def _real(faces: IntArray) -> IntArray:
@@ -100,8 +111,7 @@ def _quadrics(points: FloatArray, faces: IntArray) -> FloatArray:
     def add(at: IntArray, outward: FloatArray, on: FloatArray, weight: FloatArray) -> None:
         plane = np.column_stack([outward, -(outward * on).sum(axis=1)])
         quadric = (weight[:, None, None] * plane[:, :, None] * plane[:, None, :]).reshape(-1, 16)
-        for column in range(16):
-            total.reshape(-1, 16)[:, column] += np.bincount(at, weights=quadric[:, column], minlength=len(points))
+        total[:] += _summed(quadric, at, len(points)).reshape(-1, 4, 4)
 
     for corner in range(3):
         add(faces[:, corner], unit, points[faces[:, 0]], area)
@@ -122,13 +132,11 @@ def _collapsed(
     """The same with at most so many edges made points, out of the cheapest share of them."""
     edges = _edges(faces)[0]
     both = quadrics[edges[:, 0]] + quadrics[edges[:, 1]]
-    middle = points[edges].mean(axis=1)
-    stiff = STIFF * np.trace(both[:, :3, :3], axis1=1, axis2=2)[:, None] / 3.0 + 1e-12
-    left = both[:, :3, :3] + stiff[..., None] * np.eye(3)
-    target = np.linalg.solve(left, (stiff * middle - both[:, :3, 3])[..., None])[..., 0]
+    target = _nearest(both, points[edges].mean(axis=1))
     whole = np.column_stack([target, np.ones(len(target))])
+    short = SHORT * STIFF * np.trace(both[:, :3, :3], axis1=1, axis2=2)
     length = points[edges[:, 1]] - points[edges[:, 0]]
-    cost = np.einsum("ei,eij,ej->e", whole, both, whole) + SHORT * stiff[:, 0] * (length**2).sum(axis=1)
+    cost = np.einsum("ei,eij,ej->e", whole, both, whole) + short * (length**2).sum(axis=1)
     rank = np.empty(len(edges), dtype=np.int64)
     rank[np.argsort(cost)] = np.arange(len(edges))
     for _ in range(TRIES):

@@ -160,26 +160,29 @@ def _tracks(file: ArrayFile, position: FloatArray) -> dict[str, FloatArray]:
             next_step="Put joint_names into the file, or export BVH (docs/motion-files.md)",
         )
     tracks = {name: position[:, at] for name, at in found.items() if name in JOINTS}
-    trunk = [at for at, name in enumerate(names) if any(word in name.lower() for word in TRUNK)]
+    pelvis = tracks.setdefault("pelvis", 0.5 * (tracks["l_hip"] + tracks["r_hip"]))
+    trunk = [position[:, at] for at, name in enumerate(names) if any(word in name.lower() for word in TRUNK)]
     if trunk:
-        tracks |= {"spine": position[:, trunk[0]], "chest": position[:, trunk[-1]]}
-    tracks.setdefault("pelvis", 0.5 * (tracks["l_hip"] + tracks["r_hip"]))
+        trunk.sort(key=lambda track: np.median([0.0, *(far := norms(track - pelvis))[np.isfinite(far)]]))
+        tracks |= {"spine": trunk[0], "chest": trunk[-1]}
     if "joint_names" not in file:
         _refuse_order(file, tracks)
     return tracks
 
 
 def _refuse_order(file: ArrayFile, tracks: dict[str, FloatArray]) -> None:
-    """Raise InputError where limbs of two sides are of such different lengths that the joints are others."""
+    """Raise InputError where limbs are of such different lengths, of two sides or over time, that the joints are
+    others."""
     unlike = []
     for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
-        left, right = (norms(tracks[f"{side}_{b}"] - tracks[f"{side}_{a}"]) for side in "lr")
-        both = [float(np.median(one[np.isfinite(one)])) if np.isfinite(one).any() else np.nan for one in (left, right)]
-        if max(both) > UNLIKE * min(both):
-            unlike.append(f"{a} to {b} left {both[0]:.3g}, right {both[1]:.3g}")
+        lengths = [norms(tracks[f"{side}_{b}"] - tracks[f"{side}_{a}"]) for side in "lr"]
+        spreads = [np.percentile(one[np.isfinite(one)], (10, 90)) for one in lengths if np.isfinite(one).any()]
+        low, high = np.min(spreads, initial=np.inf), np.max(spreads, initial=0.0)
+        if high > UNLIKE * low:
+            unlike.append(f"{a} to {b} {low:.3g} to {high:.3g}")
     if len(unlike) > 1:
         raise InputError(
-            "the joints are not in the order of SMPL: sides of other lengths",
+            "the joints are not in the order of SMPL: their limbs have no length",
             where=f"{file.source}: {JOINTS_KEY}",
             found="; ".join(unlike),
             next_step="Put joint_names, an array of their names, into the file",
