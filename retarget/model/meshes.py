@@ -189,9 +189,11 @@ def _soup(geom: Geom) -> FloatArray:
 
 
 def _lots(geoms: Sequence[Geom], most: int) -> list[int]:
-    """How many triangles each mesh of a file may have: by its size, and what one does not need is the others'."""
+    """How many triangles each mesh of a file may have: by its size, and by how many it has, as these are where it is
+    not smooth; what one does not need is the others'."""
     has = np.array([len(_soup(geom)) for geom in geoms], dtype=np.float64)
     size = np.array([np.linalg.norm(np.ptp(_soup(geom).reshape(-1, 3), axis=0)) for geom in geoms]) + 1e-9
+    size *= has**0.25
     lots = np.minimum(has, LEAST_TRIANGLES)
     while True:
         wants = lots < has

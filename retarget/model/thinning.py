@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from retarget.types import BoolArray, FloatArray, IntArray
 
-AT_FIRST = 20
-"""A mesh of more triangles than so many times what is left is put on a grid first, which is quick."""
+DENSE, AT_FIRST = 15_000, 20
+"""A mesh of more triangles than that, or than so many times what is left, is put on a grid first, which is quick."""
 SAME = 1e-5
 """Corners within this share of a mesh's size are one."""
 BORDER = 10.0
@@ -41,7 +41,10 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
     low = triangles.reshape(-1, 3).min(axis=0)
     size = max(float(np.ptp(triangles.reshape(-1, 3), axis=0).max()), 1e-9)
     points, place = _merged((triangles - low).reshape(-1, 3) / size, SAME)
-    faces = _real(place.reshape(-1, 3))
+    faces, cells = _real(place.reshape(-1, 3)), 3.0 * DENSE**0.5
+    while len(faces) > DENSE:  # so fine that the middles of cells will do
+        points, place = _merged(points, 1.0 / cells)
+        faces, cells = _real(place[faces]), cells / 1.5
     quadrics, cells = _quadrics(points, faces), 2.0 * most**0.5
     while len(faces) > AT_FIRST * most:
         middle, place = _merged(points, 1.0 / cells)
