@@ -26,7 +26,7 @@ LEROBOT := .venv-lerobot
 LEROBOT_PYTHON ?= $(shell for p in python3.12 python3.13 python3; do \
 	$$p -c 'import sys; sys.exit(not (3, 12) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
 
-.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery robustness mutants fuzz long lerobot docs docs-tables wheels clean machine
+.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery pictures robustness mutants fuzz long lerobot docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a performer waves and squats, an OP3 on emulated servos follows; report and pictures in out/demo'
@@ -47,6 +47,7 @@ help:
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
 	@echo 'make gallery  the animation of one motion on every shipped robot'
+	@echo 'make pictures  the pictures of the documentation, pages in headless Chromium; minutes'
 	@echo 'make robustness  in how many runs under perturbations it stands; takes hours'
 	@echo 'make mutants  every protection of guard, gate, supervisor, loop, readers and writers removed in turn: does a test fail?'
 	@echo 'make fuzz N=100000  so many damaged files of every kind: each is read, or refused by a message'
@@ -146,6 +147,11 @@ paper: $(VENV)/.with-test
 
 gallery: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.gallery
+
+pictures: $(VENV)/.with-test,browser
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || { echo 'missing: chromium' >&2; \
+		echo '   get it: Debian, Ubuntu: apt install chromium; Fedora: dnf install chromium' >&2; exit 1; }
+	$(BIN)/python -m benchmarks.pictures $(PICTURES)
 
 robustness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.robustness --jobs $(JOBS) $(BENCH)

@@ -17,7 +17,7 @@ from retarget.human.samples import calibration_pose
 from retarget.live.address import is_address, parse_address
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import HUMAN
-from retarget.sources.motion_summary import MotionSummary, summarise
+from retarget.setup.motion_summary import MotionSummary, summarise
 
 SHOWN_JUMPS = 8
 """Jumps that are listed, so that a broken file does not fill the terminal; the others are counted."""

@@ -95,7 +95,7 @@ def recorded_kind(address: StreamAddress) -> str:
     if len(kinds) == 1:
         return kinds.pop()
     found = repr(url[:100]) if url else ""
-    raise refusal(InputError, "recorded kind", address.text, found=found, allowed=", ".join(RECORDED))
+    raise refusal(InputError, "unknown recording", address.text, found=found, allowed=", ".join(RECORDED))
 
 
 # `--record-raw FILE`: a thread writes every admitted datagram to a file, so that the tick does not wait for the disk.

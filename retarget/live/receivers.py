@@ -8,6 +8,7 @@ import socket
 import struct
 from contextlib import suppress
 from dataclasses import replace
+from math import fsum
 from operator import attrgetter
 
 from hardware.clock import wall_to_monotonic
@@ -226,7 +227,7 @@ class NatnetReceiver:
     @property
     def overflowed(self) -> int:
         """Datagrams that the kernel lost because they were not fetched in time."""
-        return sum(one.overflowed for one in self._sockets)
+        return int(fsum(one.overflowed for one in self._sockets))
 
     def close(self) -> None:
         """Close the sockets. A second call has no effect."""

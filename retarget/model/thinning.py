@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from retarget.types import BoolArray, FloatArray, IntArray
 
-DENSE, AT_FIRST = 15_000, 20
+DENSE, AT_FIRST = 6_000, 12
 """A mesh of more triangles than that, or than so many times what is left, is put on a grid first, which is quick."""
 SAME = 1e-5
 """Corners within this share of a mesh's size are one."""
@@ -21,12 +21,12 @@ SHORT = 1e-4
 """Of an edge's length squared in its cost, so that flat places are thinned evenly."""
 STIFF = 1e-4
 """Pull to the middle of an edge, in the mean of its quadric's diagonal, where planes leave its place open."""
-CHEAPEST = 0.3
+CHEAPEST = 0.5
 """Share of the edges of which those collapse at once that do not meet."""
 SLOW, LAST = 0.01, 2.0
 """Where a round takes away less than this share of the faces, edges that are not so cheap may collapse too, and beyond
 all of them also those that turn a face over: sheets that lie on each other have no others."""
-TRIES = 3
+TRIES = 2
 """Other edges are chosen so often where those chosen would turn a face over."""
 TURNED = 0.2
 """Least cosine between a face before and after: beyond, it would turn over."""

@@ -139,8 +139,9 @@ class DrawnPostures:
         _fill(picture, *pixels(points), shades, faces)
         if self.recorded is not None:
             ends, _ = pixels(self.recorded[pose])
-            for a, b in self.bones:
-                pen.line([*ends[a].tolist(), *ends[b].tolist()], "black", max(1, round(THIN * scale)))
+            for bone in self.bones:
+                if np.isfinite(ends[[*bone]]).all():  # a file that knows only some of the joints
+                    pen.line(ends[[*bone]].ravel().tolist(), "black", max(1, round(THIN * scale)))
         if whole is not None:
             picture.paste(Image.blend(picture, whole, 0.5))
 
@@ -298,8 +299,9 @@ def _among(
         return drawn
     meshes, poses = seen[0], np.broadcast_to(seen[1], (len(ticks), *seen[1].shape[1:]))
     solid, colours = drawn.solid, np.tile(rgb(OBSTACLE), (len(meshes), 1))
-    owners = np.concatenate([solid.owners, len(solid.links) + np.arange(len(meshes))])
-    both = replace(solid, meshes=(*solid.meshes, *meshes), owners=owners, colours=np.vstack([solid.colours, colours]))
+    owners = np.append(solid.owners, drawn.poses.shape[1] + np.arange(len(meshes)))
+    colours = np.vstack([solid.colours, colours])
+    both = replace(solid, meshes=(*solid.meshes, *meshes), owners=owners, colours=colours)
     poses = np.concatenate([drawn.poses, _standing(facing_x(poses, facing), feet, drawn.size)], axis=1)
     return replace(drawn, around=DrawnPostures(both, poses, drawn.size))
 

@@ -57,6 +57,17 @@ def test_the_nearest_is_seen() -> None:
     assert hidden < 0.35 * orange and more > grey, "turned by half, the box stands before the ball"
 
 
+def test_bones_are_drawn_where_both_ends_are_known() -> None:
+    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
+    poses = body.poses(np.array([[0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0]]))
+    recorded = np.array([[[0.0, 0.6, 0.3], [0.0, 0.6, 0.6], [np.nan] * 3]])
+    picture = Image.new("RGB", (200, 200), "white")
+    bones = ((0, 1), (1, 2))
+    DrawnPostures(body, poses, 1.0, recorded=recorded, bones=bones).draw(picture, 0, place=(100.0, 180.0), scale=150.0)
+    black = np.asarray(picture).max(axis=2) < 20
+    assert 40 < black.sum() < 120 and not black[:, :100].any(), "a single line of 44 pixels"
+
+
 def test_sides_that_turn_to_the_light_are_brighter() -> None:
     outward = np.eye(3)
     colour = np.tile(rgb(MIDDLE), (3, 1))

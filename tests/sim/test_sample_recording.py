@@ -11,7 +11,7 @@ from retarget.cli.exit import DONE, REFUSED
 from retarget.errors import InputError
 from retarget.frames import SENSORS, SensorFrames
 from retarget.schema.catalogue import Kind, entries
-from retarget.sources.motion_summary import summarise
+from retarget.setup.motion_summary import summarise
 from retarget.sources.open import SAMPLE, open_source
 
 RATE_HZ, DURATION_S = 30.0, 11.0

@@ -1,6 +1,6 @@
 """Write a motion in one of the formats that others read: whole or not at all, and over something only if asked to.
 
-`FORMATS` is the one table of them: the help, the page `docs/results.md` and what `retarget export` prints come from it.
+`FORMATS` is the one table of them: the help, the page of the site and what `retarget export` prints come from it.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -13,8 +13,8 @@ from retarget import rotations
 from retarget.frames import SensorFrames
 from retarget.report.motion_metrics import jerk_p95, observer_activity
 from retarget.schema.priorities import load_priorities
+from retarget.setup.motion_summary import find_jumps, summarise
 from retarget.sources.asf_amc import read_amc
-from retarget.sources.motion_summary import find_jumps, summarise
 from sim.performer import synthetic_performer
 
 
