@@ -1,7 +1,6 @@
 """The files that a command was asked to write: checked before anything moves, written when all is done."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,6 +10,7 @@ from retarget.recording.npz import save_path, write_npz
 from retarget.report.report import Report, write_report
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_folder, check_path, check_place, refuse_existing
+from retarget.types import Watch, unwatched
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 """Names of the files in `--plots DIR`, known without importing what draws them."""
@@ -18,14 +18,6 @@ FILE_NAME, PAGE_NAME, RUN_NAME = "report.json", "report.html", "run.npz"
 """Names of the files in `--report DIR`, and of the run beside them in the folder of a demo."""
 PAGES = (".html", ".htm")
 """Suffixes that no folder has: somebody asks for a page alone."""
-Watch = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-"""Around what takes time: what is made, and how many steps it has; it yields what takes the steps that are done."""
-
-
-@contextmanager
-def unwatched(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Watch nothing."""
-    yield lambda done: None
 
 
 def report_path(text: str | Path) -> Path:

@@ -18,12 +18,11 @@ from retarget.errors import ConfigError, UsageError, install_step
 from retarget.model.human_dimensions import PARENTS, POINTS
 from retarget.model.meshes import OBSTACLE, Mesh, SolidBody, rgb
 from retarget.model.scene_state import obstacle_meshes, obstacle_poses
-from retarget.pictures.outputs import Watch, unwatched
 from retarget.report import motion_metrics
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import write_atomic
-from retarget.types import FloatArray, IntArray
+from retarget.types import FloatArray, IntArray, Watch, unwatched
 
 # Where the viewer and the light are; `bodies.js` has the same ones.
 
