@@ -24,8 +24,9 @@ FAR_TOO_LARGE = 5.0
 """A mesh of so many times the distance between the joints is in another unit."""
 WHOLE_TURN = 2.0 * np.pi + 1e-3
 """[rad] A limit beyond it may be in degrees."""
-MOST_LOOKS, LEAST_VERTICES = 6000, 4
-"""Triangles of all meshes that stay for pictures, about, and corners of one that MuJoCo takes."""
+MOST_LOOKS, LEAST_VERTICES, LOOK_DECIMALS = 11_000, 4, 5
+"""Triangles of all meshes that stay for pictures, about (`meshes.MOST_TRIANGLES` shows them all); corners of one that
+MuJoCo takes, and decimals, m, of their places."""
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
 
@@ -208,16 +209,16 @@ def _add_looks(spec: Any, model: Any, links: dict[int, str]) -> None:
     """Give links, by their numbers in the model, their meshes back, coarser, for pictures alone: they collide with
     nothing and weigh nothing."""
     mujoco = engine()
-    reach = float(np.linalg.norm(model.body_pos, axis=1).sum())
     spec.compiler.discardvisual = False  # of a URDF
-    for link, mesh in link_shapes(geoms_of(model), links, reach=reach, most=MOST_LOOKS).items():
-        if len(mesh.vertices) < LEAST_VERTICES:
+    for link, mesh in link_shapes(geoms_of(model), links, most=MOST_LOOKS).items():
+        places, corner = np.unique(mesh.vertices.round(LOOK_DECIMALS), axis=0, return_inverse=True)
+        if len(places) < LEAST_VERTICES:
             continue
         name = f"{links[link]}_look"
         spec.add_mesh(
             name=name,
-            uservert=mesh.vertices.ravel(),
-            userface=mesh.faces.ravel(),
+            uservert=places.ravel(),
+            userface=corner.reshape(-1)[mesh.faces].ravel(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
         kind = mujoco.mjtGeom.mjGEOM_MESH

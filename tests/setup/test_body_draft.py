@@ -498,3 +498,26 @@ def test_a_shape_of_no_size_is_found_by_its_link_and_line(name: str, tmp_path: P
         draft_body(read_source(path))
     with refuses(InputError, where=where):
         load_body(path)
+
+
+def test_every_mesh_stays_in_pictures_however_many_frames_are_fixed_to_the_body(tmp_path: Path) -> None:
+    """Their offsets say nothing of how large it is; a dense mesh keeps its share of the triangles."""
+    (tmp_path / "foot.stl").write_bytes(binary_stl())
+    frames = "".join(
+        f'<link name="imu_{i}"/><joint name="to_imu_{i}" type="fixed"><parent link="base"/><child link="imu_{i}"/>'
+        f'<origin xyz="0 3 {i}"/></joint>'
+        for i in range(30)
+    )
+    text = humanoid().replace(FOOT, '<mesh filename="foot.stl"/>')
+    root = re.search(r'<link name="(.*?)"', text)
+    assert root is not None
+    body = drafted_urdf(text.replace("</robot>", frames.replace('"base"', f'"{root[1]}"') + "</robot>"), tmp_path)
+    plain = drafted_urdf(text, tmp_path)
+    looks = [
+        [geom.triangles for geom in load_body_text(one.content.decode(), source="test").geoms if geom.kind == "mesh"]
+        for one in (plain, body)
+    ]
+    assert len(looks[0]) == len(looks[1]) == 2
+    for one, other in zip(*looks, strict=True):
+        assert one is not None and other is not None
+        np.testing.assert_allclose(np.ptp(one, axis=(0, 1)), np.ptp(other, axis=(0, 1)), atol=1e-4)
