@@ -251,6 +251,12 @@ DRAWN: dict[str, Callable[[], Image.Image | bytes]] = {
     "live-page.webp": live_page,
     "web-page.webp": web_page,
 }
+BY_HAND = ("wiring.svg",)
+
+
+def pictures() -> list[Path]:
+    """Paths of all pictures that a page of the documentation shows and that MOST_BYTES counts."""
+    return [IMAGES / name for name in (*DRAWN, *BY_HAND)]
 
 
 def main(*names: str) -> None:
@@ -264,7 +270,7 @@ def main(*names: str) -> None:
             made.save(path, quality=QUALITY, method=6)
         print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB")
     shutil.rmtree(folder())
-    total = sum((IMAGES / name).stat().st_size for name in (*DRAWN, "wiring.svg") if (IMAGES / name).exists())
+    total = sum(path.stat().st_size for path in pictures() if path.exists())
     if total > MOST_BYTES:
         raise SystemExit(f"the pictures have {total} bytes, allowed: {MOST_BYTES}")
 
