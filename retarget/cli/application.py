@@ -102,6 +102,14 @@ class _Command(TyperCommand):
 
     USUAL_OPTIONS: Sequence[str] = ()
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the words. Raises UsageError where an option takes another one for its value."""
+        take = {name for one in self.get_params(ctx) if not getattr(one, "is_flag", True) for name in one.opts}
+        for word, after in pairwise(args[: args.index("--")] if "--" in args else args):
+            if word in take and re.match("--[a-z]", after):
+                raise UsageError("needs a value", where=word, found=after, next_step=f"See `{ctx.command_path} --help`")
+        return super().parse_args(ctx, args)
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": []}
         for parameter in self.get_params(ctx):
@@ -406,7 +414,7 @@ class RunLines:
         self.verbose, self.moving = verbose, False
         self.kept_back = 0
         self._count = self._notes = 0
-        self._kinds = set[str]()
+        self._kinds, self._reasons = set[str](), set[str]()
 
     @property
     def room(self) -> int:
@@ -421,6 +429,9 @@ class RunLines:
     def notify(self, text: str) -> None:
         """Print a notice, or count it."""
         kind = re.sub(r" ?[(\d].*", "", text)  # without times and counts
+        reason = text.rpartition(": ")[2]
+        if reason in self._reasons and not self.verbose:
+            return  # as the end that was foretold: it says nothing new
         self._notes += text.startswith("note: ")
         if self.moving:
             fits = kind not in self._kinds and (self.room > 0 or kind.startswith(HOLDS))
@@ -428,6 +439,7 @@ class RunLines:
         else:
             fits = not text.startswith("note: ") or self._notes <= MOST_BEFORE
         if fits or self.verbose:
+            self._reasons |= {reason} if text.startswith("note: ") else set()
             self.log(text)
         else:
             self.kept_back += 1

@@ -17,7 +17,7 @@ from retarget.report.motion_metrics import LimitUse, limit_use
 from retarget.report.report import Report, Spread
 from retarget.report.unfollowed import INSTEAD
 from retarget.run.record import Phase
-from retarget.run.run_result import RunResult
+from retarget.run.run_result import CAPPED, RunResult
 from retarget.schema.priorities import LimbTask
 from retarget.types import MM
 
@@ -445,7 +445,7 @@ def remarks(
     refused = RunFigures(run, report).refused
     if refused and (report.gated_frames or 0) > CHANGED * report.ticks:
         said.append(f"the gate changed {report.gated_frames} of {report.ticks} goals, {refused}")
-    lines += [f"note: {text}" for text in (*said, *notes)]
+    lines += [f"note: {text}" for text in (*said, *notes) if not text.endswith(CAPPED)]
     counts = [] if run.live is None or not run.live.holds.count else [f"held {counted(run.live.holds.count, 'time')}"]
     counts += [counted(kept_back, "more notice")] if kept_back else []
     shown = len(lines) if len(lines) + bool(counts) <= most else most - 1

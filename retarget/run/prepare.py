@@ -34,7 +34,7 @@ from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_huma
 from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.performers import RecordedPerformer
 from retarget.run.rest_trajectory import EndPlan, plan_end
-from retarget.run.run_result import RunResult, RunSetup, RunTally
+from retarget.run.run_result import CAPPED, RunResult, RunSetup, RunTally
 from retarget.run.supervisor import Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
@@ -202,7 +202,7 @@ class Prepared:
             capped += self.machine.follower.hierarchy.solver.capped
         if not capped:
             return ()
-        return (f"{capped} linear solves took too many steps and were ended: they keep all limits, and follow less",)
+        return (f"{capped} {CAPPED}",)
 
 
 def performance_of(read: Callable[[], SensorFrames], playback: Playback, *, rate_hz: float | None = None) -> Perform:

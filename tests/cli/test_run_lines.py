@@ -106,3 +106,15 @@ def test_an_hour_of_notices_is_a_few_lines_and_a_count(capsys: pytest.CaptureFix
     err = capsys.readouterr().err.splitlines()
     assert len(err) == MOST_LINES - 5 + 1 and sum(line.startswith(HOLDS) for line in err) == 1
     assert lines.kept_back == 3 * 3600 + 1 - (len(err) - 5)
+
+
+def test_an_end_that_was_foretold_is_not_told_again(capsys: pytest.CaptureFixture[str]) -> None:
+    for verbose in (False, True):
+        lines = RunLines(verbose=verbose)
+        lines.notify("note: at the end it stands, with torque: it may topple")
+        lines.moving = True
+        lines.notify("the run ends standing, with torque: it may topple")
+        lines.notify("the run ends standing, with torque: it did not get to rest")
+        err = capsys.readouterr().err.splitlines()
+        assert len(err) == 2 + verbose and "did not get to rest" in err[-1]
+        assert lines.kept_back == 0

@@ -21,7 +21,7 @@ from retarget.report.report import BothMoved, Percentiles, Report, Spread, Steps
 from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase
-from retarget.run.run_result import RefusedPair, RunResult
+from retarget.run.run_result import CAPPED, RefusedPair, RunResult
 from retarget.schema.priorities import load_priorities
 from rig import Rig, person, result, scripted_run, short_clip
 from sim.performer import minimum_jerk, synthetic_performer
@@ -406,3 +406,7 @@ def test_a_human_alone_has_a_sentence_of_its_own(run: RunResult, report: Report)
     alone = replace(run, robot=None)
     shows(sentence(alone, replace(report, robot="human", unsensed_mm={"mean": 31.0})), "the performer", "31 mm")
     assert [*lines_of("sentence", {})] == []
+
+
+def test_counts_of_the_solver_are_not_among_what_matters(run: RunResult, report: Report) -> None:
+    assert remarks(run, report, [f"4 {CAPPED}", "the file has no rate"])[-1:] == ["note: the file has no rate"]
