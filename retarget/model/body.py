@@ -274,7 +274,10 @@ def _geom(model: Any, index: int) -> Geom:
     import mujoco
 
     kind = mujoco.mjtGeom(int(model.geom_type[index])).name.removeprefix("mjGEOM_").lower()
-    red, green, blue = (round(float(value), 3) for value in model.geom_rgba[index, :3])
+    material = int(model.geom_matid[index])
+    own = model.geom_rgba[index, :3]
+    shade = model.mat_rgba[material, :3] if material >= 0 and (own == NO_COLOUR).all() else own
+    red, green, blue = (round(float(value), 3) for value in shade)
     return Geom(
         name=model.geom(index).name,
         body=int(model.geom_bodyid[index]),

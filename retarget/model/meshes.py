@@ -147,13 +147,13 @@ def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
     return {part: joined(parts[part]) for part in sorted(parts, key=lambda part: part[0])}
 
 
-def link_shapes(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dict[int, Mesh]:
-    """The shapes of each of these links that has some, as `link_meshes` has them, of at most about so many triangles,
-    whatever their colours."""
-    parts = dict[int, list[Mesh]]()
-    for geom, mesh in _drawn(_shown(geoms, links), most):
-        parts.setdefault(geom.body, []).append(mesh)
-    return {link: joined(meshes) for link, meshes in parts.items()}
+def link_looks(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dict[Part, Mesh]:
+    """Of the shapes of each of these links that `link_meshes` shows the meshes of files, by their colours, of at most
+    about so many triangles together."""
+    parts = dict[Part, list[Mesh]]()
+    for geom, mesh in _drawn([geom for geom in _shown(geoms, links) if geom.triangles is not None], most):
+        parts.setdefault((geom.body, geom.colour), []).append(mesh)
+    return {part: joined(meshes) for part, meshes in parts.items()}
 
 
 def _shown(geoms: Sequence[Geom], links: Iterable[int]) -> list[Geom]:

@@ -201,6 +201,41 @@ def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
     assert not body.too_large
 
 
+RED, GREEN, BLUE = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+LOOK = '<geom contype="0" conaffinity="0" mass="0" {}/>'
+COLOURED = f"""<mujoco><asset><mesh name="shoe" file="shoe.obj"/><material name="green" rgba="0 1 0 1"/></asset>
+<worldbody><body name="base"><freejoint/><geom size=".1"/><body name="arm" pos="0 .3 0"><joint range="-60 60"/>
+<geom type="mesh" mesh="shoe"/>{LOOK.format('type="mesh" mesh="shoe" rgba="1 0 0 1"')}
+{LOOK.format('type="mesh" mesh="shoe" material="green"')}{LOOK.format('size=".04" rgba="0 0 1 1"')}
+</body></body></worldbody></mujoco>"""
+PAINTED = '<visual><geometry>{}</geometry><material name="{}"><color rgba="{} 1"/></material></visual>'
+COLOURED_URDF = "".join(
+    PAINTED.format(*one)
+    for one in (
+        ('<mesh filename="shoe.obj"/>', "red", "1 0 0"),
+        ('<mesh filename="shoe.obj"/>', "green", "0 1 0"),
+        ('<sphere radius="0.04"/>', "blue", "0 0 1"),
+    )
+)
+
+
+@pytest.mark.parametrize("kind", ["MJCF", "URDF"])
+def test_what_is_seen_keeps_its_colours_and_simple_shapes(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "shoe.obj").write_text(SHOE, encoding="utf-8")
+    if kind == "MJCF":
+        body, link = drafted(COLOURED, tmp_path), "arm"
+    else:
+        body, link = drafted_urdf(humanoid().replace("</link>", f"{COLOURED_URDF}</link>"), tmp_path), "chest"
+    written = load_body_text(body.content.decode(), source="test")
+    number = written.body_names.index(link)
+    geoms = [geom for geom in written.geoms if geom.body == number]
+    assert [geom.kind for geom in geoms if geom.collides] == ["box"]
+    seen = {(geom.kind, geom.colour) for geom in geoms if not geom.collides}
+    assert seen == {("mesh", RED), ("mesh", GREEN), ("sphere", BLUE)}
+    assert {colour for owner, colour in link_meshes(written) if owner == number} == {RED, GREEN, BLUE}
+    assert written.mass == pytest.approx(body.model.body_mass)
+
+
 SEEN = '<visual><geometry><mesh filename="{}"/></geometry></visual></link>'
 """What is seen of a link beside what it collides with."""
 
