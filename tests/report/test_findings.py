@@ -420,4 +420,4 @@ def test_a_human_alone_has_a_sentence_of_its_own(run: RunResult, report: Report)
 
 
 def test_counts_of_the_solver_are_not_among_what_matters(run: RunResult, report: Report) -> None:
-    assert remarks(run, report, [f"4 {CAPPED}", "the file has no rate"])[-1:] == ["note: the file has no rate"]
+    assert remarks(run, report, [f"4 {CAPPED}", "the file has no rate"], room=6)[-1:] == ["note: the file has no rate"]
