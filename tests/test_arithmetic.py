@@ -26,6 +26,7 @@ WAY = (
 robot are written once, by `import`: how is not on the way."""
 NOT_ON_IT = {
     "retarget/model/meshes.py": "pictures",
+    "retarget/model/thinning.py": "pictures",
     "retarget/live/stream_report.py": "numbers about a stream",
     "hardware/servo.py": "a check of a profile",
     "hardware/dynamixel/bus.py": "numbers about a bus",

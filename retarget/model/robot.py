@@ -272,7 +272,7 @@ def _joints(profile: RobotProfile, document: Document, body: BodyModel, file: Bo
 
 
 def _geoms(profile: RobotProfile, document: Document, body: BodyModel) -> Iterable[Problem]:
-    link_of = {geom.name: body.body_names[geom.body] for geom in body.geoms}
+    link_of = {geom.name: body.body_names[geom.body] for geom in body.geoms if geom.name}
     for name, observer in profile.observers.items():
         geom, here = observer.shape.geom, ("observers", name, "shape", "geom")
         if geom is not None and geom not in link_of:

@@ -176,7 +176,8 @@ def _refuse_order(file: ArrayFile, tracks: dict[str, FloatArray]) -> None:
     unlike = []
     for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
         lengths = [norms(tracks[f"{side}_{b}"] - tracks[f"{side}_{a}"]) for side in "lr"]
-        spreads = [np.percentile(one[np.isfinite(one)], (10, 90)) for one in lengths if np.isfinite(one).any()]
+        known = [np.sort(one[np.isfinite(one)]) for one in lengths if np.isfinite(one).any()]
+        spreads = [one[[len(one) // 10, len(one) * 9 // 10]] for one in known]  # all but the outliers
         low, high = np.min(spreads, initial=np.inf), np.max(spreads, initial=0.0)
         if high > UNLIKE * low:
             unlike.append(f"{a} to {b} {low:.3g} to {high:.3g}")
