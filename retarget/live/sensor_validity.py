@@ -136,9 +136,10 @@ class Repeats:
         self._times = np.zeros(count, dtype=int)
 
     def is_news(self, rows: Sequence[int], *, begins: bool) -> bool:
-        """True if rows that begin are to be said; else if they end, and one of their beginnings was."""
+        """True if rows that begin are to be said; else if they end, and one of their beginnings was, or there was
+        none."""
         self._times[[*rows]] += begins
-        return any(times == 10 ** (len(str(times)) - 1) for times in self._times[[*rows]].tolist())
+        return any(times in (0, 10 ** (len(str(times)) - 1)) for times in self._times[[*rows]].tolist())
 
     def count_text(self, rows: Sequence[int]) -> str:
         """How often rows began so far, in words; "" for the first time."""

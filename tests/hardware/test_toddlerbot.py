@@ -158,8 +158,10 @@ def test_pairs_that_are_not_checked_cannot_touch() -> None:
     """But the hip's bracket and the pelvis, which are nested."""
     model, random, between = body().model, np.random.default_rng(9), np.zeros(6)
     pairs = [entry.pair for entry in body().profile.ignore_pairs if "cannot touch" in entry.reason]
-    geoms = [[[geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == model.body(link).id] for link in pair]
+    solid = [geom for geom in range(model.ngeom) if model.geom_contype[geom] or model.geom_conaffinity[geom]]
+    geoms = [[[geom for geom in solid if model.geom_bodyid[geom] == model.body(link).id] for link in pair]
              for pair in pairs]  # fmt: skip
+    assert all(ours and theirs for ours, theirs in geoms)
     assert len(pairs) == 14
     for posture in legal(random, 400):
         posed = body().pose(dict(zip(joint_map().joints, posture.tolist(), strict=True)))
