@@ -343,5 +343,6 @@ def _at_table(run: RunResult, tick: int, scene: SceneState) -> DrawnPostures:
     meshes, poses = obstacle_meshes(scene.shapes), obstacle_poses(scene.shapes, scene.at_rest(0.0))
     poses = np.column_stack([(poses[:, :3] - feet) / drawn.size, poses[:, 3:]])
     solid = replace(drawn.solid, meshes=(*drawn.solid.meshes, *meshes),
+                    owners=np.append(drawn.solid.owners, drawn.poses.shape[1] + np.arange(len(meshes))),
                     colours=np.vstack([drawn.solid.colours, np.tile(rgb(OBSTACLE), (len(meshes), 1))]))  # fmt: skip
     return replace(drawn, solid=solid, poses=np.concatenate([drawn.poses, poses[None]], axis=1))

@@ -81,7 +81,12 @@ class RobotBody:
     @cached_property
     def solid(self) -> SolidBody:
         """What is drawn of it."""
-        return solid_body(self.body, {name: self.frame(name).body for name in self.profile.frames})
+        return solid_body(self.body, self.frame_links)
+
+    @property
+    def frame_links(self) -> dict[str, int]:
+        """The link of each frame of the profile."""
+        return {name: self.frame(name).body for name in self.profile.frames}
 
     @cached_property
     def soles(self) -> tuple[Frame, ...]:

@@ -76,10 +76,11 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
     if run.human is None or run.compiled is None:
         raise no_human(str(path))
     meshes, poses, notes = recorded_obstacles(run)
+    profile = run.profile or (None if run.is_human else _profile(Path(run.body.source)))
     cast = Cast(
         human=solid_body(body_from_file(run.human)),
-        robot=None if run.is_human else solid_body(run.body),
-        profile=run.profile or (None if run.is_human else _profile(Path(run.body.source))),
+        robot=None if run.is_human else solid_body(run.body, None if profile is None else profile.frame_links),
+        profile=profile,
         joints=() if run.is_human else run.joint_names,
         landmarks=() if run.is_human else run.landmark_names,
         sensors=run.sensor_names,
