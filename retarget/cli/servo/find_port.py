@@ -40,7 +40,11 @@ def unplugged_port() -> str:
         left = existing_ports()
         gone = [path for path in before if path not in left]
         if len(gone) != 1:
-            echo("no port went away" if not gone else f"{len(gone)} ports went away: {', '.join(gone)}. Unplug one")
+            echo(
+                "no port went away. Ctrl-C ends this, --port PATH names the port"
+                if not gone
+                else f"{len(gone)} ports went away: {', '.join(gone)}. Unplug one"
+            )
             continue
         echo(f"{gone[0]} went away: that is the adapter")
         back: list[str] = []
