@@ -119,6 +119,16 @@ class Soles:
 
 
 @dataclass(frozen=True)
+class ImuReport:
+    """The link of the IMU by what it measured. tilt_deg: from the vertical, at most; off_plan_deg: of its vertical from
+    that in the posture that was sent. invalid: ticks without a valid measurement."""
+
+    tilt_deg: float
+    off_plan_deg: Spread | None
+    invalid: int
+
+
+@dataclass(frozen=True)
 class StepsReport:
     """asked: times that the performer stood on one foot; made: times that the robot did; declined: all others, in which
     it stayed planted."""
@@ -170,8 +180,8 @@ class Report:
     unfollowed: postures of the performer that the robot cannot take, with their times, from the recorded body where it
     is known; null of a robot that does not stand on planted soles, or whose legs do not follow.
     fallen, physics: as the simulation saw it; null without.
-    steps: null of a robot that makes none. live: of the stream, null of a file. latency_ms: by stage, and
-    hand_to_shaft_ms: of the whole way, see `retarget.report.latency`.
+    imu: null where there is none. steps: null of a robot that makes none. live: of the stream, null of a file.
+    latency_ms: by stage, and hand_to_shaft_ms: of the whole way, see `retarget.report.latency`.
     """
 
     frames: int
@@ -223,6 +233,7 @@ class Report:
     deep: DeepReport
     observers: ObserversReport | None = None
     physics: PhysicsReport | None
+    imu: ImuReport | None = None
     steps: StepsReport | None = None
     live: LiveReport | None
     latency_ms: dict[str, TimePercentiles] | None
