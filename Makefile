@@ -26,7 +26,7 @@ LEROBOT := .venv-lerobot
 LEROBOT_PYTHON ?= $(shell for p in python3.12 python3.13 python3; do \
 	$$p -c 'import sys; sys.exit(not (3, 12) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
 
-.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery robustness mutants fuzz long lerobot docs docs-tables wheels clean machine
+.PHONY: help web browser demo test lint golden golden-store same-bits bench bench-bus bench-tick bench-lateness bench-latency bench-viewer bench-physics paper gallery pictures robustness mutants fuzz long lerobot docs docs-tables wheels clean machine
 
 help:
 	@echo 'make demo    a performer waves and squats, an OP3 on emulated servos follows; report and pictures in out/demo'
@@ -47,13 +47,14 @@ help:
 	@echo 'make bench-physics  how many times faster than real time a robot with mass runs'
 	@echo 'make paper   the experiments and figures of the paper, run anew'
 	@echo 'make gallery  the animation of one motion on every shipped robot'
+	@echo 'make pictures  the pictures of the documentation, pages in headless Chromium; minutes'
 	@echo 'make robustness  in how many runs under perturbations it stands; takes hours'
 	@echo 'make mutants  every protection of guard, gate, supervisor, loop, readers and writers removed in turn: does a test fail?'
 	@echo 'make fuzz N=100000  so many damaged files of every kind: each is read, or refused by a message'
 	@echo 'make long    the slow tests, a second to minutes each'
 	@echo 'make docs-tables  the measured tables of the pages, from docs/tables and from what is computed in a second'
 	@echo 'make docs    the documentation site in out/site; it opens from disk'
-	@echo 'make wheels  wheels for x86-64 and aarch64 in wheels/'
+	@echo 'make wheels  wheels for x86-64 and aarch64 and an sdist in wheels/, tried in an empty environment; minutes'
 	@echo 'make clean   remove .venv and everything built'
 
 web: $(VENV)/.with-web
@@ -147,6 +148,11 @@ paper: $(VENV)/.with-test
 gallery: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.gallery
 
+pictures: $(VENV)/.with-test,browser
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || { echo 'missing: chromium' >&2; \
+		echo '   get it: Debian, Ubuntu: apt install chromium; Fedora: dnf install chromium' >&2; exit 1; }
+	$(BIN)/python -m benchmarks.pictures $(PICTURES)
+
 robustness: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.robustness --jobs $(JOBS) $(BENCH)
 
@@ -156,17 +162,20 @@ mutants: $(VENV)/.with-test
 fuzz: $(VENV)/.with-test
 	$(BIN)/python -m benchmarks.fuzz --cases $(or $(N),100000) --jobs $(JOBS) $(FUZZ)
 
+# Ready to publish: the wheels, and the sdist for every other machine, have run the first lines of the README.
 # zig links against an old glibc (2.17), for machines older than this one and for the other architecture.
 wheels: $(VENV)/.pip
 	@command -v rustup >/dev/null || { echo 'make wheels needs rustup, to add the standard library of both' \
 		'architectures: https://rustup.rs (a cargo from a system package has only its own)' >&2; exit 1; }
 	rustup target add $(RUST_TARGETS)
 	$(BIN)/python -m pip install --quiet 'ziglang>=0.13'
+	rm -rf wheels
+	$(BIN)/maturin sdist --out wheels
 	for target in $(RUST_TARGETS); do \
 		PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --zig --target $$target \
 			--compatibility manylinux2014 --interpreter $(abspath $(BIN)/python) --out wheels || exit 1; \
 	done
-	@ls -l wheels
+	$(BIN)/python -m benchmarks.wheels wheels
 
 clean:
 	rm -rf $(VENV) $(LEROBOT) $(CRATE)/target wheels out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -62,7 +62,7 @@ def _robot(name: str) -> list[str]:
 
 
 def height(robot: RobotBody) -> float:
-    """Height, m, of the body's shapes with all joints at zero, by their bounding boxes."""
+    """Height, m, of the body's shapes that collide, with all joints at zero, by their bounding boxes."""
     model = mujoco.MjModel.from_xml_path(str(robot.body.source))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -70,7 +70,8 @@ def height(robot: RobotBody) -> float:
     centre, half = model.geom_aabb[:, :3], model.geom_aabb[:, 3:]
     middle = data.geom_xpos[:, 2] + np.sum(upwards * centre, axis=1)
     reach = np.sum(np.abs(upwards) * half, axis=1)
-    return float((middle + reach).max() - (middle - reach).min())
+    collides = model.geom_contype != 0
+    return float((middle + reach)[collides].max() - (middle - reach)[collides].min())
 
 
 COMPUTED = {"wire": wire, "robots": robots}

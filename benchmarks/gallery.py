@@ -7,7 +7,7 @@ the shapes of the bodies in the postures that were sent.
 from benchmarks.docs_tables import ROBOTS
 from benchmarks.table import ROOT
 from hardware.clock import VirtualClock
-from retarget.report.solid import DrawnPostures, moving, pictures, webp
+from retarget.pictures.solid import DrawnPostures, moving, pictures, webp
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.run_result import RunResult

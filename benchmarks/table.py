@@ -1,7 +1,7 @@
 """What commands of benchmarks share: their options, tables as Markdown, numbers as JSON, and the store of docs/tables.
 
 `docs/tables/NAME.yaml` holds the cells of a measured table, the command that measured them, the day and the commit; a
-benchmark writes it with `--docs`, and `benchmarks.docs_tables` sets it into its page.
+benchmark writes it with `--docs`. The site shows all of them, and `benchmarks.docs_tables` sets some into their pages.
 """
 
 from __future__ import annotations
@@ -87,9 +87,14 @@ def show_table(
         (STORED / f"{name}.yaml").write_text(written, encoding="utf-8")
 
 
+def stored(name: str) -> StoredTable:
+    """A stored table. Raises FileNotFoundError for one that was never measured."""
+    return StoredTable(**yaml.safe_load((STORED / f"{name}.yaml").read_text(encoding="utf-8")))
+
+
 def stored_table(name: str) -> str:
     """The Markdown of a stored table. Raises FileNotFoundError for one that was never measured."""
-    table = StoredTable(**yaml.safe_load((STORED / f"{name}.yaml").read_text(encoding="utf-8")))
+    table = stored(name)
     return markdown(table.heads, table.rows, text=table.text)
 
 

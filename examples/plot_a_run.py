@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from hardware.clock import VirtualClock
 from retarget import RunOptions, measure
-from retarget.report.plots import figures_of
+from retarget.pictures.plots import figures_of
 from retarget.run.prepare import prepare
 from sim.mock_bus import mock_bus
 from sim.performer import synthetic_performer

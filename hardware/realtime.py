@@ -3,6 +3,7 @@
 Memory is not locked (mlockall): a tick allocates next to nothing, and a robot's computer should not swap at all.
 """
 
+import itertools
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -91,6 +92,26 @@ def named_process(number: int | str, processes: Path = PROCESSES) -> str:
     where its command is not known. The interpreter of a script and the folders of both are left out."""
     text = _command(processes / str(number))
     return f"process {number} ({text})" if text else f"process {number}"
+
+
+MOST_PROCESSES = MOST_SOCKETS = 100_000
+"""Bounds of a search."""
+
+
+def port_holder(port: int, processes: Path = PROCESSES) -> str:
+    """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
+    wanted, found = set[str](), list[str]()
+    for table in ("udp", "udp6"):
+        with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
+            for line in itertools.islice(lines, 1, MOST_SOCKETS):
+                words = line.split()  # the columns `local_address` and `inode`
+                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
+                    wanted.add(f"socket:[{words[9]}]")
+    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
+        with suppress(OSError):
+            if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
+                found.append(named_process(process.name, processes))
+    return ", ".join(sorted(found)) or "another process"
 
 
 def _command(process: Path) -> str:

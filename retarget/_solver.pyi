@@ -237,7 +237,7 @@ class PathChecker:
         """Whether every pair keeps a share of its margin on a path (k, n), dt s from row to row, of a robot that stands
         as in `standing (nq,)`.
 
-        A pair that is too near at the first row is only let out. instead (k, n): the path followed after a refusal;
+        A pair that is too near at the first row may only move apart. instead (k, n): the path followed after a refusal;
         one on which a moving obstacle is at no row nearer than it came by then on that one is clear of it. remember:
         the first row is where the robot was sent, so that what is let out is measured from there."""
     @property

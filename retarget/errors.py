@@ -9,6 +9,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
+from shlex import quote
 from typing import Self
 
 from hardware.errors import RetargetError, describe
@@ -122,6 +123,20 @@ def suggest(name: str, known: Iterable[str]) -> str:
     if not near:
         return ""
     return "Did you mean " + (near[0] if len(near) == 1 else ", ".join(near[:-1]) + " or " + near[-1]) + "?"
+
+
+def install_step(*packages: str) -> str:
+    """A next step: install packages that retarget can use, in the versions that it takes. They are named themselves,
+    not by an extra, so the line is right beside an installed wheel and beside a checkout."""
+    import re
+    from importlib.metadata import PackageNotFoundError, requires
+
+    try:
+        required = requires("retarget") or []
+    except PackageNotFoundError:  # run from a folder without being installed
+        required = []
+    taken = {re.split(r"[^\w-]", one, maxsplit=1)[0]: one.partition(";")[0].strip() for one in required}
+    return "Install into this environment: pip install " + " ".join(quote(taken.get(one, one)) for one in packages)
 
 
 def _render_all(problems: Sequence[Problem], title: str) -> str:

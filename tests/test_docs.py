@@ -28,7 +28,7 @@ from retarget.report.report import BusReport, Report, StopReport
 from rig import scripted_run
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ["README.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
+PAGES = ["README.md", "AGENTS.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
 PROGRAM = {"--help", "--version"}
 
 
@@ -69,7 +69,7 @@ def test_commands_and_options_are_there(page: str) -> None:
 def test_extras_are_there_and_named_beside_the_first_commands() -> None:
     project = tomllib.loads(text_of("pyproject.toml"))["project"]
     for page in PAGES:
-        lists = re.findall(r"pip install 'retarget\[(.+?)\]'", text_of(page))
+        lists = re.findall(r"pip install -e '\.\[(.+?)\]'", text_of(page))
         named = {extra for one in lists for extra in one.split(",")}
         assert named <= set(project["optional-dependencies"]), page
         assert page != "README.md" or named == {"record", "view"}
@@ -207,7 +207,8 @@ def test_every_section_is_in_the_table_of_symptoms() -> None:
 
 CONFIG: dict[str, Any] = yaml.safe_load(text_of("mkdocs.yml"))
 MADE = {"reference/robot.md", "reference/performer.md", "reference/priorities.md", "reference/scene.md", *PYTHON_PAGES}
-MADE |= {"reference/command-line.md", "reference/run-table.md", "security.md", "changelog.md", "examples.md"}
+MADE |= {f"reference/{name}.md" for name in ("command-line", "run-table", "states", "report", "exports")}
+MADE |= {"reference/measurements.md", "security.md", "changelog.md", "examples.md"}
 """Pages that are no files of docs/."""
 LOADING = {"script": "src", "img": "src", "iframe": "src", "link": "href", "source": "src"}
 """Elements that fetch what they name."""
@@ -339,6 +340,17 @@ def test_a_list_is_parted_from_what_stands_before_it(hooks: Any) -> None:
 def test_bars_in_code_are_plain_in_tables_only(hooks: Any) -> None:
     assert hooks.plain_pipes(r"| `a\|b` | c\|d |") == r"| `a|b` | c\|d |"
     assert hooks.plain_pipes(r"`a\|b`") == r"`a\|b`"
+
+
+def test_the_first_page_begins_and_ends_as_the_readme(hooks: Any) -> None:
+    page, readme = hooks.first_page(text_of("docs/README.md")), text_of("README.md")
+    assert page.startswith(readme[:200]) and page.endswith(readme[-100:])
+    assert "\n## Documentation\n" in page and "](docs/" not in page and "op3_data" not in page
+
+
+def test_pictures_have_their_text_as_a_caption(hooks: Any) -> None:
+    assert hooks.captioned("![A table](images/a.webp)\nb") == "![A table](images/a.webp)\n<br>*A table*\n\nb"
+    assert hooks.captioned("see ![a](b.png)") == "see ![a](b.png)"
 
 
 def test_every_example_is_a_page_and_is_listed(hooks: Any) -> None:

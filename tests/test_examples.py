@@ -53,6 +53,13 @@ def test_example_runs(
     assert path.stem not in WRITES or (place / WRITES[path.stem]).is_file()
 
 
+def test_a_human_avoids_the_ball_that_its_performer_reaches_into(capsys: pytest.CaptureFixture[str]) -> None:
+    path = next(path for path in EXAMPLES if path.stem == "live_obstacle")
+    runpy.run_path(str(path), run_name="__main__")
+    sensed, kept = map(float, re.findall(r"-?\d[\d.]*(?= mm)", capsys.readouterr().out))
+    assert sensed > 90.0 and kept > 5.0
+
+
 @pytest.mark.parametrize("words", [("run.npz",), ("run.npz", "dataset", "more")])
 def test_a_dataset_needs_a_run_and_a_folder(
     words: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

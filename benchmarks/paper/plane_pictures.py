@@ -9,7 +9,7 @@ from benchmarks.paper.chain_runs import DT, ChainRun
 from benchmarks.paper.damping_law import BALL, DampedPoint
 from benchmarks.paper.outlines import OBSTACLE, ZONE_SHARE
 from benchmarks.paper.solver_rig import Ball
-from retarget.report.plots import ASKED, REACHED, WARNING, new_figure
+from retarget.pictures.plots import ASKED, REACHED, WARNING, new_figure
 from retarget.types import FloatArray
 
 NEAR = "#e69f00"

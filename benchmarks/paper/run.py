@@ -17,7 +17,7 @@ from benchmarks.paper.table import as_data
 from retarget.errors import UsageError
 from retarget.frames import SensorFrames
 from retarget.model.human_dimensions import POINTS
-from retarget.report.plots import save_figure
+from retarget.pictures.plots import save_figure
 from retarget.schema.priorities import load_priorities
 from retarget.sources.open import open_source
 

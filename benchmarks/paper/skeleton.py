@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Ellipse
 
-from retarget.report.plots import side_colour
-from retarget.report.solid import ELEVATION, Bone, project
+from retarget.pictures.plots import side_colour
+from retarget.pictures.solid import ELEVATION, Bone, project
 from retarget.types import FloatArray
 
 INK = "#333333"

@@ -11,8 +11,8 @@ from matplotlib.patches import Circle, Rectangle
 from benchmarks.paper.outlines import Outline, draw_outline, scene_outlines
 from benchmarks.paper.skeleton import HEAD, Skeleton, draw_skeleton
 from retarget.model.human_dimensions import PARENTS, POINTS
-from retarget.report.plots import new_figure
-from retarget.report.solid import AZIMUTH, ELEVATION, Bone, project
+from retarget.pictures.plots import new_figure
+from retarget.pictures.solid import AZIMUTH, ELEVATION, Bone, project
 from retarget.report.tracking import turned
 from retarget.schema.scene import Scene
 from retarget.types import FloatArray

@@ -10,11 +10,13 @@ from pydantic import BaseModel
 from command_pages import command_page
 from model_tables import models_below, section
 from python_pages import PAGES, python_page
+from result_pages import formats_page, measurements_page, report_page
 from retarget.run.table import EVERY_S, FIELDS
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import Priorities
 from retarget.schema.profile import RobotProfile
 from retarget.schema.scene import Scene
+from state_tables import tables_of_states
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS: dict[str, tuple[str, str, type[BaseModel]]] = {
@@ -35,6 +37,10 @@ def made_pages() -> dict[str, str]:
     pages |= {place: python_page(place) for place in PAGES}
     pages["reference/command-line.md"] = command_page()
     pages["reference/run-table.md"] = run_table()
+    pages["reference/report.md"] = report_page()
+    pages["reference/exports.md"] = formats_page()
+    pages["reference/measurements.md"] = measurements_page()
+    pages["reference/states.md"] = f"# States of a run\n\n{tables_of_states()}\n"
     for path in _scripts():
         pages[f"examples/{path.stem}.md"] = _source(path)
     for beside, place in SHOWN.items():
@@ -59,7 +65,17 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Lead what points out of docs/ to its page here, and write what Git hosts read so that it is read here too."""
-    return plain_pipes(parted_lists(led_inside(markdown, page.file.src_uri)))
+    text = first_page(markdown) if page.file.src_uri == "README.md" else markdown
+    return captioned(plain_pipes(parted_lists(led_inside(text, page.file.src_uri))))
+
+
+def first_page(documentation: str) -> str:
+    """The list of pages between the top and the end of the README of the root."""
+    whole = (ROOT / "README.md").read_text(encoding="utf-8")
+    top, _, others = whole.partition("## The first run\n")
+    end = others[others.index("## Questions") :]
+    around = [text.replace("](docs/", "](").replace("](SECURITY.md", "](../SECURITY.md") for text in (top, end)]
+    return f"{around[0]}#{documentation}\n{around[1]}"
 
 
 def led_inside(markdown: str, place: str) -> str:
@@ -71,7 +87,7 @@ def led_inside(markdown: str, place: str) -> str:
         if target.startswith("../examples/"):
             return f"]({up}examples/{PurePosixPath(target).stem}.md{anchor})"
         if target == "../README.md":
-            return f"]({up}README.md)"
+            return f"]({up}README.md{anchor})"
         return f"]({up}{SHOWN[target]}{anchor})" if target in SHOWN else match[0]
 
     return LINK.sub(lead, markdown)
@@ -89,6 +105,11 @@ def parted_lists(markdown: str) -> str:
             lines.append("")
         lines.append(line)
     return "\n".join(lines)
+
+
+def captioned(markdown: str) -> str:
+    """The text of each picture below it, as a caption."""
+    return re.sub(r"^(!\[(.+)\]\(\S+\))$", r"\1\n<br>*\2*\n", markdown, flags=re.MULTILINE)
 
 
 def plain_pipes(markdown: str) -> str:

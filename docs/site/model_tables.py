@@ -112,11 +112,12 @@ def _docstrings(model: type[BaseModel]) -> dict[str, str]:
     found: dict[str, str] = {}
     for one in reversed(model.__mro__):
         if issubclass(one, BaseModel) and one is not BaseModel:
-            found |= dict(_below_fields(one))
+            found |= dict(docstrings_below(one))
     return found
 
 
-def _below_fields(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
+def docstrings_below(model: type[Any]) -> Iterator[tuple[str, str]]:
+    """Every field of a class with the docstring below it, in its order."""
     body: Iterable[ast.stmt] = _class_body(model)
     field = ""
     for statement in body:
@@ -126,7 +127,7 @@ def _below_fields(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
         field = target.id if isinstance(target, ast.Name) else ""
 
 
-def _class_body(model: type[BaseModel]) -> list[ast.stmt]:
+def _class_body(model: type[Any]) -> list[ast.stmt]:
     module = inspect.getmodule(model)
     assert module is not None
     for node in ast.parse(inspect.getsource(module)).body:

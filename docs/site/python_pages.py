@@ -34,7 +34,7 @@ PAGES = {
             "retarget.report.measure",
             "retarget.report.report",
             "retarget.recording.npz",
-            "retarget.report.plots",
+            "retarget.pictures.plots",
             "retarget.recording.read_run",
             "retarget.recording.reading",
             "retarget.errors",

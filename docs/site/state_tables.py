@@ -6,7 +6,7 @@ from retarget.run.supervisor import STATES, TRANSITIONS, Event, Transition
 
 
 def tables_of_states() -> str:
-    """The states and the transitions in Markdown, for `docs/stops.md`."""
+    """The states and the transitions in Markdown."""
     lines = ["| state | who gives the targets | torque | longest |", "|---|---|---|---|"]
     for state, row in STATES.items():
         longest = "" if row.limit_s == inf else f"{row.limit_s:g} s"

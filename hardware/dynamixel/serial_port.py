@@ -19,7 +19,7 @@ from serial.tools.list_ports import comports
 
 from hardware.clock import Clock
 from hardware.errors import BusError
-from hardware.realtime import PROCESSES, named_process
+from hardware.realtime import MOST_PROCESSES, PROCESSES, named_process
 
 # How long a USB adapter keeps what has arrived: the latency timer of an FTDI chip, in the kernel's own files.
 
@@ -72,8 +72,6 @@ _BUSY = {errno.EBUSY, errno.EAGAIN}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 _PSEUDO_TERMINALS = Path("/dev/pts")
 TERMINAL = "a device"
-_MOST_PROCESSES = 100_000
-"""Bound of the search for the processes that hold a port."""
 
 
 def why_not_open(path: str, baud: int, cause: Exception) -> BusError:
@@ -126,7 +124,7 @@ def holders(path: str, processes: Path = PROCESSES) -> str:
     device = Path(path).resolve()
     found: list[str] = []
     behind: list[str] = []
-    for process in itertools.islice(processes.glob("[0-9]*"), _MOST_PROCESSES):
+    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES):
         with suppress(OSError):
             opened = {link.name: link.resolve() for link in (process / "fd").iterdir()}
             if any(_leads_to(device, process, name, target) for name, target in opened.items()):

@@ -32,7 +32,7 @@ from retarget.recording.read_run import motion_of
 from retarget.recording.session import config_files
 from retarget.report.findings import findings
 from retarget.report.measure import measure
-from retarget.report.motion_metrics import limit_shares
+from retarget.report.motion_metrics import moved_joints
 from retarget.report.report import DIGITS, Report
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
@@ -354,7 +354,7 @@ def _measured(run: RunResult, clip: BatchClip, settings: BatchSettings) -> ClipR
     verdict, _, differs = _verdict(run, report).partition(": ")
     tracking = report.tracking_mm.values()
     limbs = [one.mean for one in (report.likeness_recorded_deg or report.likeness_deg or {}).values()]
-    shares, gated = limit_shares(run), run.record.gated[run.record.following]
+    gated = run.record.gated[run.record.following]
     return _row(
         clip,
         settings,
@@ -373,12 +373,32 @@ def _measured(run: RunResult, clip: BatchClip, settings: BatchSettings) -> ClipR
         foot_slide_mm=report.foot_slide_mm,
         penetrating_ticks=report.penetrating_frames,
         clearance_mm=report.min_clearance_mm.self,
-        at_position_limit=None if shares is None else shares.position,
-        at_velocity_limit=None if shares is None else shares.velocity,
-        at_acceleration_limit=None if shares is None else shares.acceleration,
         gated=None if run.robot is None or not gated.size else float(gated.mean()),
         fallen=report.fallen,
+        **limit_shares(run),
     )
+
+
+AT_LIMIT = 0.999
+"""Share of its largest speed or acceleration from which on a joint is at it."""
+AT_POSITION = 1e-4
+"""Nearer to the limit of its position than this, rad or m, a joint is at it."""
+
+
+def limit_shares(run: RunResult) -> dict[str, float]:
+    """Shares of the ticks that followed in which a joint at least is at its limit, by the fields of a row; empty where
+    fewer than three ticks followed."""
+    moved = moved_joints(run)
+    q, limits, dt = moved.positions[run.record.following], moved.limits, moved.dt
+    if len(q) < 3 or not moved.names:
+        return {}
+    step = np.diff(q, axis=0)
+    at = {
+        "position": (q < limits.lower + AT_POSITION) | (q > limits.upper - AT_POSITION),
+        "velocity": np.abs(step) >= AT_LIMIT * dt * limits.max_velocity,
+        "acceleration": np.abs(np.diff(step, axis=0)) >= AT_LIMIT * dt**2 * limits.max_acceleration,
+    }
+    return {f"at_{kind}_limit": float(flags.any(axis=1).mean()) for kind, flags in at.items()}
 
 
 def _verdict(run: RunResult, report: Report) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from hardware.clock import MonotonicClock
 from retarget.batch.clip import BatchClip, BatchSettings, ClipRow, ClipStatus, failed_row, process_clip
 from retarget.batch.worker import ClipLimits, ClipWorker, Work, WorkerError
-from retarget.errors import UsageError
+from retarget.errors import UsageError, install_step
 
 
 def usual_jobs() -> int:
@@ -104,7 +104,7 @@ def _started(address: str | None, jobs: int | None) -> Any:
     try:
         import ray
     except ImportError as error:
-        step = "Install the extra: pip install 'retarget[ray]'; or --engine processes"
+        step = f"{install_step('ray')}; or --engine processes"
         raise UsageError("ray is missing", where="--engine", found=error, next_step=step) from error
     joins = address or os.environ.get("RAY_ADDRESS")
     # Of a Ray that is started here; a cluster has its own.

@@ -9,7 +9,7 @@ import typer
 from retarget.cli.application import Overwrite
 from retarget.cli.run import follow_clip
 from retarget.errors import UsageError
-from retarget.report.outputs import Outputs
+from retarget.pictures.outputs import Outputs
 from retarget.run.options import SIMULATED, RunOptions
 from retarget.sources.open import open_source
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hardware.errors import counted
-from retarget.cli.application import note
+from retarget.cli.application import Overwrite, note
 from retarget.cli.exit import echo
 from retarget.errors import UsageError
 from retarget.recording.exports.formats import (
@@ -34,6 +34,7 @@ def export(
     of: str = ROBOT,
     body: Path | None = None,
     task: str = DEFAULT_TASK,
+    overwrite: Overwrite = False,
 ) -> None:
     """Export a recorded run: joint positions with names and units, in a format that others read.
 
@@ -45,7 +46,7 @@ def export(
 
     Options:
         to FORMAT: {formats}
-        out PATH: Where it goes, usually beside FILE. Nothing is overwritten.
+        out PATH: Where it goes, usually beside FILE.
         fps N: Resample to so many rows per second; else as the readers of the format expect, or rows are the ticks.
         phase follow|all: Part of the run: 'all' includes the approach and the braking.
         of robot|human: Whose motion: the robot's, or that of the human it followed.
@@ -62,15 +63,15 @@ def export(
     wholes = [read_run(file, of_human=of == HUMAN, body=body) for file in files]
     for text in dict.fromkeys(text for whole in wholes for text in whole.notes):
         note(text)
-    place = export_place(form, files[0], out, of_human=of == HUMAN)
+    place = export_place(form, files[0], out, of_human=of == HUMAN, overwrite=overwrite)
     fps = form.conventions.fps if fps is None else fps
     step = "Export all of it: --phase all"
     chosen = wholes if phase == ALL else [followed(whole, next_step=step) for whole in wholes]
     motions = chosen if fps is None else [resampled(motion, fps) for motion in chosen]
     if len(motions) > 1:
-        export_episodes(motions, place, task=task)
+        export_episodes(motions, place, task=task, overwrite=overwrite)
     else:
-        export_motion(motions[0], form, place, task=task)
+        export_motion(motions[0], form, place, task=task, overwrite=overwrite)
     echo(f"{to}: {place}")
     for whole, before, motion in zip(wholes, chosen, motions, strict=True):
         echo(_summary(whole, motion, phase, None if motion is before else fps))

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 from pydantic import TypeAdapter
 from rich.console import Console
@@ -12,10 +13,11 @@ from hardware.errors import RetargetError, counted
 from retarget.cli.application import FileOptions, console, given, refuse_given
 from retarget.cli.exit import echo
 from retarget.frames import SensorFrames
+from retarget.human.samples import calibration_pose
 from retarget.live.address import is_address, parse_address
-from retarget.report.motion_summary import MotionSummary, summarise
 from retarget.run.options import RunOptions
 from retarget.schema.catalogue import HUMAN
+from retarget.setup.motion_summary import MotionSummary, summarise
 
 SHOWN_JUMPS = 8
 """Jumps that are listed, so that a broken file does not fill the terminal; the others are counted."""
@@ -40,7 +42,9 @@ def inspect(
         refuse_given([*["--mirror"] * mirror, *["--performer"] * bool(performer)], "motion file")
     frames = _opened(source, file)
     frames = frames.mirror() if mirror else frames
-    summary = summarise(frames, streamed=streamed)
+    summary, pose = summarise(frames), None if streamed else calibration_pose(frames)
+    if pose is not None:
+        summary = replace(summary, notes=(*summary.notes, f"the recording {pose}"))
     refused = None if streamed else _refused(frames, RunOptions(robot=HUMAN, performer=performer))
     if as_json:  # what is not finite is null
         shown = json.loads(TypeAdapter(MotionSummary).dump_json(summary))

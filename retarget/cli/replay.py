@@ -14,9 +14,9 @@ from retarget.run.record import Phase
 
 if TYPE_CHECKING:
     from retarget.model.robot import RobotBody
+    from retarget.pictures.outputs import Outputs
     from retarget.recording.configs import Configs
     from retarget.recording.reading import Recording
-    from retarget.report.outputs import Outputs
     from retarget.run.run_result import RunResult
 
 
@@ -51,9 +51,9 @@ def replay(
         report FILE.json|DIR: Write the numbers of the run as it is now.
         save FILE.npz: Write every tick of it, for other tools.
     """
+    from retarget.pictures.outputs import Outputs
     from retarget.recording.cycles import now_of
     from retarget.recording.reading import read_recording
-    from retarget.report.outputs import Outputs
 
     if goals != (bus is not None):
         raise UsageError("goals need a bus, and nothing else does", where="--goals, --bus", next_step="Give both")
@@ -143,8 +143,8 @@ def _sent(found: "Recording", options: RunOptions, robot: "RobotBody | None", sp
 
     from retarget.cli.exit import detached_screens, stop_on_signals
     from retarget.cli.run import CommandRun
+    from retarget.pictures.outputs import Outputs
     from retarget.recording.goal_playback import goal_playback
-    from retarget.report.outputs import Outputs
     from retarget.run.loop import Progress
 
     command = CommandRun(options, Outputs(), recorded=True)

@@ -18,6 +18,7 @@ from hardware.realtime import Scheduling, refuse_scheduling, scheduled
 from retarget.cli.application import (
     FileOptions,
     Overwrite,
+    RunLines,
     console,
     given,
     log,
@@ -56,20 +57,20 @@ from retarget.cli.session import Session
 from retarget.cli.stop import socket_path
 from retarget.cli.view import opened_page, viewing
 from retarget.cli.web.control import LABEL, PAGE, PageControl, opened_web
-from retarget.errors import UsageError
+from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
 from retarget.live.address import StreamAddress, is_address, parse_address
-from retarget.live.begin import LONGEST_COUNTDOWN_S, LiveOptions, begin_live, live_rate_hz
+from retarget.live.begin import LONGEST_COUNTDOWN_S, POLL_S, LiveOptions, begin_live, live_rate_hz
 from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
 from retarget.live.playout import LIGHT
 from retarget.live.raw_recording import RawTap
 from retarget.model.robot import RobotBody
+from retarget.pictures.outputs import Outputs
 from retarget.recording.recorder import Recorder
 from retarget.report.findings import FOLLOWING, findings, heading, remarks, sentence
 from retarget.report.measure import best_likeness, measure, measure_latest
-from retarget.report.outputs import Outputs
 from retarget.report.report import Report
 from retarget.report.unfollowed import UnfollowedNotice
 from retarget.run.loop import Observer, Progress, RowObserver
@@ -101,16 +102,17 @@ class CommandRun:
         self.clock: Clock = MonotonicClock()
         if recorded and options.simulated:
             self.clock = VirtualClock() if outputs.view is None else PacedClock()
-        self.bench = PhysicsBench(options, log)
+        self.lines = RunLines(verbose=outputs.verbose)
+        self.bench = PhysicsBench(options, self.lines.notify)
         self.recorder = Recorder(
             outputs.record,
             options,
             clock=self.clock,
-            notify=log,
+            notify=self.lines.log,
             overwrite=outputs.overwrite,
             truth=self.bench.truth,
         )
-        self.notify = self.recorder.recorded_notify(log)
+        self.notify = self.recorder.recorded_notify(self.lines.notify)
         self.feed: ViewFeed | None = None
         self.receiver: PoseReceiver | None = None
         self.control: PageControl | None = None
@@ -180,6 +182,7 @@ class CommandRun:
     def play(self, recorded: Prepared, operator: RunOperator, *observers: Observer) -> RunResult:
         """Let the robot follow. Raises KeyboardInterrupt where a stop was asked for since the robot was made ready."""
         machine, samples = recorded.machine, recorded.samples
+        self.lines.moving = True
         looks = [self.recorder.observer, *observers]
         if isinstance(samples, LivePerformer):
             latency = samples.latency
@@ -193,10 +196,10 @@ class CommandRun:
             if machine.robot.stands and recorded.parts == "whole" and type(self.clock) is not VirtualClock:
                 size, dt = recorded.human.dimensions, samples.motion_dt
                 looks.append(RowObserver(UnfollowedNotice(size, dt=dt, notify=self.notify)))
-            announcer = Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=log)
+            announcer = Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=self.lines.log)
             result = recorded.run(operator, [*looks, announcer])
             if recorded.has_bus:
-                log(announcer.ended())
+                log(announcer.ended())  # one of the last lines
         return result
 
 
@@ -228,10 +231,10 @@ def follow_clip(
             ):
                 result = run.play(recorded, run.operator(prepared, stop), page, Progress(show))
         # Signals are still received and not raised, so that the files are written.
-        return run.recorder.code(finished(run.bench.seen(result), outputs, said=prepared.notes))
+        return run.recorder.code(finished(run.bench.seen(result), outputs, run.lines, said=prepared.notes))
 
 
-def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> int:
+def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None, *, said: Sequence[str] = ()) -> int:
     """Write the files of a run, show its summary without the notes that were said, return the exit code. A run that was
     asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon. So does
     one that finds too little memory for it."""
@@ -241,7 +244,7 @@ def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> i
         if outputs.best_likeness:
             report = replace(report, best_likeness_deg=best_likeness(run))
         written = outputs.write(run, report)
-        show_summary(run, report, verbose=outputs.verbose, said=said)
+        show_summary(run, report, lines or RunLines(verbose=outputs.verbose), said=said)
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
         return STOPPED
@@ -259,14 +262,14 @@ def finished(run: RunResult, outputs: Outputs, *, said: Sequence[str] = ()) -> i
 NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
 
 
-def show_summary(run: RunResult, report: Report, *, verbose: bool, said: Sequence[str] = ()) -> None:
-    """Print what was played and what matters of it; verbose: every figure. said: notes that were printed before; one
-    that ends with the same reason says nothing new."""
+def show_summary(run: RunResult, report: Report, lines: RunLines, *, said: Sequence[str] = ()) -> None:
+    """Print what was played and what matters of it, in the room that is left; verbose: every figure. said: notes that
+    were printed before; one that ends with the same reason says nothing new."""
     reasons = {note.rpartition(": ")[2] for note in said}
     notes = [note for note in report.notes if note.rpartition(": ")[2] not in reasons]
     echo(heading(report))
-    if not verbose:
-        for line in remarks(run, report, notes):
+    if not lines.verbose:
+        for line in remarks(run, report, notes, most=lines.room + 1, kept_back=lines.kept_back):
             echo(line)
         return
     if report.tracking_mm:
@@ -403,12 +406,12 @@ def follow_live(
     refuse_oversight(live.oversight, virtual=type(run.clock) is VirtualClock)
     with detached_screens(), ExitStack() as stack:
         controls = stack.enter_context(ExitStack())
-        devices, dead_man = _opened(live.oversight, controls, status=lambda: operator.status())
+        devices, dead_man = _opened(live.oversight, controls, run.lines.log, status=lambda: operator.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
         stack.enter_context(run.live_page(address, live))
-        notify, supervisor = run.notify, Supervisor()
-        perform = _performing(address, begins, run, tap, supervisor, stack)
-        with run.prepared(perform, supervisor) as prepared:
+        notify = run.notify
+        with ExitStack() as robot:
+            prepared = _begun(address, begins, run, tap, stack, robot)
             stop, performer = stack.enter_context(stop_on_signals(moves=True)), prepared.samples
             assert isinstance(performer, LivePerformer)
             operator = RunOperator(
@@ -416,7 +419,7 @@ def follow_live(
                 stop,
                 bench=run.bench,
                 page=run.feed,
-                controls=[_keyboard(dead_man, stack), *devices, *filter(None, [run.control])],
+                controls=[_keyboard(dead_man, stack, run.lines.log), *devices, *filter(None, [run.control])],
                 dead_man=live.oversight.dead_man is not None,
                 notify=notify,
             )
@@ -430,7 +433,40 @@ def follow_live(
         times = {} if run.control is None else run.control.times()
         stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
-        return max(run.recorder.code(finished(result, outputs, said=prepared.notes)), _followed(result, notify))
+        return max(
+            run.recorder.code(finished(result, outputs, run.lines, said=prepared.notes)), _followed(result, notify)
+        )
+
+
+AGAIN_S = 5.0
+"""Time, s, for which the page shows why a performer was not followed, before it begins again."""
+
+
+def _begun(
+    address: StreamAddress,
+    begins: LiveOptions,
+    run: CommandRun,
+    tap: RawTap | None,
+    stack: ExitStack,
+    robot: ExitStack,
+) -> Prepared:
+    """The run that can start; `robot` closes its bus. A performer who is refused on the page tries again there, with
+    the same address, where no servo can have torque. Raises RetargetError; KeyboardInterrupt: STOP on the page."""
+    while True:
+        began, supervisor = run.clock.now(), Supervisor()
+        try:
+            return robot.enter_context(
+                run.prepared(_performing(address, begins, run, tap, supervisor, stack), supervisor)
+            )
+        except InputError as error:
+            came = run.clock.now() - began < begins.patience  # else the page was not even opened
+            if run.control is None or not run.options.simulated or not came:
+                raise
+            run.notify(f"{error} It begins again in {AGAIN_S:g} s.")
+            until = run.clock.now() + AGAIN_S
+            while run.clock.now() < until:
+                run.control.look()
+                run.clock.sleep_until(run.clock.now() + POLL_S)
 
 
 def _performing(
@@ -493,7 +529,7 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
 
 
 def _opened(
-    oversight: Oversight, stack: ExitStack, *, status: Callable[[], LiveStatus]
+    oversight: Oversight, stack: ExitStack, notify: Notify, *, status: Callable[[], LiveStatus]
 ) -> tuple[list[Control], HeldKey | Pedal | None]:
     """The controls besides the keyboard, open until `stack` closes, and the dead-man control, which may be a key."""
     opened: list[Control] = []
@@ -502,10 +538,10 @@ def _opened(
         socket = ControlSocket(socket_path(oversight.control_socket), status=status, goes_on=goes_on)
         stack.callback(socket.close)
         opened.append(socket)
-        log(f"`retarget stop {shlex.quote(str(socket.path))}` stops it")
+        notify(f"`retarget stop {shlex.quote(str(socket.path))}` stops it")
     dead_man = None
     if oversight.dead_man == PAGE:
-        log(f"hold {LABEL}: the robot moves only while it is held")
+        notify(f"hold {LABEL}: the robot moves only while it is held")
     elif oversight.dead_man is not None:
         dead_man = open_dead_man(oversight.dead_man, terminal=has_terminal())
         if isinstance(dead_man, Pedal):
@@ -516,14 +552,14 @@ def _opened(
     return opened, dead_man
 
 
-def _keyboard(dead_man: HeldKey | Pedal | None, stack: ExitStack) -> Keyboard:
+def _keyboard(dead_man: HeldKey | Pedal | None, stack: ExitStack, notify: Notify) -> Keyboard:
     """The keyboard, open until `stack` closes; says which keys do what."""
     keyboard = Keyboard(dead_man=dead_man if isinstance(dead_man, HeldKey) else None)
     stack.callback(keyboard.close)
     if has_terminal():
-        log(HELP)
+        notify(HELP)
     if dead_man is not None:
-        log(f"hold {dead_man.label}: the robot moves only while it is held")
+        notify(f"hold {dead_man.label}: the robot moves only while it is held")
     return keyboard
 
 

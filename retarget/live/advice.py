@@ -1,27 +1,34 @@
-"""Advice on a stream: what is wrong and what to do, by symptom and kind of source, from the table `advice.yaml`."""
+"""What is said of a stream, in messages and errors: what is wrong and what to do, by symptom and kind of source, from
+the table `advice.yaml`.
+"""
 
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+from retarget.errors import Problem, RefusedError
 from retarget.schema import strict_yaml
 
 MAX_KNOWN = 128
 """Symptoms whose rows are kept: a hold asks in every tick, and a sender may make up new ones."""
 
 
+Refused = TypeVar("Refused", bound=RefusedError)
+
+
 class Advice(NamedTuple):
-    """what: is wrong, then: what to do; "" for nothing."""
+    """what: is wrong, allowed: in its place, then: what to do; "" for nothing."""
 
     what: str
+    allowed: str
     then: str
 
     @property
     def text(self) -> str:
         """Both as one text."""
-        return ". ".join(part for part in self if part)
+        return ". ".join(part for part in (self.what, self.then) if part)
 
 
 @cache
@@ -41,4 +48,17 @@ def _row(symptom: str, kind: str) -> dict[str, str]:
 def advice(symptom: str, kind: str = "", **facts: Any) -> Advice:
     """The advice on a symptom of a stream of this kind, a scheme of an address, with facts filled in."""
     row = _row(symptom, kind)
-    return Advice(row.get("what", "").format_map(facts), row.get("then", "").format_map(facts))
+    return Advice(*(row.get(part, "").format_map({**facts, "kind": kind}) for part in Advice._fields))
+
+
+def problem(symptom: str, where: str, kind: str = "", *, found: str = "", **facts: Any) -> Problem:
+    """The advice on a symptom as a problem. found: instead of what is allowed."""
+    said = advice(symptom, kind, **facts)
+    return Problem(said.what, where, found=found, allowed=said.allowed, next_step=said.then)
+
+
+def refusal(
+    error: type[Refused], symptom: str, where: str, kind: str = "", *, found: str = "", **facts: Any
+) -> Refused:
+    """The advice on a symptom as an error."""
+    return error.from_problems([problem(symptom, where, kind, found=found, **facts)])

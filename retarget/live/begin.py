@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.clock import Clock, today
-from retarget.arithmetic import hypot, norms
+from retarget.arithmetic import norms
 from retarget.errors import InputError, UsageError
 from retarget.human.calibration import dimensions_from_skeleton
 from retarget.human.performer_calibration import check_person_place, person_of, read_person, write_person
 from retarget.human.samples import MAX_KEPT, Performance
 from retarget.human.sensor_intake import SLOW
-from retarget.live.advice import advice
+from retarget.human.side_check import ASIDE, FRONT_M, RAISED, REFUSED, RISE_M, STILL_M, SideCheck
+from retarget.live.advice import refusal
 from retarget.live.performer import LivePerformer, live_sample, missing_sensors, needed, refuse_unmeasurable
 from retarget.live.playout import LIGHT
 from retarget.live.rest_capture import (
@@ -26,13 +27,13 @@ from retarget.live.rest_capture import (
     Calibrated,
     RestCapture,
     frozen_as_fresh,
-    skeleton_of,
 )
 from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import StreamProblems, refuse_version, unusable
 from retarget.model.human_dimensions import HumanDimensions, mirrored_dimensions
 from retarget.model.robot import RobotBody
-from retarget.types import FloatArray, Notify, RunState
+from retarget.sources.streams.stream_frame import SkeletonSender
+from retarget.types import Notify, RunState
 
 Enter = Callable[[RunState], object]
 """Takes the state of a run that begins."""
@@ -67,92 +68,17 @@ class LiveOptions:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.countdown <= LONGEST_COUNTDOWN_S:  # nor NaN
-            raise UsageError(
-                "countdown out of range",
-                where="--countdown",
-                found=f"{self.countdown:g}",
-                allowed=f"0 to {LONGEST_COUNTDOWN_S:g} s",
-                next_step="Leave it out, or give some seconds",
-            )
+            found = f"{self.countdown:g}"
+            raise refusal(UsageError, "countdown", "--countdown", found=found, most=LONGEST_COUNTDOWN_S)
         low, high = LIVE_STATURE_M
         if self.stature is not None and not low <= self.stature <= high:
-            raise UsageError(
-                "stature out of range", where="--stature", found=f"{self.stature:g}", allowed=f"{low:g} to {high:g} m"
-            )
+            raise refusal(UsageError, "stature", "--stature", found=f"{self.stature:g}", low=low, high=high)
 
 
-# The check of sides: raise your left arm to the front. This one motion shows that left and right, up and down are not
-# swapped, and that the world is not mirrored: calibration turns a mirrored world until left is left, and its front is
-# then behind.
+# The check of sides: raise your left arm to the front.
 
-RISE_M = 0.3
-"""The left wrist must rise by more than this. A wrist that sinks by more than this shows a vertical axis with the wrong
-sign."""
-FRONT_M = 0.25
-"""The left wrist must come forward by more than this. Less is an arm to the side, which looks the same in a mirror."""
-BACK_M = 0.15
-"""A raised arm cannot be farther back than this: shoulders do not turn that way."""
-STILL_M = 0.15
-"""The other wrist must rise by less than this."""
-STAYS_M = 0.25
-"""The other wrist must move horizontally by less than this: a performer who turns around proves nothing."""
-SURE_S = 0.2
-"""The wrists must be so for this long: a single jump proves nothing."""
 WAIT_S = 10.0
 """Time, s, to raise the arm after a request: enough to hear, understand and do it."""
-
-RAISED, ASIDE = "left rose", "left rose aside"
-REFUSED = ("right rose", "left rose behind", "left sank", "right sank")
-"""Seen instead of RAISED, these show what is wrong; symptoms of `advice.yaml`."""
-
-
-class SideCheck:
-    """Watches how both wrists move from where they hang. `take` their positions; read `seen`."""
-
-    def __init__(self, rest: FloatArray) -> None:
-        """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
-        self.seen = ""
-        """What one wrist did for long enough, while the other stayed: RAISED, ASIDE, one of REFUSED; "" so far."""
-        self.aside = False
-        """Whether the left arm was raised to the side."""
-        self._rest = np.array(rest, dtype=float)
-        self._highest = np.zeros(2)  # [m] above rest, so far, of the left and the right wrist
-        self._forward = 0.0  # [m] forward of rest, of the left wrist when it was highest
-        self._now_seen, self._since = "", 0.0
-
-    def take(self, time: float, position: FloatArray) -> None:
-        """Take the positions (2, 3) m of both wrists at `time`, s; NaN where unknown."""
-        moved = position - self._rest
-        if moved[0, 2] > self._highest[0]:
-            self._forward = float(moved[0, 0])
-        self._highest = np.fmax(self._highest, moved[:, 2])
-        seen = _what_moved(moved)
-        if seen != self._now_seen:
-            self._now_seen, self._since = seen, time
-        self.seen = seen if time - self._since >= SURE_S else ""
-        self.aside |= self.seen == ASIDE
-
-    def found(self) -> str:
-        """How far both rose, in words."""
-        left, right = 100 * self._highest
-        forward = 100 * self._forward
-        way = f"forward by {forward:.0f} cm" if forward >= 0.0 else f"back by {-forward:.0f} cm"
-        return f"the left wrist rose by {left:.0f} cm and went {way}, the right wrist rose by {right:.0f} cm"
-
-
-def _what_moved(moved: FloatArray) -> str:
-    """How one wrist moved while the other stayed; "" for anything else. moved (2, 3) m, from where they hang."""
-    for row, side in enumerate(("left", "right")):
-        (forward, _, up), other = moved[row], moved[1 - row]
-        if not (abs(other[2]) < STILL_M and hypot(other[0], other[1]) < STAYS_M):  # nor NaN
-            continue
-        if up < -RISE_M:
-            return f"{side} sank"
-        if up > RISE_M and side == "right":
-            return "right rose"
-        if up > RISE_M:
-            return "left rose behind" if forward < -BACK_M else RAISED if forward > FRONT_M else ASIDE
-    return ""
 
 
 def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> InputError:
@@ -163,17 +89,9 @@ def _not_raised(check: SideCheck, why: str, lost: list[str], where: str) -> Inpu
     if why:
         return InputError(why.rstrip("."), where=where)
     if lost:
-        step = "See that they are worn, switched on and seen, and try again"
-        return InputError("sensors are lost", where=where, found=f"no {', no '.join(lost)}", next_step=step)
-    said = advice(ASIDE if check.aside else "not raised")
-    return InputError(
-        said.what,
-        where=where,
-        found=check.found(),
-        allowed=f"the left wrist up by more than {RISE_M:g} m and forward by more than {FRONT_M:g} m, the right one "
-        f"up by less than {STILL_M:g} m",
-        next_step=said.then,
-    )
+        return refusal(InputError, "lost sensors", where, found=f"no {', no '.join(lost)}")
+    symptom = ASIDE if check.aside else "not raised"
+    return refusal(InputError, symptom, where, found=check.found(), rise=RISE_M, front=FRONT_M, still=STILL_M)
 
 
 # Wait for data, measure after a countdown, from a second of standing still, and check the sides.
@@ -273,8 +191,7 @@ class Beginning:
             if message := problems.look(now):
                 self.notify(message)
             if check.seen in REFUSED:
-                said = advice(check.seen)
-                raise InputError(said.what, where=where, found=check.found(), next_step=said.then)
+                raise refusal(InputError, check.seen, where, found=check.found())
             if check.seen == RAISED:
                 break
             if check.aside and not asked_again:
@@ -303,7 +220,8 @@ class Beginning:
 
     def _skeleton_size(self) -> HumanDimensions | None:
         """The size by the skeleton that the sender has sent; None where there is none, or none of a human's size."""
-        skeleton = skeleton_of(self.stream.decoder, self.stream.roles.names)
+        decoder = self.stream.decoder
+        skeleton = decoder.rest_of(self.stream.roles.names) if isinstance(decoder, SkeletonSender) else None
         if skeleton is None:
             return None
         try:
@@ -385,12 +303,7 @@ def begin_live(
         check_person_place(options.person)
         person = None if options.recalibrate else read_person(options.person)
     if person is not None and options.stature is not None:
-        raise UsageError(
-            "the size of this person is known",
-            where="--stature",
-            found=f"--person {options.person}",
-            next_step="Leave one of them out, or give --recalibrate",
-        )
+        raise refusal(UsageError, "known size", "--stature", found=f"--person {options.person}")
     if person is not None:
         stream.roles = stream.roles.shifted(person.offset(stream.roles.convention, stream.roles.sensors))
     refuse_unmeasurable(stream.roles, where=where)

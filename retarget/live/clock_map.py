@@ -194,18 +194,19 @@ class ClockMap:
         if repeated:
             self.dropped.note("repeated" if known else "the sender's time stands still")
             return None
-        time = self._placed(arrival, stamp, number)
+        if stamp is not None:
+            time = self._by_clock(arrival, stamp, step=self._step(stamp))
+        else:
+            assert number is not None
+            time = self._by_number(arrival, number)
         if time is not None:
             self._recent[key] = None
             if len(self._recent) > REMEMBERED:
                 self._recent.popitem(last=False)
         return time
 
-    def _placed(self, arrival: float, stamp: float | None, number: int | None) -> float | None:
-        """The time by the stamp if there is one, else by the arrival, in the order of the numbers."""
-        if stamp is not None:
-            return self._by_clock(arrival, stamp, step=self._step(stamp))
-        assert number is not None
+    def _by_number(self, arrival: float, number: int) -> float | None:
+        """The time by the arrival, in the order of the numbers."""
         newest, self._newest_number = self._newest_number, number
         if newest is not None and 0 < newest - number <= REMEMBERED:
             self._newest_number = newest

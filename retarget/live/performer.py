@@ -21,12 +21,21 @@ from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.human.samples import Clip
 from retarget.human.stance import facing_of
-from retarget.live.advice import advice
+from retarget.live.advice import advice, refusal
 from retarget.live.rest_capture import Alignment
-from retarget.live.roles import NO_WRISTS, Roles
+from retarget.live.roles import Roles
 from retarget.live.sensor_validity import Debounce, Engagement, Repeats, SensorDebounce
 from retarget.live.stream import LiveStream, StreamReading
-from retarget.live.stream_report import GoalLatency, LiveReport, StreamNews, StreamProblems, Tally, live_report
+from retarget.live.stream_report import (
+    MS,
+    GoalLatency,
+    LiveReport,
+    StreamNews,
+    StreamProblems,
+    Tally,
+    refused_counts,
+    spread_of,
+)
 from retarget.types import BoolArray, Notify
 
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
@@ -64,13 +73,8 @@ def refuse_unmeasurable(roles: Roles, *, where: str) -> None:
     """Raise UsageError where the performer's file does not list a sensor that measuring needs."""
     missing = [name for name in REQUIRED if name not in roles.sensors]
     if missing:
-        vrchat = roles.convention == "slimevr_vrchat"
-        raise UsageError(
-            "the performer cannot be measured without head and both wrists",
-            where=where,
-            found=f"a performer's file without {', '.join(missing)}",
-            next_step=NO_WRISTS if vrchat else "Add them to the performer's file, or choose another --performer",
-        )
+        found = f"a performer's file without {', '.join(missing)}"
+        raise refusal(UsageError, f"unmeasurable {roles.convention}", where, found=found)
 
 
 PLAYED_S = 0.05
@@ -98,13 +102,12 @@ def live_sample(
 
 # Hold reasons in a few words; also the reason of a stop where a hold is too long.
 
-WORDS = {
-    ValidityState.STALE: "lost",
-    ValidityState.FROZEN: "frozen",
-    ValidityState.JUMPED: "jumped",
-    ValidityState.NOT_IN_USE: "not received",
-    ValidityState.OUT_OF_RANGE: "outside the room",
-}
+
+def lost_words(sensors: Mapping[str, ValidityState]) -> str:
+    """The state of each of these sensors, in a few words; "" for none."""
+    return ", ".join(f"{name}: {advice(f'short {state.name.lower()}').what}" for name, state in sensors.items())
+
+
 TOO_SHORT = advice("too short", healthy=LIMITS.healthy).what
 
 
@@ -223,7 +226,7 @@ class LivePerformer:
         good = self.engagement.wanted and self._is_good(reading, now)
         went, goes = self._approach.good, self._approach.step(now, good=good)
         if goes is not went:
-            self._report(now, "the robot goes on", "the robot waits during its approach{}", good=goes)
+            self._report("the robot goes on", "the robot waits during its approach{}", good=goes)
         return goes
 
     def sample(self, tick: int) -> SensorSample | None:
@@ -244,10 +247,10 @@ class LivePerformer:
         """Why the performer is not followed, in a few words."""
         if not self.engagement.wanted:
             return "paused by the operator"
-        sensors = ", ".join(f"{name}: {WORDS[state]}" for name, state in self._holding().items())
         late = "ticks were missed" if self._timing.behind else ""
-        now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after) or sensors or late
-        if now and self.engagement.tries + self._approach.tries:
+        now = self._problems.briefly(self._clock.now(), self.stream.validity.limits.silent_after)
+        now = now or lost_words(self._holding()) or late
+        if now and self.engagement.good.tries + self._approach.tries:
             return f"{self._too_short}, at last: {now}"
         return now or self._too_short
 
@@ -275,8 +278,20 @@ class LivePerformer:
         self, *, address: str, person: str | None, times: Mapping[str, Sequence[float]] = MappingProxyType({})
     ) -> LiveReport:
         """The report on the stream. times: s, of stages before the arrival of frames."""
-        stages = {**times, "goal": self.latency.times}
-        return live_report(self.stream, self._tally, stages, address=address, person=person)
+        stages, stream = {**times, "goal": self.latency.times}, self.stream
+        return LiveReport(
+            address=address,
+            frames=stream.frames,
+            datagrams=stream.arrived,
+            dropped=dict(refused_counts(stream).most_common()),
+            refused=tuple(f"{source}: {reason}" for source, reason in stream.admission.named),
+            lost_s=self._tally.lost_s,
+            holds=self._tally.holds,
+            playout_delay_ms=MS * stream.playout.delay,
+            smoothing=stream.smoothing,
+            latency_ms={stage: spread_of(taken) for stage, taken in stages.items() if taken},
+            person=person,
+        )
 
     def recorded(self) -> Clip:
         """The samples that were followed; during a hold, the held one."""
@@ -290,13 +305,13 @@ class LivePerformer:
         self._tally.count(reading.states, followed=followed is not None)
         if self.engagement.following is not before:
             holds = "the performer is not followed{}: the robot holds"
-            self._report(now, "the performer is followed", holds, good=followed is not None)
+            self._report("the performer is followed", holds, good=followed is not None)
         return followed
 
-    def _report(self, now: float, goes_on: str, holds: str, *, good: bool) -> None:
+    def _report(self, goes_on: str, holds: str, *, good: bool) -> None:
         """Say that the robot goes on, or holds; of holds that come again and again see `Repeats`. holds: with a place
         for the reason."""
-        if self._holds.is_news([0], now, begins=not good):
+        if self._holds.is_news([0], begins=not good):
             late = " because ticks come late" if self._timing.behind else ""
             self._notify(goes_on if good else f"{holds.format(late)}{self._holds.count_text([0])}")
 

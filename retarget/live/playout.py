@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from retarget._solver import PoseFilter, PoseRing
 from retarget.arithmetic import exp
 from retarget.errors import UsageError, suggest
+from retarget.live.advice import refusal
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
@@ -180,12 +181,7 @@ def smoothing_delay(name: str, speed: float) -> float:
 def pose_filter(name: str, count: int) -> PoseFilter | None:
     """The filter of this name for `count` sensors; None for no smoothing. Raises UsageError for an unknown name."""
     if name not in SMOOTHINGS:
-        raise UsageError(
-            "unknown smoothing",
-            where="--smoothing",
-            found=repr(name[:80]),
-            allowed=", ".join(SMOOTHINGS),
-            next_step=suggest(name, SMOOTHINGS),
-        )
+        facts = {"allowed": ", ".join(SMOOTHINGS), "step": suggest(name, SMOOTHINGS)}
+        raise refusal(UsageError, "unknown smoothing", "--smoothing", found=repr(name[:80]), **facts)
     settings = SMOOTHINGS[name]
     return None if settings is None else PoseFilter(count, position=settings[0], orientation=settings[1])

@@ -8,7 +8,8 @@ from typing import Self
 from retarget.errors import InputError, UsageError
 from retarget.live.address import RECORDED, StreamAddress, parse_address
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram
-from retarget.live.datagram_kinds import recognise
+from retarget.live.advice import refusal
+from retarget.sources.streams.datagram_kinds import recognise
 from retarget.sources.streams.raw_record import RawReader, RawWriter, RecordedDatagram
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import Notify
@@ -93,13 +94,8 @@ def recorded_kind(address: StreamAddress) -> str:
     kinds = {recognise(row.payload).kind for row in islice(reader, LOOKED_AT)} - {""}
     if len(kinds) == 1:
         return kinds.pop()
-    raise InputError(
-        "the recording does not say what kind of stream it holds",
-        where=address.text,
-        found=repr(url[:100]) if url else "",
-        allowed=", ".join(RECORDED),
-        next_step="Add ?kind=vmc, for example",
-    )
+    found = repr(url[:100]) if url else ""
+    raise refusal(InputError, "unknown recording", address.text, found=found, allowed=", ".join(RECORDED))
 
 
 # `--record-raw FILE`: a thread writes every admitted datagram to a file, so that the tick does not wait for the disk.

@@ -4,43 +4,22 @@ Polls never block, and arrivals are the kernel's times. All errors of opening na
 """
 
 import errno
-import itertools
 import socket
 import struct
 from contextlib import suppress
 from dataclasses import replace
+from math import fsum
+from operator import attrgetter
 
 from hardware.clock import wall_to_monotonic
-from hardware.realtime import PROCESSES, named_process
+from hardware.realtime import port_holder
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, listed_interfaces
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
-from retarget.live.natnet_session import NatnetSession
+from retarget.live.advice import refusal
+from retarget.sources.streams.natnet_session import NatnetSession
 from retarget.sources.streams.natnet_wire import COMMAND_PORT
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM, Dropped
-
-# The process that holds a port of this machine, as far as this user may see it (Linux).
-
-MOST_PROCESSES = 100_000
-MOST_SOCKETS = 100_000
-"""Bounds of the search."""
-
-
-def port_holder(port: int) -> str:
-    """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
-    wanted, found = set[str](), list[str]()
-    for table in ("udp", "udp6"):
-        with suppress(OSError), (PROCESSES / "net" / table).open(encoding="ascii", errors="replace") as lines:
-            for line in itertools.islice(lines, 1, MOST_SOCKETS):
-                words = line.split()  # the columns `local_address` and `inode`
-                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
-                    wanted.add(f"socket:[{words[9]}]")
-    for process in itertools.islice(PROCESSES.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
-        with suppress(OSError):
-            if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
-                found.append(named_process(process.name))
-    return ", ".join(sorted(found)) or "another process"
-
 
 # Opening the socket of a stream: bound, large enough for bursts, in its multicast group.
 
@@ -97,42 +76,27 @@ def _join(listener: socket.socket, address: StreamAddress, group: str) -> None:
 
 def not_bound(address: StreamAddress, error: OSError) -> InputError:
     """The error for an address that cannot be bound: taken, not of this machine, not for this user."""
-    name = f"UDP port {address.port}"
-    if error.errno == errno.EADDRINUSE:
-        step = "Stop it, or send to another port and name that here"
-        return InputError(f"{name} is taken", where=address.text, found=port_holder(address.port), next_step=step)
     if error.errno in NO_INTERFACE:
         return _no_interface(address, address.bind)
+    if error.errno == errno.EADDRINUSE:
+        return refusal(InputError, "port taken", address.text, found=port_holder(address.port), port=address.port)
     if error.errno in {errno.EACCES, errno.EPERM}:
-        step = "Choose a port from 1024 on, here and at the sender"
-        return InputError(f"{name} is not for this user", where=address.text, next_step=step)
+        return refusal(InputError, "port forbidden", address.text, port=address.port)
     found = f"{address.bind}:{address.port}: {error.strerror or error}"
-    return InputError("cannot listen there", where=address.text, found=found)
+    return refusal(InputError, "port unusable", address.text, found=found)
 
 
 def _not_joined(address: StreamAddress, group: str, interface: str, error: OSError) -> InputError:
     if error.errno in NO_INTERFACE and interface != EVERYWHERE:
         return _no_interface(address, interface)
     if error.errno == errno.ENODEV:
-        step = "Connect the network that Motive is on, and add interface=ADDRESS of this machine on it"
-        return InputError(f"no interface leads to the group {group}", where=address.text, next_step=step)
-    return InputError(
-        f"the group {group} cannot be joined",
-        where=address.text,
-        found=f"{error.strerror or error}, on interface {interface}",
-        allowed=f"interfaces: {listed_interfaces()}",
-        next_step="Add interface=ADDRESS, or let Motive send unicast and leave multicast out",
-    )
+        return refusal(InputError, "no interface to a group", address.text, group=group)
+    found = f"{error.strerror or error}, on interface {interface}"
+    return refusal(InputError, "group not joined", address.text, found=found, group=group, listed=listed_interfaces())
 
 
 def _no_interface(address: StreamAddress, wanted: str) -> InputError:
-    return InputError(
-        "this machine has no interface with such an address",
-        where=address.text,
-        found=wanted,
-        allowed=listed_interfaces(),
-        next_step="Give one of these, and check that its network is connected",
-    )
+    return refusal(InputError, "no interface", address.text, found=wanted, listed=listed_interfaces())
 
 
 REMEASURE_S = 1.0
@@ -251,37 +215,31 @@ class NatnetReceiver:
         self.dropped = Dropped()
         self.host = address.host
         self._server = (address.host, command_port)
-        self._frames: UdpReceiver | None = None
-        commands = replace(address, bind=address.interface, port=0, multicast=None)
-        self._commands = UdpReceiver(commands)
-        self.bound = self._commands.bound
+        self._sockets = [UdpReceiver(replace(address, bind=address.interface, port=0, multicast=None))]
+        self.bound = self._sockets[0].bound
         if address.multicast is not None:
             try:
-                self._frames = UdpReceiver(address)
+                self._sockets.append(UdpReceiver(address))
             except InputError:
-                self._commands.close()
+                self.close()
                 raise
 
     @property
     def overflowed(self) -> int:
         """Datagrams that the kernel lost because they were not fetched in time."""
-        return self._commands.overflowed + (self._frames.overflowed if self._frames is not None else 0)
+        return int(fsum(one.overflowed for one in self._sockets))
 
     def close(self) -> None:
         """Close the sockets. A second call has no effect."""
-        self._commands.close()
-        if self._frames is not None:
-            self._frames.close()
+        for one in self._sockets:
+            one.close()
 
     def poll(self, now: float) -> list[Datagram]:
         """The datagrams of the server until `now` (s), oldest first, bounded as for two sockets. Never raises."""
         for message in self.session.poll(now):
-            self._commands.send(message, self._server)
-        found = self._commands.poll(now)
-        if self._frames is not None:
-            found += self._frames.poll(now)
-            found.sort(key=lambda datagram: datagram.arrival)
-        received = [datagram for datagram in found if datagram.source[0] == self._server[0]]
+            self._sockets[0].send(message, self._server)
+        found = [datagram for one in self._sockets for datagram in one.poll(now)]
+        received = sorted((one for one in found if one.source[0] == self._server[0]), key=attrgetter("arrival"))
         for _ in range(len(found) - len(received)):
             self.dropped.note(NOT_THE_SERVER)
         for datagram in received:

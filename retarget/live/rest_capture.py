@@ -4,21 +4,20 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from retarget import rotations
 from retarget.arithmetic import arctan2, cos, matmul, norm, norms, sin
 from retarget.errors import InputError
-from retarget.frames import SensorSample, Skeleton
+from retarget.frames import SensorSample
 from retarget.human.pose_validation import ValidityState
 from retarget.human.rest_pose import ALIKE_RAD, REQUIRED, RestFit, fit_rest_pose
 from retarget.human.stance import TURNED, facing_of, refuse_crooked, refuse_stance
+from retarget.live.advice import refusal
 from retarget.live.stream import StreamReading
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions, proportional_dimensions
-from retarget.sources.streams.mvn import MvnDecoder
-from retarget.sources.streams.natnet_decoder import NatnetDecoder
-from retarget.sources.streams.stream_frame import StreamDecoder
 from retarget.types import BoolArray, FloatArray
 
 # The stream's world in ours: the floor at z = 0, the performer at the origin, facing x when calibrated.
@@ -68,14 +67,7 @@ def align(names: tuple[str, ...], position: FloatArray, *, where: str = "") -> A
     at = _located(names, position)
     forward = facing_of(at)
     if forward is None:
-        raise InputError(
-            "left and right sensors show no direction",
-            where=where,
-            found=", ".join(at) or "no sensor",
-            allowed="both ankles or both wrists, apart",
-            next_step="Stand upright, feet a little apart, arms beside the body or straight out. If you do, see which "
-            "axis is upward in what is sent (of Motive: ?up=z)",
-        )
+        raise refusal(InputError, "no direction", where, found=", ".join(at) or "no sensor")
     ankles = [at[name] for name in ("l_ankle", "r_ankle") if name in at]
     middle = np.mean(ankles or list(at.values()), axis=0)
     floor = 0.0
@@ -172,15 +164,14 @@ class RestCapture:
         pose, or not of that size.
         """
         if not self._samples:
-            raise self._refused("no data for the calibration", "no fresh sample", step="Start the sender")
+            raise self._refused("no data", "no fresh sample")
         names = self._samples[0].names
         track = np.array([sample.position for sample in self._samples])  # (T, k, 3)
         fresh = np.array([sample.valid for sample in self._samples])
         track[~fresh] = np.nan
         counts = fresh.mean(axis=0) >= FRESH_SHARE
         if stale := [name for name, ok in zip(names, counts, strict=True) if not ok and name in self._needed]:
-            step = "See that these are worn, switched on, named in the performer's file and sent without gaps"
-            raise self._refused("sensors are not fresh", ", ".join(stale), step=step)
+            raise self._refused("not fresh", ", ".join(stale))
         mean = np.full((len(names), 3), np.nan)
         mean[counts] = np.nanmean(track[:, counts], axis=0)
         self._refuse_motion(names, track, mean)
@@ -238,57 +229,26 @@ class RestCapture:
             found, expected = at["head"][2], expected + FRACTIONS.ankle_height * size.stature
         low, high = (1.0 - OTHER_SHARE) * expected, (1.0 + OTHER_SHARE) * expected
         if not low <= found <= high:
-            raise self._refused(
-                "the performer is not of the size that is known, or does not stand upright",
-                f"the head {found:.2f} m above the {'ankles' if ankles else 'floor'}",
-                allowed=f"{low:.2f} to {high:.2f} m ({size.origin})",
-                step="Stand upright; measure anew with --recalibrate, or give another --person or --stature",
-            )
+            above = f"the head {found:.2f} m above the {'ankles' if ankles else 'floor'}"
+            raise self._refused("other size", above, low=low, high=high, origin=size.origin)
         return 0.0 if ankles else float(found - expected)
 
     def _refuse_unlike(self, fit: RestFit) -> None:
         """Raise InputError unless the performer stands upright with both arms alike."""
         (low, high), found = LIVE_STATURE_M, fit.dimensions.stature
         if not low <= found <= high:
-            raise self._refused(
-                "the performer does not stand upright, or is no grown person",
-                f"{found:.2f} m tall",
-                allowed=f"{low:g} to {high:g} m",
-                step="Stand upright with straight legs; see that the sender's unit is metres",
-            )
+            raise self._refused("not upright", f"{found:.2f} m tall", low=low, high=high)
         left, right = np.rad2deg(fit.arms).tolist()
         if abs(fit.arms[0] - fit.arms[1]) > ALIKE_RAD:
-            raise self._refused(
-                "the arms are not held alike",
-                f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}",
-                allowed=f"at most {np.rad2deg(ALIKE_RAD):.0f} degrees apart",
-                step="Let both hang, or hold both straight out to the sides",
-            )
+            both = f"the left one {left:.0f} degrees from hanging, the right one {right:.0f}"
+            raise self._refused("arms not alike", both, most=np.rad2deg(ALIKE_RAD))
 
     def _refuse_motion(self, names: tuple[str, ...], track: FloatArray, mean: FloatArray) -> None:
         away = norms(track - mean)
         farthest = np.where(np.isnan(away), 0.0, away).max(axis=0).tolist()
         far = [f"{name} moved by {100 * by:.0f} cm" for name, by in zip(names, farthest, strict=True) if by > STILL_M]
         if far:
-            step = "Stand still for a second, and try again"
-            raise self._refused("the performer did not stand still", ", ".join(far), step=step)
+            raise self._refused("not still", ", ".join(far))
 
-    def _refused(self, what: str, found: str, *, step: str, allowed: str = "") -> InputError:
-        return InputError(what, where=f"{self._where}, calibration", found=found, allowed=allowed, next_step=step)
-
-
-# The skeleton that a sender sends beside its poses.
-
-_BONE = "bone://"
-
-
-def skeleton_of(decoder: StreamDecoder, names: Sequence[str] = ()) -> Skeleton | None:
-    """The performer's joints at rest, as the sender has sent them; None where it has not.
-
-    Xsens MVN sends them in datagrams of type 13, the T-pose of its own calibration; Motive sends them in the definition
-    of a skeleton. names: the poses that are used; the skeleton is the one of which they are bones.
-    """
-    if isinstance(decoder, NatnetDecoder):
-        owners = {name.removeprefix(_BONE).partition("/")[0] for name in names if name.startswith(_BONE)}
-        return decoder.rest(owners.pop()) if len(owners) == 1 else None
-    return decoder.rest if isinstance(decoder, MvnDecoder) else None
+    def _refused(self, symptom: str, found: str, **facts: Any) -> InputError:
+        return refusal(InputError, symptom, f"{self._where}, calibration", found=found, **facts)

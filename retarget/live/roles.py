@@ -14,6 +14,7 @@ from retarget._solver import SensorPlan
 from retarget.errors import Problem, UsageError, suggest
 from retarget.frames import REFLECT_POSITION, REFLECT_QUATERNION, SENSORS, mirrored_name
 from retarget.human.rest_pose import REQUIRED
+from retarget.live.advice import problem, refusal
 from retarget.schema.performer import Performer
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.sources.streams.mvn import MVN_JOINTS
@@ -93,12 +94,6 @@ CONVENTIONS: dict[str, dict[str, PoseSource]] = {
 file has them."""
 
 
-NO_WRISTS = "VRChat's trackers alone are not enough, they have no wrists: let the sender send VMC (vmc://:39539)"
-_STEPS = {
-    "slimevr_vrchat": NO_WRISTS,
-    "natnet": "Motive's names are your own: --performer optitrack, or a copy of it with the names of your rigid bodies",
-}
-"""The next step for sensors that a sender of a convention does not send."""
 NO_PLACE = PoseSource("", "")
 """The place of a sensor that a kind of sender does not have, and that is not waited for."""
 
@@ -189,13 +184,8 @@ def roles_of(performer: Performer, convention: str, *, where: str, mirrored: boo
     a partial file, only the sensors that measuring needs are refused.
     """
     if convention not in CONVENTIONS:
-        raise UsageError(
-            "unknown convention of roles",
-            where=where,
-            found=repr(convention),
-            allowed=", ".join(CONVENTIONS),
-            next_step=suggest(convention, CONVENTIONS),
-        )
+        facts = {"allowed": ", ".join(CONVENTIONS), "step": suggest(convention, CONVENTIONS)}
+        raise refusal(UsageError, "unknown roles", where, found=repr(convention), **facts)
     known, places, problems, missing = CONVENTIONS[convention], list[PoseSource](), list[Problem](), list[str]()
     standing = {place.orientation: place.standing for place in known.values()}
     for name, sensor in performer.sensors.items():
@@ -206,25 +196,13 @@ def roles_of(performer: Performer, convention: str, *, where: str, mirrored: boo
         if place is not None and (not sensor.beside or place.position == place.orientation):
             places.append(replace(place, loose=sensor.beside))
         elif place is not None:
-            problems.append(
-                Problem(
-                    f"sender of kind {convention} does not send the orientation of {name}",
-                    f"{where}: sensors.{name}.beside",
-                    next_step="Leave `beside` out",
-                )
-            )
+            problems.append(problem("no orientation", f"{where}: sensors.{name}.beside", kind=convention, name=name))
         else:
             missing.append(name)
             places.append(NO_PLACE)
     if missing and not (performer.partial and set(REQUIRED).isdisjoint(missing)):
-        problems.append(
-            Problem(
-                f"sender of kind {convention} sends no {', '.join(missing)}",
-                f"{where}: sensors",
-                allowed=", ".join(known) or "no sensor by itself",
-                next_step=_STEPS.get(convention, "Name the sender's pose with `role`, or leave the sensor out"),
-            )
-        )
+        facts = {"missing": ", ".join(missing), "known": ", ".join(known) or "no sensor by itself"}
+        problems.append(problem("no such sensor", f"{where}: sensors", kind=convention, **facts))
     if problems:
         raise UsageError.from_problems(problems)
     return Roles(tuple(performer.sensors), places, convention=convention, partial=performer.partial, mirrored=mirrored)

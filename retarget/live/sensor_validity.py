@@ -12,6 +12,7 @@ import numpy as np
 from retarget._solver import Validity
 from retarget.frames import SensorSample
 from retarget.human.pose_validation import LIMITS, StateArray, ValidityLimits, ValidityState, other_sides
+from retarget.live.advice import advice
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
@@ -33,17 +34,12 @@ NO_TIME = "pose at a time that is not finite"
 def change_text(before: ValidityState, after: ValidityState, seconds: float, *, resettled: bool) -> str:
     """What has changed, for the user. seconds: how long it has been in the new state, 0 where that is not known.
     resettled: it is valid again at another place than before its jump."""
+    symptom = after.name.lower()
     if after is ValidityState.FRESH:
-        if resettled:
-            return "accepted again at its new place"
-        return "received now" if before is ValidityState.NOT_IN_USE else "back"
-    return {
-        ValidityState.STALE: f"nothing that can be used for {seconds:.1f} s" if seconds else "not received yet",
-        ValidityState.FROZEN: f"frozen since {seconds:.1f} s (tracker lost?)",
-        ValidityState.JUMPED: "jumped farther than a human can",
-        ValidityState.NOT_IN_USE: "not received since the start (not worn?)",
-        ValidityState.OUT_OF_RANGE: "position outside the room",
-    }[after]
+        symptom = "resettled" if resettled else "received" if before is ValidityState.NOT_IN_USE else "fresh"
+    elif after is ValidityState.STALE and not seconds:
+        symptom = "never"
+    return advice(f"sensor {symptom}", seconds=seconds).what
 
 
 class SensorValidity:
@@ -117,7 +113,7 @@ class SensorValidity:
         for (before, after, resettled), sensors in alike.items():
             rows = [self.names.index(name) for name in sensors]
             is_lost = after is not ValidityState.FRESH
-            if not self._repeats.is_news(rows, self._now, begins=is_lost):
+            if not self._repeats.is_news(rows, begins=is_lost):
                 continue
             text = change_text(before, after, max(sensors.values()), resettled=resettled)
             said.append(f"{self._named(sensors)}: {text}{self._repeats.count_text(rows) if is_lost else ''}")
@@ -131,27 +127,17 @@ class SensorValidity:
         self._reported[self._states == ValidityState.FRESH] = ValidityState.FRESH
 
 
-AGAIN_S = 30.0
-"""What comes and goes is said once; from then on at most so often, s, with a count."""
-
-
 class Repeats:
-    """What comes and goes, by row: said at first, then counted, and said with the count after AGAIN_S."""
+    """What comes and goes, by row: its first, tenth, hundredth ... beginning is said, with a count, and its end where
+    the beginning was. So a run of hours says little."""
 
     def __init__(self, count: int) -> None:
         self._times = np.zeros(count, dtype=int)
-        self._said = np.full(count, -np.inf)  # [s] when its beginning was last said
-        self._quiet = np.zeros(count, dtype=bool)  # whether its last beginning was not
 
-    def is_news(self, rows: Sequence[int], now: float, *, begins: bool) -> bool:
-        """True if rows that begin at `now`, s, are to be said; else if they end, and one of their beginnings was."""
-        at = [*rows]
-        if begins:
-            self._times[at] += 1
-            is_due = bool((now - self._said[at] >= AGAIN_S).any())
-            self._quiet[at] = not is_due
-            self._said[at] = now if is_due else self._said[at]
-        return not self._quiet[at].all()
+    def is_news(self, rows: Sequence[int], *, begins: bool) -> bool:
+        """True if rows that begin are to be said; else if they end, and one of their beginnings was."""
+        self._times[[*rows]] += begins
+        return any(times == 10 ** (len(str(times)) - 1) for times in self._times[[*rows]].tolist())
 
     def count_text(self, rows: Sequence[int]) -> str:
         """How often rows began so far, in words; "" for the first time."""
@@ -196,24 +182,19 @@ class Engagement:
         """Whether samples are followed; else the last one is held."""
         self.shown = first
         """The sample that was followed last."""
-        self._good = Debounce()
-
-    @property
-    def tries(self) -> int:
-        """How often data were good during this hold, but not for long enough."""
-        return self._good.tries
+        self.good = Debounce()  # its `tries` are of this hold
 
     def hold(self) -> None:
         """Hold from now on, until data are good for long enough."""
         self.following = False
-        self._good.restart()
+        self.good.restart()
 
     def step(self, now: float, sample: SensorSample, *, good: bool) -> SensorSample | None:
         """The sample to follow at `now`, s; None: hold. good: whether the sensors are valid."""
         if not good or not self.wanted:
             self.hold()
             return None
-        if not self.following and not self._good.step(now, good=True):
+        if not self.following and not self.good.step(now, good=True):
             return None
         self.following, self.shown = True, sample
         return sample

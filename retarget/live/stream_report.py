@@ -2,10 +2,11 @@
 
 import shlex
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -13,14 +14,73 @@ from retarget.errors import InputError, Problem
 from retarget.human.pose_validation import StateArray, ValidityState
 from retarget.live.address import KINDS, for_others, parse_address
 from retarget.live.admission import NOT_ALLOWED, TOO_LONG, TOO_MANY
-from retarget.live.advice import advice
-from retarget.live.datagram_kinds import advice_for, reads, recognise
-from retarget.live.natnet_session import NEWEST, natnet_problems
+from retarget.live.advice import advice, problem, refusal
 from retarget.live.receivers import NatnetReceiver, UdpReceiver
 from retarget.live.sensor_validity import OUT_OF_RANGE
 from retarget.live.stream import LiveStream
-from retarget.sources.streams.natnet_wire import OLDEST
+from retarget.sources.streams.datagram_kinds import Recognised, reads, recognise
+from retarget.sources.streams.natnet_session import NEWEST, NatnetSession
+from retarget.sources.streams.natnet_wire import COMMAND_PORT, DATA_PORT, OLDEST
+from retarget.sources.streams.stream_frame import CONVENTIONS
 from retarget.types import Notify
+
+# What to do when something else arrives than the address reads.
+
+
+def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
+    """What to do about datagrams `got` at an address of `kind`; "" where the address reads them. recording: the file
+    that holds them, "" for a live stream."""
+    symptom = f"instead {got.kind}" if got.kind else f"unread {got.name}"
+    if reads(kind, got):
+        symptom = f"part {got.detail}"
+    elif got.kind and recording:
+        symptom = f"recorded {got.kind}"
+    usual = KINDS[got.kind].port if got.kind else None
+    facts = {"port": port, "recording": recording, "got": got.kind, "name": got.name, "usual": usual}
+    return advice(symptom, kind, sender=KINDS[kind].sender, axes=", ".join(CONVENTIONS), **facts).then
+
+
+# Problems of a NatNet session, and what to set in Motive.
+
+PATIENCE_S = 3.0
+"""Time, s, after which an answer counts as missing."""
+
+
+def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
+    """List the problems at `now`, s, causes before consequences. host: as the user gave it, for the text."""
+    server, found = session.server, list[Problem]()
+
+    def note(symptom: str, *, seen: str = "", **facts: Any) -> None:
+        found.append(problem(symptom, host, "natnet", found=seen, host=host, command_port=COMMAND_PORT, **facts))
+
+    if server is None:
+        if session.started is not None and now - session.started >= PATIENCE_S:
+            note("frames without answer" if session.frames else "no answer")
+        return tuple(found)
+    if not OLDEST <= server.version <= NEWEST:
+        seen = f"{server.version}, from {server.name} {server.app_version[0]}.{server.app_version[1]}"
+        symptom = "old version" if server.version < OLDEST else "new version"
+        note(symptom, seen=seen)
+        return tuple(found)
+    if session.silent(now):
+        sent_to = server.group, server.data_port or DATA_PORT
+        if server.multicast != (session.group is not None):
+            sent, wanted = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
+            to = f" to {server.group}, port {server.data_port}" if server.multicast else ""
+            note("other transport", seen=sent + to, sent=sent, wanted=wanted)
+        elif session.group is None:
+            note("no frames")
+        elif sent_to != session.group:
+            seen, own = ("{}, port {}".format(*place) for place in (sent_to, session.group))
+            note("other group", seen=seen, own=own, group=sent_to[0], port=sent_to[1])
+        else:
+            note("no frames, multicast", group=session.group[0], port=session.group[1])
+    if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
+        note("no names")
+    return tuple(found)
+
+
+# Why a stream cannot be used, and what is wrong with it while it runs.
 
 NOTED_S = 0.05
 """Time, s, without a frame after which counts are noted: what arrives from then on arrives instead of frames."""
@@ -32,7 +92,7 @@ MOST_REASONS, MOST_NAMES = 3, 40
 """Reasons and names that a message lists at most: it stays readable."""
 
 
-def _refused(stream: LiveStream) -> Counter[str]:
+def refused_counts(stream: LiveStream) -> Counter[str]:
     """Counts of everything that was not used so far, by reason; a copy."""
     stages = stream.admission.refused, stream.decoder.dropped, stream.receiver.dropped, stream.validity.refused
     counts = (*stages, stream.clock_map.dropped, stream.playout.dropped)
@@ -81,7 +141,7 @@ def refuse_version(stream: LiveStream, now: float) -> None:
 
 def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: str, now: float) -> InputError:
     """Make the error for a stream that cannot be used, with the reason. missing: needed sensors that are not fresh."""
-    refused, silence = _refused(stream), now - stream.last
+    refused, silence = refused_counts(stream), now - stream.last
     if problems := _motive(stream, now):
         return InputError.from_problems(problems)
     if stream.arrived == 0:
@@ -90,23 +150,18 @@ def unusable(stream: LiveStream, missing: list[str], waited: float, *, where: st
         got, step = _instead(stream, where)
         found = got or _listed(refused)
         found = found if stream.frames else f"{stream.arrived} datagrams: {found}"
-        step = step or _step(stream, refused)
-        return InputError("what arrives cannot be used", where=where, found=found, next_step=step)
+        return refusal(InputError, "cannot be used", where, found=found, step=step or _step(stream, refused))
     absent = ", ".join(f"no {name}" for name in missing)
     if silence >= 0.5 * SILENT_S:
-        said = advice("over" if stream.receiver.finished else "silent", stream.kind, silence=silence)
         found = "" if stream.receiver.finished else f"{stream.frames} frames before that, and now {absent}"
-        return InputError(said.what, where=where, found=found, next_step=said.then)
+        symptom = "over" if stream.receiver.finished else "silent"
+        return refusal(InputError, symptom, where, stream.kind, found=found, silence=silence)
     sent = dict(zip(stream.roles.sensors, stream.roles.places, strict=True))
     absent = ", ".join(f"no {name} ({sent[name].position})" for name in missing)
-    said = advice("missing")
-    return InputError(
-        said.what,
-        where=where,
-        found=absent + (f"; refused: {_listed(refused)}" if refused else ""),
-        allowed=", ".join(list(stream.names)[:MOST_NAMES]),
-        next_step=_step(stream, refused) if _commonest(refused) == OUT_OF_RANGE else said.then,
-    )
+    found = absent + (f"; refused: {_listed(refused)}" if refused else "")
+    symptom = "missing, outside" if _commonest(refused) == OUT_OF_RANGE else "missing"
+    names = ", ".join(list(stream.names)[:MOST_NAMES])
+    return refusal(InputError, symptom, where, found=found, names=names, step=_step(stream, refused))
 
 
 def _instead(stream: LiveStream, where: str) -> tuple[str, str]:
@@ -125,15 +180,14 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
     """The error for a stream on which nothing has arrived, with the address and port that are listened on."""
     receiver = stream.receiver
     if not isinstance(receiver, UdpReceiver):
-        said = advice("nothing arrives", stream.kind, waited=waited)
-        return InputError(said.what, where=where, next_step=said.then)
+        return refusal(InputError, "nothing arrives", where, stream.kind, waited=waited)
     host, port = receiver.bound
     here = IPv4Address(host).is_loopback
-    others, quoted = for_others(where.partition("://")[0], port), shlex.quote(where)
-    symptom = f"nothing arrives, {'loopback' if here else 'port'}"
-    said = advice(symptom, stream.kind, waited=waited, host=host, port=port, others=others, where=quoted)
+    facts = {"waited": waited, "host": host, "port": port, "quoted": shlex.quote(where)}
+    facts["others"] = for_others(where.partition("://")[0], port)
     found = f"listening at {host}, UDP port {port}" + (", which only this machine can reach" if here else "")
-    return InputError(said.what, where=where, found=found, next_step=said.then)
+    symptom = f"nothing arrives, {'loopback' if here else 'port'}"
+    return refusal(InputError, symptom, where, stream.kind, found=found, **facts)
 
 
 class StreamProblems:
@@ -175,7 +229,7 @@ class StreamProblems:
             return ""
         arrived, refused = self._before or self._seen()
         symptom = "silent short" if self._stream.arrived == arrived else "unusable short"
-        return advice(symptom, self._stream.kind, reasons=_listed(_refused(self._stream) - refused)).what
+        return advice(symptom, self._stream.kind, reasons=_listed(refused_counts(self._stream) - refused)).what
 
     def why(self, now: float) -> str:
         """Return what is wrong, also where it was reported before; "" for nothing."""
@@ -184,7 +238,7 @@ class StreamProblems:
         if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
             return ""
         arrived, refused = self._before
-        news = _refused(stream) - refused
+        news = refused_counts(stream) - refused
         if problems := _motive(stream, now):
             return problems[0].render() + (f" What arrived was not used: {_listed(news)}" if news else "")
         if stream.receiver.finished or stream.arrived == arrived:
@@ -193,7 +247,7 @@ class StreamProblems:
         return f"{said.what}. {_step(stream, news)}"
 
     def _seen(self) -> tuple[int, Counter[str]]:
-        return self._stream.arrived, _refused(self._stream)
+        return self._stream.arrived, refused_counts(self._stream)
 
 
 # Messages about a stream while it runs, each once: other senders, losses, a clock that jumped.
@@ -352,22 +406,3 @@ class Tally:
     def lost_s(self) -> dict[str, float]:
         """Time, s, that each sensor was lost so far, for sensors that ever were."""
         return {name: ticks * self._dt for name, ticks in zip(self._names, self._lost.tolist(), strict=True) if ticks}
-
-
-def live_report(
-    stream: LiveStream, tally: Tally, times: Mapping[str, Sequence[float]], *, address: str, person: str | None
-) -> LiveReport:
-    """The report on a run that has ended. times: of each stage, s."""
-    return LiveReport(
-        address=address,
-        frames=stream.frames,
-        datagrams=stream.arrived,
-        dropped=dict(_refused(stream).most_common()),
-        refused=tuple(f"{source}: {reason}" for source, reason in stream.admission.named),
-        lost_s=tally.lost_s,
-        holds=tally.holds,
-        playout_delay_ms=MS * stream.playout.delay,
-        smoothing=stream.smoothing,
-        latency_ms={stage: spread_of(taken) for stage, taken in times.items() if taken},
-        person=person,
-    )

@@ -54,7 +54,8 @@ class Geom:
     """A shape of the file on a body: `kind` and `size` (3,) as MuJoCo has them, `position` (3,) m and `quat` (4,) wxyz.
 
     Capsules and cylinders: radius, half length. Boxes: half sizes. Spheres: radius. triangles (t, 3, 3) m of a mesh, in
-    the shape's frame. A shape that does not collide is for looking at.
+    the shape's frame. A shape that does not collide is for looking at. colour: red, green and blue, 0 to 1; None if the
+    file gives it none.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Geom:
     quat: FloatArray
     collides: bool
     triangles: FloatArray | None
+    colour: tuple[float, float, float] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +255,10 @@ def _frame(model: Any, index: int) -> Frame:
     )
 
 
+NO_COLOUR = 0.5
+"""Red, green and blue of a shape to which the file gives no colour."""
+
+
 def geoms_of(model: Any) -> tuple[Geom, ...]:
     """The shapes of a `mujoco.MjModel`."""
     return tuple(_geom(model, index) for index in range(model.ngeom))
@@ -262,6 +268,7 @@ def _geom(model: Any, index: int) -> Geom:
     import mujoco
 
     kind = mujoco.mjtGeom(int(model.geom_type[index])).name.removeprefix("mjGEOM_").lower()
+    red, green, blue = (round(float(value), 3) for value in model.geom_rgba[index, :3])
     return Geom(
         name=model.geom(index).name,
         body=int(model.geom_bodyid[index]),
@@ -271,6 +278,7 @@ def _geom(model: Any, index: int) -> Geom:
         quat=_directions(model.geom_quat[index]),
         collides=bool(model.geom_contype[index] or model.geom_conaffinity[index]),
         triangles=_triangles(model, int(model.geom_dataid[index])) if kind == "mesh" else None,
+        colour=None if red == green == blue == NO_COLOUR else (red, green, blue),
     )
 
 

@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-from retarget.errors import ConfigError, InputError
+from retarget.errors import ConfigError, InputError, install_step
 from retarget.model.body_xml import BODY_HELP, body_xml, read_body
 from retarget.model.compile_limits import try_in_child
 from retarget.schema.catalogue import shipped_folder
@@ -43,7 +43,7 @@ def engine() -> Any:
         raise ConfigError(
             "MuJoCo is missing, which reads robots and simulates them",
             found=str(error),
-            next_step="Install it into this environment: pip install mujoco",
+            next_step=install_step("mujoco"),
         ) from error
     mujoco.set_mju_user_warning(ignore_warning)
     return mujoco

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import repeat
+from itertools import count, repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,14 +92,14 @@ def _box(half: FloatArray) -> Mesh:
     return Mesh(half * sides.reshape(-1, 3), faces.reshape(-1, 3))
 
 
-ROUND, ROUND_STEPS = 0.25, 2
-"""Radius of the edges of a box that is a link, in its least half side, and steps of a quarter of their circle."""
+ROUND, EDGE = 0.25, 12
+"""Radius of the edges of a box that is a link, in its least half side, and corners of a circle to a step of theirs."""
 
 
-def _rounded(half: FloatArray) -> Mesh:
-    """A box (3,) whose edges are round: the eighths of a ball, apart."""
+def _rounded(half: FloatArray, around: int) -> Mesh:
+    """A box (3,) whose edges are round: the eighths of a ball, apart. around: corners of a circle elsewhere."""
     radius = ROUND * float(half.min())
-    quarter = np.linspace(0.0, 0.5 * np.pi, ROUND_STEPS + 1)
+    quarter = np.linspace(0.0, 0.5 * np.pi, max(around // EDGE, 1) + 1)
     up = np.concatenate([quarter - 0.5 * np.pi, quarter])[:, None]
     about = (0.5 * np.pi * np.arange(4)[:, None] + quarter).ravel()
     ball = [np.cos(up) * np.cos(about), np.cos(up) * np.sin(about), np.repeat(np.sin(up), len(about), axis=1)]
@@ -118,52 +118,71 @@ def _rounded(half: FloatArray) -> Mesh:
 
 # The links of a body.
 
-MOST_TRIANGLES = 8000
+MOST_TRIANGLES = 12_000
 """Of a body: so many are seen, and a page that holds two bodies stays small."""
 DETAILS = (AROUND, 20, 16, 12, 8, 6, 4)
 """Corners of a circle that are tried until a body has no more than that."""
+FINE = 0.03
+"""Radius, m, of circles that have them all."""
 CELLS = 4
 """A mesh of a file is thinned to cells of a body's size over its detail and over this, so that both are as coarse."""
 THIN, THIN_AROUND = 0.012, 6
 """Radius of what joins links, in the sum of their lengths, and its corners."""
 
 
-def link_meshes(body: BodyModel) -> dict[int, Mesh]:
-    """The shapes of each link that has some, and what joins links where shapes leave gaps, in the link's frame; planes
-    and height fields are left out. Of a link's shapes only those for looking at (which collide with nothing), if it has
-    any."""
+Part = tuple[int, tuple[float, float, float] | None]
+"""A link, and the colour of a part of it, 0 to 1; None for the colour of its side."""
+
+
+def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
+    """The shapes of each link that has some, by their colours, in the link's frame; planes and height fields are left
+    out. Of a link's shapes only those for looking at (which collide with nothing), if it has any; else also what joins
+    links where shapes leave gaps, and all in the colour of its side."""
     reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
     return _coarse(range(1, len(body.parent)), partial(_parts, body), reach, MOST_TRIANGLES)
 
 
 def link_shapes(geoms: Sequence[Geom], links: Iterable[int], *, reach: float, most: int) -> dict[int, Mesh]:
-    """The shapes of each of these links that has some, as `link_meshes` has them, of at most about so many triangles.
-    reach: size of the body, m."""
-    return _coarse(links, partial(_shapes, geoms), reach, most)
+    """The shapes of each of these links that has some, as `link_meshes` has them, of at most about so many triangles,
+    whatever their colours. reach: size of the body, m."""
+
+    def parts_of(link: int, around: int, cell: float) -> list[tuple[Part, Mesh]]:
+        return [((link, None), mesh) for _, mesh in _shapes(geoms, link, around, cell)]
+
+    return {link: mesh for (link, _), mesh in _coarse(links, parts_of, reach, most).items()}
 
 
 def _coarse(
-    links: Iterable[int], parts_of: Callable[[int, int, float], list[Mesh]], reach: float, most: int
-) -> dict[int, Mesh]:
-    """The parts of each link that has some as one mesh, as fine as that many triangles allow."""
-    meshes: dict[int, Mesh] = {}
-    links = tuple(links)
+    links: Iterable[int], parts_of: Callable[[int, int, float], list[tuple[Part, Mesh]]], reach: float, most: int
+) -> dict[Part, Mesh]:
+    """The shapes of each part as one mesh, as fine as that many triangles allow."""
+    links, meshes = tuple(links), dict[Part, list[Mesh]]()
     for around in DETAILS:
-        cell = 0.0 if around == DETAILS[0] else reach / (CELLS * around)
-        meshes = {link: joined(parts) for link in links if (parts := parts_of(link, around, cell))}
-        if sum(len(mesh.faces) for mesh in meshes.values()) <= most:
+        cell, meshes = 0.0 if around == DETAILS[0] else reach / (CELLS * around), {}
+        for link in links:
+            for part, mesh in parts_of(link, around, cell):
+                meshes.setdefault(part, []).append(mesh)
+        if sum(len(mesh.faces) for shapes in meshes.values() for mesh in shapes) <= most:
             break
-    return meshes
+    return {part: joined(shapes) for part, shapes in meshes.items()}
 
 
-def _shapes(geoms: Sequence[Geom], link: int, around: int, cell: float) -> list[Mesh]:
+def _shapes(geoms: Sequence[Geom], link: int, around: int, cell: float) -> list[tuple[Geom, Mesh]]:
     geoms = [geom for geom in geoms if geom.body == link]
     geoms = [geom for geom in geoms if not geom.collides] or geoms
-    return [mesh for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
+    return [(geom, mesh) for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
 
 
-def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[Mesh]:
-    parts = _shapes(body.geoms, link, around, cell)
+def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[tuple[Part, Mesh]]:
+    shapes = _shapes(body.geoms, link, around, cell)
+    if any(not geom.collides for geom, _ in shapes):
+        return [((link, geom.colour), mesh) for geom, mesh in shapes]
+    parts = [mesh for _, mesh in shapes]
+    return [((link, None), mesh) for mesh in (*parts, *_rods(body, link, parts))]
+
+
+def _rods(body: BodyModel, link: int, parts: Sequence[Mesh]) -> list[Mesh]:
+    """What joins a link to its children, and to its own shapes where they leave a gap."""
     ends, begin = list(body.body_pos[body.parent == link]), np.zeros(3)
     points = joined(parts).vertices if parts else np.array(ends).reshape(-1, 3)
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (begin, begin)
@@ -174,19 +193,22 @@ def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[Mesh]:
         ends = [end for end in ends if not parts or ((end < low) | (end > high)).any()]
     elif parts and not (np.abs(middle) < 0.5 * (high - low)).all():  # what hangs beside its joint
         ends.append(middle)
-    radius = THIN * float(np.linalg.norm(body.body_pos, axis=1).sum())
+    radius, rods = THIN * float(np.linalg.norm(body.body_pos, axis=1).sum()), []
     for end in ends:
         length = float(np.linalg.norm(end - begin))
         if length > THINNEST:
             rod = shape_mesh(ShapeKind.CYLINDER, (radius, 0.5 * length, 0.0), around=THIN_AROUND)
             turn = rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), end - begin)
-            parts.append(rod.placed(0.5 * (begin + end), turn))
-    return parts
+            rods.append(rod.placed(0.5 * (begin + end), turn))
+    return rods
 
 
 def _geom_mesh(geom: Geom, around: int, cell: float) -> Mesh | None:
-    """A geom in the frame of its link; None for planes and height fields."""
+    """A geom in the frame of its link; None for planes and height fields. around: corners of a circle, fewer of a small
+    one."""
     size = geom.size.tolist()
+    middle = sorted(size)[1] if geom.kind == "ellipsoid" else size[0]  # a radius where it is round
+    around = min(around, max(4 * round(0.25 * around * (middle / FINE) ** 0.5), DETAILS[-2]))
     if geom.kind == "mesh":
         assert geom.triangles is not None
         mesh = _creased(geom.triangles, cell)
@@ -196,7 +218,7 @@ def _geom_mesh(geom: Geom, around: int, cell: float) -> Mesh | None:
     elif geom.kind == "sphere":
         mesh = shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0), around=around)
     elif geom.kind == "box":
-        mesh = _rounded(geom.size)
+        mesh = _rounded(geom.size, around)
     elif geom.kind in ("capsule", "cylinder"):
         mesh = shape_mesh(ShapeKind[geom.kind.upper()], size, around=around)
     else:
@@ -250,22 +272,24 @@ def side_colours(body: BodyModel, named: Mapping[str, int]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SolidBody:
-    """A body to draw. links (m,): those that have meshes, by their numbers, and meshes (m,) in their frames; colours
-    (m, 3), 0 to 1. height: from its lowest to its highest point as the file has it, m."""
+    """A body to draw. links (k,): those that have meshes, by their numbers. meshes (m,) in the frames of their links,
+    owners (m,): which of the k; colours (m, 3), 0 to 1. height: from its lowest to its highest point as the file has
+    it, m."""
 
     body: BodyModel
     links: IntArray
     meshes: tuple[Mesh, ...]
+    owners: IntArray
     colours: FloatArray
     height: float
     kinematics: "_solver.Body"
 
     def as_json(self) -> dict[str, Any]:
-        """What `bodies.js` draws. Meshes are numbered as in `poses`."""
-        return {"height": round(self.height, 4)} | meshes_json(self.meshes, self.colours.tolist())
+        """What `bodies.js` draws. Links are numbered as in `poses`."""
+        return {"height": round(self.height, 4)} | meshes_json(self.meshes, self.colours.tolist(), self.owners.tolist())
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Where its links are in postures (T, nq): (T, m, 7) of position, m, and quaternion wxyz."""
+        """Where its links are in postures (T, nq): (T, k, 7) of position, m, and quaternion wxyz."""
         forward = [self.kinematics.forward(np.ascontiguousarray(posture)) for posture in q]
         return np.array([np.column_stack(pose)[self.links] for pose in forward])
 
@@ -274,17 +298,20 @@ class SolidBody:
         return self.kinematics.centre_of_mass(np.ascontiguousarray(q))
 
 
-def meshes_json(meshes: Iterable[Mesh], colours: Iterable[Sequence[float]]) -> dict[str, Any]:
-    """Meshes and their colours, 0 to 1, as `bodies.js` draws them: vertices in m to a tenth of a millimetre."""
+def meshes_json(
+    meshes: Iterable[Mesh], colours: Iterable[Sequence[float]], links: Iterable[int] | None = None
+) -> dict[str, Any]:
+    """Meshes and their colours, 0 to 1, as `bodies.js` draws them: vertices in m to a tenth of a millimetre. links:
+    numbers of their poses; None if each mesh has its own."""
     return {
         "meshes": [
             {
-                "link": number,
+                "link": link,
                 "vertices": mesh.vertices.round(4).ravel().tolist(),
                 "faces": mesh.faces.ravel().tolist(),
                 "colour": [round(value, 3) for value in colour],
             }
-            for number, (mesh, colour) in enumerate(zip(meshes, colours, strict=False))
+            for link, mesh, colour in zip(count() if links is None else links, meshes, colours, strict=False)
         ]
     }
 
@@ -303,10 +330,13 @@ def solid_body(body: BodyModel, named: Mapping[str, int] | None = None) -> Solid
     """A body in the colours of its sides, see `side_colours`. named: None for the names of the links themselves."""
     if named is None:
         named = {name: link for link, name in enumerate(body.body_names) if link > 0}
-    meshes, colours, kinematics = link_meshes(body), side_colours(body, named), body.solver_body()
-    links = np.array(list(meshes), dtype=np.int64)
+    meshes, sides, kinematics = link_meshes(body), side_colours(body, named), body.solver_body()
+    # A limb shows its side: its links have colours of their own only beside that of the side.
+    shades = [own if own and (sides[link] == MIDDLE or (link, None) in meshes) else rgb(sides[link])
+              for link, own in meshes]  # fmt: skip
+    links, owners = np.unique([link for link, _ in meshes], return_inverse=True)
     position, quat = kinematics.forward(body.qpos0)
-    heights = [mesh.placed(position[link], quat[link]).vertices[:, 2] for link, mesh in meshes.items()]
-    shades = [rgb(colours[link]) for link in meshes]
+    heights = [mesh.placed(position[link], quat[link]).vertices[:, 2] for (link, _), mesh in meshes.items()]
     height = max(float(np.ptp(np.concatenate(heights))), LEAST_M) if heights else LEAST_M
-    return SolidBody(body, links, tuple(meshes.values()), np.array(shades), height, kinematics)
+    links, owners = links.astype(np.int64), owners.astype(np.int64)
+    return SolidBody(body, links, tuple(meshes.values()), owners, np.array(shades), height, kinematics)

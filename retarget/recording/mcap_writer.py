@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from hardware.clock import thread_cpu
-from retarget.errors import UsageError
+from retarget.errors import UsageError, install_step
 from retarget.recording.cdr import layout_of, schema
 from retarget.recording.npz import MAX_BYTES
 from retarget.recording.session import ConfigFile, Session
@@ -49,7 +49,7 @@ def require_mcap(where: str) -> None:
         raise UsageError(
             "recordings need the library mcap, which is not installed",
             where=where,
-            next_step="Install it: pip install 'retarget[record]'",
+            next_step=install_step("mcap"),
         ) from None
 
 

@@ -1,1 +1,1 @@
-"""What a run says about itself: metrics, JSON, an HTML page and pictures."""
+"""What a run says about itself: metrics, words and JSON."""

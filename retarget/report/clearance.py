@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget import _solver
-from retarget.model.body import BodyModel
 from retarget.model.body_file import BodyFile, Root, compile_body, compile_body_text
-from retarget.model.observers import Observers, placed
 from retarget.model.robot import RobotBody
 from retarget.model.scene_shapes import SceneShapes, ShapeKind, mujoco_geom
 from retarget.model.scene_state import SceneState
@@ -56,34 +53,31 @@ class ClosestPairs:
 
     def look(self, distances: Distances, bounds: Bounds, count: int) -> None:
         """Look at the next `count` postures, which both functions number from 0."""
-        for rows in blocks(count):
-            self._look(distances, bounds, np.arange(count)[rows])
-        self._seen += count
-
-    @property
-    def found(self) -> Closest:
-        """The nearest pair so far."""
-        return Closest(self._smallest, *self._at, tuple(self._deeper))
-
-    def _look(self, distances: Distances, bounds: Bounds, postures: IntArray) -> None:
-        if not len(postures):
+        if not count:
             return
+        postures = np.arange(count)
         bound = bounds(postures) - ROUND_OFF_M
         # First the pair of each posture that may be nearest; then all that may be nearer, or deep.
         which = bound.argmin(axis=1)
         found = distances(postures, which)
         least = min(self._smallest, float(found.min()))
         rows, others = np.nonzero(bound < max([least, *(-depth for depth in self._tolerances)]))
-        found = np.append(found, distances(postures[rows], others))
-        rows, which = np.append(np.arange(len(postures)), rows), np.append(which, others)
-        nearest = np.full(len(postures), np.inf)  # [m]
+        found = np.append(found, distances(rows, others))
+        rows, which = np.append(postures, rows), np.append(which, others)
+        nearest = np.full(count, np.inf)  # [m]
         np.minimum.at(nearest, rows, found)
         for number, depth in enumerate(self._tolerances):
             self._deeper[number] += int(np.count_nonzero(nearest < -depth))
         best = np.lexsort((which, rows, found))[0]
         if found[best] < self._smallest:
             self._smallest = float(found[best])
-            self._at = (self._seen + int(postures[rows[best]]), int(which[best]))
+            self._at = (self._seen + int(rows[best]), int(which[best]))
+        self._seen += count
+
+    @property
+    def found(self) -> Closest:
+        """The nearest pair so far."""
+        return Closest(self._smallest, *self._at, tuple(self._deeper))
 
 
 # The geoms of a body over many postures, and MuJoCo's distance between two of them.
@@ -148,7 +142,7 @@ class MovingGeoms:
 
 
 def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
-    """The geoms of every link of a compiled body, but not those of the world, in postures (T, nq)."""
+    """The geoms of a compiled body as `geoms_of_links` has them, in postures (T, nq)."""
     import mujoco
 
     data, chosen = mujoco.MjData(model), geoms_of_links(model)
@@ -163,8 +157,10 @@ def moving_geoms(model: Any, postures: FloatArray) -> MovingGeoms:
 
 
 def geoms_of_links(model: Any) -> IntArray:
-    """Numbers (g,) of the geoms of every link of a compiled body, but not those of the world."""
-    return np.flatnonzero(np.asarray(model.geom_bodyid) > 0)
+    """Numbers (g,) of the geoms of every link of a compiled body: those that collide with something, else all."""
+    owner = np.asarray(model.geom_bodyid)
+    collides = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
+    return np.flatnonzero((owner > 0) & (collides | ~np.isin(owner, owner[collides])))
 
 
 # Obstacles of a scene among the geoms of a body, in one MuJoCo model.
@@ -204,8 +200,6 @@ def scene_model(body: BodyFile, shapes: SceneShapes) -> tuple[Any, IntArray]:
 
 # Which geoms of a body are compared with each other.
 
-Pair = tuple[int, int]
-
 
 def compared_pairs(
     model: Any, links: IntArray, geoms: IntArray, *, neutral: FloatArray, ignored: Iterable[tuple[str, str]] = ()
@@ -216,34 +210,30 @@ def compared_pairs(
     excludes; of `ignored` pairs of links; of pairs of links that touch in the posture `neutral` (nq,).
     """
     never = _never_compared(model, ignored)
-    first, second = np.triu_indices(len(geoms), 1)
-    welded = np.asarray(model.body_weldid)[links]
-    apart = links[first] != links[second]
+    pairs = np.column_stack(np.triu_indices(len(geoms), 1))
+    first, second = links[pairs].T
+    welded = np.asarray(model.body_weldid)[links[pairs]].T
     # Links on a base that is fixed to the world are all welded to it, and yet may meet.
-    apart &= (welded[first] != welded[second]) | (welded[first] == 0)
-    pairs = np.column_stack([first, second])[apart]
-    named = np.array([_pair(links[a], links[b]) not in never for a, b in pairs], dtype=np.bool_)
-    pairs = pairs[named]
-    touching = {_pair(a, b) for a, b in links[pairs[_touching(model, geoms[pairs], neutral)]]}
-    kept = np.array([_pair(links[a], links[b]) not in touching for a, b in pairs], dtype=np.bool_)
-    return np.asarray(pairs[kept])
+    apart = (first != second) & ((welded[0] != welded[1]) | (welded[0] == 0)) & ~never[first, second]
+    pairs = pairs[apart]
+    first, second = links[pairs].T
+    touching, met = _touching(model, geoms[pairs], neutral), np.zeros_like(never)
+    met[first[touching], second[touching]] = met[second[touching], first[touching]] = True
+    return np.asarray(pairs[~met[first, second]])
 
 
-def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> set[Pair]:
-    """Pairs of links that are left out whatever the neutral posture is."""
+def _never_compared(model: Any, ignored: Iterable[tuple[str, str]]) -> NDArray[np.bool_]:
+    """Pairs of links (links, links) that are left out whatever the neutral posture is."""
     weld, parent = np.asarray(model.body_weldid), np.asarray(model.body_parentid)
-    never = set()
-    for link in range(1, model.nbody):
-        never.add(_pair(link, parent[link]))
-        # Of links that no joint parts, all are neighbours of what the joint hangs on.
-        for other in range(1, model.nbody):
-            if weld[other] and weld[link] != weld[other] and weld[parent[weld[link]]] == weld[other]:
-                never.add(_pair(link, other))
-    for signature in model.exclude_signature:
-        never.add(_pair(int(signature) >> 16, int(signature) & 0xFFFF))
+    # Of links that no joint parts, all are neighbours of what the joint hangs on.
+    above = weld[parent[weld]]
+    never = (above[:, None] == weld) & (weld[:, None] != weld) & (weld != 0)
+    never[np.arange(model.nbody), parent] = True
+    excluded = np.asarray(model.exclude_signature, dtype=np.int64)
+    never[excluded >> 16, excluded & 0xFFFF] = True
     for first, second in ignored:
-        never.add(_pair(model.body(first).id, model.body(second).id))
-    return never
+        never[model.body(first).id, model.body(second).id] = True
+    return np.asarray(never | never.T)
 
 
 def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
@@ -255,10 +245,6 @@ def _touching(model: Any, pairs: IntArray, q: FloatArray) -> NDArray[np.bool_]:
     mujoco.mj_kinematics(model, data)
     distances = [mujoco.mj_geomDistance(model, data, int(a), int(b), FAR_M, None) for a, b in pairs]
     return np.array(distances) <= 0.0
-
-
-def _pair(first: int, second: int) -> Pair:
-    return (int(min(first, second)), int(max(first, second)))
 
 
 TOUCH_M = 1e-6
@@ -280,11 +266,6 @@ class Clearance:
     pair: tuple[str, str] | None
     row: int | None = None
     deep: int = 0
-
-    @property
-    def deepest(self) -> float:
-        """Depth of the deepest penetration, m; 0 without one."""
-        return max(0.0, -(self.smallest or 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,80 +358,7 @@ def place_body(body: Path | str, postures: FloatArray, *, root: Root | None = No
     return PlacedBody(file, postures if len(rows) == len(postures) else postures[rows], rows)
 
 
-# How near a body's observers came to each other and to a scene: on their own shapes, by the solver's own distances.
-
-Measure = Callable[..., Any]
-"""`_solver.shape_distances`, or the bound of these."""
-
-
-@dataclass(frozen=True, eq=False)
-class MovingShapes:
-    """n shapes in T postures: kinds (n,) and sizes (n, 3) as in `scene_shapes`, position (T, n, 3) m and quat (T, n, 4)
-    wxyz of their canonical frames."""
-
-    kinds: IntArray
-    sizes: FloatArray
-    position: FloatArray
-    quat: FloatArray
-
-    def measured(self, measure: Measure, rows: IntArray, pairs: IntArray) -> Any:
-        """What `measure` says of pairs (m, 2) in postures (m,)."""
-        sides = [(self.kinds[of], self.sizes[of], self.position[rows, of], self.quat[rows, of]) for of in pairs.T]
-        return measure(*sides[0], *sides[1])
-
-    def look(self, closest: ClosestPairs, pairs: IntArray) -> None:
-        """Look at the distances of pairs (P, 2) in all T postures."""
-
-        def distances(rows: IntArray, which: IntArray) -> FloatArray:
-            return np.asarray(self.measured(_solver.shape_distances, rows, pairs[which])[0])
-
-        def bounds(rows: IntArray) -> FloatArray:
-            every, which = (index.ravel() for index in np.meshgrid(rows, np.arange(len(pairs)), indexing="ij"))
-            found = self.measured(_solver.shape_gaps_at_least, every, pairs[which])
-            return np.asarray(found).reshape(len(rows), len(pairs))
-
-        if len(pairs):
-            closest.look(distances, bounds, len(self.position))
-
-
-def observer_clearance(
-    body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
-) -> tuple[float | None, float | None, float | None]:
-    """Smallest distance (m, negative inside) in postures q (T, nq) at `times` (T,): of pairs that are looked at, to any
-    obstacle, and to the ground. None: nothing to look at."""
-    if not len(q):
-        return None, None, None
-    own_pairs, scene_pairs, ground_pairs = observers.pairs, observers.pairs[:0], observers.pairs[:0]
-    if scene is not None and scene.shapes.names:
-        pairs, _ = observers.obstacle_pairs(scene.shapes)
-        on_ground, pairs = scene.shapes.ground[pairs[:, 1]], pairs + np.array([0, len(observers.kinds)])
-        scene_pairs, ground_pairs = pairs[~on_ground], pairs[on_ground]
-    looks = [(pairs, ClosestPairs(())) for pairs in (own_pairs, scene_pairs, ground_pairs)]
-    for rows in blocks(len(q)):
-        shapes = _shapes(body, observers, q[rows], scene=scene, times=times[rows])
-        for pairs, closest in looks:
-            shapes.look(closest, pairs)
-    own, obstacles, ground = (closest.found.smallest if len(pairs) else None for pairs, closest in looks)
-    return own, obstacles, ground
-
-
-def _shapes(
-    body: BodyModel, observers: Observers, q: FloatArray, *, scene: SceneState | None, times: FloatArray
-) -> MovingShapes:
-    """The shapes of observers in postures q (T, nq), then those of the scene at `times` (T,)."""
-    own = MovingShapes(observers.kinds, observers.sizes, *placed(body, observers, q))
-    if scene is None or not scene.shapes.names:
-        return own
-    poses, shapes = [scene.at(max(float(time), 0.0)) for time in times], scene.shapes
-    return MovingShapes(
-        np.concatenate([own.kinds, shapes.kinds]),
-        np.concatenate([own.sizes, shapes.sizes]),
-        np.concatenate([own.position, np.stack([pose.position for pose in poses])], axis=1),
-        np.concatenate([own.quat, np.stack([pose.quat for pose in poses])], axis=1),
-    )
-
-
-# How near the last stage's body came to itself and to its scene in a run: on its own geoms, and on its observers.
+# How near the last stage's body came to itself and to its scene in a run, on its own geoms.
 
 NEUTRAL = "attractor"
 """The human's posture in which pairs that touch are left out."""
@@ -475,31 +383,25 @@ def robot_clearances(
     return to_itself, placed.to_scene(scene, times), placed.to_ground(scene, times, soles=standing)
 
 
-def clearances(run: RunResult) -> tuple[dict[str, Any], Clearances]:
-    """The clearance of the postures that were sent to a robot, or else of the reconstructed human: on its own geoms, by
-    the keys of the report, and of its observers. Of ticks that penetrate, one that does both counts twice."""
+def clearances(run: RunResult) -> dict[str, Any]:
+    """The clearance of the postures that were sent to a robot, or else of the reconstructed human, by the keys of the
+    report. Of ticks that penetrate, one that does both counts twice."""
     robot, sent, times = run.robot, run.record.robot, np.maximum(run.record.time, 0.0)
     if robot is not None and sent is not None:
-        body, q = robot.body, sent.q
-        to_itself, to_scene, to_ground = robot_clearances(robot, q, run.scene, times)
+        to_itself, to_scene, to_ground = robot_clearances(robot, sent.q, run.scene, times)
     else:
-        body, q = run.human.body, run.record.human_q
-        placed = place_body(run.human.mjcf, q)
+        placed = place_body(run.human.mjcf, run.record.human_q)
         to_itself, to_scene, to_ground = placed.to_itself(neutral=run.human.posture(NEUTRAL)), NOTHING, NOTHING
         if run.scene is not None:
             to_scene, to_ground = placed.to_scene(run.scene, times), placed.to_ground(run.scene, times, soles=())
     compared = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
-    seen: tuple[float | None, float | None, float | None] = (None, None, None)
-    if run.observers is not None:
-        seen = observer_clearance(body, run.observers, q, scene=run.scene, times=run.record.time)
     deep = sum(part.deep for part in compared) if compared else None
-    found = {
+    return {
         "min_clearance_mm": Clearances(in_mm(to_itself.smallest), in_mm(to_scene.smallest), in_mm(to_ground.smallest)),
         "penetrating_frames": sum(part.penetrating for part in compared) if compared else None,
         "deep": DeepReport(deep, to_scene.pair, to_ground.pair),
         "closest_links": to_itself.pair,
     }
-    return found, Clearances(*(in_mm(distance) for distance in seen))
 
 
 def in_mm(metres: float | None) -> float | None:

@@ -225,11 +225,6 @@ class RunFigures:
         )
 
     @property
-    def lag_ms(self) -> float | None:
-        """Lag of a robot."""
-        return None if self.robot is None or self.report.lag_s is None else 1e3 * self.report.lag_s
-
-    @property
     def latency(self) -> str:
         """As `latency_line`, of a robot."""
         return "" if self.robot is None else latency_line(self.report)
@@ -290,11 +285,6 @@ class RunFigures:
         """The least distances, and between what they were."""
         known = {kind: mm for kind, mm in vars(self.report.min_clearance_mm).items() if mm is not None}
         return {kind: gap_words(mm, CLOSEST[kind](self.report)) for kind, mm in known.items()}
-
-    @property
-    def contact(self) -> float | None:
-        """Share of the ticks in which an observer was in contact; None without any."""
-        return (self.report.observers.reactive_share or None) if self.report.observers else None
 
     @property
     def refused(self) -> str:
@@ -368,8 +358,6 @@ class RunFigures:
     def ended_early(self) -> bool:
         """True if the run did not go on to its end."""
         return self.report.stop.reason is not None
-
-    # What only the sentence says.
 
     # What only the sentence says.
 
@@ -454,9 +442,12 @@ def heading(report: Report) -> str:
     return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {played}"
 
 
-def remarks(run: RunResult, report: Report, notes: Sequence[str]) -> list[str]:
-    """The lines that matter, at most `MOST_REMARKS`: limits that were not kept, but for what the sentence says; what
-    was not followed; the pair that the gate refused most; and notes."""
+def remarks(
+    run: RunResult, report: Report, notes: Sequence[str], *, most: int = MOST_REMARKS, kept_back: int = 0
+) -> list[str]:
+    """The lines that matter, at most `most`: limits that were not kept, but for what the sentence says; what was not
+    followed; the pair that the gate refused most; and notes. The last one counts holds, notices that were kept back,
+    and the lines that are left out."""
     known = findings(run, report)
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
     lines = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]
@@ -465,8 +456,11 @@ def remarks(run: RunResult, report: Report, notes: Sequence[str]) -> list[str]:
     if refused and (report.gated_frames or 0) > CHANGED * report.ticks:
         said.append(f"the gate changed {report.gated_frames} of {report.ticks} goals, {refused}")
     lines += [f"note: {text}" for text in (*said, *notes)]
-    more = len(lines) - MOST_REMARKS
-    return [*lines[: MOST_REMARKS - 1], f"and {more + 1} more lines: --verbose"] if more > 0 else lines
+    counts = [] if run.live is None or not run.live.holds.count else [f"held {counted(run.live.holds.count, 'time')}"]
+    counts += [counted(kept_back, "more notice")] if kept_back else []
+    shown = len(lines) if len(lines) + bool(counts) <= most else most - 1
+    counts += [counted(len(lines) - shown, "more line")] if shown < len(lines) else []
+    return [*lines[:shown], *([f"{', '.join(counts)}: --verbose"] if counts else [])]
 
 
 def sentence(run: RunResult, report: Report) -> str:

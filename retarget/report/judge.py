@@ -14,7 +14,7 @@ from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from retarget.frames import SensorFrames
 from retarget.human.posture_prior import CarryingFeet
-from retarget.human.samples import Clip, Playback
+from retarget.human.samples import Playback
 from retarget.ik.support_polygon import plant
 from retarget.model.human import PostureReader
 from retarget.model.robot import RobotBody, load_robot
@@ -279,16 +279,12 @@ def _human_run(source: SensorFrames, robot: RobotBody, rate: float, lasts: float
     found = clip(False)
     if found.clip.left_out is None:
         return found
-    off = abs(_lasts(found.clip) - lasts), abs(source.duration_s - lasts)
+    off = abs(len(found.clip) * found.clip.dt - lasts), abs(source.duration_s - lasts)
     return found if off[0] <= off[1] else clip(True)
 
 
 def _no_bus(robot: RobotBody, clock: Clock) -> ServoBus:
     raise AssertionError("a human alone has no bus")
-
-
-def _lasts(clip: Clip) -> float:
-    return len(clip) * clip.dt
 
 
 def _goes(robot: RobotBody, q: FloatArray) -> bool:
@@ -346,25 +342,10 @@ class JudgedFigures:
         return getattr(self.found, name)
 
     @property
-    def beyond(self) -> dict[str, BeyondLimit]:
-        """The limits that were broken at all."""
-        return {kind: limit for kind, limit in self.found.limits.items() if limit.share}
-
-    @property
     def gaps(self) -> dict[str, str]:
         """The least distances, and between what they were."""
         known = {part: near for part, near in self.found.clearance.items() if near.clearance_mm is not None}
         return {part: gap_words(near.clearance_mm or 0.0, near.pair, inside="inside") for part, near in known.items()}
-
-    @property
-    def deep(self) -> dict[str, float]:
-        """Shares of the time, where they are not 0."""
-        return {part: near.deep_share for part, near in self.found.clearance.items() if near.deep_share}
-
-    @property
-    def air_mm(self) -> float | None:
-        """Highest of the lowest corner, of a robot whose soles leave the floor."""
-        return self.found.feet.air_mm if self.found.feet is not None and self.found.feet.air_share else None
 
     @property
     def frozen_beside(self) -> float | None:
@@ -376,12 +357,6 @@ class JudgedFigures:
         """Mean error of all landmarks, and of the worst."""
         means = [] if self.found.report is None else [one.mean for one in self.found.report.tracking_mm.values()]
         return {"mean": float(np.mean(means)), "worst": max(means)} if means else {}
-
-    @property
-    def lag_ms(self) -> float | None:
-        """Lag behind the performer."""
-        lag = None if self.found.report is None else self.found.report.lag_s
-        return None if lag is None else 1e3 * lag
 
 
 FROM_REPORT = (

@@ -44,13 +44,14 @@ def figure_of(seen: object, path: object) -> Any:
 
 
 def _in_words(value: Any, form: str) -> str:
-    """A figure in its format; "" where it is not known. `#tick|none`: so many ticks, or the word for none."""
-    if value is None:
+    """A figure in its format; "" where it is not known. `#tick|none`: so many ticks, or the word for none; `?`: as
+    unknown where it is 0."""
+    if value is None or (form.startswith("?") and not value):
         return ""
     if form.startswith("#"):
         thing, _, none = form[1:].partition("|")
         return counted(value, thing) if value else none
-    return format(value, form)
+    return format(value, form.removeprefix("?"))
 
 
 def in_words(text: str | Sequence[str], seen: object) -> str:

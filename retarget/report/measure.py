@@ -390,14 +390,13 @@ def limits_broken(run: RunResult) -> LimitViolations:
 
 def _clearances(run: RunResult) -> Part:
     """How near the last stage's body came to anything, and what its observers did in the ticks that followed."""
-    (found, of_observers), sent = clearances(run), run.record.robot
+    found, sent = clearances(run), run.record.robot
     modes = run.record.human_observer_modes if sent is None else sent.observer_modes
     dt = run.clip.motion_dt if sent is None else run.clip.dt
     seen = observer_activity(modes[run.record.following], run.observer_names, dt)
     if seen is None:
         return found
-    own = ObserversReport(of_observers, seen.activations, seen.reactive)
-    return found | {"mode_switches_per_s": seen.switches, "observers": own}
+    return found | {"mode_switches_per_s": seen[0], "observers": ObserversReport(seen[1])}
 
 
 def _standing(run: RunResult) -> Part:

@@ -146,34 +146,6 @@ def beyond_limits(
 
 
 @dataclass(frozen=True)
-class LimitShares:
-    """Shares of the ticks that followed in which a joint at least is at its limit."""
-
-    position: float
-    velocity: float
-    acceleration: float
-
-
-AT_LIMIT = 0.999
-"""Share of its largest speed or acceleration from which on a joint is at it."""
-AT_POSITION = 1e-4
-"""Nearer to the limit of its position than this, rad or m, a joint is at it."""
-
-
-def limit_shares(run: RunResult) -> LimitShares | None:
-    """How often the joints that a run moves are at their limits; None where fewer than three ticks followed."""
-    moved = moved_joints(run)
-    q, limits, dt = moved.positions[run.record.following], moved.limits, moved.dt
-    if len(q) < 3 or not moved.names:
-        return None
-    step = np.diff(q, axis=0)
-    near = (q < limits.lower + AT_POSITION) | (q > limits.upper - AT_POSITION)
-    fast = np.abs(step) >= AT_LIMIT * dt * limits.max_velocity
-    hard = np.abs(np.diff(step, axis=0)) >= AT_LIMIT * dt**2 * limits.max_acceleration
-    return LimitShares(*(float(at.any(axis=1).mean()) for at in (near, fast, hard)))
-
-
-@dataclass(frozen=True)
 class Nearest:
     """The joint that used most of its limit. value: what it did; limit: what it may do; rad, s (or m)."""
 
@@ -364,8 +336,8 @@ def spans(flags: BoolArray) -> list[tuple[int, int]]:
 
 # How calm and how busy collision observers were, from their modes at every tick.
 
-FREE, PREVENTIVE, REACTIVE = 0, 1, 2
-"""Modes: nothing near; the approach of the part is damped; the part is pushed out."""
+REACTIVE = 2
+"""Mode of an observer that pushes its part out; 0: nothing is near, 1: the approach is damped."""
 
 
 @dataclass(frozen=True)
@@ -377,20 +349,9 @@ class ModeSwitches:
     name: str | None
 
 
-@dataclass(frozen=True)
-class ObserverActivity:
-    """switches: from any mode to any other. activations: how often an observer became active, all together.
-
-    reactive: share of the ticks in which any observer was.
-    """
-
-    switches: ModeSwitches
-    activations: int
-    reactive: float
-
-
-def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> ObserverActivity | None:
-    """Compute the activity of observers from their modes (T, n), `dt` s apart; None without ticks or observers."""
+def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: float) -> tuple[ModeSwitches, float] | None:
+    """The changes of the modes (T, n) of observers, `dt` s apart, and the share of ticks in which any pushes its part
+    out; None without ticks or observers."""
     ticks, count = modes.shape
     if count != len(names):
         raise ValueError(f"{len(names)} names for {count} observers")
@@ -400,12 +361,8 @@ def observer_activity(modes: NDArray[np.uint8], names: tuple[str, ...], dt: floa
     per_second = changed.sum(axis=0) / (max(ticks - 1, 1) * dt)  # (n,) [1/s]
     worst = int(np.argmax(per_second))
     name = names[worst] if per_second[worst] > 0.0 else None
-    begun = np.vstack([modes[:1] != FREE, (modes[1:] != FREE) & (modes[:-1] == FREE)])
-    return ObserverActivity(
-        switches=ModeSwitches(float(per_second.mean()), float(per_second[worst]), name),
-        activations=int(np.count_nonzero(begun)),
-        reactive=float((modes == REACTIVE).any(axis=1).mean()),
-    )
+    switches = ModeSwitches(float(per_second.mean()), float(per_second[worst]), name)
+    return switches, float((modes == REACTIVE).any(axis=1).mean())
 
 
 # What the report says of the simulated mechanics of a run.

@@ -6,15 +6,14 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from retarget.errors import UsageError
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
 from retarget.run.run_result import RefusedPair
-from retarget.schema.files import check_folder, check_path, check_place, make_folder, write_atomic
+from retarget.schema.catalogue import HUMAN
+from retarget.schema.files import make_folder, write_atomic
 
 DIGITS = 6
 """Significant digits of every number."""
-FILE_NAME, PAGE_NAME = "report.json", "report.html"
 
 
 @dataclass(frozen=True)
@@ -100,13 +99,8 @@ class DeepReport:
 
 @dataclass(frozen=True)
 class ObserversReport:
-    """clearance_mm: smallest distances of the observers' own shapes. activations: how often one became active.
+    """reactive_share: of the ticks that followed, those in which one was in contact."""
 
-    reactive_share: of the ticks that followed, those in which one was in contact.
-    """
-
-    clearance_mm: Clearances
-    activations: int
     reactive_share: float
 
 
@@ -154,132 +148,142 @@ class Unfollowed:
 class Report:
     """One run. Keys up to `stop` are stable; those after it say more and may grow.
 
-    frames: of the source. ticks: of the bus. frames_per_s: source frames per second of wall time in the loop. solve_us,
-    reconstruct_us, retarget_us: thread CPU per tick. tracking_mm: of a robot, landmark sent against landmark asked at
-    the same tick, lag included; of a human, joint against sensor. lag_s: of the same. unsensed_mm: joints without
-    sensor, against the recorded body. priority_violation_max: largest error of a task of the highest level, mm or mrad.
-    min_clearance_mm: on the body's own geoms; penetrating_frames: ticks in which they are in each other or in the
-    scene, by anything. closest_links: what came closest. refused_pair: null where no goal was refused for a pair.
-    mode_switches_per_s: of observers, mean and worst. limit_violations: values beyond a limit by more than
-    `motion_metrics.TOLERANCE`. jerk_p95: rad/s^3.
-
-    sensors_mm: as tracking_mm, of the reconstructed human. servo_tracking_mm: as tracking_mm, of where the servos were.
-    servo_error_deg: how far each servo stood from the goal of the tick before. no_command_frames: ticks without a goal,
-    in which the gate braked; not among gated_frames. likeness_deg: angles between limbs of the robot and of the
-    performer; trunk_lean_deg: how far the trunk leans from where the performer's does; both while it followed.
-    likeness_recorded_deg: the same limbs and `trunk_lean` against the recorded body, in the heading of the
-    reconstruction; null where the file does not know it whole. legs_away_s: longest time that each thigh and shank was
-    more than 45 degrees off, from the recorded body where it is known. pelvis_height_mm: how much too high or low the
-    pelvis was. best_likeness_deg: the same of arms and `trunk_lean` at their best, as far as limits and self-collision
-    allow with the trunk as asked; null where it was not asked for. travelled_m: diagonal of the ground that the pelvis
-    covers; turned_deg: range of the heading; foot_path_ratio: of feet, against the performer's. In physics, likeness,
-    hands, heights, paths, travel and turns are those of the simulated body. reachable_hands_mm: mean error of each
-    hand, seen from its shoulder, of both, and of the worse, at the ticks at which it was asked where the arm gets from
-    the torso that was asked; reachable_share: of the ticks that followed, those; hands_away_s: longest time that each
-    hand was more than 150 mm off at such ticks.
-    unfollowed: postures of the performer that the robot cannot take, with their times, from the recorded body where it
-    is known; null of a robot that does not stand on planted soles, or whose legs do not follow.
-    fallen, physics: as the simulation saw it; null without.
-    imu: null where there is none. steps: null of a robot that makes none. live: of the stream, null of a file.
-    latency_ms: by stage, and hand_to_shaft_ms: of the whole way, see `retarget.report.latency`.
+    In physics, likeness, hands, heights, paths, travel and turns are those of the simulated body. Figures that compare
+    with the performer are of the ticks that followed, lag included.
     """
 
     frames: int
+    """Frames of the source that were played."""
     ticks: int
+    """Ticks of the bus."""
     duration_s: float
+    """Seconds to the end, braking and the path to rest included."""
     rate_hz: float
+    """Ticks per second of the robot."""
     frames_per_s: float
+    """Source frames per second of wall time in the loop."""
     solve_us: Percentiles
+    """Thread CPU per tick, both stages."""
     reconstruct_us: Percentiles
+    """Thread CPU per tick, the human's stage."""
     retarget_us: Percentiles | None = None
+    """Thread CPU per tick, the robot's stage."""
     tracking_mm: dict[str, Spread]
+    """Landmarks of a robot against their targets at the same tick; joints of a human against sensors."""
     lag_s: float | None
+    """Delay at which targets and landmarks correlate best; null of a run that is too short."""
     hand_path_ratio: float | None = None
+    """Length of the hands' paths over that of their targets: a frozen robot shows 0."""
     pelvis_excursion_ratio: float | None = None
+    """The same ratio for the pelvis."""
     unsensed_mm: dict[str, float] | None = None
+    """Joints without a sensor, against the recorded body."""
     min_clearance_mm: Clearances
+    """Smallest distances on the body file's own geoms, by MuJoCo."""
     penetrating_frames: int | None
+    """Ticks in which links overlap each other, an obstacle or the floor by more than 1 um."""
     gated_frames: int | None = None
+    """Ticks in which the gate sent something else."""
     limit_violations: LimitViolations
+    """Values beyond a limit by more than `motion_metrics.TOLERANCE`, by finite differences of the goals."""
     priority_violation_max: float | None
+    """Largest error of a task of the highest level, mm or mrad."""
     com_outside_support_frames: int | None = None
+    """Ticks with the centre of mass outside the hull of the soles."""
     foot_slide_mm: float | None = None
+    """Farthest slide of a sole while it touched."""
     jerk_p95: float | None
+    """Jerk of joints, rad/s^3."""
     fallen: bool | None = None
+    """True if the robot fell in the simulation; null without one."""
     mode_switches_per_s: ModeSwitches | None = None
+    """Changes of mode of observers, mean and worst."""
     bus: BusReport | None
+    """Rate, periods, retries and faults of the bus; the hottest servo and the lowest voltage."""
     stop: StopReport
+    """Last state of the run, and the reason of a stop."""
     sensors_mm: dict[str, Spread]
+    """Joints of the reconstructed human against their sensors."""
     servo_tracking_mm: dict[str, Spread] | None = None
+    """As `tracking_mm`, of where the servos were."""
     servo_error_deg: dict[str, Spread] | None = None
+    """Distance of each servo from the goal of the tick before."""
     no_command_frames: int | None = None
+    """Ticks without a goal, in which the gate braked; not among `gated_frames`."""
     likeness_deg: dict[str, Spread] | None = None
+    """Angles between limbs of robot and performer: upper arms, forearms, thighs, shanks."""
     trunk_lean_deg: Spread | None = None
+    """Angle between the leans of the trunks of robot and performer."""
     likeness_recorded_deg: dict[str, Spread] | None = None
+    """The same limbs and `trunk_lean` against the recorded body; null where the file does not know it whole."""
     legs_away_s: dict[str, float] | None = None
+    """Longest time that each thigh and shank was more than 45 degrees off, from the recorded body where it is known."""
     pelvis_height_mm: Spread | None = None
+    """Height of the pelvis above or below its target."""
     best_likeness_deg: dict[str, Spread] | None = None
+    """Likeness of arms and `trunk_lean` at the best posture of each instant that limits and self-collision allow; null
+    where it was not asked for."""
     travelled_m: BothMoved
+    """Diagonal of the ground that the pelvis covers."""
     turned_deg: BothMoved
+    """Range of the heading, which is low-passed."""
     foot_path_ratio: float | None = None
+    """Length of the feet's paths over the performer's."""
     reachable_hands_mm: dict[str, float] | None = None
+    """Mean error of each hand, seen from its shoulder, of both, and of the worse, in ticks in which the arm is long
+    enough to reach its target from the planned torso."""
     reachable_share: dict[str, float] | None = None
+    """Share of such ticks among those that followed."""
     hands_away_s: dict[str, float] | None = None
+    """Longest time that each hand was more than 150 mm off in such ticks."""
     unfollowed: tuple[Unfollowed, ...] | None
+    """Postures of the performer that the robot cannot take, with their times, from the recorded body where it is known;
+    null of a robot that does not stand on planted soles, or whose legs do not follow."""
     com_margin_mm: float | None = None
+    """Smallest distance of the centre of mass from the edge of the soles."""
     soles: Soles | None = None
+    """Worst height and tilt of the soles."""
     closest_links: tuple[str, str] | None
+    """The links that came closest."""
     refused_pair: RefusedPair | None = None
+    """Links, or link and obstacle, for which the gate refused goals in most ticks; null where it refused none."""
     deep: DeepReport
+    """Overlaps of more than 1 mm, and the links of the other clearances."""
     observers: ObserversReport | None = None
+    """Clearance and activity of the observers."""
     physics: PhysicsReport | None
+    """Falls in the simulation, `toppled` at rest, centre of pressure, slip, torque, temperature."""
     imu: ImuReport | None = None
+    """Tilt by the IMU; null without one."""
     steps: StepsReport | None = None
+    """Steps of a robot that makes some."""
     live: LiveReport | None
+    """Frames of a stream, dropped ones with reasons, lost sensors, holds; null of a file."""
     latency_ms: dict[str, TimePercentiles] | None
+    """Delay of a hand's motion on its path to the shafts, by stage, see `retarget.report.latency`."""
     hand_to_shaft_ms: TimePercentiles | None
+    """Delay of the whole path."""
     robot: str
+    """Robot of the run."""
     source: str
+    """Motion file or address."""
     performer: str
+    """Sensors that were followed."""
     priorities: tuple[str, ...]
+    """Priority files of both stages."""
     speed: float
+    """1 is the performer's."""
     notes: tuple[str, ...]
+    """Guesses, warnings, and what was left out."""
+
+    @property
+    def lag_ms(self) -> float | None:
+        """The lag of a robot, ms; None of a human alone."""
+        return None if self.robot == HUMAN or self.lag_s is None else 1e3 * self.lag_s
 
     def as_json(self) -> str:
         """The report as JSON text; numbers that are not finite become null."""
         return json.dumps(plain(self), indent=2, allow_nan=False) + "\n"
-
-
-def report_path(text: str | Path) -> Path:
-    """Path of a report: FILE.json, or `report.json` in a folder, which need not be there yet.
-
-    Raises UsageError if it cannot be written there.
-    """
-    path = Path(text)
-    check_path(path, option="--report")
-    page = page_path(path)
-    if page is not None:
-        check_folder(page.parent, option="--report")
-        return page.with_name(FILE_NAME)
-    if path.suffix.lower() != ".json":
-        raise UsageError(
-            "a report is a JSON file, or a folder with that and a page",
-            where="--report",
-            found=str(path),
-            allowed="FILE.json, or a folder",
-            next_step=f"Give {path.with_suffix('.json').name}, or {path.stem} for both",
-        )
-    check_place(path, option="--report")
-    return path
-
-
-def page_path(text: str | Path) -> Path | None:
-    """Path of the page of a report: `report.html` in the folder that is given; None where a file is meant.
-
-    A name that is not there yet is a folder's, unless it ends like a file's.
-    """
-    path = Path(text)
-    return path / PAGE_NAME if path.is_dir() or not path.suffix[1:].isalpha() else None
 
 
 def write_report(report: Report, path: Path) -> None:

@@ -13,14 +13,14 @@ from retarget._solver import PoseFilter
 from retarget.frames import SensorSample, on_grid
 from retarget.human.pose_validation import JumpDetection, ValidityState
 from retarget.human.samples import Clip
-from retarget.live.performer import TOO_SHORT, WORDS
+from retarget.live.performer import TOO_SHORT, lost_words
 from retarget.live.sensor_validity import Debounce, Engagement
 from retarget.types import BoolArray
 
 
 def _jumped_words(names: tuple[str, ...], jumped: BoolArray) -> str:
     """Name those of k sensors that have jumped, in a few words; "" for none."""
-    return ", ".join(f"{name}: {WORDS[ValidityState.JUMPED]}" for name in compress(names, jumped.tolist()))
+    return lost_words(dict.fromkeys(compress(names, jumped.tolist()), ValidityState.JUMPED))
 
 
 class RecordedPerformer:

@@ -1,6 +1,6 @@
 """The supervisor: the state machine of a run, as one table of states and one of transitions that are executed.
 
-`docs/stops.md` shows both tables, made by `tables_of_states` from what is executed here.
+The site shows both tables, made from what is executed here.
 """
 
 from collections.abc import Iterator

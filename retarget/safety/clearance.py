@@ -179,5 +179,5 @@ def _problem(contact: Contact, where: str) -> Problem:
         where=where,
         found=f"{1e3 * contact.depth:.1f} mm deep",
         allowed="a start clear of contact",
-        next_step="Move the obstacle or the start, or give --allow-contact: then what touches is only let out",
+        next_step="Move the obstacle or the start, or give --allow-contact: then links that touch may only move apart",
     )

@@ -35,11 +35,12 @@ def check_folder(path: Path, *, option: str) -> None:
     _try_folder(existing, option)
 
 
-def refuse_existing(path: Path, *, option: str) -> None:
+def refuse_existing(
+    path: Path, *, option: str, step: str = "Give another name, or add --overwrite to replace it"
+) -> None:
     """Raise UsageError if something is at `path`: nothing is overwritten unless that is asked for."""
     check_path(path, option=option)
     if path.is_symlink() or path.exists():
-        step = "Give another name, or add --overwrite to replace it"
         raise UsageError("something is there already", where=option, found=str(path)[:200], next_step=step)
 
 

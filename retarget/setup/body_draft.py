@@ -61,12 +61,24 @@ def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
 
 
 def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
+    try:
+        return _read_and_written(source, no_meshes=no_meshes, looks=True)
+    except InputError as error:
+        if source.root.find("link/visual") is None:
+            raise
+        # What is only seen refuses no body.
+        draft = _read_and_written(source, no_meshes=no_meshes, looks=False)
+        return replace(draft, notes=(*draft.notes, f"its <visual> meshes are left out: {error.problems[0].what}"))
+
+
+def _read_and_written(source: Source, *, no_meshes: bool, looks: bool) -> BodyDraft:
+    """The draft; looks: with the <visual> shapes of links that have others to collide with."""
     mujoco = engine()
     meshes, spec = MeshFiles(source.path), None
     ready = ReadyUrdf("", [])
     try:
         if source.kind == "urdf":
-            ready = ready_urdf(source, meshes, no_meshes=no_meshes)
+            ready = ready_urdf(source, meshes, no_meshes=no_meshes, looks=looks)
             spec = mujoco.MjSpec.from_string(ready.text)
             for joint in spec.joints:  # MuJoCo keeps no difference between no limits and limits that it drops
                 joint.limited = joint.name in ready.limited
@@ -149,10 +161,17 @@ def _strip(spec: Any) -> None:
 
 
 def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[str]) -> bytes:
-    """MJCF of the same joints and masses; one simple shape stands for all those of a link that has a mesh."""
+    """MJCF of the same joints and masses; one simple shape stands for all those of a link that has a mesh, but for
+    looking at."""
     mujoco = engine()
     spec, mesh = spec.copy(), mujoco.mjtGeom.mjGEOM_MESH
     meshed = {shape.link_name for shape in shapes if shape.around_mesh}
+    looks = {
+        body.name
+        for body in spec.bodies[1:]
+        for geom in body.geoms
+        if body.name in meshed or (geom.type == mesh and not _collides(geom))
+    }
     for body in spec.bodies[1:]:
         number = model.body(body.name).id
         body.explicitinertial = True
@@ -160,7 +179,7 @@ def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[s
         body.ipos, body.iquat = model.body_ipos[number], model.body_iquat[number]
         body.fullinertia = np.full(6, np.nan)
         for geom in list(body.geoms):
-            if body.name in meshed or geom.type == mesh:
+            if body.name in meshed or geom.type == mesh or (body.name in looks and not _collides(geom)):
                 spec.delete(geom)
     for shape in shapes:
         if shape.link_name in meshed:
@@ -170,12 +189,19 @@ def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[s
             spec.body(shape.link_name).add_geom(name=f"{shape.link_name}_shell", type=kind, **place)
     for part in list(spec.meshes):
         spec.delete(part)
+    if looks:
+        _add_looks(spec, model, {model.body(name).id: name for name in looks})
+    if looks - meshed:
+        notes.append(f"pictures keep the visual meshes of {len(looks - meshed)} links, coarser")
     if meshed:
-        _add_looks(spec, model, {model.body(name).id: name for name in meshed})
         notes.append(f"meshes of {len(meshed)} links are capsules and boxes around them; pictures keep them, coarser")
     spec.meshdir, spec.texturedir = "", ""
     spec.compile()
     return str(spec.to_xml()).encode()
+
+
+def _collides(geom: Any) -> bool:
+    return bool(geom.contype or geom.conaffinity)
 
 
 def _add_looks(spec: Any, model: Any, links: dict[int, str]) -> None:

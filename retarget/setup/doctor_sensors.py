@@ -12,7 +12,6 @@ from retarget.human.pose_validation import LIMITS, ValidityState
 from retarget.human.rest_pose import REQUIRED
 from retarget.live.admission import Datagram, Source
 from retarget.live.clock_map import JumpKind, unit_of
-from retarget.live.datagram_kinds import Recognised, recognise
 from retarget.live.playout import DELAY_CAP_S, smoothing_delay
 from retarget.live.roles import CONVENTIONS, PoseSource
 from retarget.live.stream import LiveStream
@@ -20,6 +19,7 @@ from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.strict_models import listed
 from retarget.setup.doctor_machine import DoctorFinding, finding, findings
+from retarget.sources.streams.datagram_kinds import Recognised, recognise
 from retarget.types import FloatArray, IntArray
 
 STEP_S = 0.01

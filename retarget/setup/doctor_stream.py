@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from hardware.clock import Clock
+from hardware.realtime import port_holder
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, KINDS, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NEW_SOCKETS, NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
-from retarget.live.datagram_kinds import DAMAGED, advice_for, reads
-from retarget.live.natnet_session import natnet_problems
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
-from retarget.live.receivers import NatnetReceiver, port_holder
+from retarget.live.receivers import NatnetReceiver
 from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED
+from retarget.live.stream_report import advice_for, natnet_problems
 from retarget.schema.performer import Performer
 from retarget.setup.doctor_machine import (
     UNKNOWN_HOLDER,
@@ -40,6 +40,7 @@ from retarget.setup.doctor_sensors import (
     rate_findings,
     role_findings,
 )
+from retarget.sources.streams.datagram_kinds import DAMAGED, reads
 from retarget.sources.streams.natnet_decoder import NatnetDecoder
 from retarget.sources.streams.natnet_wire import DATA_PORT
 from retarget.sources.streams.vmc import VmcDecoder

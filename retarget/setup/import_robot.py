@@ -16,7 +16,7 @@ from retarget.run.prepare import try_robot
 from retarget.run.rest_trajectory import at_rest
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, entries
-from retarget.schema.files import check_folder, check_path
+from retarget.schema.files import check_folder, refuse_existing
 from retarget.schema.profile import marked_lines
 from retarget.setup.body_draft import BodyDraft, draft_body, facing_x
 from retarget.setup.draft import Draft, find_landmarks, profile_text
@@ -123,10 +123,7 @@ def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str, tuple[st
 
 
 def _check_out(out: Path) -> None:
-    check_path(out, option=OPTION)
-    if out.exists() or out.is_symlink():
-        step = "Give a folder that is not there yet; nothing is overwritten"
-        raise UsageError("this is there already", where=OPTION, found=str(out), next_step=step)
+    refuse_existing(out, option=OPTION, step="Give a folder that is not there yet; nothing is overwritten")
     check_folder(out, option=OPTION)
 
 

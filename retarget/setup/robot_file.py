@@ -190,8 +190,9 @@ class ReadyUrdf:
     welded: bool = False
 
 
-def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUrdf:
-    """The URDF as it is imported, its meshes read. no_meshes: leave out meshes that cannot be read.
+def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool, looks: bool = False) -> ReadyUrdf:
+    """The URDF as it is imported, its meshes read. no_meshes: leave out meshes that cannot be read. looks: keep the
+    <visual> shapes of links that have others to collide with, too.
 
     Raises InputError with all of its problems.
     """
@@ -199,7 +200,7 @@ def ready_urdf(source: Source, meshes: MeshFiles, *, no_meshes: bool) -> ReadyUr
     problems = [
         *_joints(root, source, notes),
         *_masses(root, source, notes),
-        *_meshes(root, source, meshes, notes, no_meshes=no_meshes),
+        *_meshes(root, source, meshes, notes, no_meshes=no_meshes, looks=looks),
         *meshes.problems,
     ]
     if problems:
@@ -285,10 +286,11 @@ def _number(text: str | None) -> float:
 
 
 def _meshes(
-    root: ElementTree.Element, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool
+    root: ElementTree.Element, source: Source, meshes: MeshFiles, notes: list[str], *, no_meshes: bool, looks: bool
 ) -> Iterator[Problem]:
     """Leave each link its <collision> shapes, and where one of them is missing or there are none, its <visual> ones:
-    what cannot be read is missing where no complete kind stands for it."""
+    what cannot be read is missing where no complete kind stands for it. looks: also leave what is seen beside complete
+    <collision> shapes, if all of it can be read."""
     missing, dropped = dict[str, None](), list[str]()
     for link in root.findall("link"):
         shapes, unread = [link.findall(kind) for kind in SHAPES], list[str]()
@@ -297,7 +299,11 @@ def _meshes(
             found = [] if complete else [shape for shape in kind if _is_read(shape, meshes, unread)]
             usable += found
             complete = complete or 0 < len(kind) == len(found)
+        beside = looks and complete and all(shape in shapes[0] for shape in usable)
+        seen = shapes[1] if beside and all(_is_read(shape, meshes, []) for shape in shapes[1]) else []
         for shape in (*shapes[0], *shapes[1]):
+            if shape in seen:
+                continue
             shape.tag = "collision"
             if shape not in usable:
                 link.remove(shape)
@@ -305,6 +311,12 @@ def _meshes(
             missing |= dict.fromkeys(unread)
         elif unread:
             dropped.append(f"{link.get('name', 'without a name')} ({unread[0]})")
+    if root.find("link/visual") is not None:  # MuJoCo drops them, unless it is asked to keep them
+        extension = root.find("mujoco")
+        extension = ElementTree.SubElement(root, "mujoco") if extension is None else extension
+        compiler = extension.find("compiler")
+        compiler = ElementTree.SubElement(extension, "compiler") if compiler is None else compiler
+        compiler.set("discardvisual", "false")
     if missing and not no_meshes:
         yield missing_meshes(list(missing), source)
     for note, names in (

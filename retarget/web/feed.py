@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from hardware.errors import RetargetError
-from retarget.errors import ConfigError
+from retarget.errors import ConfigError, install_step
 from retarget.model.robot import Mounting
 from retarget.run.record import Record
 from retarget.run.run_result import Extras
@@ -250,9 +250,8 @@ def needing_websockets() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise ConfigError(
-            "a page needs websockets", found=str(error), next_step="Install it: pip install 'retarget[view]'"
-        ) from error
+        step = install_step("websockets")
+        raise ConfigError("a page needs websockets", found=str(error), next_step=step) from error
 
 
 @contextmanager

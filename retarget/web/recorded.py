@@ -13,13 +13,13 @@ from retarget.model.body import body_from_file
 from retarget.model.meshes import Mesh, solid_body
 from retarget.model.robot import RobotBody, load_robot
 from retarget.model.scene_state import SceneState, obstacle_meshes, obstacle_poses
+from retarget.pictures.animation import Packed, figure, ground, letters, packed
+from retarget.pictures.page import FOLDER, player_script, template
+from retarget.pictures.solid import facing_x
 from retarget.recording.configs import recorded_scene
 from retarget.recording.cycles import STATES_OF_RUN
 from retarget.recording.motion import Motion
 from retarget.recording.read_run import no_human, read_recorded
-from retarget.report.animation import Packed, figure, ground, letters, packed
-from retarget.report.page import FOLDER, player_script, template
-from retarget.report.solid import facing_x
 from retarget.report.tracking import turned
 from retarget.rotations import rotate
 from retarget.run.record import PHASE_NAMES, Phase

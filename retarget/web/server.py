@@ -65,8 +65,8 @@ from retarget.web.shown import Cast, live_tracks
 
 HERE = Path(__file__).parent
 DRAWING = ("bodies.js", "figure.js", "plot.js", "base.css")
-"""What a report is drawn by, too."""
-FILES = {"": HERE / "page" / "index.html"} | {name: HERE.parent / "report" / name for name in DRAWING}
+"""The player of `retarget/pictures`, which draws the page of a report, too."""
+FILES = {"": HERE / "page" / "index.html"} | {name: HERE.parent / "pictures" / name for name in DRAWING}
 """What is served beside the folder of the page and that of the runtime, by its place under the key."""
 
 MOST_HOLDS = 64

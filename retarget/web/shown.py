@@ -132,8 +132,9 @@ def joint_tracks(cast: Cast, rows: RunTable) -> dict[str, FloatArray]:
 
 
 def view_of(solid: SolidBody, poses: FloatArray) -> FloatArray:
-    """What a view of a body at poses (1, m, 7) shows, (4,) m: its middle on the floor, how high and far it reaches."""
-    reach = np.array([np.linalg.norm(mesh.vertices, axis=1).max() for mesh in solid.meshes])
+    """What a view of a body at poses (1, k, 7) shows, (4,) m: its middle on the floor, how high and far it reaches."""
+    reach = np.zeros(len(solid.links))
+    np.maximum.at(reach, solid.owners, [np.linalg.norm(mesh.vertices, axis=1).max() for mesh in solid.meshes])
     middle = poses[0, :, :2].mean(axis=0)
     far = np.linalg.norm(poses[0, :, :2] - middle, axis=1) + reach
     return np.array([*middle, (poses[0, :, 2] + reach).max(), far.max()])

@@ -290,4 +290,4 @@ def collisions(robot: RobotBody, goal_tracks: Sequence[Track]) -> list[str]:
     found = clearance_of(robot, postures_of(robot, goal_tracks))
     if found.smallest is None or found.smallest > -DEEPEST_M or found.pair is None:
         return []
-    return [f"{' and '.join(found.pair)} are {1e3 * found.deepest:.1f} mm in each other"]
+    return [f"{' and '.join(found.pair)} are {-1e3 * found.smallest:.1f} mm in each other"]

@@ -8,6 +8,7 @@ import yaml
 
 from benchmarks.docs_tables import BLOCK, COMPUTED, PAGES, with_tables
 from benchmarks.table import ROOT, STORED, StoredTable, show_table
+from result_pages import CAPTIONS, measurements_page
 
 FIGURES = re.compile(r"^\|.*---:", re.MULTILINE)
 """The line of a table below its heads, where a column holds numbers."""
@@ -23,7 +24,9 @@ def test_tables_of_a_page_are_those_of_their_source(page: Path) -> None:
 
 
 def test_what_is_stored_is_shown_and_says_how_it_was_measured() -> None:
-    assert {path.stem for path in STORED.glob("*.yaml")} | set(COMPUTED) == set(TABLES)
+    stored = {path.stem for path in STORED.glob("*.yaml")}
+    assert set(COMPUTED) <= set(TABLES) <= stored | set(COMPUTED) and stored == set(CAPTIONS)
+    assert all(caption in measurements_page() for caption in CAPTIONS.values())
     for path in STORED.glob("*.yaml"):
         table = StoredTable(**yaml.safe_load(path.read_text(encoding="utf-8")))
         module = re.match(r"python -m (benchmarks[\w.]*)", table.command)

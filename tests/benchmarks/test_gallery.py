@@ -7,7 +7,7 @@ from PIL import Image
 
 from benchmarks import gallery
 from benchmarks.docs_tables import ROBOTS
-from retarget.report.solid import FPS, pictures
+from retarget.pictures.solid import FPS, pictures
 from sim.performer import synthetic_performer
 
 BODIES = 1 + len(ROBOTS)

@@ -28,11 +28,11 @@ from retarget.errors import ConfigError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Playback
 from retarget.model.robot import RobotBody, load_robot
+from retarget.pictures.outputs import Outputs
 from retarget.recording.reading import read_recording
 from retarget.recording.topics import TRUTH
 from retarget.report.measure import limits_broken, measure
 from retarget.report.motion_metrics import LimitViolations
-from retarget.report.outputs import Outputs
 from retarget.run.controllers import GoToRest
 from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import Prepared, prepare, stage_priorities

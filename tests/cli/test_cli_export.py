@@ -51,10 +51,36 @@ def test_beside_the_run_and_never_twice(to: str, run: Path, capsys: pytest.Captu
     shows(out, 10, 3)
     assert out.splitlines()[-1] == str(FORMATS[to].conventions)
     place = run.parent / ENDINGS[to]
-    stamp = place.stat().st_mtime_ns
+    stamp, before_it = place.stat().st_mtime_ns, place.stat().st_ino
     assert code_of(run, "--to", to) == 2
     shows(capsys.readouterr().err)
     assert place.stat().st_mtime_ns == stamp
+    assert code_of(run, "--to", to, "--overwrite") == 0
+    assert place.stat().st_ino != before_it
+
+
+def test_the_same_line_twice_names_the_option_that_replaces(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(run, "--to", "csv") == 0
+    first = (run.parent / "run.csv").read_bytes()
+    capsys.readouterr()
+    assert code_of(run, "--to", "csv") == 2
+    refused = capsys.readouterr()
+    assert (refused.err.count("\n"), refused.out) == (1, "")
+    shows(refused.err, "--out", "--overwrite")
+    (run.parent / "run.csv").write_text("another")
+    assert code_of(run, "--to", "csv", "--overwrite") == 0
+    assert (run.parent / "run.csv").read_bytes() == first
+
+
+def test_a_folder_is_replaced_only_by_one_of_its_layout(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = (run, "--to", "lerobot", "--overwrite")
+    assert code_of(*words) == 0
+    assert code_of(*words) == 0
+    (run.parent / "run_lerobot" / "notes.txt").write_text("mine")
+    capsys.readouterr()
+    assert code_of(*words) == 2
+    shows(capsys.readouterr().err, "notes.txt")
+    assert (run.parent / "run_lerobot" / "notes.txt").read_text() == "mine"
 
 
 def test_several_runs_are_one_data_set_and_no_table(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +128,7 @@ def test_without_pyarrow(
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
     before = sorted(path.name for path in run.parent.iterdir())
     assert code_of(run, "--to", to) == 2
-    assert "retarget[record]" in capsys.readouterr().err
+    assert "pyarrow" in capsys.readouterr().err
     assert sorted(path.name for path in run.parent.iterdir()) == before
 
 

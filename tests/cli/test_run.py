@@ -257,8 +257,8 @@ def test_ctrl_c_after_the_motion_costs_no_file(amc: Path, tmp_path: Path, monkey
 def test_a_file_that_cannot_be_written_costs_no_other(
     amc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("retarget.report.outputs.write_report", fail_to_write)
-    monkeypatch.setattr("retarget.report.plots.write_plots", fail_to_write)
+    monkeypatch.setattr("retarget.pictures.outputs.write_report", fail_to_write)
+    monkeypatch.setattr("retarget.pictures.plots.write_plots", fail_to_write)
     saved, pictures = tmp_path / "r.npz", tmp_path / "new" / "pictures"
     code = run_run(*short(amc, "--report", tmp_path / "r.json", "--save", saved, "--plots", pictures))
     shown = capsys.readouterr()

@@ -14,8 +14,9 @@ from messages import Facts, refuses, shows
 from retarget.errors import ConfigError, InputError, UsageError
 from retarget.human.performer_calibration import person_of, person_path, read_person, write_person
 from retarget.human.samples import Performance
+from retarget.human.side_check import FRONT_M, RAISED, REFUSED, RISE_M, SURE_S, SideCheck
 from retarget.live.admission import SECOND_SOURCE
-from retarget.live.begin import FRONT_M, RAISED, REFUSED, RISE_M, SURE_S, Beginning, LiveOptions, SideCheck, begin_live
+from retarget.live.begin import Beginning, LiveOptions, begin_live
 from retarget.live.performer import LivePerformer
 from retarget.live.rest_capture import CAPTURE_S, KNOWN_CAPTURE_S
 from retarget.live.stream import LiveStream

@@ -17,9 +17,10 @@ from natnet_packets import (
     server_info,
 )
 from retarget.frames import SensorFrames
-from retarget.live.natnet_session import KEEP_ALIVE_S, UNNAMED_S, NatnetSession, natnet_problems
+from retarget.live.stream_report import natnet_problems
 from retarget.rotations import angle_between
 from retarget.sources.streams.natnet_decoder import NatnetDecoder
+from retarget.sources.streams.natnet_session import KEEP_ALIVE_S, UNNAMED_S, NatnetSession
 from retarget.sources.streams.natnet_wire import (
     MessageId,
     Version,

@@ -34,10 +34,11 @@ from retarget.live.admission import (
     Source,
     admission_for,
 )
-from retarget.live.datagram_kinds import Recognised, advice_for, recognise
 from retarget.live.open_stream import open_receiver
 from retarget.live.raw_recording import ReplayReceiver
 from retarget.live.receivers import NatnetReceiver, UdpReceiver, open_socket
+from retarget.live.stream_report import advice_for
+from retarget.sources.streams.datagram_kinds import Recognised, recognise
 from retarget.sources.streams.natnet_wire import MessageId, Version, split
 from retarget.sources.streams.raw_record import RawReader, RawWriter
 
@@ -75,9 +76,8 @@ def conversation(address: StreamAddress) -> Iterator[tuple[Server, NatnetReceive
 def received(receiver: NatnetReceiver, count: int) -> list[Datagram]:
     """Polls until `count` datagrams came."""
     found: list[Datagram] = []
-    sockets = [part for part in (receiver._commands, receiver._frames) if part is not None]
     while len(found) < count:
-        assert select.select(sockets, [], [], PATIENCE_S)[0], "nothing arrived over loopback"
+        assert select.select(receiver._sockets, [], [], PATIENCE_S)[0], "nothing arrived over loopback"
         found += receiver.poll(CLOCK.now())
     return found
 
@@ -98,9 +98,8 @@ def test_unicast_goes_through_one_socket() -> None:
 
 def test_frames_come_through_the_group() -> None:
     with conversation(MULTICAST) as (server, receiver):
-        assert receiver._frames is not None
-        server.socket.sendto(frame(Motion(), VERSION), (GROUP, receiver._frames.bound[1]))
-        if not select.select([receiver._frames], [], [], PATIENCE_S / 5)[0]:
+        server.socket.sendto(frame(Motion(), VERSION), (GROUP, receiver._sockets[1].bound[1]))
+        if not select.select([receiver._sockets[1]], [], [], PATIENCE_S / 5)[0]:
             pytest.skip("this kernel delivers no multicast over loopback")
         assert [datagram.payload for datagram in received(receiver, 1)] == [frame(Motion(), VERSION)]
         assert receiver.session.frames == 1

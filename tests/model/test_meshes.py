@@ -75,8 +75,8 @@ def test_shapes_are_closed_and_of_their_volume(
 def test_triangles_lie_on_the_surface_of_the_shape_that_is_for_looking_at(geom: str, expected: float) -> None:
     """Distances are MuJoCo's, of a tiny sphere; the middle of a face may be a sagitta inside, and edges of a box are
     round: a corner is 0.42 of their radius inside."""
-    ((link, mesh),) = link_meshes(load_body_text(SHAPES.format(geom), source="test")).items()
-    assert link == 1 and is_closed(mesh)
+    ((part, mesh),) = link_meshes(load_body_text(SHAPES.format(geom), source="test")).items()
+    assert part == (1, None) and is_closed(mesh)
     assert 0.93 * expected < volume(mesh) <= 1.0001 * expected
     points = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
     off = distances(SHAPES.format(geom), points)
@@ -112,7 +112,7 @@ def test_bodies_to_draw_are_whole_and_small() -> None:
     for name, solid in bodies().items():
         drawn = solid.as_json()
         assert 300 < sum(len(mesh["faces"]) for mesh in drawn["meshes"]) / 3 <= MOST_TRIANGLES, name
-        assert [mesh["link"] for mesh in drawn["meshes"]] == list(range(len(solid.links)))
+        assert {mesh["link"] for mesh in drawn["meshes"]} == set(range(len(solid.links)))
         for mesh in drawn["meshes"]:
             assert max(mesh["faces"]) < len(mesh["vertices"]) / 3 and all(0.0 <= part <= 1.0 for part in mesh["colour"])
         poses = solid.poses(np.zeros((0, 7)))
@@ -130,8 +130,8 @@ def test_a_dense_mesh_of_a_file_is_thinned_and_keeps_its_place() -> None:
     </worldbody></mujoco>"""
     meshes = link_meshes(load_body_text(text, source="test"))
     assert len(ball.faces) > MOST_TRIANGLES > sum(len(mesh.faces) for mesh in meshes.values())
-    assert volume(meshes[2]) == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.1)
-    assert np.abs(np.linalg.norm(meshes[2].vertices, axis=1) - 0.1).max() < 0.01
+    assert volume(meshes[2, None]) == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.1)
+    assert np.abs(np.linalg.norm(meshes[2, None].vertices, axis=1) - 0.1).max() < 0.01
 
 
 def test_the_sides_of_a_robot_are_those_of_its_limbs() -> None:

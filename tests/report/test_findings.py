@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.physics_runs import play
 from messages import shows
+from retarget.cli.application import RunLines
 from retarget.cli.run import show_summary
 from retarget.frames import JointTracks, SensorFrames
 from retarget.report.findings import MOST_REMARKS, findings, remarks, sentence
@@ -285,7 +286,7 @@ def shown(capsys: pytest.CaptureFixture[str]) -> Callable[[RunResult, Report], l
     """Prints every figure of a run, and returns the lines."""
 
     def lines(run: RunResult, report: Report) -> list[str]:
-        show_summary(run, report, verbose=True)
+        show_summary(run, report, RunLines(verbose=True))
         return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
 
     return lines

@@ -19,10 +19,10 @@ from operators import ENOUGH, Asks
 from retarget.cli import run as follow_clip
 from retarget.human.samples import Playback
 from retarget.live.begin import LiveOptions
+from retarget.pictures.outputs import Outputs
 from retarget.report import measure as bus
 from retarget.report.findings import findings
 from retarget.report.measure import latest_of, measure, measure_latest
-from retarget.report.outputs import Outputs
 from retarget.report.report import BusReport, ServoExtreme
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
@@ -158,7 +158,7 @@ def test_it_measures_on_the_whole_run_what_costs_little(run: RunResult) -> None:
 
 def test_a_file_is_of_the_whole_run(run: RunResult, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     said: list[tuple[str, ...]] = []
-    monkeypatch.setattr(follow_clip, "show_summary", lambda run, report, **_: said.append(report.notes))
+    monkeypatch.setattr(follow_clip, "show_summary", lambda run, report, *_, **more: said.append(report.notes))
     monkeypatch.setattr(follow_clip, "measure_latest", lambda run: pytest.fail("not the whole"))
     follow_clip.finished(run, Outputs(report=tmp_path / "report.json"))
     assert "last" not in " ".join(said[0])

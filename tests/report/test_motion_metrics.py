@@ -25,11 +25,11 @@ def test_switches_are_counted_per_second_and_observer() -> None:
     modes[:, 2] = 1
     found = observer_activity(modes, ("head", "l_arm", "r_arm"), dt=0.1)
     assert found is not None
-    assert found.switches.worst == pytest.approx(3.0)
-    assert found.switches.mean == pytest.approx(1.0)
-    assert found.switches.name == "l_arm"
-    assert found.activations == 3
-    assert found.reactive == pytest.approx(4 / 11)
+    switches, reactive = found
+    assert switches.worst == pytest.approx(3.0)
+    assert switches.mean == pytest.approx(1.0)
+    assert switches.name == "l_arm"
+    assert reactive == pytest.approx(4 / 11)
 
 
 # Metrics against cases made by hand.

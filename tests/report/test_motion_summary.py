@@ -12,8 +12,8 @@ from observed import ZONE, Done, act, human, raised, robot, scene_of, sphere, wi
 from retarget import rotations
 from retarget.frames import SensorFrames
 from retarget.report.motion_metrics import jerk_p95, observer_activity
-from retarget.report.motion_summary import find_jumps, summarise
 from retarget.schema.priorities import load_priorities
+from retarget.setup.motion_summary import find_jumps, summarise
 from retarget.sources.asf_amc import read_amc
 from sim.performer import synthetic_performer
 
@@ -100,8 +100,8 @@ def test_modes_seldom_change() -> None:
     modes = np.array([posture.observer_modes for posture in performed().postures])
     names = robot(None).observers.names
     found = observer_activity(modes, names, dt=DT)
-    assert found is not None and found.activations > 10
-    assert found.switches.worst <= 2.0, found.switches.name
+    assert found is not None and np.count_nonzero(modes) > 10
+    assert found[0].worst <= 2.0, found[0].name
 
 
 @pytest.mark.long

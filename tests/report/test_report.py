@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from retarget.pictures.outputs import report_path
 from retarget.report.measure import measure
-from retarget.report.report import Report, report_path, write_report
+from retarget.report.report import Report, write_report
 from rig import Rig, person, result, short_clip
 
 CONTRACT = [

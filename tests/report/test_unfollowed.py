@@ -13,9 +13,9 @@ from retarget.cli.exit import StopRequest
 from retarget.cli.run import CommandRun
 from retarget.frames import JointTracks, SensorFrames
 from retarget.ik.gravity_torque import GRAVITY
+from retarget.pictures.outputs import Outputs
 from retarget.report.findings import NOT_FOLLOWED, findings
 from retarget.report.measure import measure
-from retarget.report.outputs import Outputs
 from retarget.report.report import Unfollowed
 from retarget.report.tracking import performance_of
 from retarget.report.unfollowed import (

@@ -112,8 +112,10 @@ def test_every_state_in_which_the_robot_neither_follows_nor_stands_has_a_time_li
     assert all((state, Event.TIMEOUT) in TRANSITIONS for state, row in STATES.items() if row.limit_s < inf)
 
 
-def test_the_page_shows_what_is_executed() -> None:
-    assert tables_of_states() in PAGE.read_text(encoding="utf-8")
+def test_pages_name_every_state_and_every_transition() -> None:
+    table, names = tables_of_states(), [state.value for state in STATES]
+    assert all(f"\n| {name} |" in table for name in names) and all(event.value in table for event in Event)
+    assert ", ".join(f"`{name}`" for name in names) in " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
 @given(events=st.lists(st.sampled_from(Event), max_size=30))

@@ -195,10 +195,51 @@ def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
     assert written.mass == pytest.approx(plain.model.body_mass)
     simple = {geom.body: geom.kind for geom in written.geoms if geom.collides}
     assert all(simple[geom.body] in ("box", "capsule") for geom in looks), "what collides is simple"
-    drawn, shell = link_meshes(written)[looks[0].body], looks[0].triangles
+    drawn, shell = link_meshes(written)[looks[0].body, None], looks[0].triangles
     assert shell is not None and len(drawn.faces) >= len(shell)
     assert np.ptp(drawn.vertices, axis=0).max() < 1.5 * np.ptp(shell.reshape(-1, 3), axis=0).max()
     assert not body.too_large
+
+
+SEEN = '<visual><geometry><mesh filename="{}"/></geometry></visual></link>'
+"""What is seen of a link beside what it collides with."""
+
+
+@pytest.mark.parametrize("meshed", [True, False], ids=["a mesh collides", "a box collides"])
+def test_what_is_seen_of_a_link_stays_for_pictures_alone(*, meshed: bool, tmp_path: Path) -> None:
+    """The shapes that collide, observers are fitted to, and weigh are those of the same file without it."""
+    (tmp_path / "foot.stl").write_bytes(binary_stl())
+    (tmp_path / "shoe.obj").write_text(SHOE, encoding="utf-8")
+    text = humanoid().replace(FOOT, '<mesh filename="foot.stl"/>') if meshed else humanoid()
+    plain, body = drafted_urdf(text, tmp_path), drafted_urdf(text.replace("</link>", SEEN.format("shoe.obj")), tmp_path)
+    for one, other in zip(plain.shapes, body.shapes, strict=True):
+        assert (one.link_name, one.kind, one.around_mesh) == (other.link_name, other.kind, other.around_mesh)
+        np.testing.assert_array_equal([*one.size, *one.pos, *one.quat], [*other.size, *other.pos, *other.quat])
+    before, after = (load_body_text(draft.content.decode(), source="test") for draft in (plain, body))
+    np.testing.assert_array_equal(before.mass, after.mass)
+    collide = [[(g.body, g.kind, g.size.tolist()) for g in one.geoms if g.collides] for one in (before, after)]
+    assert collide[0] == collide[1]
+    drawn = link_meshes(after)
+    assert set(drawn) == {(link, None) for link in range(1, len(after.parent))}
+    for mesh in drawn.values():
+        np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), (0.08, 0.06, 0.3), atol=2e-3)
+    assert any("visual" in note for note in body.notes)
+
+
+def test_what_is_seen_refuses_no_body(tmp_path: Path) -> None:
+    """A picture that MuJoCo cannot read is left out with a note; one that is not there, without a word."""
+    (tmp_path / "shoe.obj").write_bytes(b"v 0 0 0\nf 1 2")
+    (tmp_path / "cut.stl").write_bytes(binary_stl()[:100])
+    plain = drafted_urdf(humanoid(), tmp_path)
+    for name, noted in (("shoe.obj", True), ("cut.stl", True), ("gone.dae", False)):
+        body = drafted_urdf(humanoid().replace("</link>", SEEN.format(name), 1), tmp_path)
+        assert body.content == plain.content and any("visual" in note for note in body.notes) == noted
+
+
+SHOE = """v -.04 -.03 0\nv .04 -.03 0\nv .04 .03 0\nv -.04 .03 0\nv 0 0 .3
+f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5
+"""
+"""A pyramid, OBJ."""
 
 
 CUT = {

@@ -10,8 +10,8 @@ from retarget.cli import main
 from retarget.cli.exit import DONE, REFUSED
 from retarget.errors import InputError
 from retarget.frames import SENSORS, SensorFrames
-from retarget.report.motion_summary import summarise
 from retarget.schema.catalogue import Kind, entries
+from retarget.setup.motion_summary import summarise
 from retarget.sources.open import SAMPLE, open_source
 
 RATE_HZ, DURATION_S = 30.0, 11.0

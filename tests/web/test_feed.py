@@ -16,7 +16,7 @@ from messages import refuses
 from retarget.cli.run import StreamOptions, follow_live
 from retarget.errors import ConfigError, InputError
 from retarget.model.human import build_human
-from retarget.report.outputs import Outputs
+from retarget.pictures.outputs import Outputs
 from retarget.run.options import RunOptions
 from retarget.run.record import KEPT, Record
 from retarget.run.run_result import Extras

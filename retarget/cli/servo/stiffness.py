@@ -109,8 +109,8 @@ def _hung(body: RobotBody, weight: float | None, frame: str | None) -> Hung | No
 def _play(body: RobotBody, options: RunOptions, held: HeldGoals, hung: Hung | None) -> RunResult:
     """Play the goals as a run plays recorded ones. Nothing follows the performer that a run needs."""
     from retarget.cli.run import CommandRun
+    from retarget.pictures.outputs import Outputs
     from retarget.recording.goal_playback import held_performance, playing_back
-    from retarget.report.outputs import Outputs
     from retarget.run.loop import Progress
     from retarget.run.prepare import performance_of
     from sim.performer import synthetic_performer

@@ -11,7 +11,7 @@ from typing import Any
 
 from retarget.cli.application import log
 from retarget.cli.controls import GRIPS, Asked
-from retarget.errors import ConfigError
+from retarget.errors import ConfigError, install_step
 from retarget.live.address import WEB_PORT, StreamAddress
 from retarget.types import Notify
 from retarget.web.feed import MOST_WORDS, Settings, ViewFeed
@@ -102,14 +102,14 @@ def opened_web(
         raise ConfigError(
             "web:// needs websockets, segno and trustme",
             found=str(error),
-            next_step="Install them: pip install 'retarget[web]'",
+            next_step=install_step("websockets", "segno", "trustme"),
         ) from error
     settings = Settings(listen=listen, port=address.port, robot=robot, dead_man=dead_man)
     with open_web(settings) as (feed, receiver):
         where, _, fingerprint = feed.address.partition(" ")
         for line in directions(where, fingerprint):
             notify(line)
-        if sys.stderr.isatty():
+        if listen and sys.stderr.isatty():  # a phone reads it
             code = io.StringIO()
             segno.make(where, error="l").terminal(code, compact=True)
             log(code.getvalue())

@@ -1,9 +1,9 @@
-"""Write a motion in one of the formats that others read: whole or not at all, and never over something.
+"""Write a motion in one of the formats that others read: whole or not at all, and over something only if asked to.
 
-`FORMATS` is the one table of them: the help, the page `docs/results.md` and what `retarget export` prints come from it.
+`FORMATS` is the one table of them: the help, the page of the site and what `retarget export` prints come from it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -23,7 +23,7 @@ from retarget.recording.exports.trainers import (
     write_unitree,
 )
 from retarget.recording.motion import Motion
-from retarget.schema.files import check_folder, check_path, check_place, write_folder, write_stream
+from retarget.schema.files import check_folder, check_path, check_place, refuse_existing, write_folder, write_stream
 
 Write = Callable[[Motion, IO[bytes]], None]
 """Writes a motion into a stream."""
@@ -156,9 +156,9 @@ def format_named(name: str) -> Format:
     return FORMATS[name]
 
 
-def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False) -> Path:
+def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False, overwrite: bool = False) -> Path:
     """Path of an export: `out`, or beside the run under its name. Raises UsageError where nothing can be written, where
-    something is, and for the suffix of another format."""
+    something is unless it may be overwritten, and for the suffix of another format."""
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")
     suffix = place.suffix.lower()
@@ -170,7 +170,8 @@ def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = 
             found=str(place)[:200],
             next_step=f"Give {place.stem[:200]}{form.ending}, or --to {others[0].name}",
         )
-    _refuse_existing(place)
+    if not overwrite:
+        refuse_existing(place, option="--out")
     if form.write is None:
         check_folder(place, option="--out")
     else:
@@ -178,26 +179,42 @@ def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = 
     return place
 
 
-def export_motion(motion: Motion, form: Format, place: Path, *, task: str = DEFAULT_TASK) -> None:
+def export_motion(
+    motion: Motion, form: Format, place: Path, *, task: str = DEFAULT_TASK, overwrite: bool = False
+) -> None:
     """Write a motion to a place of `export_place`. task: what is done in it, in words, for a LeRobot dataset.
 
-    Raises UsageError and InputError where the format cannot hold it, or something is there; then nothing is written.
+    Raises UsageError and InputError where the format cannot hold it, or where something is unless it may be
+    overwritten; then nothing is written.
     """
-    _refuse_existing(place)
     write, files = form.write, form.files
-    if write is not None:
+    if files is not None:
+        _write_folder(place, files(motion, task), overwrite=overwrite)
+    elif write is not None:
+        if not overwrite:
+            refuse_existing(place, option="--out")
         write_stream(place, lambda stream: write(motion, stream), option="--out")
-    elif files is not None:
-        write_folder(place, files(motion, task), option="--out")
 
 
-def export_episodes(motions: Sequence[Motion], place: Path, *, task: str = DEFAULT_TASK) -> None:
+def export_episodes(
+    motions: Sequence[Motion], place: Path, *, task: str = DEFAULT_TASK, overwrite: bool = False
+) -> None:
     """Write motions of one robot to a LeRobot dataset, each as an episode. Raises as `export_motion` does."""
-    _refuse_existing(place)
-    write_folder(place, lerobot_files(*motions, task=task), option="--out")
+    _write_folder(place, lerobot_files(*motions, task=task), overwrite=overwrite)
 
 
-def _refuse_existing(place: Path) -> None:
-    if place.is_symlink() or place.exists():
-        step = "Give another --out, or remove it"
-        raise UsageError("something is there already", where="--out", found=str(place)[:200], next_step=step)
+def _write_folder(place: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> None:
+    """Write a folder; one that is there is replaced only by one of the same layout, so that no other is lost."""
+    if not overwrite:
+        refuse_existing(place, option="--out")
+    others = (
+        {path.name for path in place.iterdir()} - {Path(name).parts[0] for name in contents} if place.is_dir() else ()
+    )
+    if others:
+        raise UsageError(
+            "a folder with other things in it is not replaced",
+            where="--out",
+            found=f"{str(place)[:200]} with {min(others)[:100]}",
+            next_step="Give another name, or remove it",
+        )
+    write_folder(place, contents, option="--out")

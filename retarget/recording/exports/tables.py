@@ -10,7 +10,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from retarget.errors import InputError, UsageError
+from retarget.errors import InputError, UsageError, install_step
 from retarget.recording.motion import CONVENTIONS, Motion
 from retarget.run.record import PHASE_NAMES
 from retarget.run.table import FIELDS
@@ -100,7 +100,7 @@ def arrow() -> Any:
             "pyarrow is missing, which writes Parquet and LeRobot data sets",
             found=error,
             allowed="every other format without it",
-            next_step="Install the extra: pip install 'retarget[record]'",
+            next_step=install_step("pyarrow"),
         ) from error
 
 

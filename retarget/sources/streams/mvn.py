@@ -7,7 +7,7 @@ sample counter: a sender may skip samples, and arrival times are off by 15 ms, s
 """
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -183,6 +183,10 @@ class MvnDecoder:
         self._layout = _layout(b"")
         self._quaternions = False
         self._metres, self._tall = 1.0, 0
+
+    def rest_of(self, names: Sequence[str]) -> Skeleton | None:
+        """The T-pose of MVN's own calibration, whatever the names."""
+        return self.rest
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The sample that this datagram holds or completes. See `StreamDecoder`."""

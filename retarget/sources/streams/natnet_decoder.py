@@ -256,9 +256,11 @@ class NatnetDecoder:
         """Whether the last frame had ids without a definition: a reason to ask for definitions."""
         return self._plan is not None and not self._plan[1].all_defined
 
-    def rest(self, skeleton: str) -> Skeleton | None:
-        """The T-pose of a skeleton by its name; None where its definition is missing or not a human's."""
-        group = next((group for group in self._definitions.skeletons if group.name == skeleton), None)
+    def rest_of(self, names: Sequence[str]) -> Skeleton | None:
+        """The T-pose of the one skeleton of which poses of these names are bones; None where there is none, or its
+        definition is missing or not a human's."""
+        owners = {name.removeprefix("bone://").partition("/")[0] for name in names if name.startswith("bone://")}
+        group = next((group for group in self._definitions.skeletons if owners == {group.name}), None)
         return None if group is None else rest_skeleton(group, self._axes)
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:

@@ -3,20 +3,22 @@
 A new protocol needs a decoder, `retarget/sources/streams/NAME.py` with `decode(datagram) -> list[StreamFrame]`, that
 never raises, reads no clock, and bounds everything that it counts (`vrchat.py` is the shortest). Then rows: its axes
 here, its address in `retarget/live/address.py` (KINDS), names of sensors in `retarget/live/roles.py`, decoder and
-stamps in `retarget/live/open_stream.py`, and how the doctor recognises it in `retarget/live/datagram_kinds.py`. Its
+stamps in `retarget/live/open_stream.py`, and how the doctor recognises it in `datagram_kinds.py`. Its
 tests: the datagrams of the maker's documentation, and every field cut short, too long, NaN or repeated.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from retarget.arithmetic import dot, matmul, norms, squares
+from retarget.frames import Skeleton
 from retarget.rotations import NORM_TOLERANCE
 from retarget.sources.skeletons import TABLES
 from retarget.types import BoolArray, FloatArray
@@ -76,6 +78,15 @@ class StreamDecoder(Protocol):
 
     def decode(self, datagram: bytes) -> list[StreamFrame]:
         """The frames of one datagram, mostly one. Never raises: what cannot be used is counted in `dropped`."""
+        ...
+
+
+@runtime_checkable
+class SkeletonSender(Protocol):
+    """A decoder of a sender that also sends the performer's joints at rest."""
+
+    def rest_of(self, names: Sequence[str]) -> Skeleton | None:
+        """The skeleton of which poses of these names are bones; None where it was not sent."""
         ...
 
 

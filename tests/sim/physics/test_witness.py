@@ -11,12 +11,12 @@ from hardware.arrays import FloatArray
 from messages import shows
 from physics_rig import PhysicsRig, op3, standing
 from retarget.ik.support_polygon import plant, support_distance
-from retarget.report.animation import animation_of
+from retarget.pictures.animation import animation_of
+from retarget.pictures.page import page_html
+from retarget.pictures.plots import plot_pressure
 from retarget.report.findings import findings, remarks
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import PhysicsReport, physics_report
-from retarget.report.page import page_html
-from retarget.report.plots import plot_pressure
 from retarget.run.run_result import Fallen, PhysicsRun, RunResult
 from rig import Rig, person, result, short_clip
 from sim.buses import simulation_of

@@ -16,7 +16,7 @@ from landmarks import read_frames
 from rendered import Motion, crouching, performer, raising, standing, stepping
 from retarget import rotations
 from retarget.frames import SensorSample
-from retarget.live.begin import RAISED, SideCheck
+from retarget.human.side_check import RAISED, SideCheck
 from retarget.live.rest_capture import RestCapture
 from retarget.sources.streams.camera import (
     ANKLES,

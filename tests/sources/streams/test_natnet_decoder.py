@@ -21,7 +21,6 @@ from natnet_packets import (
 )
 from people import at_rest
 from retarget.human.calibration import dimensions_from_skeleton
-from retarget.live.rest_capture import skeleton_of
 from retarget.model.human_dimensions import proportional_dimensions
 from retarget.rotations import angle_between, multiply, normalise, rotate
 from retarget.sources.streams.natnet_decoder import (
@@ -271,7 +270,7 @@ def defined(owner: str, body: list[Body], *, version: Version = V41, up: str = "
 def test_limbs_have_the_lengths_of_the_definitions(up: str, version: Version, prefix: str) -> None:
     names = {joint: prefix + bone for joint, bone in BONE_NAMES.items()}
     decoder = defined("Al", bones(names, up=up, parents=PARENTS), version=version, up=up)
-    skeleton = skeleton_of(decoder, ["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
+    skeleton = decoder.rest_of(["rigid://hat", "bone://Al/Head", "bone://Al/LHand"])
     assert skeleton is not None
     size = dimensions_from_skeleton(skeleton)
     for limb in LIMBS:
@@ -286,7 +285,7 @@ def _circle(body: list[Body]) -> list[Body]:
 
 
 def test_what_is_no_human_is_no_skeleton_and_no_error() -> None:
-    assert skeleton_of(defined("Al", bones(BONE_NAMES)[:4]), ["bone://Al/Head"]) is None
-    odd = skeleton_of(defined("Al", _circle(bones(BONE_NAMES, parents=PARENTS))), ["bone://Al/Head"])
+    assert defined("Al", bones(BONE_NAMES)[:4]).rest_of(["bone://Al/Head"]) is None
+    odd = defined("Al", _circle(bones(BONE_NAMES, parents=PARENTS))).rest_of(["bone://Al/Head"])
     assert odd is not None and "l_wrist" not in odd.names and "r_wrist" in odd.names
-    assert skeleton_of(defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]), ["bone://Al/Head"]) is None
+    assert defined("Al", [Body(bone.name, 1, 1) for bone in bones(BONE_NAMES)]).rest_of(["bone://Al/Head"]) is None

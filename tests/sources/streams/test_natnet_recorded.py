@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from natnet_packets import VERSIONS, Body, Catalogue, Motion, Pose, definitions, frame, server_info
-from retarget.live.natnet_session import NatnetSession, natnet_problems
+from retarget.live.stream_report import natnet_problems
 from retarget.sources.streams.natnet_decoder import (
     BAD_DEFINITIONS,
     BAD_FRAME,
@@ -28,6 +28,7 @@ from retarget.sources.streams.natnet_decoder import (
     TOO_MANY,
     NatnetDecoder,
 )
+from retarget.sources.streams.natnet_session import NatnetSession
 from retarget.sources.streams.natnet_wire import (
     MessageId,
     Version,

@@ -83,7 +83,7 @@ impl PathChecker {
     }
 
     /// Whether every pair keeps apart on a path (rows, movers) that begins now, `dt` s from row to row, the robot standing as in
-    /// posture `q`. A pair that is too near at the first row is only let out.
+    /// posture `q`. A pair that is too near at the first row may only move apart.
     ///
     /// instead: what the robot does if this path is refused. Where an obstacle comes at the robot, a path on which it is at no row
     /// nearer than it came by then on that one is clear of it: a refusal must not keep the robot from getting out of the way.

@@ -1,8 +1,8 @@
-"""The session with a Motive server: what to send and when, and what is wrong with it. No socket and no clock.
+"""The session with a Motive server: what to send and when. No socket and no clock.
 
 The owner of the sockets sends each datagram of `poll` to `COMMAND_PORT` of the server, gives every datagram that the
 server sends to `receive` and to a `NatnetDecoder`, and calls `poll` at least ten times a second. `names_missing`
-returns the decoder's property of that name. `natnet_problems` lists what is wrong.
+returns the decoder's property of that name.
 
 * Unicast: one socket on any free port, for everything: the server sends its frames to the port that connected.
 * Multicast: that socket for questions and answers, and a second one, bound to the group's port with address reuse,
@@ -12,11 +12,7 @@ returns the decoder's property of that name. `natnet_problems` lists what is wro
 from collections.abc import Callable
 from math import inf
 
-from retarget.errors import Problem
-from retarget.live.advice import advice
 from retarget.sources.streams.natnet_wire import (
-    COMMAND_PORT,
-    DATA_PORT,
     OLDEST,
     FrameFlags,
     MessageId,
@@ -140,44 +136,3 @@ class NatnetSession:
         if bitstream and not self._flagged[1]:
             self._wants_server = self._wants_definitions = True
         self._flagged = (definitions, bitstream)
-
-
-# Problems of a NatNet session, and what to set in Motive.
-
-PATIENCE_S = 3.0
-"""Time, s, after which an answer counts as missing."""
-
-
-def natnet_problems(session: NatnetSession, now: float, *, host: str) -> tuple[Problem, ...]:
-    """List the problems at `now`, s, causes before consequences. host: as the user gave it, for the text."""
-    server, found = session.server, list[Problem]()
-
-    def note(symptom: str, *, seen: str = "", allowed: str = "", **facts: object) -> None:
-        said = advice(symptom, "natnet", host=host, command_port=COMMAND_PORT, **facts)
-        found.append(Problem(said.what, host, found=seen, allowed=allowed, next_step=said.then))
-
-    if server is None:
-        if session.started is not None and now - session.started >= PATIENCE_S:
-            note("frames without answer" if session.frames else "no answer")
-        return tuple(found)
-    if not OLDEST <= server.version <= NEWEST:
-        seen = f"{server.version}, from {server.name} {server.app_version[0]}.{server.app_version[1]}"
-        symptom = "old version" if server.version < OLDEST else "new version"
-        note(symptom, seen=seen, allowed="3.0 to 4.x (Motive 2.0 and later)")
-        return tuple(found)
-    if session.silent(now):
-        sent_to = server.group, server.data_port or DATA_PORT
-        if server.multicast != (session.group is not None):
-            sent, wanted = ("multicast", "unicast") if server.multicast else ("unicast", "multicast")
-            to = f" to {server.group}, port {server.data_port}" if server.multicast else ""
-            note("other transport", seen=sent + to, allowed=wanted, sent=sent, wanted=wanted)
-        elif session.group is None:
-            note("no frames")
-        elif sent_to != session.group:
-            seen, allowed = ("{}, port {}".format(*place) for place in (sent_to, session.group))
-            note("other group", seen=seen, allowed=allowed, group=sent_to[0], port=sent_to[1])
-        else:
-            note("no frames, multicast", group=session.group[0], port=session.group[1])
-    if session.asked_at is not None and now - session.asked_at >= PATIENCE_S:
-        note("no names")
-    return tuple(found)

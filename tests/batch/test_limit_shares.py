@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from retarget.report.motion_metrics import LimitShares, limit_shares
+from retarget.batch.clip import limit_shares
 from retarget.run.run_result import RunResult
 from rig import scripted_run
 
@@ -22,18 +22,22 @@ def test_shares_of_ticks_at_a_limit() -> None:
     assert run.robot is not None
     limits, dt, ticks = run.robot.limits, run.clip.dt, run.ticks_followed
     middle = 0.5 * (limits.lower[0] + limits.upper[0])
-    assert limit_shares(moved(run, np.full(ticks, middle))) == LimitShares(0.0, 0.0, 0.0)
+    assert limit_shares(moved(run, np.full(ticks, middle))) == {
+        "at_position_limit": 0.0,
+        "at_velocity_limit": 0.0,
+        "at_acceleration_limit": 0.0,
+    }
     at_end = np.full(ticks, middle)
     at_end[: ticks // 3] = limits.upper[0]
     found = limit_shares(moved(run, at_end))
-    assert found is not None and found.position == (ticks // 3) / ticks
-    assert found.velocity == 1 / (ticks - 1) and found.acceleration == 2 / (ticks - 2)
+    assert found["at_position_limit"] == (ticks // 3) / ticks
+    assert found["at_velocity_limit"] == 1 / (ticks - 1) and found["at_acceleration_limit"] == 2 / (ticks - 2)
     fast = middle + limits.max_velocity[0] * dt * np.where(np.arange(ticks) < ticks // 2, 0, 1).cumsum() * 0.9995
     fast = np.minimum(fast, limits.upper[0] - 0.1)
     found = limit_shares(moved(run, fast))
-    assert found is not None and found.position == 0.0 and found.velocity > 0.05
+    assert found["at_position_limit"] == 0.0 and found["at_velocity_limit"] > 0.05
 
 
 def test_what_has_no_shares() -> None:
     run = scripted_run()
-    assert limit_shares(replace(run, record=run.record[:1])) is None
+    assert limit_shares(replace(run, record=run.record[:1])) == {}

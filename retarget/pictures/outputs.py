@@ -5,14 +5,48 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from retarget.errors import RefusedError
+from retarget.errors import RefusedError, UsageError
 from retarget.recording.npz import save_path, write_npz
-from retarget.report.report import Report, page_path, report_path, write_report
+from retarget.report.report import Report, write_report
 from retarget.run.run_result import RunResult
-from retarget.schema.files import check_folder, refuse_existing
+from retarget.schema.files import check_folder, check_path, check_place, refuse_existing
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 """Names of the files in `--plots DIR`, known without importing what draws them."""
+FILE_NAME, PAGE_NAME = "report.json", "report.html"
+"""Names of the files in `--report DIR`."""
+
+
+def report_path(text: str | Path) -> Path:
+    """Path of a report: FILE.json, or `report.json` in a folder, which need not be there yet.
+
+    Raises UsageError if it cannot be written there.
+    """
+    path = Path(text)
+    check_path(path, option="--report")
+    page = page_path(path)
+    if page is not None:
+        check_folder(page.parent, option="--report")
+        return page.with_name(FILE_NAME)
+    if path.suffix.lower() != ".json":
+        raise UsageError(
+            "a report is a JSON file, or a folder with that and a page",
+            where="--report",
+            found=str(path),
+            allowed="FILE.json, or a folder",
+            next_step=f"Give {path.with_suffix('.json').name}, or {path.stem} for both",
+        )
+    check_place(path, option="--report")
+    return path
+
+
+def page_path(text: str | Path) -> Path | None:
+    """Path of the page of a report: `report.html` in the folder that is given; None where a file is meant.
+
+    A name that is not there yet is a folder's, unless it ends like a file's.
+    """
+    path = Path(text)
+    return path / PAGE_NAME if path.is_dir() or not path.suffix[1:].isalpha() else None
 
 
 @dataclass(frozen=True)
@@ -68,7 +102,7 @@ class Outputs:
     def in_folder(cls, folder: Path) -> "Outputs":
         """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
         check_folder(folder, option="folder")
-        return cls(report=folder / "report.json", page=folder / "report.html", save=folder / "run.npz", plots=folder)
+        return cls(report=folder / FILE_NAME, page=folder / PAGE_NAME, save=folder / "run.npz", plots=folder)
 
     def refuse_existing(self, option: str = "") -> None:
         """Raise UsageError for the first file that is there already. option: by which all of them were asked for."""
@@ -87,10 +121,10 @@ class Outputs:
     def write(self, run: RunResult, report: Report) -> "WrittenFiles":
         """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
         if self.page is not None or self.plots is not None:
-            from retarget.report.page import write_page
-            from retarget.report.plots import figures_of, write_plots
+            from retarget.pictures.page import write_page
+            from retarget.pictures.plots import figures_of, write_plots
         if self.animate is not None:
-            from retarget.report.solid import write_animation
+            from retarget.pictures.solid import write_animation
 
         figures = cache(lambda: figures_of(run))  # page and pictures show the same
         tries: list[tuple[str, Path | None, Callable[[Path], object]]] = [
@@ -116,7 +150,7 @@ class Outputs:
 
 def _animation_path(path: Path) -> Path:
     """As `animation_path`, which is imported with what draws."""
-    from retarget.report.solid import animation_path
+    from retarget.pictures.solid import animation_path
 
     return animation_path(path)
 

@@ -17,10 +17,10 @@ from PIL import Image
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import convex_hull, plant
 from retarget.model.meshes import MIDDLE, SIDES
+from retarget.pictures.solid import SHADE, SHARPER, feet_of, performer_postures, robot_postures
 from retarget.report import motion_metrics
 from retarget.report.likeness import ARMS, LEAN, limb_angles
 from retarget.report.motion_metrics import moved_joints
-from retarget.report.solid import SHADE, SHARPER, feet_of, performer_postures, robot_postures
 from retarget.report.tracking import performance_of, performer_facing, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from retarget import rotations
 from retarget.model.meshes import OBSERVER, OBSTACLE, Mesh, SolidBody, shapes_json
 from retarget.model.robot import RobotBody
-from retarget.model.scene_state import obstacle_meshes, obstacle_poses
+from retarget.pictures.plots import POSES, unlike_ticks
+from retarget.pictures.solid import HUMAN_BONES, facing_x, obstacles
 from retarget.report import motion_metrics
 from retarget.report.findings import moments
-from retarget.report.plots import POSES, unlike_ticks
-from retarget.report.solid import HUMAN_BONES, facing_x
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.record import PHASE_NAMES
 from retarget.run.run_result import RunResult
@@ -88,7 +87,7 @@ def animation_of(run: RunResult) -> dict[str, Any] | None:
 def _performer(run: RunResult, rows: IntArray) -> dict[str, Any]:
     """The reconstructed human and the sensors, turned so that it faces x where following begins."""
     caption = "as reconstructed" + ("" if _recorded(run, rows) is None else "; lines: as recorded")
-    heading, scene = performer_facing(run)[:1], _obstacles(run, rows) if run.robot is None else None
+    heading, scene = performer_facing(run)[:1], obstacles(run, rows) if run.robot is None else None
     poses = facing_x(run.human.solid.poses(run.record.human_q[rows]), heading)
     if scene is not None:
         scene = scene[0], facing_x(scene[1], heading)
@@ -103,7 +102,7 @@ def _robot(run: RunResult, rows: IntArray) -> dict[str, Any] | None:
     if robot is None or sent is None or q is None:
         return None
     caption = "as sent" if run.physics is None else "as simulated"
-    poses, marks, scene = robot.solid.poses(q[rows]), sent.landmarks_asked[rows], _obstacles(run, rows)
+    poses, marks, scene = robot.solid.poses(q[rows]), sent.landmarks_asked[rows], obstacles(run, rows)
     made = figure(robot.profile.name, robot.solid, poses, marks=marks, layers=("asked", "pass"), scene=scene)
     return made | {"caption": caption}
 
@@ -126,7 +125,8 @@ def figure(
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
     corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
     some = poses[:: math.ceil(len(poses) / MOST_ROWS)]
-    points = (some[:, :, None, :3] + rotations.rotate(some[:, :, None, 3:], corners)).reshape(len(some), -1, 3)
+    some = some[:, solid.owners, None]
+    points = (some[..., :3] + rotations.rotate(some[..., 3:], corners)).reshape(len(some), -1, 3)
     height = float(points[..., 2].max())
     centre = poses[..., :2].mean(axis=1)
     if np.ptp(centre, axis=0).max() < TRAVEL * height:
@@ -173,16 +173,6 @@ def ground(robot: RobotBody, q: FloatArray, rows: IntArray) -> dict[str, Any] | 
         "span": (high - low).tolist(),
         "outside": letters(stand.outside, rows),
     }
-
-
-def _obstacles(run: RunResult, rows: IntArray) -> tuple[list[Mesh], FloatArray] | None:
-    """Meshes of the obstacles, and their poses (T, o, 7), or (1, o, 7) where nothing moves; None without any."""
-    scene = run.scene
-    if scene is None or not (meshes := obstacle_meshes(scene.shapes)):
-        return None
-    times = np.maximum(run.record.time[rows], 0.0).tolist()
-    poses = np.array([obstacle_poses(scene.shapes, scene.at_rest(time)) for time in times])
-    return meshes, poses if np.ptp(poses, axis=0).max() > 0.0 else poses[:1]
 
 
 def _recorded(run: RunResult, rows: IntArray) -> dict[str, Any] | None:

@@ -6,7 +6,6 @@ import numpy as np
 
 from retarget import rotations
 from retarget.frames import SensorFrames, Skeleton, stature
-from retarget.human.samples import calibration_pose
 from retarget.types import FloatArray
 
 TRUNK_SPEED = 8.0
@@ -78,9 +77,9 @@ class MotionSummary:
     notes: tuple[str, ...]
 
 
-def summarise(frames: SensorFrames, *, streamed: bool = False) -> MotionSummary:
-    """Look at every frame of a recording. streamed: of a stream, of which no calibration pose is left out."""
-    jumps, pose = find_jumps(frames), None if streamed else calibration_pose(frames)
+def summarise(frames: SensorFrames) -> MotionSummary:
+    """Look at every frame of a recording."""
+    jumps = find_jumps(frames)
     # Speed (T - 1, k) m/s of every sensor, NaN where either frame is invalid.
     speed = np.linalg.norm(np.diff(frames.position, axis=0), axis=-1) / np.diff(frames.time)[:, None]
     sensors = tuple(_sensor(frames, i, speed, jumps) for i in range(len(frames.names)))
@@ -98,7 +97,7 @@ def summarise(frames: SensorFrames, *, streamed: bool = False) -> MotionSummary:
         lengths_m={} if frames.skeleton is None else body_lengths(frames.skeleton),
         travel_m=float(np.linalg.norm(np.ptp(seen, axis=0))) if len(seen) else 0.0,
         jumps=jumps,
-        notes=frames.notes if pose is None else (*frames.notes, f"the recording {pose}"),
+        notes=frames.notes,
     )
 
 

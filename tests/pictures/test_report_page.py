@@ -22,12 +22,13 @@ from hardware.guard_state import Stop, StopCause
 from retarget.model.meshes import THINNEST
 from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState, obstacle_meshes, obstacle_poses
-from retarget.report.animation import animation_of
+from retarget.pictures.animation import animation_of
+from retarget.pictures.outputs import page_path, report_path
+from retarget.pictures.page import FOLDER, page_html, write_page
+from retarget.pictures.plots import PICTURES, figures_of
 from retarget.report.findings import moments
 from retarget.report.measure import measure
-from retarget.report.page import FOLDER, page_html, write_page
-from retarget.report.plots import PICTURES, figures_of
-from retarget.report.report import Report, page_path, report_path
+from retarget.report.report import Report
 from retarget.rotations import conjugate, rotate
 from retarget.run.loop import Operator, run_human
 from retarget.run.run_result import RunResult
@@ -42,7 +43,7 @@ EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' & $\\frac$ </ti
 def few_pictures() -> Iterator[None]:
     """Big drawings take seconds; all of them are drawn by the test of the demo."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("retarget.report.plots.PICTURES", {name: PICTURES[name] for name in ("balance", "poses")})
+        patch.setattr("retarget.pictures.plots.PICTURES", {name: PICTURES[name] for name in ("balance", "poses")})
         yield
 
 
@@ -171,7 +172,7 @@ def test_the_player_shows_what_was_sent(html: str, run: RunResult) -> None:
     assert robot is not None and sent is not None
     rows = np.arange(0, len(run.record), data["every"])
     figure, poses = data["robot"], robot.solid.poses(sent.q[rows])
-    assert len(figure["body"]["meshes"]) == poses.shape[1]
+    assert {mesh["link"] for mesh in figure["body"]["meshes"]} == set(range(poses.shape[1]))
     numbers = np.frombuffer(base64.b64decode(figure["poses"]["numbers"]), dtype="<i2").reshape(poses.shape)
     place = numbers[..., :3] * figure["poses"]["step"]
     place[..., :2] += unpacked(figure["centre"], len(rows), 1, 2)

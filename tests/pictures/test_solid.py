@@ -13,9 +13,22 @@ from messages import refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import load_body_text
 from retarget.model.meshes import LEFT, MIDDLE, RIGHT, rgb, solid_body
-from retarget.report import solid
-from retarget.report.solid import FPS, DrawnPostures, animation_path, gif, moving, mp4, pictures, webp, write_animation
+from retarget.model.scene_state import SceneState
+from retarget.pictures import solid
+from retarget.pictures.solid import (
+    FPS,
+    DrawnPostures,
+    animation_path,
+    gif,
+    moving,
+    mp4,
+    pictures,
+    robot_postures,
+    webp,
+    write_animation,
+)
 from retarget.run.run_result import RunResult
+from retarget.schema.scene import load_scene
 from rig import scripted_run
 
 TWO = """<mujoco><worldbody><body name="base"><freejoint/><geom type="box" size="0.1 0.2 0.3"/>
@@ -39,6 +52,17 @@ def test_the_nearest_is_seen() -> None:
     assert orange > 0.9 * np.pi * 15.0**2 and grey > 2000, "the ball is a circle of 15 pixels"
     hidden, more = drawn((0.0, 0.0, 0.0, 1.0))
     assert hidden < 0.35 * orange and more > grey, "turned by half, the box stands before the ball"
+
+
+def test_bones_are_drawn_where_both_ends_are_known() -> None:
+    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
+    poses = body.poses(np.array([[0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0]]))
+    recorded = np.array([[[0.0, 0.6, 0.3], [0.0, 0.6, 0.6], [np.nan] * 3]])
+    picture = Image.new("RGB", (200, 200), "white")
+    bones = ((0, 1), (1, 2))
+    DrawnPostures(body, poses, 1.0, recorded=recorded, bones=bones).draw(picture, 0, place=(100.0, 180.0), scale=150.0)
+    black = np.asarray(picture).max(axis=2) < 20
+    assert 40 < black.sum() < 120 and not black[:, :100].any(), "a single line of 44 pixels"
 
 
 def test_sides_that_turn_to_the_light_are_brighter() -> None:
@@ -70,6 +94,22 @@ def test_performer_and_robot_stand_side_by_side_and_move(run: RunResult, frames:
             seen = half[0] / half[0].sum(axis=2, keepdims=True)
             assert (np.abs(seen - np.array(rgb(side)) / sum(rgb(side))).max(axis=2) < 0.1).sum() > 100, side
         assert (half[0] != half[-1]).any()
+
+
+def test_obstacles_are_seen_and_seen_through(run: RunResult) -> None:
+    tick = run.record.following.start
+    among = robot_postures(replace(run, scene=SceneState(load_scene("table"))), [tick])
+    alone = robot_postures(run, [tick])
+    pictures = []
+    for body in (alone, among):
+        picture = Image.new("RGB", (400, 300), "white")
+        body.draw(picture, 0, place=(250.0, 250.0), scale=150.0)
+        pictures.append(np.asarray(picture).astype(int))
+    red, green, blue = np.moveaxis(pictures[1], -1, 0)
+    table = (red > green + 5) & (green > blue + 5) & (red < 2 * blue)
+    assert table.sum() > 5000 and table[:, :150].any(), "it is brown, and reaches beyond the robot"
+    before = (pictures[0] != 255).any(axis=2) & (pictures[1] != pictures[0]).any(axis=2)
+    assert before.any() and among.extent(0)[0] < alone.extent(0)[0] - 0.3
 
 
 @pytest.mark.parametrize(("make", "kind"), [(webp, "WEBP"), (gif, "GIF")])

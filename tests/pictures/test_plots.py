@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hardware.clock import VirtualClock
-from retarget.report.plots import (
+from retarget.pictures.plots import (
     PICTURES,
     figures_of,
     plot_poses,

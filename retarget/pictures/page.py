@@ -12,7 +12,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from hardware.errors import counted, printable
-from retarget.report.animation import animation_of
+from retarget.pictures.animation import animation_of
 from retarget.report.findings import FOLLOWING, NOT_FOLLOWED, findings, moments
 from retarget.report.report import Report, Spread
 from retarget.run.run_result import RunResult

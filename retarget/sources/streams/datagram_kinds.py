@@ -1,4 +1,4 @@
-"""The protocol of a datagram by its first bytes, and the advice where it is not the protocol of the address.
+"""The protocol of a datagram, by its first bytes.
 
 Facts on streams, sections 2 to 6: OSC begins with `#bundle` or an address, MVN with `MXTP`, NatNet with an id and its
 own size, mocopi with a counted `head`, Axis Studio with 0xDDFF, Rokoko Studio with JSON or an LZ4 frame of it.
@@ -8,8 +8,6 @@ import json
 import struct
 from dataclasses import dataclass
 
-from retarget.live.address import KINDS
-from retarget.live.advice import advice
 from retarget.sources.streams.mvn import QUATERNION, TYPES, read_header
 from retarget.sources.streams.natnet_wire import MessageId, split
 from retarget.sources.streams.osc import OscPacket, read_osc
@@ -126,19 +124,3 @@ def _natnet(datagram: bytes) -> Recognised | None:
 
 def _shown(text: str) -> str:
     return repr(text[:LONGEST_NAME])
-
-
-# What to do when something else arrives than the address reads.
-
-
-def advice_for(kind: str, got: Recognised, *, port: int, recording: str = "") -> str:
-    """What to do about datagrams `got` at an address of `kind`; "" where the address reads them. recording: the file
-    that holds them, "" for a live stream."""
-    symptom = f"instead {got.kind}" if got.kind else f"unread {got.name}"
-    if reads(kind, got):
-        symptom = f"part {got.detail}"
-    elif got.kind and recording:
-        symptom = f"recorded {got.kind}"
-    usual = KINDS[got.kind].port if got.kind else None
-    facts = {"port": port, "recording": recording, "got": got.kind, "name": got.name, "usual": usual}
-    return advice(symptom, kind, sender=KINDS[kind].sender, axes=", ".join(CONVENTIONS), **facts).then

@@ -2,7 +2,7 @@
 nearest. Whoever wants a body in a picture takes this one drawing."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 from io import BytesIO
@@ -14,9 +14,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFilter
 
 from retarget import rotations
-from retarget.errors import ConfigError, UsageError
+from retarget.errors import ConfigError, UsageError, install_step
 from retarget.model.human_dimensions import PARENTS, POINTS
-from retarget.model.meshes import SolidBody
+from retarget.model.meshes import OBSTACLE, Mesh, SolidBody, rgb
+from retarget.model.scene_state import obstacle_meshes, obstacle_poses
 from retarget.report import motion_metrics
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.run_result import RunResult
@@ -60,6 +61,8 @@ HUMAN_BONES: tuple[Bone, ...] = tuple(
 """Bones of the human: each joint with the one that carries it."""
 THIN, MARGIN = 0.010, 0.03
 """Thickness of a recorded bone, and room beside a body, in its heights."""
+NEAR = 1.5
+"""Obstacles that are farther away than this, in heights, get no room in a picture."""
 FLOOR, SHADOW_PX, DARK = 0.9, 160, 52
 """Half the side of the floor on which shadows fall, in heights, its pixels across, and how dark they are of 255."""
 
@@ -68,8 +71,9 @@ FLOOR, SHADOW_PX, DARK = 0.9, 160, 52
 class DrawnPostures:
     """A body in p postures that face x, with the feet at the origin, in heights of the body.
 
-    poses (p, m, 7): of its links, position and wxyz; size: of a height, m. soles: outlines (p, c, 3) on the ground.
-    recorded (p, k, 3): ends of thin black lines over it, pairs of points in `bones`.
+    poses (p, k, 7): of its links, position and wxyz; size: of a height, m. soles: outlines (p, c, 3) on the ground.
+    recorded (p, e, 3): ends of thin black lines over it, pairs of points in `bones`. around: the same body with its
+    obstacles, which are seen through.
     """
 
     solid: SolidBody
@@ -78,6 +82,7 @@ class DrawnPostures:
     soles: tuple[FloatArray, ...] = ()
     recorded: FloatArray | None = None
     bones: tuple[tuple[int, int], ...] = ()
+    around: "DrawnPostures | None" = None
 
     @cached_property
     def _surface(self) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
@@ -96,7 +101,7 @@ class DrawnPostures:
     def points(self, pose: int) -> FloatArray:
         """The vertices of its surface (v, 3) in one posture."""
         vertices, _, owner, _ = self._surface
-        poses = self.poses[pose, owner]
+        poses = self.poses[pose, self.solid.owners[owner]]
         return np.asarray(poses[:, :3] + rotations.rotate(poses[:, 3:], vertices))
 
     def extent(self, pose: int) -> tuple[float, float, float, float]:
@@ -104,6 +109,9 @@ class DrawnPostures:
         shown = [self.points(pose), *(sole[pose] for sole in self.soles)]
         if self.recorded is not None:
             shown.append(self.recorded[pose])
+        if self.around is not None:
+            points = self.around.points(pose)
+            shown.append(points[np.abs(points).max(axis=1) < NEAR])
         across, up, _ = project(np.concatenate(shown))
         low, high = np.nanmin([across, up], axis=1) - MARGIN, np.nanmax([across, up], axis=1) + MARGIN
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
@@ -112,6 +120,9 @@ class DrawnPostures:
         """Draw one posture with its origin at `place`, pixels across and down. scale: pixels to a height."""
         _, outward, owner, faces = self._surface
         points, pen = self.points(pose), ImageDraw.Draw(picture)
+        whole = None if self.around is None else picture.copy()
+        if self.around is not None and whole is not None:
+            self.around.draw(whole, pose, place=place, scale=scale)
 
         def pixels(points: FloatArray) -> tuple[FloatArray, FloatArray]:
             across, up, near = project(points)
@@ -120,12 +131,16 @@ class DrawnPostures:
         _cast(picture, points[faces], place, scale)
         for sole in self.soles:
             pen.polygon(pixels(sole[pose])[0].ravel().tolist(), outline="#a0a0a0", width=max(1, round(0.004 * scale)))
-        shades = lit(rotations.rotate(self.poses[pose, owner, 3:], outward), self.solid.colours[owner])
+        turns = self.poses[pose, self.solid.owners[owner], 3:]
+        shades = lit(rotations.rotate(turns, outward), self.solid.colours[owner])
         _fill(picture, *pixels(points), shades, faces)
         if self.recorded is not None:
             ends, _ = pixels(self.recorded[pose])
-            for a, b in self.bones:
-                pen.line([*ends[a].tolist(), *ends[b].tolist()], "black", max(1, round(THIN * scale)))
+            for bone in self.bones:
+                if np.isfinite(ends[[*bone]]).all():  # a file that knows only some of the joints
+                    pen.line(ends[[*bone]].ravel().tolist(), "black", max(1, round(THIN * scale)))
+        if whole is not None:
+            picture.paste(Image.blend(picture, whole, 0.5))
 
 
 def _cast(picture: Image.Image, corners: FloatArray, place: tuple[float, float], scale: float) -> None:
@@ -217,7 +232,8 @@ def performer_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
         bones = tuple((record.human_joint_names.index(a), record.human_joint_names.index(b)) for a, b in HUMAN_BONES)
-    return DrawnPostures(run.human.solid, _standing(poses, feet, size), size, recorded=recorded, bones=bones)
+    drawn = DrawnPostures(run.human.solid, _standing(poses, feet, size), size, recorded=recorded, bones=bones)
+    return drawn if run.robot is not None else _among(drawn, run, ticks, feet, facing)
 
 
 def robot_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
@@ -229,7 +245,36 @@ def robot_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
     points = robot.points(q, names)
     feet, size = feet_of(points, names), _size(points, names)
     soles = tuple((sole - feet) / size for sole in motion_metrics.standing_of(robot, q).soles)
-    return DrawnPostures(robot.solid, _standing(robot.solid.poses(q), feet, size), size, soles)
+    drawn = DrawnPostures(robot.solid, _standing(robot.solid.poses(q), feet, size), size, soles)
+    return _among(drawn, run, ticks, feet, np.array([[1.0, 0.0]]))
+
+
+def obstacles(run: RunResult, rows: Sequence[int] | IntArray) -> tuple[list[Mesh], FloatArray] | None:
+    """Meshes of the obstacles of a run, and their poses (T, o, 7), m and wxyz, at some of its ticks, or (1, o, 7) where
+    nothing moves; None without any."""
+    scene = run.scene
+    if scene is None or not (meshes := obstacle_meshes(scene.shapes)):
+        return None
+    times = np.maximum(run.record.time[rows], 0.0).tolist()
+    poses = np.array([obstacle_poses(scene.shapes, scene.at_rest(time)) for time in times])
+    return meshes, poses if np.ptp(poses, axis=0).max() > 0.0 else poses[:1]
+
+
+def _among(
+    drawn: DrawnPostures, run: RunResult, ticks: Sequence[int], feet: FloatArray, facing: FloatArray
+) -> DrawnPostures:
+    """A body among the obstacles of its run, if there are any. facing (p or 1, 2): where the body faces in their
+    world."""
+    seen = obstacles(run, ticks)
+    if seen is None:
+        return drawn
+    meshes, poses = seen[0], np.broadcast_to(seen[1], (len(ticks), *seen[1].shape[1:]))
+    solid, colours = drawn.solid, np.tile(rgb(OBSTACLE), (len(meshes), 1))
+    owners = np.append(solid.owners, drawn.poses.shape[1] + np.arange(len(meshes)))
+    colours = np.vstack([solid.colours, colours])
+    both = replace(solid, meshes=(*solid.meshes, *meshes), owners=owners, colours=colours)
+    poses = np.concatenate([drawn.poses, _standing(facing_x(poses, facing), feet, drawn.size)], axis=1)
+    return replace(drawn, around=DrawnPostures(both, poses, drawn.size))
 
 
 def facing_x(poses: FloatArray, heading: FloatArray) -> FloatArray:
@@ -352,7 +397,7 @@ def animation_path(path: Path) -> Path:
     if path.suffix.lower() not in KINDS:
         raise UsageError("unknown kind of animation", where="--animate", found=str(path), allowed=", ".join(KINDS))
     if path.suffix.lower() == ".mp4" and find_spec("av") is None:
-        step = "Install it: pip install av; or write a .webp"
+        step = f"{install_step('av')}; or write a .webp"
         raise ConfigError("an MP4 needs PyAV", where="--animate", found=str(path), next_step=step)
     return path
 

@@ -1,0 +1,1 @@
+"""A finished run for a person to look at: pictures, animations, a page with its player, and the files of a command."""
