@@ -15,7 +15,7 @@ from hardware.imu import ImuSpec
 from retarget.errors import ConfigError
 from retarget.model.robot import RobotBody
 from retarget.schema.scene import Scene
-from sim.emulator.bno08x import EmulatedBno08x
+from sim.bno08x import EmulatedBno08x
 from sim.emulator.fault_state import EVERY_KIND, load_fault_plan
 from sim.emulator.faults import FaultKind
 from sim.emulator.ports import EmulatedPort

@@ -21,7 +21,7 @@ from hardware.imu import (
     from_roll_pitch_yaw,
 )
 from retarget import rotations
-from sim.emulator.bno08x import EmulatedBno08x
+from sim.bno08x import EmulatedBno08x
 from sim.imu import Ailment, ImuErrors, ImuStandIn, ImuTruth, roll_pitch_yaw
 
 HALF_TURN = ImuSpec(ImuKind.OPENCR, "body", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), bus="main", id=200)

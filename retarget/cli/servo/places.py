@@ -31,7 +31,7 @@ from retarget.cli.exit import echo
 from retarget.cli.servo.find_port import port_of_bus
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
-from sim.emulator.bno08x import EmulatedBno08x
+from sim.bno08x import EmulatedBno08x
 from sim.emulator.fault_state import load_fault_plan
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort

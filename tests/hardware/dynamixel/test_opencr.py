@@ -15,7 +15,7 @@ from hardware.dynamixel.codec import protocol2
 from hardware.dynamixel.opencr import ID, IMU_FIRST, TABLE, imu_reading
 from hardware.imu import GRAVITY, ImuFault, ImuKind, ImuSample, ImuSpec, from_roll_pitch_yaw
 from hardware.joint_map import JointMap
-from sim.emulator.bno08x import EmulatedBno08x
+from sim.bno08x import EmulatedBno08x
 from sim.emulator.faults import Fault, FaultKind
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
