@@ -2,8 +2,8 @@
 
 * Each wheel holds every file of the packages in this checkout and no other, an extension for its processor, and the
   extras of pyproject.toml. The sdist holds the crate too.
-* The wheel of this machine is installed, with the extras of the README, into a new environment that has neither a
-  compiler nor this checkout, and the first lines of the README run there.
+* The wheel of this machine is installed by the README's line, as typed, and then its extras, into a new environment
+  that has no compiler and not this checkout, and the first lines of the README run there.
 * The same lines run with a wheel that pip builds of the sdist, in an environment of its own.
 * The wheel for the other processor, which cannot run here, can be installed there: pip finds every package it needs
   as a wheel. Whether it computes the same is shown by `make same-bits BITS="--short --aarch64"`.
@@ -35,6 +35,8 @@ PROCESSORS = {"x86_64": 62, "aarch64": 183}
 EXTENSION = "retarget/_solver.abi3.so"
 EXTRAS = "record,view"
 """Those of the README's first lines."""
+WHEEL_LINE = re.compile(r"^ {4}(pip install wheels/.*\.whl)$", re.MULTILINE)
+"""The line of the README that installs a wheel."""
 PIPELINE = """
 import sys, retarget
 assert retarget.__file__.startswith(sys.prefix), retarget.__file__
@@ -71,7 +73,7 @@ def main() -> int:
         for processor, wheel in wheels.items():
             if processor != machine:
                 _try_resolving(wheel, processor, place)
-        tools = _new_environment(place, f"{wheels[machine]}[{EXTRAS}]")
+        tools = _new_environment(place, wheels[machine])
         _try_lines(place, tools, "wheel")
         built = _built_of(sdist, place)
         _check_wheel(built, machine)
@@ -153,13 +155,25 @@ def _timed(what: str, words: list[str], place: Path, **variables: str) -> str:
     return done.stdout + done.stderr
 
 
-def _new_environment(place: Path, requirement: str) -> Path:
-    """Install into an environment without a compiler, in `place`. Returns the folder of its programs."""
+def wheel_line() -> str:
+    """The line of the README that installs a wheel, as it is typed."""
+    found = WHEEL_LINE.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    if len(found) != 1:
+        raise SystemExit(f"README.md: one line that installs a wheel is needed, found {len(found)}")
+    return str(found[0])
+
+
+def _new_environment(place: Path, wheel: Path) -> Path:
+    """Install a wheel, as the README has it, and its extras into an environment without a compiler, in `place`.
+    Returns the folder of its programs."""
     tools = place / "environment" / "bin"
     print("a new environment:", flush=True)
     _timed("make it", [sys.executable, "-m", "venv", str(tools.parent)], place)
+    (place / "wheels").symlink_to(wheel.parent)
+    (tools / "uname").symlink_to(str(shutil.which("uname")))
+    _timed(wheel_line(), ["/bin/sh", "-c", wheel_line()], place, PATH=str(tools), PIP_ONLY_BINARY=":all:")
     pip = [str(tools / "python"), "-m", "pip", "install", "--quiet", "--only-binary=:all:"]
-    _timed("install the wheel and what it needs", [*pip, requirement], place, PATH=str(tools))
+    _timed("install its extras", [*pip, f"{wheel}[{EXTRAS}]"], place, PATH=str(tools))
     return tools
 
 

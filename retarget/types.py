@@ -15,7 +15,23 @@ ModeArray = NDArray[np.uint8]
 MM = 1e3
 """Millimetres in a metre."""
 Notify = Callable[[str], object]
-"""Takes a message for the operator, one sentence without a line end."""
+"""Takes a message for the operator, one sentence without a line end. It must be said, unless it is `News`."""
+
+
+class News(str):
+    """A message that may come again and again, and may be counted instead of said.
+
+    kind: what comes again, without times and counts; usually the text. is_due: the first of its kind must be said.
+    """
+
+    kind: str
+    is_due: bool
+
+    def __new__(cls, text: str, kind: str = "", *, is_due: bool = False) -> "News":
+        """Of a text, one sentence."""
+        news = super().__new__(cls, text)
+        news.kind, news.is_due = kind or text, is_due
+        return news
 
 
 class RunState(Enum):

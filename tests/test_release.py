@@ -1,6 +1,8 @@
 """The definition that publishes a release: what it calls is there, and only one job may publish."""
 
+import platform
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -8,6 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
+from benchmarks.wheels import PROCESSORS, wheel_line
 from retarget.errors import install_step
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -23,6 +26,16 @@ def test_what_it_runs_is_in_the_repository() -> None:
     modules = [name for run in runs for name in re.findall(r"python -m (benchmarks\.\w+)", run)]
     assert targets and all(re.search(rf"^{name}:", makefile, re.MULTILINE) for name in targets)
     assert modules and all((ROOT / name.replace(".", "/")).with_suffix(".py").is_file() for name in modules)
+
+
+def test_the_line_of_the_readme_installs_the_wheel_of_this_machine(tmp_path: Path) -> None:
+    (tmp_path / "wheels").mkdir()
+    made = {one: f"wheels/retarget-0.2.0-cp311-abi3-manylinux_2_17_{one}.manylinux2014_{one}.whl" for one in PROCESSORS}
+    for name in made.values():
+        (tmp_path / name).touch()
+    typed = f'pip() {{ echo "$@"; }}; {wheel_line()}'
+    done = subprocess.run(["/bin/sh", "-c", typed], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["install", made[platform.machine()]]
 
 
 def test_its_oldest_python_is_that_of_the_project() -> None:

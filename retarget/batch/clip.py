@@ -4,7 +4,6 @@ another one, so that any engine may run any clip anywhere."""
 import hashlib
 import importlib
 import json
-import shutil
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -342,11 +341,8 @@ def _write(run: RunResult, clip: BatchClip, settings: BatchSettings) -> None:
     motion = followed(motion_of(run, clip.source), found=run.reason or "no such tick")
     if settings.fps is not None:
         motion = resampled(motion, settings.fps)
-    # The index has seen that what is here was made of this source: an export itself replaces nothing.
-    if place.is_dir() and not place.is_symlink():
-        shutil.rmtree(place)
-    place.unlink(missing_ok=True)
-    export_motion(motion, format_named(settings.format), place)
+    # The index has seen that what is here was made of this source.
+    export_motion(motion, format_named(settings.format), place, overwrite=True)
 
 
 def _measured(run: RunResult, clip: BatchClip, settings: BatchSettings) -> ClipRow:

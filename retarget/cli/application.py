@@ -390,49 +390,6 @@ def note(text: str) -> None:
     log(f"note: {text}")
 
 
-MOST_LINES, LAST_LINES = 12, 5
-"""Lines of a run, and those at its end: torque, what was played, what was kept back, files, the sentence."""
-MOST_BEFORE = 2
-"""Notes before anything moves."""
-HOLDS = "the performer is not followed"
-"""Begins the notice of a hold, the first of which is always printed."""
-
-
-class RunLines:
-    """The lines of one run, `MOST_LINES` where that can be. While the robot is `moving`, which may be for hours, each
-    kind of notice is printed once, while there is room, and counted from then on. verbose: all are printed."""
-
-    def __init__(self, *, verbose: bool = False) -> None:
-        self.verbose, self.moving = verbose, False
-        self.kept_back = 0
-        self._count = self._notes = 0
-        self._kinds = set[str]()
-
-    @property
-    def room(self) -> int:
-        """Lines that are left before those at the end."""
-        return MOST_LINES if self.verbose else max(MOST_LINES - LAST_LINES - self._count, 0)
-
-    def log(self, text: str) -> None:
-        """Print what the operator must read now."""
-        self._count += 1 + text.count("\n")
-        log(text)
-
-    def notify(self, text: str) -> None:
-        """Print a notice, or count it."""
-        kind = re.sub(r" ?[(\d].*", "", text)  # without times and counts
-        self._notes += text.startswith("note: ")
-        if self.moving:
-            fits = kind not in self._kinds and (self.room > 0 or kind.startswith(HOLDS))
-            self._kinds.add(kind)
-        else:
-            fits = not text.startswith("note: ") or self._notes <= MOST_BEFORE
-        if fits or self.verbose:
-            self.log(text)
-        else:
-            self.kept_back += 1
-
-
 def console(*, err: bool = False) -> "Console":
     """Make the console on which tables and progress are printed, on stdout or stderr. In a pipe it wraps no line. What
     acts on a terminal in the texts that it is given is spelled out, as `echo` does."""

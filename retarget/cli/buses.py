@@ -24,7 +24,7 @@ from retarget.run.own_bus import OwnBus, is_own, own_bus_class
 from retarget.run.run_result import RunResult
 from retarget.run.tick import Machine
 from retarget.schema.scene import load_scene
-from retarget.types import FloatArray, Notify, RunState
+from retarget.types import FloatArray, News, Notify, RunState
 
 if TYPE_CHECKING:
     from sim.physics.mount import Mount
@@ -171,7 +171,7 @@ class PhysicsBench:
         options, asked = self._options, self._options.physics
 
         def notify(text: str) -> None:
-            self._notify(f"note: {text}")
+            self._notify(News(f"note: {text}"))
 
         if asked.root is not None:  # it follows with the root of its mount, and still has soles
             robot = load_robot(options.robot)

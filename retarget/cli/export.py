@@ -60,10 +60,11 @@ def export(
     if len(files) > 1 and form.name != LEROBOT:
         found, step = f"{len(files)} files", f"Export them one by one, or --to {LEROBOT}"
         raise UsageError("only a LeRobot dataset holds several runs", where="--to", found=found, next_step=step)
+    inputs = files[1:] if body is None else [*files[1:], body]
     wholes = [read_run(file, of_human=of == HUMAN, body=body) for file in files]
     for text in dict.fromkeys(text for whole in wholes for text in whole.notes):
         note(text)
-    place = export_place(form, files[0], out, of_human=of == HUMAN, overwrite=overwrite)
+    place = export_place(form, files[0], out, of_human=of == HUMAN, inputs=inputs)
     fps = form.conventions.fps if fps is None else fps
     step = "Export all of it: --phase all"
     chosen = wholes if phase == ALL else [followed(whole, next_step=step) for whole in wholes]

@@ -1,4 +1,7 @@
-"""The operator of a run of the command line. `RunOperator.ask` polls all that may stop or hold the robot, each tick."""
+"""The operator of a run of the command line.
+
+`RunOperator.ask` polls all that may stop or hold the robot, each tick. `RunLines` prints what is said.
+"""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -9,7 +12,7 @@ from typing import Protocol, runtime_checkable
 
 from hardware.guard import Torque
 from hardware.guard_state import Stop, StopCause
-from retarget.cli.application import console
+from retarget.cli.application import console, log
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import Asked, Control, LiveStatus
 from retarget.cli.exit import REASONS, SUSPENDED, StopRequest
@@ -17,7 +20,7 @@ from retarget.run.loop import Observer, Operator, Tick
 from retarget.run.prepare import Prepared
 from retarget.run.supervisor import AT_RISK, OperatorInput
 from retarget.run.tick import Failure, Machine, caught
-from retarget.types import Notify, RunState
+from retarget.types import News, Notify, RunState
 from retarget.web.feed import ViewFeed
 
 LONGEST_S = 300.0
@@ -157,6 +160,64 @@ class RunOperator(Operator):
             self._holds = holds
             self._performer.clutch(engaged=self.engaged)
             self._since = None if self.engaged else self._clock.now() if self._since is None else self._since
+
+
+# What is printed of a run.
+
+MOST_LINES, LAST_LINES = 12, 5
+"""Lines of a run, and those at its end: torque, what was played, what was kept back, files, the sentence."""
+MOST_BEFORE = 2
+"""Notes before anything moves."""
+
+
+class RunLines:
+    """The lines of one run, which may last for hours: `MOST_LINES`, but for what must be said.
+
+    What is no `News` is printed: instructions, warnings about servos, answers to the operator, how the robot ends;
+    with limits that were not kept these may be more than 12, and so they are where a performer is refused and tries
+    again, which counts anew. While the robot is `moving`, the first news of a kind is printed where there is room, and
+    later ones are counted; before, notes beyond `MOST_BEFORE` wait for the summary. verbose: all are printed.
+    """
+
+    def __init__(self, *, verbose: bool = False) -> None:
+        self.verbose, self.moving = verbose, False
+        self.kept_back = 0
+        """News that was counted."""
+        self.said, self.later = list[str](), list[str]()
+        """Messages before anything moved: printed, and not yet."""
+        self._count = 0
+        self._kinds = set[str]()
+
+    @property
+    def room(self) -> int:
+        """Lines that are left before those at the end."""
+        return max(MOST_LINES - LAST_LINES - self._count, 0)
+
+    def try_again(self) -> None:
+        """Begin with another attempt of a performer who was refused: its lines are counted anew."""
+        self._count = 0
+
+    def log(self, text: str) -> None:
+        """Print what the operator must read now."""
+        self._count += 1 + text.count("\n")
+        log(text)
+
+    def notify(self, text: str) -> None:
+        """Print a message; or, of news, count it or keep it for later."""
+        if not isinstance(text, News) or self._fits(text) or self.verbose:
+            if not self.moving:
+                self.said.append(text)
+            self.log(text)
+        elif self.moving:
+            self.kept_back += 1
+        elif text not in (*self.said, *self.later):
+            self.later.append(text)
+
+    def _fits(self, news: News) -> bool:
+        """Whether this is the first of its kind, and has room or is due."""
+        known, before = news.kind in self._kinds, sum(isinstance(text, News) for text in self.said)
+        self._kinds.add(news.kind)
+        return not known and (news.is_due or (self.room if self.moving else MOST_BEFORE - before) > 0)
 
 
 # What is said while a robot stops.

@@ -1,7 +1,7 @@
 """`retarget run`: let a robot, or the virtual human alone, follow a performer, recorded or live."""
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +18,6 @@ from hardware.realtime import Scheduling, refuse_scheduling, scheduled
 from retarget.cli.application import (
     FileOptions,
     Overwrite,
-    RunLines,
     console,
     given,
     log,
@@ -52,7 +51,7 @@ from retarget.cli.exit import (
     refuse_little_memory,
     stop_on_signals,
 )
-from retarget.cli.operator import Announcer, RunOperator, live_state
+from retarget.cli.operator import Announcer, RunLines, RunOperator, live_state
 from retarget.cli.session import Session
 from retarget.cli.stop import socket_path
 from retarget.cli.view import opened_page, viewing
@@ -231,11 +230,11 @@ def follow_clip(
             ):
                 result = run.play(recorded, run.operator(prepared, stop), page, Progress(show))
         # Signals are still received and not raised, so that the files are written.
-        return run.recorder.code(finished(run.bench.seen(result), outputs, run.lines, said=prepared.notes))
+        return run.recorder.code(finished(run.bench.seen(result), outputs, run.lines))
 
 
-def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None, *, said: Sequence[str] = ()) -> int:
-    """Write the files of a run, show its summary without the notes that were said, return the exit code. A run that was
+def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) -> int:
+    """Write the files of a run, show its summary without what its lines said, return the exit code. A run that was
     asked to stop, with no file that needs all metrics, is only measured in part, so that the command ends soon. So does
     one that finds too little memory for it."""
     soon = run.stop is not None and run.stop.cause is StopCause.REQUESTED and not outputs.measured
@@ -244,7 +243,7 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None, *,
         if outputs.best_likeness:
             report = replace(report, best_likeness_deg=best_likeness(run))
         written = outputs.write(run, report)
-        show_summary(run, report, lines or RunLines(verbose=outputs.verbose), said=said)
+        show_summary(run, report, lines or RunLines(verbose=outputs.verbose))
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
         return STOPPED
@@ -262,14 +261,15 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None, *,
 NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
 
 
-def show_summary(run: RunResult, report: Report, lines: RunLines, *, said: Sequence[str] = ()) -> None:
-    """Print what was played and what matters of it, in the room that is left; verbose: every figure. said: notes that
-    were printed before; one that ends with the same reason says nothing new."""
-    reasons = {note.rpartition(": ")[2] for note in said}
-    notes = [note for note in report.notes if note.rpartition(": ")[2] not in reasons]
+def show_summary(run: RunResult, report: Report, lines: RunLines) -> None:
+    """Print what was played and what matters of it, in the room that is left; verbose: every figure. A note that ends
+    with the same reason as one that was printed before says nothing new."""
+    reasons = {text.rpartition(": ")[2] for text in lines.said}
+    later = (text.removeprefix("note: ") for text in lines.later)
+    notes = [note for note in dict.fromkeys((*later, *report.notes)) if note.rpartition(": ")[2] not in reasons]
     echo(heading(report))
     if not lines.verbose:
-        for line in remarks(run, report, notes, most=lines.room + 1, kept_back=lines.kept_back):
+        for line in remarks(run, report, notes, room=lines.room, kept_back=lines.kept_back):
             echo(line)
         return
     if report.tracking_mm:
@@ -433,9 +433,7 @@ def follow_live(
         times = {} if run.control is None else run.control.times()
         stream_report = performer.report(address=address.text, person=begins.person, times=times)
         result = replace(run.bench.seen(result), live=stream_report)
-        return max(
-            run.recorder.code(finished(result, outputs, run.lines, said=prepared.notes)), _followed(result, notify)
-        )
+        return max(run.recorder.code(finished(result, outputs, run.lines)), _followed(result, notify))
 
 
 AGAIN_S = 5.0
@@ -463,6 +461,7 @@ def _begun(
             if run.control is None or not run.options.simulated or not came:
                 raise
             run.notify(f"{error} It begins again in {AGAIN_S:g} s.")
+            run.lines.try_again()
             until = run.clock.now() + AGAIN_S
             while run.clock.now() < until:
                 run.control.look()

@@ -52,7 +52,7 @@ def advice(symptom: str, kind: str = "", **facts: Any) -> Advice:
 
 
 def problem(symptom: str, where: str, kind: str = "", *, found: str = "", **facts: Any) -> Problem:
-    """The advice on a symptom as a problem. found: instead of what is allowed."""
+    """The advice on a symptom as a problem. found: the value that was given."""
     said = advice(symptom, kind, **facts)
     return Problem(said.what, where, found=found, allowed=said.allowed, next_step=said.then)
 

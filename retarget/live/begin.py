@@ -189,7 +189,7 @@ class Beginning:
             sample = live_sample(names, frozen_as_fresh(reading), rest.alignment)
             check.take(now, np.where(sample.valid[rows, None], sample.position[rows], np.nan))
             if message := problems.look(now):
-                self.notify(message)
+                self.notify(str(message))  # nothing moves yet: each is said
             if check.seen in REFUSED:
                 raise refusal(InputError, check.seen, where, found=check.found())
             if check.seen == RAISED:
@@ -244,7 +244,7 @@ class Beginning:
         for now, reading in self._readings(measured=True):
             capture.take(now, live_sample(names, frozen_as_fresh(reading), Alignment()))
             if message := problems.look(now):
-                self.notify(message)
+                self.notify(str(message))  # nothing moves yet: each is said
             if now < end and not (capture.done and now >= look):
                 continue
             look = now + TRY_S

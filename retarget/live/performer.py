@@ -36,7 +36,7 @@ from retarget.live.stream_report import (
     refused_counts,
     spread_of,
 )
-from retarget.types import BoolArray, Notify
+from retarget.types import BoolArray, News, Notify
 
 # The sensors without which a performer cannot be measured, and those without which the robot holds.
 
@@ -313,7 +313,8 @@ class LivePerformer:
         for the reason."""
         if self._holds.is_news([0], begins=not good):
             late = " because ticks come late" if self._timing.behind else ""
-            self._notify(goes_on if good else f"{holds.format(late)}{self._holds.count_text([0])}")
+            text = goes_on if good else f"{holds.format(late)}{self._holds.count_text([0])}"
+            self._notify(News(text, goes_on if good else holds, is_due=not good))
 
     def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
         """The reading of this tick, and the sample of its valid sensors in our world; reports what has changed."""

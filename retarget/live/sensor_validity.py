@@ -14,7 +14,7 @@ from retarget.frames import SensorSample
 from retarget.human.pose_validation import LIMITS, StateArray, ValidityLimits, ValidityState, other_sides
 from retarget.live.advice import advice
 from retarget.sources.streams.stream_frame import Dropped
-from retarget.types import BoolArray, FloatArray, IntArray
+from retarget.types import BoolArray, FloatArray, IntArray, News
 
 CAMERA_LIMITS = ValidityLimits(silent_after=0.2, stale_after=0.22)
 """Of a camera: it gives 15 to 30 pictures a second, and a busy browser leaves one out."""
@@ -96,7 +96,7 @@ class SensorValidity:
         self._states, self._now = states, now
         return states
 
-    def messages(self) -> list[str]:
+    def messages(self) -> list[News]:
         """What has changed since the last call, in sentences for the user, one for all sensors that changed alike. What
         came and went between needs none; a sensor that drops out again and again is counted, see `Repeats`."""
         if self._states.tobytes() == self._reported.tobytes():
@@ -116,7 +116,8 @@ class SensorValidity:
             if not self._repeats.is_news(rows, begins=is_lost):
                 continue
             text = change_text(before, after, max(sensors.values()), resettled=resettled)
-            said.append(f"{self._named(sensors)}: {text}{self._repeats.count_text(rows) if is_lost else ''}")
+            text = f"{self._named(sensors)}: {text}{self._repeats.count_text(rows) if is_lost else ''}"
+            said.append(News(text, f"{self._named(sensors)}: {before.name} {after.name}"))
         return said
 
     def _named(self, sensors: Collection[str]) -> str:

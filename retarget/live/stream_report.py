@@ -22,7 +22,7 @@ from retarget.sources.streams.datagram_kinds import Recognised, reads, recognise
 from retarget.sources.streams.natnet_session import NEWEST, NatnetSession
 from retarget.sources.streams.natnet_wire import COMMAND_PORT, DATA_PORT, OLDEST
 from retarget.sources.streams.stream_frame import CONVENTIONS
-from retarget.types import Notify
+from retarget.types import News, Notify
 
 # What to do when something else arrives than the address reads.
 
@@ -190,6 +190,14 @@ def _nothing(stream: LiveStream, waited: float, *, where: str) -> InputError:
     return refusal(InputError, symptom, where, stream.kind, found=found, **facts)
 
 
+NOTHING = News("")
+"""Nothing is wrong."""
+
+
+def _of_motive(problem: Problem, more: str = "") -> News:
+    return News(problem.render() + more, problem.what, is_due=True)
+
+
 class StreamProblems:
     """Watches a stream in every tick, and reports the reason once in every silence. `now` is s of the clock of the
     run."""
@@ -207,7 +215,7 @@ class StreamProblems:
         """Whether the sender now has a version that cannot be read, whatever its frames look like."""
         return _is_foreign(self._stream)
 
-    def look(self, now: float) -> str:
+    def look(self, now: float) -> News:
         """Return what is wrong; "" where nothing is, or where it was reported before."""
         silence = now - self._stream.last
         if silence < NOTED_S:
@@ -217,9 +225,10 @@ class StreamProblems:
         if not self.foreign and silence < 0.5 * self._patience:
             self._reported = ""
         if self._reported:
-            return ""
-        self._reported = _motive(self._stream, now)[0].render() if self.foreign else self.why(now)
-        return self._reported
+            return NOTHING
+        reported = _of_motive(_motive(self._stream, now)[0]) if self.foreign else self.why(now)
+        self._reported = reported
+        return reported
 
     def briefly(self, now: float, patience: float) -> str:
         """What is wrong at `now`, s, in a few words; "" where a frame came within `patience`, s."""
@@ -231,20 +240,21 @@ class StreamProblems:
         symptom = "silent short" if self._stream.arrived == arrived else "unusable short"
         return advice(symptom, self._stream.kind, reasons=_listed(refused_counts(self._stream) - refused)).what
 
-    def why(self, now: float) -> str:
+    def why(self, now: float) -> News:
         """Return what is wrong, also where it was reported before; "" for nothing."""
         stream, silence = self._stream, now - self._stream.last
         # What arrives instead is only known of the time since it was noted.
         if self._before is None or silence < self._patience or now - self._noted < 0.5 * self._patience:
-            return ""
+            return NOTHING
         arrived, refused = self._before
         news = refused_counts(stream) - refused
         if problems := _motive(stream, now):
-            return problems[0].render() + (f" What arrived was not used: {_listed(news)}" if news else "")
+            return _of_motive(problems[0], f" What arrived was not used: {_listed(news)}" if news else "")
         if stream.receiver.finished or stream.arrived == arrived:
-            return advice("over" if stream.receiver.finished else "silent", stream.kind, silence=silence).text
+            symptom = "over" if stream.receiver.finished else "silent"
+            return News(advice(symptom, stream.kind, silence=silence).text, symptom, is_due=True)
         said = advice("unusable", stream.kind, silence=silence, reasons=_listed(news))
-        return f"{said.what}. {_step(stream, news)}"
+        return News(f"{said.what}. {_step(stream, news)}", "unusable", is_due=True)
 
     def _seen(self) -> tuple[int, Counter[str]]:
         return self._stream.arrived, refused_counts(self._stream)
@@ -276,7 +286,8 @@ class StreamNews:
             owner = "{}:{}".format(*admission.owner or ("another", "any port"))
             for source, reason in admission.news():
                 who = f"{source[0]}:{source[1]}"
-                self._notify(advice(f"refused {reason}", who=who, reason=reason, owner=owner).what)
+                text = advice(f"refused {reason}", who=who, reason=reason, owner=owner).what
+                self._notify(News(text, reason))
             for reason, (symptom, count) in REPORTED_FROM.items():
                 if admission.refused.reasons[reason] >= count:
                     self._once(symptom)
@@ -296,7 +307,7 @@ class StreamNews:
         if symptom not in self._reported:
             self._reported.add(symptom)
             if text := advice(symptom, self._stream.kind, **facts).what:
-                self._notify(text)
+                self._notify(News(text, symptom))
 
 
 # The report after a live run: what came, what was not used, which sensors were lost, how often the robot held.

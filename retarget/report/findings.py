@@ -426,8 +426,6 @@ def stream_line(live: LiveReport | None) -> str:
 
 # What a run says when it is over: one sentence, and the few lines that matter before it.
 
-MOST_REMARKS = 7
-"""With the first line, the files, the state of torque and the sentence, a run prints at most 12 lines."""
 CHANGED = 0.05
 """Share of the goals that the gate may change before that is said: the verdict allows a twentieth of the time, too."""
 MOST_DIFFERENCES = 2
@@ -442,25 +440,28 @@ def heading(report: Report) -> str:
     return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {played}"
 
 
-def remarks(
-    run: RunResult, report: Report, notes: Sequence[str], *, most: int = MOST_REMARKS, kept_back: int = 0
-) -> list[str]:
-    """The lines that matter, at most `most`: limits that were not kept, but for what the sentence says; what was not
-    followed; the pair that the gate refused most; and notes. The last one counts holds, notices that were kept back,
-    and the lines that are left out."""
+def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, kept_back: int = 0) -> list[str]:
+    """The lines that matter: all limits that were not kept, but for what the sentence says; in the room that is left,
+    what was not followed, the pair that the gate refused most, and notes. One more line counts holds, notices that were
+    kept back, and the notes that are left out."""
     known = findings(run, report)
     lost = [one for one in known if one.kept is False and one.name not in (FOLLOWING, "end")]
-    lines = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]
+    broken = [f"not kept: {one.name}: {one.measured} [allowed: {one.allowed}]" for one in lost]
     said = [one.measured for one in known if one.name == NOT_FOLLOWED]
     refused = RunFigures(run, report).refused
     if refused and (report.gated_frames or 0) > CHANGED * report.ticks:
         said.append(f"the gate changed {report.gated_frames} of {report.ticks} goals, {refused}")
-    lines += [f"note: {text}" for text in (*said, *notes)]
+    said += notes
     counts = [] if run.live is None or not run.live.holds.count else [f"held {counted(run.live.holds.count, 'time')}"]
     counts += [counted(kept_back, "more notice")] if kept_back else []
-    shown = len(lines) if len(lines) + bool(counts) <= most else most - 1
-    counts += [counted(len(lines) - shown, "more line")] if shown < len(lines) else []
-    return [*lines[:shown], *([f"{', '.join(counts)}: --verbose"] if counts else [])]
+    left = max(room - len(broken), 0)
+    shown = len(said) if len(said) + bool(counts) <= left + 1 else left
+    counts += [counted(len(said) - shown, "more note")] if shown < len(said) else []
+    return [
+        *broken,
+        *(f"note: {text}" for text in said[:shown]),
+        *([f"{', '.join(counts)}: --verbose"] if counts else []),
+    ]
 
 
 def sentence(run: RunResult, report: Report) -> str:

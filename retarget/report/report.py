@@ -250,7 +250,7 @@ class Report:
     deep: DeepReport
     """Overlaps of more than 1 mm, and the links of the other clearances."""
     observers: ObserversReport | None = None
-    """Clearance and activity of the observers."""
+    """Share of ticks in which an observer was in contact."""
     physics: PhysicsReport | None
     """Falls in the simulation, `toppled` at rest, centre of pressure, slip, torque, temperature."""
     imu: ImuReport | None = None

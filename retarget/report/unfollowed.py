@@ -18,7 +18,7 @@ from retarget.report.report import Unfollowed
 from retarget.report.tracking import ReferenceMotion
 from retarget.run.record import Phase, Record
 from retarget.run.run_result import RunResult
-from retarget.types import BoolArray, FloatArray, Notify
+from retarget.types import BoolArray, FloatArray, News, Notify
 
 KNEELS, ON_FLOOR, JUMPS = "kneels", "lies or sits on the floor", "jumps"
 INSTEAD: Mapping[str, str] = {KNEELS: "squats", ON_FLOOR: "squats", JUMPS: "stays on its soles"}
@@ -177,7 +177,7 @@ class UnfollowedNotice:
     def _name(self, what: str) -> None:
         """Name a posture once while it lasts, and not again too soon after it."""
         if self._time - self._named[what] > AGAIN_S:
-            self._notify(f"the performer {what}: the robot {INSTEAD[what]} instead")
+            self._notify(News(f"the performer {what}: the robot {INSTEAD[what]} instead"))
         self._named[what] = self._time
 
 

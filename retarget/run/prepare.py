@@ -44,7 +44,7 @@ from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
 from retarget.schema.scene import load_scene, on_floor
-from retarget.types import Notify
+from retarget.types import News, Notify
 
 
 def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float) -> Gate:
@@ -126,7 +126,7 @@ def _ignore(text: str) -> None:
 
 def _say(notes: Iterable[str], notify: Notify) -> None:
     for note in notes:
-        notify(f"note: {note}")
+        notify(News(f"note: {note}"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +279,9 @@ def prepare_for(
         robot, for_robot, human.human, options, scene, dt=dt, goes_to_rest=goes_to_rest, end_plan=end_plan
     )
     of_follower = tuple(filter(None, (follower.note, end_plan.note)))
-    _say(of_follower, notify)
+    _say(filter(None, (follower.note,)), notify)
+    if end_plan.note:
+        notify(f"note: {end_plan.note}")  # it must be said: at the end somebody has to be there
     real = not options.simulated
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
     guard = Guard(bus=bus, joint_map=robot.joint_map, limits=limits)

@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -92,19 +93,26 @@ def write_stream(path: Path, write: Callable[[IO[bytes]], object], *, option: st
 def write_folder(path: Path, contents: Mapping[str, bytes], *, option: str) -> None:
     """Write a folder of files, by their paths in it, whole or not at all; one that is there is replaced.
 
-    Raises UsageError with the system's reason.
+    Whatever exception interrupts it, the old folder is there or the new one. Raises UsageError with the system's
+    reason.
     """
     make_folder(path.parent, option=option)
-    with _refused(path, option), tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:50]}.") as part:
-        new, old = Path(part, "new"), Path(part, "old")
-        for name, content in contents.items():
-            (new / name).parent.mkdir(parents=True, exist_ok=True)
-            with (new / name).open("wb") as stream:
-                stream.write(content)
-                _sync(stream)
-        if path.exists():
-            path.replace(old)
-        new.replace(path)
+    with _refused(path, option):
+        part = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name[:50]}.", suffix=".part"))
+        new, old = part / "new", part / "old"
+        try:
+            for name, content in contents.items():
+                (new / name).parent.mkdir(parents=True, exist_ok=True)
+                with (new / name).open("wb") as stream:
+                    stream.write(content)
+                    _sync(stream)
+            if os.path.lexists(path):
+                path.replace(old)
+            new.replace(path)
+        finally:
+            if os.path.lexists(old) and not os.path.lexists(path):
+                old.replace(path)
+            shutil.rmtree(part)  # not reached while the old one is still in it
 
 
 def _sync(stream: IO[bytes]) -> None:

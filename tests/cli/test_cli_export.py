@@ -83,6 +83,53 @@ def test_a_folder_is_replaced_only_by_one_of_its_layout(run: Path, capsys: pytes
     assert (run.parent / "run_lerobot" / "notes.txt").read_text() == "mine"
 
 
+def test_no_foreign_file_is_lost_by_overwriting(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    project = run.parent / "project"
+    words = (run, "--to", "lerobot", "--out", project, "--overwrite")
+    (project / "data").mkdir(parents=True)
+    (project / "data" / "raw.csv").write_text("mine")
+    assert code_of(*words) == 2
+    shows(capsys.readouterr().err, "project with data/raw.csv")
+    (project / "data" / "raw.csv").rename(project / "README.md")
+    (project / "data").rmdir()
+    assert code_of(*words) == 2
+    shows(capsys.readouterr().err, "README.md", "without meta/info.json")
+    assert (project / "README.md").read_text() == "mine"
+    (project / "README.md").unlink()
+    (project / "elsewhere").symlink_to(run.parent)
+    assert code_of(*words) == 2
+    shows(capsys.readouterr().err, "elsewhere")
+    (project / "elsewhere").unlink()
+    assert code_of(*words) == 0
+    assert (project / "meta" / "info.json").is_file()
+
+
+@pytest.mark.parametrize("to", ["npz", "gmr-npz"])
+def test_the_run_itself_is_not_replaced(to: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = run.read_bytes()
+    (run.parent / "link.npz").symlink_to(run)
+    (run.parent / "second.npz").hardlink_to(run)
+    for out in (run, run.parent / "link.npz", run.parent / "second.npz"):
+        assert code_of(run, "--to", to, "--out", out, "--overwrite") == 2
+        shows(capsys.readouterr().err, "--out", "a file that is read")
+    assert run.read_bytes() == before and (run.parent / "link.npz").is_symlink()
+
+
+def test_no_other_file_that_is_read_is_replaced(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    body = run.parent / "slider.xml"
+    before = body.read_bytes()
+    assert code_of(run, "--to", "sonic", "--out", run.parent, "--overwrite") == 2
+    shows(capsys.readouterr().err, "the folder of run.npz")
+    assert code_of(run, "--to", "csv", "--body", body, "--out", body, "--overwrite") == 2
+    shows(capsys.readouterr().err, "a file that is read")
+    again = run.parent / "run_lerobot" / "again.npz"
+    again.parent.mkdir()
+    again.write_bytes(run.read_bytes())
+    assert code_of(run, again, "--to", "lerobot", "--overwrite") == 2
+    shows(capsys.readouterr().err, "the folder of again.npz")
+    assert run.is_file() and again.is_file() and body.read_bytes() == before
+
+
 def test_several_runs_are_one_data_set_and_no_table(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     again = run.with_name("again.npz")
     again.write_bytes(run.read_bytes())

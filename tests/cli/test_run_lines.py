@@ -1,28 +1,45 @@
-"""A run prints at most 12 lines on a terminal, stdout and stderr together, however long it goes on: all else is
-counted, and is printed with --verbose."""
+"""A run prints at most 12 lines on a terminal, stdout and stderr together, however long it goes on, but for what must
+be said: all else is counted, and is printed with --verbose."""
 
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
+from bus_rig import four_servos
+from hardware.guard_state import GuardLimits
+from hardware.servo_health import ServoWarnings, WatchedRow, watched
+from live_rig import LiveRig
 from messages import shows
 from retarget.cli import main
-from retarget.cli.application import HOLDS, MOST_LINES, RunLines
-from retarget.cli.exit import DONE, STOPPED
+from retarget.cli.controls import Asked
+from retarget.cli.exit import DONE, STOPPED, StopRequest
+from retarget.cli.operator import MOST_LINES, RunLines, RunOperator
+from retarget.cli.run import CommandRun, show_summary
+from retarget.human.samples import Playback
+from retarget.live.begin import LiveOptions
+from retarget.pictures.outputs import Outputs
+from retarget.report.measure import measure
+from retarget.run.options import RunOptions
+from retarget.run.prepare import performance_of
+from retarget.sources.open import open_source
 from retarget.sources.streams.raw_record import RawWriter
+from retarget.types import News
 from sim.faults.sender import FakeSender
 
 EACH_S, GAP_S = 2.0, 0.6
 """A drop-out of so long in each so many seconds."""
+HOLDS = "the performer is not followed"
 
 
-def dropping_out(path: Path, count: int) -> str:
+def dropping_out(path: Path, count: int, *, each_s: float = EACH_S, gap_s: float = GAP_S) -> str:
     """Address of a stream that drops out so often, after 4 s in which the performer is measured and approached."""
     writer, sender = RawWriter(path, url="json://:14150"), FakeSender()
-    for tick in range(round(100 * (5.0 + count * EACH_S))):
+    for tick in range(round(100 * (5.0 + count * each_s))):
         now = 0.01 * tick
-        lost = now > 4.0 and (now - 4.0) % EACH_S > EACH_S - GAP_S
+        lost = now > 4.0 and (now - 4.0) % each_s > each_s - gap_s
         for datagram in sender.poll(now):
             if not lost:
                 address, port = datagram.source
@@ -93,16 +110,99 @@ def test_a_stream_that_drops_out_again_and_again(count: int, tmp_path: Path, pri
     assert sum(line.startswith(HOLDS) for line in verbose) > 1
 
 
-def test_an_hour_of_notices_is_a_few_lines_and_a_count(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = RunLines()
-    for text in ("stand still", "note: one", "note: two", "note: three", "measured: 1.75 m tall"):
+def test_a_stream_that_is_silent_again_and_again_is_said_why_once(
+    tmp_path: Path, printed: Callable[..., list[str]]
+) -> None:
+    source = dropping_out(tmp_path / "silent.raw", 3, each_s=4.0, gap_s=1.6)
+    lines = printed("run", "--robot", "human", "--source", source, "--countdown", "1")
+    assert len(lines) <= MOST_LINES, "\n".join(lines)
+    assert sum(line.startswith("nothing has arrived for ") for line in lines) == 1
+    shows(next(line for line in lines if line.startswith("held ")), "3 times", "--verbose")
+
+
+Printed = Callable[[], list[str]]
+
+
+@pytest.fixture
+def lines() -> RunLines:
+    return RunLines()
+
+
+@pytest.fixture
+def said(capsys: pytest.CaptureFixture[str]) -> Printed:
+    """What was printed since the last call."""
+    return lambda: capsys.readouterr().err.splitlines()
+
+
+def test_an_hour_of_notices_is_a_few_lines_and_a_count(lines: RunLines, said: Printed) -> None:
+    for text in ("stand still", News("note: one"), News("note: two"), News("note: three"), "measured: 1.75 m tall"):
         lines.notify(text)
+    assert len(said()) == 4 and lines.later == ["note: three"]
     lines.moving = True
     for count in range(3600):
-        lines.notify(f"l_wrist: nothing that can be used for 0.{count % 10} s ({count} times so far)")
-        lines.notify(f"sender {count}")
-        lines.notify(f"{HOLDS}: the robot holds")
+        lines.notify(News(f"l_wrist: nothing that can be used for 0.{count % 10} s", "l_wrist lost"))
+        lines.notify(News(f"sender {count}"))
+        if count >= 5:
+            lines.notify(News(f"{HOLDS}: the robot holds", "hold", is_due=True))
     lines.log("stopping")
-    err = capsys.readouterr().err.splitlines()
-    assert len(err) == MOST_LINES - 5 + 1 and sum(line.startswith(HOLDS) for line in err) == 1
-    assert lines.kept_back == 3 * 3600 + 1 - (len(err) - 5)
+    err = said()
+    assert len(err) == MOST_LINES - 5 - 4 + 2 and sum(line.startswith(HOLDS) for line in err) == 1, "one was due"
+    assert lines.kept_back == 3 * 3600 - 5 - (len(err) - 1)
+
+
+def no_room(lines: RunLines) -> None:
+    """Begin to move with as many lines as a run may have."""
+    for count in range(MOST_LINES):
+        lines.log(str(count))
+    lines.moving = True
+
+
+def test_every_warning_about_a_servo_has_its_line(lines: RunLines, said: Printed) -> None:
+    servos, rows = four_servos(), watched(GuardLimits(max_temperature=65.0, warn_temperature=60.0))
+    warnings, seen = ServoWarnings(servos, rows, 0.5), np.zeros((len(rows), len(servos)))
+    no_room(lines), said()
+    for servo in range(2):
+        seen[WatchedRow.TEMPERATURE, servo] = 61.0
+        warnings.look(seen, float(servo))
+        for text in warnings.take_news():
+            lines.notify(text)
+    err = said()
+    assert len(err) == 2 and lines.kept_back == 0
+    for line, servo in zip(err, servos, strict=False):
+        shows(line, "warning", servo.label)
+
+
+def test_every_key_has_its_answer(lines: RunLines, said: Printed) -> None:
+    rig = LiveRig(FakeSender(), options=LiveOptions(countdown=0.5, duration=1.0))
+    with rig.prepared() as prepared:
+        keys = Mock(poll=lambda now: [(Asked.PAUSE, "paused")])
+        operator = RunOperator(prepared, StopRequest(), controls=[keys], notify=lines.notify)
+        no_room(lines), said()
+        for _ in range(4):
+            operator.ask(None)
+    assert said() == ["paused", "going on"] * 2
+
+
+def test_that_it_ends_standing_is_said_after_other_notes(said: Printed, capsys: pytest.CaptureFixture[str]) -> None:
+    options = RunOptions(robot="op3", bus="emulator", stand_at_end=True, playback=Playback(end=0.1))
+    command = CommandRun(options, Outputs(), recorded=True)
+    for note in ("one", "two", "three"):
+        command.lines.notify(News(f"note: {note}"))
+    said()
+    with command.prepared(performance_of(lambda: open_source("sample"), options.playback)) as prepared:
+        (line,) = said()
+        shows(line, "note", "at the end it stands, with torque")
+        result = command.play(prepared, command.operator(prepared, StopRequest()))
+    capsys.readouterr()
+    show_summary(result, measure(result), command.lines)
+    summary = capsys.readouterr().out
+    assert "note: three" in summary and "note: one" not in summary and "at the end it stands" not in summary
+
+
+def test_a_second_attempt_counts_its_lines_anew_and_repeats_no_note(lines: RunLines, said: Printed) -> None:
+    for _ in range(3):
+        for text in (News("note: one"), "stand still", "not yet"):
+            lines.notify(text)
+        lines.try_again()
+    assert said() == ["note: one", *["stand still", "not yet"] * 3]
+    assert lines.room == RunLines().room and not lines.later

@@ -294,7 +294,7 @@ def test_a_recording_that_is_too_short_is_reported_as_such() -> None:
 
 def looks(stream: LiveStream, first: float, last: float) -> list[tuple[float, str]]:
     """The messages with their times, from one time to the next."""
-    problems, messages = StreamProblems(stream), []
+    problems, messages = StreamProblems(stream), list[tuple[float, str]]()
     for tick in range(round(first / DT), round(last / DT)):
         stream.poll(DT * tick, moving=True)
         text = problems.look(DT * tick)

@@ -10,10 +10,10 @@ import pytest
 
 from benchmarks.physics_runs import play
 from messages import shows
-from retarget.cli.application import RunLines
+from retarget.cli.operator import RunLines
 from retarget.cli.run import show_summary
 from retarget.frames import JointTracks, SensorFrames
-from retarget.report.findings import MOST_REMARKS, findings, remarks, sentence
+from retarget.report.findings import findings, remarks, sentence
 from retarget.report.lines import Finding, in_words, lines_of
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import limit_use
@@ -354,9 +354,9 @@ PAIR = RefusedPair("MP_BACK_R", "MP_ARM_HIGH_R", 300, obstacle=False)
 def test_the_pair_that_the_gate_refused_most_is_named_with_what_to_do(run: RunResult, report: Report) -> None:
     changed = replace(report, gated_frames=335, refused_pair=PAIR)
     shows(of("gate", run, changed).measured, "MP_BACK_R", "MP_ARM_HIGH_R", "300", "ignore_pairs")
-    (note,) = [one for one in remarks(run, changed, ()) if "MP_BACK_R" in one]
+    (note,) = [one for one in remarks(run, changed, (), room=6) if "MP_BACK_R" in one]
     shows(note, "335")
-    assert not any("MP_BACK_R" in one for one in remarks(run, replace(changed, gated_frames=1), ())), "no harm"
+    assert not any("MP_BACK_R" in one for one in remarks(run, replace(changed, gated_frames=1), (), room=6)), "no harm"
     wall = replace(changed, refused_pair=replace(PAIR, second="wall", obstacle=True))
     assert "ignore_pairs" not in of("gate", run, wall).measured, "an obstacle is there"
     assert "refused" not in of("gate", run, replace(changed, gated_frames=0)).measured
@@ -392,14 +392,22 @@ def test_a_run_ends_with_one_sentence(run: RunResult, report: Report) -> None:
 
 
 def test_few_lines_come_before_it(run: RunResult, report: Report) -> None:
-    assert remarks(run, report, ()) == []
+    assert remarks(run, report, (), room=0) == []
     bad = changed(changed(report, "limit_violations", position=3), "stop", reason="a hand in the way")
-    limit, note = remarks(run, bad, ("a note",))
+    limit, note = remarks(run, bad, ("a note",), room=1)
     shows(limit, "joint positions", "3 values")
     assert note == "note: a note"
-    many = remarks(run, bad, tuple("abcdefghi"))
-    assert len(many) == MOST_REMARKS
+    many = remarks(run, bad, tuple("abcdefghi"), room=6)
+    assert len(many) == 7, "and one that counts"
     shows(many[-1], "4", "--verbose")
+
+
+def test_a_limit_that_was_not_kept_is_shown_where_no_room_is_left(run: RunResult, report: Report) -> None:
+    bad = changed(changed(report, "limit_violations", position=3), "limit_violations", velocity=2)
+    first, second, count = remarks(run, bad, ("a note",), room=0, kept_back=7)
+    shows(first, "not kept", "joint positions")
+    shows(second, "not kept")
+    shows(count, "7 more notices", "1 more note", "--verbose")
 
 
 def test_a_human_alone_has_a_sentence_of_its_own(run: RunResult, report: Report) -> None:

@@ -1,7 +1,9 @@
 """Where configurations are found, which one wins, and how unknown names are refused."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from messages import Facts, refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.schema.catalogue import Kind, entries, find
-from retarget.schema.files import check_folder, check_place, refuse_existing, write_atomic, write_stream
+from retarget.schema.files import check_folder, check_place, refuse_existing, write_atomic, write_folder, write_stream
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.schema.scene import load_scene
@@ -121,6 +123,52 @@ def test_what_cannot_be_written_leaves_the_file_before(tmp_path: Path, monkeypat
     with refuses(UsageError):
         write_atomic(path, b"new", option="--report")
     assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("step", range(1, 4))
+@pytest.mark.parametrize("after", [False, True])
+def test_an_interrupt_leaves_the_old_folder_or_the_new(
+    step: int, after: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, steps, real = tmp_path / "set", [0], {"replace": Path.replace, "fsync": os.fsync}
+    write_folder(path, {"meta/a": b"old", "b": b"old"}, option="--out")
+
+    def interrupted(name: str) -> Callable[..., object]:
+        def called(*arguments: Any) -> object:
+            steps[0] += 1
+            if steps[0] == step and not after:
+                raise KeyboardInterrupt
+            result = real[name](*arguments)
+            if steps[0] == step:
+                raise KeyboardInterrupt
+            return result
+
+        return called
+
+    monkeypatch.setattr(os, "fsync", interrupted("fsync"))
+    monkeypatch.setattr(Path, "replace", interrupted("replace"))
+    with pytest.raises(KeyboardInterrupt):
+        write_folder(path, {"c": b"new"}, option="--out")
+    kept = {file.relative_to(tmp_path).as_posix(): file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    new = step == 3 and after
+    assert kept == ({"set/c": b"new"} if new else {"set/meta/a": b"old", "set/b": b"old"})
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_cannot_be_put_back_is_kept_beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, replace, calls = tmp_path / "set", Path.replace, [0]
+    write_folder(path, {"a": b"old"}, option="--out")
+
+    def once(own: Path, place: Path) -> Path:
+        calls[0] += 1
+        if calls[0] > 1:
+            raise OSError(5, "Input/output error")
+        return replace(own, place)
+
+    monkeypatch.setattr(Path, "replace", once)
+    with refuses(UsageError, "--out"):
+        write_folder(path, {"a": b"new"}, option="--out")
+    assert [file.read_bytes() for file in tmp_path.rglob("old/a")] == [b"old"]
 
 
 def test_a_link_that_leads_nowhere_is_something(tmp_path: Path) -> None:

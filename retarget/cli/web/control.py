@@ -13,7 +13,7 @@ from retarget.cli.application import log
 from retarget.cli.controls import GRIPS, Asked
 from retarget.errors import ConfigError, install_step
 from retarget.live.address import WEB_PORT, StreamAddress
-from retarget.types import Notify
+from retarget.types import News, Notify
 from retarget.web.feed import MOST_WORDS, Settings, ViewFeed
 from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, PoseReceiver, open_web
 from retarget.web.runtime import runtime_folder
@@ -62,7 +62,7 @@ class PageControl:
         """Report what the page's process says, and keep what is asked for."""
         for word in self._feed.words():
             if word.startswith(NOTE):
-                self._notify(word.removeprefix(NOTE))
+                self._notify(News(word.removeprefix(NOTE)))
             elif word.startswith(HEALTH):
                 self.health.append(json.loads(word.removeprefix(HEALTH)))
             else:

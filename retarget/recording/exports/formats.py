@@ -3,7 +3,8 @@
 `FORMATS` is the one table of them: the help, the page of the site and what `retarget export` prints come from it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -54,7 +55,7 @@ class Conventions:
 @dataclass(frozen=True)
 class Format:
     """A format. ending: what its files end in, after the name of the run. summary: for whom and what, in words. write:
-    into a stream; files: of a folder; one of the two."""
+    into a stream; files: of a folder; one of the two. mark: the file by which such a folder is known."""
 
     name: str
     ending: str
@@ -62,6 +63,7 @@ class Format:
     conventions: Conventions
     write: Write | None = None
     files: Files | None = None
+    mark: str = ""
 
 
 _TABLE = Conventions(COLUMNS, NAMED, "in separate columns")
@@ -112,6 +114,7 @@ _ALL = (
         "the folder of one motion that SONIC's deployment plays",
         Conventions("wxyz", BREADTH_FIRST, "as body 0", fps=50.0),
         files=lambda motion, task: sonic_files(motion),
+        mark="metadata.txt",
     ),
     Format(
         "bvh",
@@ -126,6 +129,7 @@ _ALL = (
         "a LeRobot dataset v3.0: an episode for each FILE, no videos (tried with LeRobot 0.6.1)",
         Conventions(COLUMNS, NAMED, "in observation.root"),
         files=lambda motion, task: lerobot_files(motion, task=task),
+        mark="meta/info.json",
     ),
 )
 FORMATS = {one.name: one for one in _ALL}
@@ -156,9 +160,14 @@ def format_named(name: str) -> Format:
     return FORMATS[name]
 
 
-def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = False, overwrite: bool = False) -> Path:
-    """Path of an export: `out`, or beside the run under its name. Raises UsageError where nothing can be written, where
-    something is unless it may be overwritten, and for the suffix of another format."""
+def export_place(
+    form: Format, run: Path, out: Path | None, *, of_human: bool = False, inputs: Sequence[Path] = ()
+) -> Path:
+    """Path of an export: `out`, or beside the run under its name. inputs: other files that are read for it.
+
+    Raises UsageError for what is no path, for the suffix of another format, and for a place that is one of the files
+    that are read or holds one.
+    """
     place = run.with_name(f"{run.stem}{'_human' if of_human else ''}{form.ending}") if out is None else out
     check_path(place, option="--out")
     suffix = place.suffix.lower()
@@ -170,12 +179,11 @@ def export_place(form: Format, run: Path, out: Path | None, *, of_human: bool = 
             found=str(place)[:200],
             next_step=f"Give {place.stem[:200]}{form.ending}, or --to {others[0].name}",
         )
-    if not overwrite:
-        refuse_existing(place, option="--out")
-    if form.write is None:
-        check_folder(place, option="--out")
-    else:
-        check_place(place, option="--out")
+    for path in (run, *inputs):
+        whole = path.resolve()
+        if place.exists() and whole.exists() and any(map(place.samefile, (whole, *whole.parents))):
+            what = f"the folder of {path.name[:100]}, which is read" if place.is_dir() else "a file that is read"
+            raise UsageError(f"this is {what}", where="--out", found=str(place)[:200], next_step="Give another name")
     return place
 
 
@@ -184,13 +192,14 @@ def export_motion(
 ) -> None:
     """Write a motion to a place of `export_place`. task: what is done in it, in words, for a LeRobot dataset.
 
-    Raises UsageError and InputError where the format cannot hold it, or where something is unless it may be
-    overwritten; then nothing is written.
+    Raises UsageError and InputError where the format cannot hold it, where nothing can be written, or where something
+    is unless it may be overwritten; a folder is replaced only by one of its layout. Then nothing is written.
     """
     write, files = form.write, form.files
     if files is not None:
-        _write_folder(place, files(motion, task), overwrite=overwrite)
+        _write_folder(place, files(motion, task), form, overwrite=overwrite)
     elif write is not None:
+        check_place(place, option="--out")
         if not overwrite:
             refuse_existing(place, option="--out")
         write_stream(place, lambda stream: write(motion, stream), option="--out")
@@ -200,21 +209,32 @@ def export_episodes(
     motions: Sequence[Motion], place: Path, *, task: str = DEFAULT_TASK, overwrite: bool = False
 ) -> None:
     """Write motions of one robot to a LeRobot dataset, each as an episode. Raises as `export_motion` does."""
-    _write_folder(place, lerobot_files(*motions, task=task), overwrite=overwrite)
+    _write_folder(place, lerobot_files(*motions, task=task), FORMATS["lerobot"], overwrite=overwrite)
 
 
-def _write_folder(place: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> None:
-    """Write a folder; one that is there is replaced only by one of the same layout, so that no other is lost."""
+def _write_folder(place: Path, contents: Mapping[str, bytes], form: Format, *, overwrite: bool) -> None:
     if not overwrite:
         refuse_existing(place, option="--out")
-    others = (
-        {path.name for path in place.iterdir()} - {Path(name).parts[0] for name in contents} if place.is_dir() else ()
-    )
-    if others:
+    check_folder(place, option="--out")
+    foreign = next((name for name in _names(place) if name not in contents), "")
+    unmarked = not (place / form.mark).is_file() and next(_names(place), "")
+    if foreign or unmarked:
+        lacks = "" if foreign else f", without {form.mark}"
         raise UsageError(
-            "a folder with other things in it is not replaced",
+            f"a folder that is not of {form.name} alone is not replaced",
             where="--out",
-            found=f"{str(place)[:200]} with {min(others)[:100]}",
-            next_step="Give another name, or remove it",
+            found=f"{str(place)[:200]} with {(foreign or unmarked)[:200]}{lacks}",
+            next_step="Give another name, or move it away",
         )
     write_folder(place, contents, option="--out")
+
+
+def _names(folder: Path) -> Iterator[str]:
+    """Every file below a folder, by its path in it, and every folder that is empty, a link or closed to us."""
+    for path, folders, files in os.walk(folder):
+        for name in (*files, *(one for one in folders if _is_end(Path(path, one)))):
+            yield Path(path, name).relative_to(folder).as_posix()
+
+
+def _is_end(folder: Path) -> bool:
+    return folder.is_symlink() or not os.access(folder, os.R_OK | os.X_OK) or not any(folder.iterdir())
