@@ -19,7 +19,7 @@ from hardware.dynamixel.readings import Readings, ReportedTorque
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.torque import Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
 from hardware.errors import BusError, HardwareError
-from hardware.imu import ImuDevice, ImuFault, ImuKind, ImuSample, ImuSpec
+from hardware.imu import FRESH, ImuDevice, ImuFault, ImuKind, ImuSample, ImuSpec
 from hardware.joint_map import JointMap, resolve_turns, turn_groups
 
 MakePort = Callable[[BusSpec], BytePort]
@@ -34,8 +34,8 @@ NOISY_CYCLES = 50
 class CyclicImu:
     """The IMU of a robot within the cycles of its bus. port: a serial line of its own; None: it is on one of `lines`.
 
-    Where goals are sent, it is asked behind them and its answer is taken before anything else is sent; else it is asked
-    when the servos have answered. notify: told once of each fault. Raises BusError only where a bus is gone.
+    Where goals drive the servos, it is asked behind them, and its answer is taken before anything else is sent; else it
+    is asked when the servos have answered. notify: told once of each fault. Raises BusError only where a bus is gone.
     """
 
     def __init__(
@@ -43,6 +43,7 @@ class CyclicImu:
     ) -> None:
         self._baud, self._notify, self._told = spec.baud, notify, set[ImuFault]()
         self._asked = self._answers = self._late = False
+        self._since = np.inf  # [s] from when on there are answers
         self.port: BytePort | None = None
         self.device: ImuDevice
         if spec.kind is ImuKind.BNO08X:
@@ -61,10 +62,9 @@ class CyclicImu:
         """Ask, behind the goals; a host that had to wait for the last answer has no time left, and asks every second
         time."""
         self.finish()
-        self._asked = True
         if not self._late:
             self.device.post()
-            self._answers = True
+            self._asked = self._answers = True
         self._late = False
 
     def finish(self) -> None:
@@ -77,16 +77,16 @@ class CyclicImu:
                 if self.port is None:
                     raise
 
-    def sample(self, now: float) -> ImuSample:
-        """The newest measurement at the end of a cycle that began at `now`, s."""
-        if not self._asked:  # no goals were sent
-            self.device.post()
-            self._answers = True
+    def sample(self, now: float, *, ask: bool = True) -> ImuSample:
+        """The newest measurement at the end of a cycle that began at `now`, s. ask: for a new one, and wait for it."""
+        if ask:
+            self._late = False
+            self.post()
             self.finish()
             self._late = False
-        self._asked = False
         sample, fault = self.device.sample(now), self.device.fault
-        if fault is not None and fault not in self._told:
+        self._since = min(self._since, now if self._asked else np.inf)
+        if fault is not None and fault not in self._told and now > self._since + FRESH:
             self._told.add(fault)
             with suppress(OSError):  # a lost terminal is no failure of the bus
                 self._notify(f"the IMU {fault.value}: nothing is known of the robot's tilt meanwhile")
@@ -134,6 +134,7 @@ class DynamixelBus:
         """What is read with the servos."""
         self._readings: Readings
         self._goals: TickArray | None = None
+        self._only_read = False  # since the last goals that drive servos
         self._noisy_cycles = 0  # cycles
         self._state = BusState.CLOSED
 
@@ -166,9 +167,11 @@ class DynamixelBus:
         self._state = BusState.OPEN
 
     def read(self) -> ServoStates:
-        """One cycle of all ports."""
+        """One cycle of all ports. From the second one in a row on, without goals that drive servos, the IMU is waited
+        for: the first may be the posture that the robot is to hold, and that must not wait."""
         self._require_open("read")
-        return self._cycle()
+        ask, self._only_read = self._only_read, True
+        return self._cycle(ask_imu=ask)
 
     def write(self, goals: ServoGoals) -> None:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
@@ -180,13 +183,15 @@ class DynamixelBus:
         raw = ticks - self._readings.turns
         for line in self.lines:
             line.cyclic.write(raw, self._readings.driven)
-        if self.imu is not None:
+        if self.imu is not None and self._state is BusState.POWERED:
             self.imu.post()
+            self._only_read = False
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
         self._require_open("torque")
         self._finish_imu()
+        self._only_read = False
         if not on:
             self._torque_off()
             return
@@ -231,7 +236,7 @@ class DynamixelBus:
         servos = self._map.servos
         tables = {line.index_of[device]: image.table for line in self.lines for device, image in line.images.items()}
         self._readings = Readings([tables[index] for index in range(len(servos))])
-        self._goals = None
+        self._goals, self._only_read = None, False
         self._counted = np.ones(len(servos), dtype=np.bool_)  # whose turns are known
         for group in turn_groups(self._map):
             self._counted[group] = False
@@ -260,12 +265,12 @@ class DynamixelBus:
         if problems:
             raise BusError(" ".join(problems))
 
-    def _cycle(self) -> ServoStates:
-        """One cycle of all ports; now and then with voltage and temperature."""
+    def _cycle(self, *, ask_imu: bool = False) -> ServoStates:
+        """One cycle of all ports; now and then with voltage and temperature. ask_imu: and wait for its answer."""
         now = self.lines[0].port.now()
         self._finish_imu()
         read_cycle(self.lines, self._readings, wide=self._readings.slow.due(now, self._readings.valid))
-        imu = None if self.imu is None else self.imu.sample(now)
+        imu = None if self.imu is None else self.imu.sample(now, ask=ask_imu)
         errors = [line.cyclic.errors for line in self.lines]
         repeated = sum([one.note(now) for one in errors])
         share = max(one.share for one in errors)
