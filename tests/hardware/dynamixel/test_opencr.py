@@ -21,7 +21,7 @@ from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.imu import ImuStandIn
-from tests.support.bus_rig import CYCLE, bus_of, specs
+from bus_rig import CYCLE, bus_of, specs
 
 COUNTS = st.integers(-0x8000, 0x7FFF)
 TICK = 0.002
