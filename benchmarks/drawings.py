@@ -19,12 +19,12 @@ from retarget.model.human_dimensions import POINTS, kind_of, proportional_dimens
 from retarget.model.meshes import (
     LEFT,
     MIDDLE,
-    MOST_TRIANGLES,
     OBSTACLE,
     RIGHT,
     Mesh,
     SolidBody,
-    link_shapes,
+    joined,
+    link_meshes,
     rgb,
     shape_mesh,
     side_colours,
@@ -218,9 +218,9 @@ def _with_meshes(robot: RobotBody, folder: Path) -> Path:
     for geom in list(spec.geoms):
         spec.delete(geom)
     kept = {sole.body for sole in robot.soles} | {geom.body for geom in body.geoms if not geom.collides}
-    reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
-    for link, mesh in link_shapes(body.geoms, range(1, len(body.parent)), reach=reach, most=MOST_TRIANGLES).items():
-        name = body.body_names[link]
+    parts = link_meshes(body)
+    for link in sorted({link for link, _ in parts}):
+        name, mesh = body.body_names[link], joined([part for (owner, _), part in parts.items() if owner == link])
         (folder / f"{name}.stl").write_bytes(_stl(mesh if link in kept else _shell(mesh)))
         spec.add_mesh(name=name, file=str(folder / f"{name}.stl"))
         spec.body(name).add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)

@@ -1,6 +1,7 @@
 """Names for array types, and the data that travel between folders."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -125,3 +126,13 @@ class RobotPosture:
     landmarks_reached: FloatArray
     centre_of_mass: FloatArray
     observer_modes: ModeArray
+
+
+Watch = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+"""Around what takes time: what is made, and how many steps it has; it yields what takes the steps that are done."""
+
+
+@contextmanager
+def unwatched(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Watch nothing."""
+    yield lambda done: None

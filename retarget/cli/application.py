@@ -102,6 +102,14 @@ class _Command(TyperCommand):
 
     USUAL_OPTIONS: Sequence[str] = ()
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the words. Raises UsageError where an option takes another one for its value."""
+        take = {name for one in self.get_params(ctx) if not getattr(one, "is_flag", True) for name in one.opts}
+        for word, after in pairwise(args[: args.index("--")] if "--" in args else args):
+            if word in take and re.match("--[a-z]", after):
+                raise UsageError("needs a value", where=word, found=after, next_step=f"See `{ctx.command_path} --help`")
+        return super().parse_args(ctx, args)
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": []}
         for parameter in self.get_params(ctx):

@@ -23,7 +23,7 @@ from retarget.errors import UsageError, suggest
 from retarget.model.robot import load_robot
 from retarget.recording.exports.formats import FORMATS, format_named
 from retarget.run.options import RunOptions
-from retarget.run.prepare import try_robot
+from retarget.run.trial import try_robot
 from retarget.sources.open import refuse_values
 
 BENCH = "retarget.cli.buses:PhysicsBench"

@@ -16,8 +16,8 @@ from retarget.model.observers import DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_profile, load_robot
 from retarget.robot.balance import heaviest_loads
 from retarget.run.options import RunOptions, name_with_mass
-from retarget.run.prepare import try_robot
 from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
+from retarget.run.trial import try_approach, try_robot
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
 from retarget.schema.performer import load_performer
@@ -109,6 +109,7 @@ def _robot(path: Path) -> str:
     margin, to_rest = check_stand(robot), usual_rest_trajectory(robot)
     for bus in ("mock", "profile"):  # without mass, and with it
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
+    try_approach(robot)
     models = [servo.model for servo in profile.servos.values()]
     layouts = profile.layouts()
     buses = [_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()]

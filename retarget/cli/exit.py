@@ -266,6 +266,14 @@ def all_as_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
+def interruptible() -> Iterator[None]:
+    """Where nothing moves any more, inside `stop_on_signals`: its signals raise KeyboardInterrupt."""
+    mine = threading.current_thread() is threading.main_thread()
+    with _handled([n for n in REASONS if mine and not _kept_ignored(n)], signal.default_int_handler):
+        yield
+
+
+@contextmanager
 def stop_on_signals(clock: Clock | None = None, *, moves: bool = False) -> Iterator[StopRequest]:
     """SIGINT, SIGTERM, SIGHUP and SIGQUIT ask to stop, and Ctrl-Z where a robot `moves`; SIGINT after another of them
     forces torque off, and so does Ctrl-C that is pressed again (see `ForcedStopKey`; a held one does not).

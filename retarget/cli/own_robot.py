@@ -14,7 +14,7 @@ from retarget.schema.files import check_place, refuse_existing, write_atomic
 from retarget.setup.fit_observers import Zones, fit
 from retarget.setup.import_robot import Imported, UnknownRobot, import_robot, read_robot
 from retarget.setup.links import PARTS, PartLinks, completed, read_links
-from retarget.setup.servo_guess import NO_TORQUE
+from retarget.setup.servo_guess import NO_TORQUE, STRONGER
 
 NO_ANSWER = "Give --yes to take what is proposed, or --links FILE.yaml"
 
@@ -87,11 +87,14 @@ def _drafted(done: Imported) -> str:
     arms = sum(f"{side}_hand" in draft.frames for side in "lr")
     models = [servo.entry.model for servo in draft.servos]
     unknown = sum(servo.why == NO_TORQUE for servo in draft.servos)
+    strong = sum(servo.why.startswith(STRONGER) for servo in draft.servos)
+    doubts = [f"no known one is strong enough for {strong} of them, these only stand for it"] if strong else []
+    doubts += [f"{unknown} of them without a hint in the file: give --servo MODEL"] if unknown else []
     guessed = ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models))
     facts = {
         "root": f"{draft.root}, {_count(len(draft.feet), 'sole')}, {_count(arms, 'hand')}",
         "links": ", ".join(f"{part} {link}" for part, link in draft.links.model_dump().items() if link),
-        "servos": guessed + (f" ({unknown} of them without a hint in the file: give --servo MODEL)" if unknown else ""),
+        "servos": guessed + (f" ({'; '.join(doubts)})" if doubts else ""),
         "stand": _stands(done),
         "rest": done.rest or "not known",
     }

@@ -47,6 +47,7 @@ from retarget.cli.exit import (
     StopRequest,
     detached_screens,
     echo,
+    interruptible,
     memory_message,
     refuse_little_memory,
     stop_on_signals,
@@ -242,20 +243,27 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
         report = measure_latest(run) if soon else measure(run)
         if outputs.best_likeness:
             report = replace(report, best_likeness_deg=best_likeness(run))
-        written = outputs.write(run, report)
+        written = outputs.write(run, report, watch=_watched)
         show_summary(run, report, lines or RunLines(verbose=outputs.verbose))
     except MemoryError:
         echo(f"error: the run is over, its results are not written: {memory_message()}", err=True)
         return STOPPED
     # Last of all, because a terminal may be gone or full.
     if written.files:
-        echo(f"written: {', '.join(str(path) for _, path in written.files)}")
+        echo(f"written: {written.listed(every=outputs.verbose)}")
     for problem in written.problems:
         echo(f"error: {problem}", err=True)
     look = written.first or outputs.record
     next_step = NEXT_STEP if look is None else f"{'Open' if look.suffix == '.html' else 'Look at'} {look}"
     echo(f"{sentence(run, report)}. {next_step}")
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
+
+
+@contextmanager
+def _watched(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show on a terminal how much of a file is made; any signal that ends a command ends it."""
+    with interruptible(), progress_bar(what, total) as show:
+        yield show
 
 
 NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"

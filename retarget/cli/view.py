@@ -13,6 +13,7 @@ from retarget.cli.exit import echo, stop_on_signals
 from retarget.live.address import VIEW_PORT
 from retarget.live.performer import LivePerformer
 from retarget.model.scene_state import obstacle_poses
+from retarget.pictures.outputs import RUN_NAME
 from retarget.run.loop import Observer, RowObserver
 from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
@@ -33,7 +34,7 @@ def view(
     Open the address that is printed; its key keeps other pages and users out.
 
     Arguments:
-        file FILE: A run that was saved or recorded: FILE.npz, FILE.mcap.
+        file FILE|DIR: A run that was saved or recorded: FILE.npz, FILE.mcap, or a folder with run.npz.
 
     Options:
         body FILE: The robot's MJCF or URDF, where FILE names none that is there.
@@ -41,6 +42,8 @@ def view(
     with needing_websockets():
         from retarget.web.recorded import open_recorded, page_files
         from retarget.web.serving import serve_files
+    inside = file / RUN_NAME
+    file = inside if inside.is_file() else file
     run = open_recorded(file, body=body)
     for text in run.notes:
         note(f"{file}: {text}")

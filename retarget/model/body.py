@@ -157,6 +157,12 @@ class BodyModel:
         """Links whose joints move one link against the other: of the two chains to the root, what they do not share."""
         return set(self.chain_to_root(first)).symmetric_difference(self.chain_to_root(second))
 
+    def moved_with(self, link: int) -> int:
+        """The link that moves a link: itself where it has a joint, else the next one above that has; fixed joints move
+        nothing. 0, the world, where no joint is above."""
+        moving = set(self.joint_body.tolist())
+        return next((above for above in self.chain_to_root(link) if above in moving), 0)
+
     def scalar_joints(self) -> tuple[NDArray[np.bool_], IntArray]:
         """Mask (nv,) of the DoFs that are single hinges or slides, and the index of each in q (nv,), -1 for the
         others."""
@@ -268,7 +274,10 @@ def _geom(model: Any, index: int) -> Geom:
     import mujoco
 
     kind = mujoco.mjtGeom(int(model.geom_type[index])).name.removeprefix("mjGEOM_").lower()
-    red, green, blue = (round(float(value), 3) for value in model.geom_rgba[index, :3])
+    material = int(model.geom_matid[index])
+    own = model.geom_rgba[index, :3]
+    shade = model.mat_rgba[material, :3] if material >= 0 and (own == NO_COLOUR).all() else own
+    red, green, blue = (round(float(value), 3) for value in shade)
     return Geom(
         name=model.geom(index).name,
         body=int(model.geom_bodyid[index]),

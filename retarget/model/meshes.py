@@ -1,8 +1,7 @@
 """The shapes of a body as triangles, link by link: the one source of pictures, of pages and of what a headset shows."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import count, repeat
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from retarget import rotations
 from retarget.model.body import BodyModel, Geom, JointType
 from retarget.model.scene_shapes import ShapeKind
+from retarget.model.thinning import creased, thinned
 from retarget.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -124,10 +124,10 @@ DETAILS = (AROUND, 20, 16, 12, 8, 6, 4)
 """Corners of a circle that are tried until a body has no more than that."""
 FINE = 0.03
 """Radius, m, of circles that have them all."""
-CELLS = 4
-"""A mesh of a file is thinned to cells of a body's size over its detail and over this, so that both are as coarse."""
-THIN, THIN_AROUND = 0.012, 6
-"""Radius of what joins links, in the sum of their lengths, and its corners."""
+LEAST_TRIANGLES = 40
+"""A mesh of a file keeps so many."""
+THIN, THIN_AROUND, ROOM = 0.025, 12, 500
+"""Radius of what joins links, in the longest way from the root to a joint, its corners, and triangles of all of it."""
 
 
 Part = tuple[int, tuple[float, float, float] | None]
@@ -138,110 +138,148 @@ def link_meshes(body: BodyModel) -> dict[Part, Mesh]:
     """The shapes of each link that has some, by their colours, in the link's frame; planes and height fields are left
     out. Of a link's shapes only those for looking at (which collide with nothing), if it has any; else also what joins
     links where shapes leave gaps, and all in the colour of its side."""
-    reach = float(np.linalg.norm(body.body_pos, axis=1).sum())
-    return _coarse(range(1, len(body.parent)), partial(_parts, body), reach, MOST_TRIANGLES)
+    geoms = _shown(body.geoms, range(1, len(body.parent)))
+    found, parts = _drawn(geoms, MOST_TRIANGLES - ROOM), dict[Part, list[Mesh]]()
+    for geom, mesh in found:
+        parts.setdefault((geom.body, None if geom.collides else geom.colour), []).append(mesh)
+    for link, rods in _rods(body, found).items():
+        parts.setdefault((link, None), []).extend(rods)
+    return {part: joined(parts[part]) for part in sorted(parts, key=lambda part: part[0])}
 
 
-def link_shapes(geoms: Sequence[Geom], links: Iterable[int], *, reach: float, most: int) -> dict[int, Mesh]:
-    """The shapes of each of these links that has some, as `link_meshes` has them, of at most about so many triangles,
-    whatever their colours. reach: size of the body, m."""
+def link_looks(geoms: Sequence[Geom], links: Iterable[int], *, most: int) -> dict[Part, Mesh]:
+    """Of the shapes of each of these links that `link_meshes` shows the meshes of files, by their colours, of at most
+    about so many triangles together."""
+    parts = dict[Part, list[Mesh]]()
+    for geom, mesh in _drawn([geom for geom in _shown(geoms, links) if geom.triangles is not None], most):
+        parts.setdefault((geom.body, geom.colour), []).append(mesh)
+    return {part: joined(meshes) for part, meshes in parts.items()}
 
-    def parts_of(link: int, around: int, cell: float) -> list[tuple[Part, Mesh]]:
-        return [((link, None), mesh) for _, mesh in _shapes(geoms, link, around, cell)]
 
-    return {link: mesh for (link, _), mesh in _coarse(links, parts_of, reach, most).items()}
+def _shown(geoms: Sequence[Geom], links: Iterable[int]) -> list[Geom]:
+    """Of each of these links the shapes for looking at, else all."""
+    own = [[geom for geom in geoms if geom.body == link] for link in links]
+    return [geom for all_ in own for geom in [geom for geom in all_ if not geom.collides] or all_]
 
 
-def _coarse(
-    links: Iterable[int], parts_of: Callable[[int, int, float], list[tuple[Part, Mesh]]], reach: float, most: int
-) -> dict[Part, Mesh]:
-    """The shapes of each part as one mesh, as fine as that many triangles allow."""
-    links, meshes = tuple(links), dict[Part, list[Mesh]]()
+def _drawn(geoms: Sequence[Geom], most: int) -> list[tuple[Geom, Mesh]]:
+    """Geoms with their meshes, together as fine as that many triangles allow: where there are meshes of files, these
+    may have at least half of them."""
+    files = [geom for geom in geoms if geom.triangles is not None]
+    dense, count, simple = sum(len(_soup(geom)) for geom in files), 0, list[Mesh | None]()
     for around in DETAILS:
-        cell, meshes = 0.0 if around == DETAILS[0] else reach / (CELLS * around), {}
-        for link in links:
-            for part, mesh in parts_of(link, around, cell):
-                meshes.setdefault(part, []).append(mesh)
-        if sum(len(mesh.faces) for shapes in meshes.values() for mesh in shapes) <= most:
+        simple = [None if geom.triangles is not None else _simple_mesh(geom, around) for geom in geoms]
+        count = sum(len(mesh.faces) for mesh in simple if mesh is not None)
+        if count <= most - min(dense, most // 2):
             break
-    return {part: joined(shapes) for part, shapes in meshes.items()}
+    lots = iter(_lots(files, most - count))
+    made = [
+        mesh if geom.triangles is None else Mesh(*creased(thinned(_soup(geom), next(lots))))
+        for geom, mesh in zip(geoms, simple, strict=True)
+    ]
+    return [
+        (geom, mesh.placed(geom.position, geom.quat))
+        for geom, mesh in zip(geoms, made, strict=True)
+        if mesh is not None and len(mesh.faces)
+    ]
 
 
-def _shapes(geoms: Sequence[Geom], link: int, around: int, cell: float) -> list[tuple[Geom, Mesh]]:
-    geoms = [geom for geom in geoms if geom.body == link]
-    geoms = [geom for geom in geoms if not geom.collides] or geoms
-    return [(geom, mesh) for geom in geoms if (mesh := _geom_mesh(geom, around, cell)) is not None]
+def _soup(geom: Geom) -> FloatArray:
+    return np.zeros((0, 3, 3)) if geom.triangles is None else geom.triangles
 
 
-def _parts(body: BodyModel, link: int, around: int, cell: float) -> list[tuple[Part, Mesh]]:
-    shapes = _shapes(body.geoms, link, around, cell)
-    if any(not geom.collides for geom, _ in shapes):
-        return [((link, geom.colour), mesh) for geom, mesh in shapes]
-    parts = [mesh for _, mesh in shapes]
-    return [((link, None), mesh) for mesh in (*parts, *_rods(body, link, parts))]
+def _lots(geoms: Sequence[Geom], most: int) -> list[int]:
+    """How many triangles each mesh of a file may have: by its size, and by how many it has, as these are where it is
+    not smooth; what one does not need is the others'."""
+    has = np.array([len(_soup(geom)) for geom in geoms], dtype=np.float64)
+    size = np.array([np.linalg.norm(np.ptp(_soup(geom).reshape(-1, 3), axis=0)) for geom in geoms]) + 1e-9
+    size *= has**0.25
+    lots = np.minimum(has, LEAST_TRIANGLES)
+    while True:
+        wants = lots < has
+        left = most - lots.sum()
+        if not wants.any() or left < wants.sum():
+            return [int(lot) for lot in lots]
+        lots[wants] = np.minimum(has, lots + left * size / size[wants].sum())[wants]
 
 
-def _rods(body: BodyModel, link: int, parts: Sequence[Mesh]) -> list[Mesh]:
-    """What joins a link to its children, and to its own shapes where they leave a gap."""
-    ends, begin = list(body.body_pos[body.parent == link]), np.zeros(3)
-    points = joined(parts).vertices if parts else np.array(ends).reshape(-1, 3)
-    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (begin, begin)
-    middle = 0.5 * (low + high)
-    if all(body.joint_type[joint] == JointType.FREE for joint in np.flatnonzero(body.joint_body == link)):
-        # Nothing turns it about its origin, which may be anywhere: on the ground, say.
-        begin = middle
-        ends = [end for end in ends if not parts or ((end < low) | (end > high)).any()]
-    elif parts and not (np.abs(middle) < 0.5 * (high - low)).all():  # what hangs beside its joint
-        ends.append(middle)
-    radius, rods = THIN * float(np.linalg.norm(body.body_pos, axis=1).sum()), []
-    for end in ends:
-        length = float(np.linalg.norm(end - begin))
-        if length > THINNEST:
-            rod = shape_mesh(ShapeKind.CYLINDER, (radius, 0.5 * length, 0.0), around=THIN_AROUND)
-            turn = rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), end - begin)
-            rods.append(rod.placed(0.5 * (begin + end), turn))
+def _rods(body: BodyModel, shown: Sequence[tuple[Geom, Mesh]]) -> dict[int, list[Mesh]]:
+    """What joins links to their children, and to their own shapes where they leave a gap, by the links that carry it.
+    Links that are fixed to each other are one: where it has shapes for looking at, these join it. Only joints are
+    joined, not what is fixed to a link, unless a link ends in nothing else."""
+    position, quat = body.solver_body().forward(body.qpos0)
+    rigid = np.arange(len(body.parent))  # the link that carries each one, from joint to joint
+    for link in range(1, len(rigid)):
+        if body.parent[link] > 0 and not (body.joint_body == link).any():
+            rigid[link] = rigid[body.parent[link]]
+    radius, rods = THIN * float(_ways(body)[body.joint_body].max(initial=0.0)), dict[int, list[Mesh]]()
+    for link in np.unique(rigid[1:]).tolist():
+        inside = rigid == link
+        own = [(geom, mesh) for geom, mesh in shown if inside[geom.body]]
+        if any(not geom.collides for geom, _ in own):
+            continue
+        # All in the frame of the link.
+        back = quat[link] * (1.0, -1.0, -1.0, -1.0)
+        origins = rotations.rotate(back, position - position[link])
+        turns = rotations.multiply(back, quat)
+        boxes = [mesh.placed(origins[geom.body], turns[geom.body]).vertices for geom, mesh in own]
+        ends = origins[[child for child in np.unique(rigid[1:]).tolist() if inside[body.parent[child]]]]
+        is_turned = any(body.joint_type[joint] != JointType.FREE for joint in np.flatnonzero(body.joint_body == link))
+        for begin, end in _joins(ends, origins[inside], boxes, radius, is_turned=is_turned):
+            length = float(np.linalg.norm(end - begin))
+            if length > THINNEST:
+                rod = shape_mesh(ShapeKind.CAPSULE, (radius, 0.5 * length, 0.0), around=THIN_AROUND)
+                turn = rotations.shortest_arc(np.array([0.0, 0.0, 1.0]), end - begin)
+                rods.setdefault(link, []).append(rod.placed(0.5 * (begin + end), turn))
     return rods
 
 
-def _geom_mesh(geom: Geom, around: int, cell: float) -> Mesh | None:
-    """A geom in the frame of its link; None for planes and height fields. around: corners of a circle, fewer of a small
-    one."""
+def _joins(
+    ends: FloatArray, fixed: FloatArray, shapes: Sequence[FloatArray], radius: float, *, is_turned: bool
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Ends of the rods of a link, all (n, 3) m in its frame. ends: joints of its children; fixed: origins of what is
+    fixed to it; shapes: points of each. is_turned: its joint turns it about its origin."""
+    begin = np.zeros(3)
+    boxes = np.array([[points.min(axis=0), points.max(axis=0)] for points in shapes]).reshape(-1, 2, 3)
+
+    def is_reached(point: FloatArray) -> bool:
+        return bool(((boxes[:, 0] - radius < point) & (point < boxes[:, 1] + radius)).all(axis=1).any())
+
+    points = boxes.reshape(-1, 3) if len(boxes) else ends
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else begin
+    if not is_turned:  # its origin may be anywhere: on the ground, say
+        return [(middle, end) for end in ends if not is_reached(end)]
+    if len(boxes) and not is_reached(begin):  # what hangs beside its joint
+        ends = np.vstack([ends, middle])
+    elif not len(boxes) and not len(ends):
+        ends = fixed[np.argmax(np.linalg.norm(fixed, axis=1))][None]
+    return [(begin, end) for end in ends if not (is_reached(begin) and is_reached(end))]
+
+
+def _ways(body: BodyModel) -> FloatArray:
+    """Length, m, of the way from the root to each link, along the links between."""
+    ways = np.zeros(len(body.parent))
+    for link in range(2, len(ways)):
+        parent = body.parent[link]
+        ways[link] = ways[parent] + (np.linalg.norm(body.body_pos[link]) if parent > 0 else 0.0)
+    return ways
+
+
+def _simple_mesh(geom: Geom, around: int) -> Mesh | None:
+    """A geom in its own frame; None for planes and height fields. around: corners of a circle, fewer of a small one."""
     size = geom.size.tolist()
     middle = sorted(size)[1] if geom.kind == "ellipsoid" else size[0]  # a radius where it is round
     around = min(around, max(4 * round(0.25 * around * (middle / FINE) ** 0.5), DETAILS[-2]))
-    if geom.kind == "mesh":
-        assert geom.triangles is not None
-        mesh = _creased(geom.triangles, cell)
-    elif geom.kind == "ellipsoid":
+    if geom.kind == "ellipsoid":
         ball = shape_mesh(ShapeKind.CAPSULE, (1.0, 0.0, 0.0), around=around)
-        mesh = Mesh(geom.size * ball.vertices, ball.faces)
-    elif geom.kind == "sphere":
-        mesh = shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0), around=around)
-    elif geom.kind == "box":
-        mesh = _rounded(geom.size, around)
-    elif geom.kind in ("capsule", "cylinder"):
-        mesh = shape_mesh(ShapeKind[geom.kind.upper()], size, around=around)
-    else:
-        return None
-    return mesh.placed(geom.position, geom.quat)
-
-
-def _creased(triangles: FloatArray, cell: float) -> Mesh:
-    """The mesh of triangles (t, 3, 3) m: corners in one cell of a grid, of this size in m, become one, but not those of
-    faces that look along different axes."""
-    corners = triangles.reshape(-1, 3)
-    key = np.round(corners / cell) if cell > 0.0 else corners
-    _, place = np.unique(key, axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    count = np.bincount(place)
-    mean = np.column_stack([np.bincount(place, weights=column) / count for column in corners.T])
-    faces = place.reshape(-1, 3)
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    normal = np.cross(mean[faces[:, 1]] - mean[faces[:, 0]], mean[faces[:, 2]] - mean[faces[:, 0]])
-    axis = np.argmax(np.abs(normal), axis=1)
-    side = 2 * axis + (normal[np.arange(len(faces)), axis] > 0.0)
-    used, corner = np.unique(6 * faces + side[:, None], return_inverse=True)
-    return Mesh(mean[used // 6], corner.reshape(-1, 3))
+        return Mesh(geom.size * ball.vertices, ball.faces)
+    if geom.kind == "sphere":
+        return shape_mesh(ShapeKind.CAPSULE, (size[0], 0.0, 0.0), around=around)
+    if geom.kind == "box":
+        return _rounded(geom.size, around)
+    if geom.kind in ("capsule", "cylinder"):
+        return shape_mesh(ShapeKind[geom.kind.upper()], size, around=around)
+    return None
 
 
 # A body to draw: its meshes with colours, and where its links are.

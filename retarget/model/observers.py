@@ -227,27 +227,27 @@ def robot_observers(robot: RobotBody) -> Observers:
 
 
 def _on_ground(robot: RobotBody, observers: Observers) -> Observers:
-    """The same for a robot on its feet: soles do not look at the ground, what comes near it at home keeps less.
+    """The same for a robot on its feet: soles, and the links that fixed joints hold to them, do not look at the ground;
+    what comes near it at home keeps less.
 
     Raises ConfigError for a part that is below the soles in the neutral posture.
     """
     postures = robot.profile.postures
-    stands = np.isin(observers.links, [sole.body for sole in robot.soles])
+    feet = frozenset[str]().union(*robot.foot_links)
+    stands = np.array([robot.body.body_names[link] in feet for link in observers.links.tolist()], dtype=bool)
     neutral, *others = (
         _heights(robot, observers, angles) for angles in (postures.neutral, postures.stand, postures.rest)
     )
-    problems = [
-        Problem(
+    below = sorted(np.flatnonzero(~stands & (neutral <= 0.0)).tolist(), key=lambda k: neutral[k])
+    if below:
+        others_below = f" (and {len(below) - 1} more)" if below[1:] else ""
+        raise ConfigError(
             "a part is below the soles in the neutral posture",
             where=str(robot.profile.path),
-            found=f"{observers.names[k]}, {-1e3 * neutral[k]:.1f} mm below the ground",
-            allowed="only links with a sole touch the ground",
+            found=f"{observers.names[below[0]]}, {-1e3 * neutral[below[0]]:.1f} mm below the ground{others_below}",
+            allowed="only links with a sole touch the ground, and what fixed joints hold to them",
             next_step="Move the neutral posture, draw its shape tighter, or describe its sole in `feet`",
         )
-        for k in np.flatnonzero(~stands & (neutral <= 0.0))
-    ]
-    if problems:
-        raise ConfigError.from_problems(problems)
     return replace(
         observers, stands=stands, ground_margin=AT_HOME * np.maximum(np.min([neutral, *others], axis=0), 0.0)
     )

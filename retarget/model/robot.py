@@ -88,6 +88,13 @@ class RobotBody:
         """The frames of its feet."""
         return tuple(self.frame(foot.frame) for foot in self.profile.feet.values())
 
+    @cached_property
+    def foot_links(self) -> tuple[frozenset[str], ...]:
+        """The links of each foot: that with its sole, and all that fixed joints hold to it."""
+        moving = {name: self.body.moved_with(link) for link, name in enumerate(self.body.body_names)}
+        held = [self.body.moved_with(sole.body) for sole in self.soles]
+        return tuple(frozenset(name for name, link in moving.items() if link == one) for one in held)
+
     def posture(self, angles: dict[str, float]) -> FloatArray:
         """Posture (nq,) with these joint angles, rad, and 0 elsewhere, the root as in the body file."""
         return self.body.posture(angles)

@@ -10,11 +10,14 @@ from retarget.recording.npz import save_path, write_npz
 from retarget.report.report import Report, write_report
 from retarget.run.run_result import RunResult
 from retarget.schema.files import check_folder, check_path, check_place, refuse_existing
+from retarget.types import Watch, unwatched
 
 PICTURE_NAMES = ("tracking", "angles", "balance", "pressure", "poses")
 """Names of the files in `--plots DIR`, known without importing what draws them."""
-FILE_NAME, PAGE_NAME = "report.json", "report.html"
-"""Names of the files in `--report DIR`."""
+FILE_NAME, PAGE_NAME, RUN_NAME = "report.json", "report.html", "run.npz"
+"""Names of the files in `--report DIR`, and of the run beside them in the folder of a demo."""
+PAGES = (".html", ".htm")
+"""Suffixes that no folder has: somebody asks for a page alone."""
 
 
 def report_path(text: str | Path) -> Path:
@@ -28,14 +31,6 @@ def report_path(text: str | Path) -> Path:
     if page is not None:
         check_folder(page.parent, option="--report")
         return page.with_name(FILE_NAME)
-    if path.suffix.lower() != ".json":
-        raise UsageError(
-            "a report is a JSON file, or a folder with that and a page",
-            where="--report",
-            found=str(path),
-            allowed="FILE.json, or a folder",
-            next_step=f"Give {path.with_suffix('.json').name}, or {path.stem} for both",
-        )
     check_place(path, option="--report")
     return path
 
@@ -43,10 +38,20 @@ def report_path(text: str | Path) -> Path:
 def page_path(text: str | Path) -> Path | None:
     """Path of the page of a report: `report.html` in the folder that is given; None where a file is meant.
 
-    A name that is not there yet is a folder's, unless it ends like a file's.
+    A name that is not there yet is a folder's, also one with a dot, unless it ends in `.json`. Raises UsageError for
+    the name of a page.
     """
     path = Path(text)
-    return path / PAGE_NAME if path.is_dir() or not path.suffix[1:].isalpha() else None
+    suffix = "" if path.is_dir() else path.suffix.lower()
+    if suffix in PAGES:
+        raise UsageError(
+            "a page goes into a folder, beside its report",
+            where="--report",
+            found=str(path),
+            allowed="FILE.json, or a folder",
+            next_step=f"Give {path.with_suffix('')}",
+        )
+    return None if suffix == ".json" else path / PAGE_NAME
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,7 @@ class Outputs:
     def in_folder(cls, folder: Path) -> "Outputs":
         """All of them in one folder, made when they are written. Raises UsageError if that cannot be."""
         check_folder(folder, option="folder")
-        return cls(report=folder / FILE_NAME, page=folder / PAGE_NAME, save=folder / "run.npz", plots=folder)
+        return cls(report=folder / FILE_NAME, page=folder / PAGE_NAME, save=folder / RUN_NAME, plots=folder)
 
     def refuse_existing(self, option: str = "") -> None:
         """Raise UsageError for the first file that is there already. option: by which all of them were asked for."""
@@ -118,8 +123,9 @@ class Outputs:
             if path is not None:
                 refuse_existing(path, option=option or own)
 
-    def write(self, run: RunResult, report: Report) -> "WrittenFiles":
-        """Write what was asked for, one after the other: what cannot be written does not keep the rest from it."""
+    def write(self, run: RunResult, report: Report, *, watch: Watch = unwatched) -> "WrittenFiles":
+        """Write what was asked for, one after the other: what cannot be written does not keep the rest from it. watch:
+        around an animation, which KeyboardInterrupt ends."""
         if self.page is not None or self.plots is not None:
             from retarget.pictures.page import write_page
             from retarget.pictures.plots import figures_of, write_plots
@@ -132,7 +138,7 @@ class Outputs:
             ("run", self.save, lambda path: write_npz(run, path)),
             ("page", self.page, lambda path: write_page(run, report, path, figures=figures())),
             ("picture", self.plots, lambda path: write_plots(figures(), path)),
-            ("animation", self.animate, lambda path: write_animation(run, path)),
+            ("animation", self.animate, lambda path: write_animation(run, path, watch=watch)),
         ]
         files: list[tuple[str, Path]] = []
         problems: list[str] = []
@@ -143,6 +149,8 @@ class Outputs:
                 made = write(path)
             except (RefusedError, OSError) as error:
                 problems.append(f"{what} not written: {error}")
+            except KeyboardInterrupt:
+                problems.append(f"{what} not written: interrupted")
             else:
                 files += [(what, file) for file in (made if isinstance(made, list) else [path])]
         return WrittenFiles(tuple(files), tuple(problems))
@@ -161,6 +169,16 @@ class WrittenFiles:
 
     files: tuple[tuple[str, Path], ...]
     problems: tuple[str, ...]
+
+    def listed(self, *, every: bool) -> str:
+        """The files in words: their folders, or every one."""
+        paths = [path for _, path in self.files]
+        if every:
+            return ", ".join(map(str, paths))
+        within = {folder: [path for path in paths if path.parent == folder] for folder in (one.parent for one in paths)}
+        return ", ".join(
+            str(own[0]) if len(own) == 1 else f"{len(own)} files in {folder}" for folder, own in within.items()
+        )
 
     @property
     def first(self) -> Path | None:

@@ -20,6 +20,7 @@ from retarget.model.meshes import MIDDLE, SIDES
 from retarget.pictures.solid import SHADE, SHARPER, feet_of, performer_postures, robot_postures
 from retarget.report import motion_metrics
 from retarget.report.likeness import ARMS, LEAN, limb_angles
+from retarget.report.measure import travel
 from retarget.report.motion_metrics import moved_joints
 from retarget.report.tracking import performance_of, performer_facing, turned
 from retarget.run.run_result import RunResult
@@ -79,6 +80,8 @@ WIDTH, MOST_PER_HEIGHT, TITLE, LABEL = 13.5, 1.7, 0.45, 0.36
 """Inches: of the whole picture, of a body's height at most, of the title, and of two lines over a pose."""
 GAP = 0.07
 """Between poses and lines of them, in heights of the head."""
+TRAVELS = 0.5
+"""A performer who gets so much farther over the floor than the robot, m, is said to travel."""
 
 
 def plot_poses(run: RunResult) -> Figure | None:
@@ -105,9 +108,12 @@ def plot_poses(run: RunResult) -> Figure | None:
     title = "A performer, reconstructed (left orange, right blue)"
     if run.robot is not None:
         title = f"A performer, and {run.robot.profile.name} following (left orange, right blue)"
+        gone = travel(run)[0]
+        if gone.performer is not None and gone.robot is not None and gone.performer > TRAVELS + gone.robot:
+            title += f"\nThe performer travels {gone.performer:.1f} m, the robot {gone.robot:.1f} m: not shown"
     elif run.human_truth is not None:
         title += "; thin: as recorded"
-    figure = new_figure(max(inches * across, 6.0), inches * down + TITLE, title)
+    figure = new_figure(max(inches * across, 6.0), inches * down + TITLE * (1 + title.count("\n")), title)
     axes = figure.subplots()
     axes.imshow(picture, extent=(0.0, across, down, 0.0), interpolation="antialiased")
     for place, tick in zip(places.tolist(), ticks, strict=True):

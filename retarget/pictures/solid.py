@@ -22,7 +22,7 @@ from retarget.report import motion_metrics
 from retarget.report.tracking import performer_facing, turned
 from retarget.run.run_result import RunResult
 from retarget.schema.files import write_atomic
-from retarget.types import FloatArray, IntArray
+from retarget.types import FloatArray, IntArray, Watch, unwatched
 
 # Where the viewer and the light are; `bodies.js` has the same ones.
 
@@ -65,6 +65,8 @@ NEAR = 1.5
 """Obstacles that are farther away than this, in heights, get no room in a picture."""
 FLOOR, SHADOW_PX, DARK = 0.9, 160, 52
 """Half the side of the floor on which shadows fall, in heights, its pixels across, and how dark they are of 255."""
+COARSE = 4
+"""Pixels of a picture to one of a shadow, which is out of focus anyway."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,63 +149,95 @@ def _cast(picture: Image.Image, corners: FloatArray, place: tuple[float, float],
     """Darken the floor by what facets (f, 3, 3) cast on it, out of focus."""
     fallen = corners[..., :2] - corners[..., 2:] * LIGHT[:2] / LIGHT[2]
     fallen = fallen[_areas(fallen) > 0.0]  # what faces the light casts it all
-    mask = Image.new("L", (SHADOW_PX, SHADOW_PX))
-    pen = ImageDraw.Draw(mask)
-    for facet in (0.5 * SHADOW_PX * (1.0 + fallen / FLOOR)).reshape(-1, 6).tolist():
-        pen.polygon(facet, DARK)
-    mask = mask.filter(ImageFilter.GaussianBlur(0.02 * SHADOW_PX))
-    # The floor's x and y as they are seen, and where pixels of the picture are on the floor.
+    dark = np.zeros(SHADOW_PX * SHADOW_PX, dtype=np.uint8)
+    spans = _spans(0.5 * SHADOW_PX * (1.0 + fallen / FLOOR), (SHADOW_PX, SHADOW_PX))
+    dark[_pixels(spans.line * SHADOW_PX + spans.begin, spans.count)] = DARK
+    mask = Image.fromarray(dark.reshape(SHADOW_PX, SHADOW_PX)).filter(ImageFilter.GaussianBlur(0.02 * SHADOW_PX))
+    # The floor's x and y as they are seen, and where pixels of the picture, by COARSE of them, are on the floor.
     across, up, _ = project(np.eye(2, 3))
-    half = np.ceil(scale * FLOOR * np.abs([across, up]).sum(axis=1)).astype(int)
+    half = COARSE * np.ceil(scale * FLOOR * np.abs([across, up]).sum(axis=1) / COARSE).astype(int)
     low = np.round(place).astype(int) - half
     back = np.linalg.inv(scale * np.array([across, -up])) * 0.5 * SHADOW_PX / FLOOR
     begin = back @ (low - np.array(place)) + 0.5 * SHADOW_PX
-    lies = [value for row, first in zip(back, begin, strict=True) for value in (*row.tolist(), float(first))]
+    lies = [value for row, first in zip(back, begin, strict=True) for value in (*(COARSE * row), float(first))]
     size = (2 * int(half[0]), 2 * int(half[1]))
-    seen = mask.transform(size, Image.Transform.AFFINE, lies, Image.Resampling.BILINEAR)
-    picture.paste("black", (int(low[0]), int(low[1])), seen)
+    coarse = (size[0] // COARSE, size[1] // COARSE)
+    seen = mask.transform(coarse, Image.Transform.AFFINE, lies, Image.Resampling.BILINEAR)
+    picture.paste("black", (int(low[0]), int(low[1])), seen.resize(size, Image.Resampling.BILINEAR))
+
+
+@dataclass(frozen=True, eq=False)
+class _Spans:
+    """Lines of pixels of faces, n of them. face, line: whose, and which of the picture; begin, count: its pixels."""
+
+    face: IntArray
+    line: IntArray
+    begin: IntArray
+    count: IntArray
+
+
+def _spans(corners: FloatArray, size: tuple[int, int]) -> _Spans:
+    """The pixels of a picture (across, down) whose middle is in flat faces, with corners (f, 3, 2) in pixels."""
+    order = np.argsort(corners[..., 1], axis=1)
+    x, y = (np.take_along_axis(corners[..., axis], order, axis=1) for axis in (0, 1))
+    first, after = (np.clip(np.ceil(y[:, end]), 0, size[1]).astype(np.int64) for end in (0, 2))
+    count = after - first
+    face = np.repeat(np.arange(len(count)), count)
+    line = _pixels(first, count)
+    # A line crosses the side from the highest to the lowest corner, and one of the other two.
+    starts, ends = (0, 0, 1), (2, 1, 2)
+    down = y[:, ends] - y[:, starts]
+    slope = (x[:, ends] - x[:, starts]) / np.where(down > 0.0, down, 1.0)
+    zero = x[:, starts] - y[:, starts] * slope
+    other = 3 * face + np.where(line < y[face, 1], 1, 2)
+    one = zero[face, 0] + line * slope[face, 0]
+    two = zero.ravel()[other] + line * slope.ravel()[other]
+    begin, end = (np.clip(np.ceil(edge(one, two)), 0, size[0]).astype(np.int64) for edge in (np.minimum, np.maximum))
+    known = end > begin
+    return _Spans(face[known], line[known], begin[known], (end - begin)[known])
+
+
+def _pixels(begin: IntArray, count: IntArray) -> IntArray:
+    """The numbers from each begin (n,) on, so many of each."""
+    return np.asarray(np.arange(count.sum()) + np.repeat(begin - (np.cumsum(count) - count), count))
 
 
 def _fill(picture: Image.Image, corners: FloatArray, near: FloatArray, shades: FloatArray, faces: IntArray) -> None:
     """Paint the faces (f, 3) of a surface, the nearest one in each pixel. corners (v, 2): of the picture, in pixels;
     near (v,), and shades (v, 3) in 0 to 1, which change evenly over a face."""
-    faces = faces[_areas(corners[faces]) < 0.0]  # those that look at the viewer: pixels count downwards
+    areas = _areas(corners[faces])
+    faces, areas = faces[areas < 0.0], areas[areas < 0.0]  # those that look at the viewer: pixels count downwards
     box = np.concatenate([np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0)) + 1.0])
     box = np.clip(box, 0, 2 * picture.size).astype(int)
     corners, (wide, high) = corners - box[:2], (box[2:] - box[:2]).tolist()
-    # The lines of pixels that each face has, and from where to where it has them.
-    x, y = corners[faces, 0], corners[faces, 1]
-    first = np.clip(np.ceil(y.min(axis=1)), 0, high).astype(int)
-    count = np.clip(np.ceil(y.max(axis=1)), 0, high).astype(int) - first
-    face, line = _counted(count)
-    line += first[face]
-    left, right = np.full(len(line), np.inf), np.full(len(line), -np.inf)
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        (xa, ya), (xb, yb) = (x[face, a], y[face, a]), (x[face, b], y[face, b])
-        crossed = (ya <= line) != (yb <= line)
-        at = xa + (line - ya) * (xb - xa) / np.where(crossed, yb - ya, 1.0)
-        left, right = np.where(crossed, np.minimum(left, at), left), np.where(crossed, np.maximum(right, at), right)
-    known = left <= right
-    face, line = face[known], line[known]
-    begin = np.clip(np.ceil(left[known]), 0, wide).astype(int)
-    span, column = _counted(np.clip(np.ceil(right[known]), 0, wide).astype(int) - begin)
-    column += begin[span]
+    spans = _spans(corners[faces], (wide, high))
     # Of what changes evenly: its value where the first corner is, and its change by pixel across and down.
-    edges = np.stack([corners[faces[:, 1]] - corners[faces[:, 0]], corners[faces[:, 2]] - corners[faces[:, 0]]], axis=1)
-    values = np.column_stack([near, shades])
-    steps = np.stack([values[faces[:, 1]] - values[faces[:, 0]], values[faces[:, 2]] - values[faces[:, 0]]], axis=1)
-    slope = np.linalg.inv(edges) @ steps  # (f, 2, 4)
-    start = values[faces[:, 0]] - np.einsum("fk,fkv->fv", corners[faces[:, 0]], slope)
-    depth = (start[face, 0] + line * slope[face, 1, 0])[span] + column * slope[face, 0, 0][span]
-    order = np.argsort(depth)
-    seen = np.full(wide * high, -1)
-    seen[(line[span] * wide + column)[order]] = order  # what is assigned last stays
-    filled = np.flatnonzero(seen >= 0)
-    seen = seen[filled]
-    of, x_at, y_at = face[span[seen]], column[seen][:, None], line[span[seen]][:, None]
-    shade = start[of, 1:] + x_at * slope[of, 0, 1:] + y_at * slope[of, 1, 1:]
+    at, values = corners[faces[:, 0]], np.column_stack([near, 255.0 * shades])
+    (ax, ay), (bx, by) = (corners[faces[:, 1]] - at).T, (corners[faces[:, 2]] - at).T
+    first, one, two = (values[faces[:, corner]] for corner in range(3))
+    one, two = (one - first) / areas[:, None], (two - first) / areas[:, None]
+    across, down = by[:, None] * one - ay[:, None] * two, ax[:, None] * two - bx[:, None] * one
+    across, down = across.astype(np.float32), down.astype(np.float32)
+    begin = spans.begin[:, None] - at[spans.face, :1], spans.line[:, None] - at[spans.face, 1:]
+    step = across.take(spans.face, axis=0)
+    value = (first[spans.face] + begin[0] * step + begin[1] * down.take(spans.face, axis=0)).astype(np.float32)
+    # The nearest in each pixel.
+    before = np.cumsum(spans.count) - spans.count
+    count = np.arange(spans.count.sum(), dtype=np.int32)
+    further = count - np.repeat(before.astype(np.int32), spans.count)
+    pixel = further + np.repeat((spans.line * wide + spans.begin).astype(np.int32), spans.count)
+    depth = np.repeat(step[:, 0], spans.count)
+    depth *= further
+    depth += np.repeat(value[:, 0], spans.count)
+    nearest = np.full(wide * high, -np.inf, dtype=np.float32)
+    np.maximum.at(nearest, pixel, depth)
+    seen = np.flatnonzero(depth == nearest[pixel])
+    span = np.repeat(np.arange(len(before), dtype=np.int32), spans.count)[seen]
+    shade = step[:, 1:].take(span, axis=0)
+    shade *= further[seen, None].astype(np.float32)
+    shade += value[:, 1:].take(span, axis=0)
     painted = np.array(picture.crop(tuple(box.tolist()))).reshape(-1, 3)
-    painted[filled] = np.clip(255.0 * shade, 0.0, 255.0)
+    painted[pixel[seen]] = np.clip(shade, 0.0, 255.0, out=shade)
     picture.paste(Image.fromarray(painted.reshape(high, wide, 3)), tuple(box[:2].tolist()))
 
 
@@ -212,12 +246,6 @@ def _areas(corners: FloatArray) -> FloatArray:
     second."""
     (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
     return np.asarray(ax * by - bx * ay)
-
-
-def _counted(count: IntArray) -> tuple[IntArray, IntArray]:
-    """For a row each of count (n,): which of the n it is of, and the how many-eth of it."""
-    owner = np.repeat(np.arange(len(count)), count)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
 
 
 def performer_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
@@ -402,9 +430,19 @@ def animation_path(path: Path) -> Path:
     return path
 
 
-def write_animation(run: RunResult, path: Path) -> None:
+def write_animation(run: RunResult, path: Path, *, watch: Watch = unwatched) -> None:
     """Write performer and robot of a run side by side, as they move, at most LONGEST_S of it. path: as of
-    `animation_path`. Raises UsageError where it cannot be written, or where nothing was followed."""
+    `animation_path`. watch: is told of each picture. Raises UsageError where it cannot be written, or where nothing was
+    followed."""
     if run.ticks_followed < 2:
         raise UsageError("an animation shows what followed", where="--animate", found="no tick that followed")
-    write_atomic(path, KINDS[path.suffix.lower()](pictures(moving(run))), option="--animate")
+    shown = moving(run)
+    with watch("animation", len(shown["performer"].poses)) as made:
+        content = KINDS[path.suffix.lower()](_told(pictures(shown), made))
+    write_atomic(path, content, option="--animate")
+
+
+def _told(frames: Iterable[Image.Image], made: Callable[[int], None]) -> Iterator[Image.Image]:
+    for number, frame in enumerate(frames, 1):
+        yield frame
+        made(number)

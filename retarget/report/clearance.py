@@ -308,9 +308,9 @@ class PlacedBody:
         its clock: one for every posture that was given."""
         return self._to_obstacles(scene, times, np.tile(~scene.shapes.ground, (len(self.links), 1)))
 
-    def to_ground(self, scene: SceneState, times: FloatArray, *, soles: Iterable[str]) -> Clearance:
-        """Measure the clearance (m) between the ground of the scene and all links but those named in `soles`."""
-        standing = [self.model.body(name).id for name in soles]
+    def to_ground(self, scene: SceneState, times: FloatArray, *, feet: Iterable[str]) -> Clearance:
+        """Measure the clearance (m) between the ground of the scene and all links but those named in `feet`."""
+        standing = [self.model.body(name).id for name in feet]
         return self._to_obstacles(scene, times, scene.shapes.ground & ~np.isin(self.links, standing)[:, None])
 
     def _to_obstacles(self, scene: SceneState, times: FloatArray, looks: NDArray[np.bool_]) -> Clearance:
@@ -378,9 +378,8 @@ def robot_clearances(
     to_itself = placed.to_itself(neutral=neutral, ignored=ignored)
     if scene is None:
         return to_itself, NOTHING, NOTHING
-    soles = robot.soles if robot.on_floor else ()
-    standing = [robot.body.body_names[sole.body] for sole in soles]
-    return to_itself, placed.to_scene(scene, times), placed.to_ground(scene, times, soles=standing)
+    feet = frozenset[str]().union(*(robot.foot_links if robot.on_floor else ()))
+    return to_itself, placed.to_scene(scene, times), placed.to_ground(scene, times, feet=feet)
 
 
 def clearances(run: RunResult) -> dict[str, Any]:
@@ -393,7 +392,7 @@ def clearances(run: RunResult) -> dict[str, Any]:
         placed = place_body(run.human.mjcf, run.record.human_q)
         to_itself, to_scene, to_ground = placed.to_itself(neutral=run.human.posture(NEUTRAL)), NOTHING, NOTHING
         if run.scene is not None:
-            to_scene, to_ground = placed.to_scene(run.scene, times), placed.to_ground(run.scene, times, soles=())
+            to_scene, to_ground = placed.to_scene(run.scene, times), placed.to_ground(run.scene, times, feet=())
     compared = [part for part in (to_itself, to_scene, to_ground) if part.smallest is not None]
     deep = sum(part.deep for part in compared) if compared else None
     return {

@@ -17,7 +17,8 @@ from retarget.report.motion_metrics import LimitUse, limit_use
 from retarget.report.report import ImuReport, Report, Spread
 from retarget.report.unfollowed import INSTEAD
 from retarget.run.record import Phase
-from retarget.run.run_result import RunResult
+from retarget.run.run_result import CAPPED, RunResult
+from retarget.safety.clearance import TIGHTEN
 from retarget.schema.priorities import LimbTask
 from retarget.types import MM
 
@@ -42,8 +43,6 @@ CLOSEST: Mapping[str, Callable[[Report], tuple[str, str] | None]] = {
     "ground": lambda report: report.deep.ground,
 }
 """What came closest, by the keys of `Clearances`."""
-TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
-"""What to do about two links for which the gate refuses goals."""
 
 
 def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
@@ -428,6 +427,8 @@ def stream_line(live: LiveReport | None) -> str:
 
 CHANGED = 0.05
 """Share of the goals that the gate may change before that is said: the verdict allows a twentieth of the time, too."""
+MOST_CHANGED = 0.5
+"""Share from which on the sentence says it first: what else differs comes of that."""
 MOST_DIFFERENCES = 2
 """Differences that the sentence names, the first ones."""
 
@@ -451,7 +452,7 @@ def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, 
     refused = RunFigures(run, report).refused
     if refused and (report.gated_frames or 0) > CHANGED * report.ticks:
         said.append(f"the gate changed {report.gated_frames} of {report.ticks} goals, {refused}")
-    said += notes
+    said += [text for text in notes if not text.endswith(CAPPED)]
     counts = [] if run.live is None or not run.live.holds.count else [f"held {counted(run.live.holds.count, 'time')}"]
     counts += [counted(kept_back, "more notice")] if kept_back else []
     left = max(room - len(broken), 0)
@@ -473,6 +474,9 @@ def sentence(run: RunResult, report: Report) -> str:
     if verdict is not None:
         more = len(verdict.differs) - MOST_DIFFERENCES
         differs = [*verdict.differs[:MOST_DIFFERENCES], *([f"{more} more"] if more > 0 else [])]
+        pair = report.refused_pair
+        if pair is not None and (report.gated_frames or 0) > MOST_CHANGED * report.ticks:
+            differs.insert(0, f"most goals refused for {pair.first} - {pair.second}")
         words = verdict.words + (f" ({', '.join(differs)})" if differs else "")
     if report.stop.reason is not None:
         at = "".join(f" at {moment.time:.2f} s" for moment in moments(run) if moment.what == "Stopped")

@@ -216,7 +216,7 @@ def _sent(run: RunResult) -> Part:
 
 def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray) -> Part:
     """How far robot and performer got. moved (T, k, 3) m: what was followed, as the body moved."""
-    (names, asked, _), (travelled, turned) = run.followed, _travel(run)
+    (names, asked, _), (travelled, turned) = run.followed, travel(run)
     hands = [column for column, name in enumerate(names) if name in HANDS]
     found: Part = {
         "hand_path_ratio": tracking.path_ratio(asked[:, hands], moved[:, hands]) if hands else None,
@@ -255,7 +255,7 @@ def _pelvis_heights(run: RunResult, moved: FloatArray) -> tuple[FloatArray, Floa
     return truth[:, 0, 2], record.human_joints[:, column, 2]
 
 
-def _travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
+def travel(run: RunResult) -> tuple[BothMoved, BothMoved]:
     """How far performer and robot got over the ground, m, and how far they turned, degrees, while it followed."""
     record, robot, q, rows = run.record, run.robot, run.moved_q, run.record.following
     if not run.ticks_followed:

@@ -21,7 +21,6 @@ from retarget.human.samples import Parts, Performance, Playback, Samples, lay_on
 from retarget.human.sensor_intake import IntakeTimes
 from retarget.ik.hierarchy import SceneObstacles
 from retarget.model.human import Human, build_human
-from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.observers import Observers, contacts
 from retarget.model.robot import TRUNK, RobotBody, load_robot
 from retarget.model.scene_state import SceneState
@@ -34,7 +33,7 @@ from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_huma
 from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.performers import RecordedPerformer
 from retarget.run.rest_trajectory import EndPlan, plan_end
-from retarget.run.run_result import RunResult, RunSetup, RunTally
+from retarget.run.run_result import CAPPED, RunResult, RunSetup, RunTally
 from retarget.run.supervisor import Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
@@ -98,20 +97,6 @@ def robot_part(
         end_plan = plan_end(robot, follower.stance, tried, options, dt=dt)
     return follower, gate, end_plan or EndPlan()
 
-
-def try_robot(robot: RobotBody, options: RunOptions) -> None:
-    """Build what a run builds of a robot, for a person of average proportions; a way to rest is not tried. Raises
-    RetargetError as the run would."""
-    for_human, for_robot, _ = stage_priorities(robot, options)
-    assert for_robot is not None, "there is a robot"
-    human, performer = build_human(proportional_dimensions(STATURE)), load_performer(options.performer_name)
-    Reconstructor(human, for_human, performer)
-    scene, dt = scene_of(robot, options), 1.0 / robot.profile.safety.rate_hz
-    robot_part(robot, for_robot, human, options, scene, dt=dt, goes_to_rest=False)
-
-
-STATURE = 1.7
-"""[m] of the person for whom a robot is tried."""
 
 MakeBus = Callable[[RobotBody, Clock], ServoBus]
 """From a robot to its bus."""
@@ -202,7 +187,7 @@ class Prepared:
             capped += self.machine.follower.hierarchy.solver.capped
         if not capped:
             return ()
-        return (f"{capped} linear solves took too many steps and were ended: they keep all limits, and follow less",)
+        return (f"{capped} {CAPPED}",)
 
 
 def performance_of(read: Callable[[], SensorFrames], playback: Playback, *, rate_hz: float | None = None) -> Perform:

@@ -79,6 +79,10 @@ class RefusedPair:
     obstacle: bool
 
 
+CAPPED = "linear solves took too many steps and were ended: they keep all limits, and follow less"
+"""Ends a note of a run that counts them: nobody who runs a robot can act on it."""
+
+
 @dataclass(frozen=True)
 class RunTally:
     """What was counted in a run. steps: None for a robot that makes none; refused_pair: None where the gate refused no

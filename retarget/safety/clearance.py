@@ -54,6 +54,9 @@ SERVOS_SHARE = 0.25
 path; the rest of the margin is the room for that."""
 
 
+TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
+"""What to do about two links for which the gate refuses goals."""
+
 Pair = tuple[int, int | None, int | None]
 """Numbers of an observer, and of another one or of an obstacle."""
 

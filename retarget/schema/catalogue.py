@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from shlex import quote
 
 from retarget.errors import ConfigError, UsageError, renamed_to, suggest
 from retarget.schema.strict_models import listed
@@ -17,6 +18,9 @@ from retarget.schema.strict_yaml import Document, read_text, scan
 
 MAX_LISTED = 1000
 """At most this many configurations of one kind are looked at in one folder."""
+
+BODIES = (".xml", ".mjcf", ".urdf")
+"""Suffixes of bodies, which profiles name."""
 
 MAX_SHOWN = 200
 """At most this many characters of a user's path are repeated in a message."""
@@ -107,6 +111,10 @@ def find(kind: Kind, name_or_path: str | Path) -> Path:
     if kind is Kind.ROBOT and is_file(_inside(path)):
         return _inside(path)
     if is_file(path):
+        if kind is Kind.ROBOT and path.suffix.lower() in BODIES:
+            profile = _inside(path.parent)
+            step = f"Give {profile}" if is_file(profile) else f"First: retarget import {quote(str(path))}"
+            raise UsageError("this is a robot's body, not its profile", where=str(path)[:MAX_SHOWN], next_step=step)
         return path
     text = str(name_or_path)
     shown = text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."

@@ -14,7 +14,7 @@ from retarget.errors import InputError
 from retarget.model.body import geoms_of
 from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.compile_limits import try_in_child
-from retarget.model.meshes import link_shapes
+from retarget.model.meshes import link_looks
 from retarget.model.scene_shapes import ShapeKind
 from retarget.setup.robot_file import MeshFiles, ReadyUrdf, Source, listed, missing_meshes, ready_urdf
 from retarget.setup.shape_fit import NAME, LinkShape, fitted_shapes
@@ -24,8 +24,9 @@ FAR_TOO_LARGE = 5.0
 """A mesh of so many times the distance between the joints is in another unit."""
 WHOLE_TURN = 2.0 * np.pi + 1e-3
 """[rad] A limit beyond it may be in degrees."""
-MOST_LOOKS, LEAST_VERTICES = 6000, 4
-"""Triangles of all meshes that stay for pictures, about, and corners of one that MuJoCo takes."""
+MOST_LOOKS, LEAST_VERTICES, LOOK_DECIMALS = 11_000, 4, 5
+"""Triangles of all meshes that stay for pictures, about (`meshes.MOST_TRIANGLES` shows them all); corners of one that
+MuJoCo takes, and decimals, m, of their places."""
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
 
@@ -74,7 +75,7 @@ def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
 def _read_and_written(source: Source, *, no_meshes: bool, looks: bool) -> BodyDraft:
     """The draft; looks: with the <visual> shapes of links that have others to collide with."""
     mujoco = engine()
-    meshes, spec = MeshFiles(source.path), None
+    meshes, spec = MeshFiles(source.path, leaves_out=no_meshes), None
     ready = ReadyUrdf("", [])
     try:
         if source.kind == "urdf":
@@ -179,7 +180,7 @@ def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[s
         body.ipos, body.iquat = model.body_ipos[number], model.body_iquat[number]
         body.fullinertia = np.full(6, np.nan)
         for geom in list(body.geoms):
-            if body.name in meshed or geom.type == mesh or (body.name in looks and not _collides(geom)):
+            if geom.type == mesh or geom.meshname or (body.name in meshed and _collides(geom)):
                 spec.delete(geom)
     for shape in shapes:
         if shape.link_name in meshed:
@@ -205,23 +206,27 @@ def _collides(geom: Any) -> bool:
 
 
 def _add_looks(spec: Any, model: Any, links: dict[int, str]) -> None:
-    """Give links, by their numbers in the model, their meshes back, coarser, for pictures alone: they collide with
-    nothing and weigh nothing."""
+    """Give links, by their numbers in the model, their meshes back, coarser, one for each colour, for pictures alone:
+    they collide with nothing and weigh nothing."""
     mujoco = engine()
-    reach = float(np.linalg.norm(model.body_pos, axis=1).sum())
     spec.compiler.discardvisual = False  # of a URDF
-    for link, mesh in link_shapes(geoms_of(model), links, reach=reach, most=MOST_LOOKS).items():
-        if len(mesh.vertices) < LEAST_VERTICES:
+    numbers = dict.fromkeys(links, 0)
+    for (link, colour), mesh in link_looks(geoms_of(model), links, most=MOST_LOOKS).items():
+        places, corner = np.unique(mesh.vertices.round(LOOK_DECIMALS), axis=0, return_inverse=True)
+        if len(places) < LEAST_VERTICES:
             continue
-        name = f"{links[link]}_look"
+        numbers[link] += 1
+        name = f"{links[link]}_look{numbers[link] if numbers[link] > 1 else ''}"
         spec.add_mesh(
             name=name,
-            uservert=mesh.vertices.ravel(),
-            userface=mesh.faces.ravel(),
+            uservert=places.ravel(),
+            userface=corner.reshape(-1)[mesh.faces].ravel(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
         kind = mujoco.mjtGeom.mjGEOM_MESH
-        spec.body(links[link]).add_geom(name=name, type=kind, meshname=name, contype=0, conaffinity=0, group=2)
+        look = spec.body(links[link]).add_geom(name=name, type=kind, meshname=name, contype=0, conaffinity=0, group=2)
+        if colour is not None:
+            look.rgba = (*colour, 1.0)
 
 
 def _far_too_large(model: Any, meshes: MeshFiles) -> str:

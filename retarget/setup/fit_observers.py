@@ -17,11 +17,11 @@ from retarget.model.body import BodyModel, body_from_file
 from retarget.model.body_file import compile_body
 from retarget.model.observers import NEAR_LINKS, steps_between
 from retarget.model.robot import load_profile
-from retarget.rotations import multiply
-from retarget.schema.catalogue import HUMAN
+from retarget.rotations import multiply, rotate
+from retarget.schema.catalogue import BODIES, HUMAN
 from retarget.schema.profile import DRAFT
 from retarget.setup.shape_fit import LinkShape, fitted_shapes
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,9 @@ class PlacedShapes:
         looked = [pair for pair in pairs if steps[pair] > 1]
         self._pairs = np.array(looked, dtype=np.int64).reshape(-1, 2)
         self._near = np.array([steps[pair] <= NEAR_LINKS for pair in looked], dtype=np.bool_)
+        axes = _Axes(body)
+        links = [tuple(self._links[place] for place in pair) for pair in looked]
+        self._joined = ~self._near & np.array([axes.meet(*pair) for pair in links], dtype=np.bool_)
 
     def distances(self, angles: Mapping[str, float]) -> FloatArray:
         """Signed distances (p,), m, of the pairs in a posture, rad by joint."""
@@ -78,18 +81,51 @@ class PlacedShapes:
         return np.asarray(_solver.shape_distances(*sides)[0])
 
     def touching(self, angles: Mapping[str, float], neutral: Mapping[str, float]) -> frozenset[frozenset[str]]:
-        """The pairs of links that touch in a posture. Of neighbours those that are clear of each other in the neutral
-        posture: others are never looked at, and may well be near."""
-        distance = self.distances(angles)
-        clear = self._near & (self.distances(neutral) > 0.0)
-        touches = np.where(self._near, (distance <= 0.0) & clear, distance <= NEAREST_M)
+        """The pairs of links that touch in a posture. Of neighbours, and of links on both sides of one shoulder or hip,
+        those that are clear of each other in the neutral posture: others are not looked at, and may well be near."""
+        distance, home = self.distances(angles), self.distances(neutral)
+        touches = np.where(self._near, (distance <= 0.0) & (home > 0.0), distance <= NEAREST_M)
+        return self._named(touches & ~(self._joined & (home <= NEAREST_M)))
+
+    def joined(self, neutral: Mapping[str, float]) -> frozenset[frozenset[str]]:
+        """The pairs of links on both sides of one shoulder or hip that touch in the neutral posture."""
+        return self._named(self._joined & (self.distances(neutral) <= NEAREST_M))
+
+    def _named(self, touches: BoolArray) -> frozenset[frozenset[str]]:
         pairs = self._pairs[touches].tolist()
         return frozenset(frozenset(self.shapes[place].link_name for place in pair) for pair in pairs)
+
+
+MEET = 0.02
+"""Share of the size of a body: axes that pass a point so near make one joint, as the three of a shoulder or a hip."""
+
+
+class _Axes:
+    """The axes of a body's hinges in its zero pose."""
+
+    def __init__(self, body: BodyModel) -> None:
+        self._body, row, links = body, body.qpos0[None], body.joint_body.tolist()
+        solver = body.solver_body()
+        self._places = solver.points(row, links, np.ascontiguousarray(body.joint_pos))[0]
+        self._axes = rotate(solver.orientations(row, links)[0], body.joint_axis)
+        self._near = MEET * float(np.linalg.norm(np.ptp(self._places, axis=0)))
+
+    def meet(self, one: int, other: int) -> bool:
+        """Whether the axes of all joints between two links pass one point."""
+        way = self._body.links_between(one, other)
+        between = [joint for joint, link in enumerate(self._body.joint_body.tolist()) if link in way]
+        places = self._places[between]
+        across = np.eye(3) - self._axes[between, :, None] * self._axes[between, None, :]  # (k, 3, 3)
+        point = np.linalg.lstsq(across.sum(axis=0), np.einsum("kij,kj->i", across, places), rcond=None)[0]
+        off = np.einsum("kij,kj->ki", across, point - places)
+        return bool(np.linalg.norm(off, axis=1).max() <= self._near)
 
 
 NEAREST_M = 0.002
 """Parts that are nearer than this to each other in a posture touch."""
 TOUCHES = "touch in the posture {}: draw their shapes tighter, or move it, then remove this; nothing keeps them apart"
+
+JOINED = "touch in the posture neutral beside the joint between them, whose axes meet: nothing keeps them apart"
 
 
 def ignored_links(
@@ -98,6 +134,8 @@ def ignored_links(
     """The pairs of links that a profile had better ignore: those that touch in the neutral posture or in others (rad by
     joint, by name), in which a run would not begin."""
     found: dict[tuple[str, ...], IgnoredLinks] = {}
+    for first, second in sorted(tuple(sorted(pair)) for pair in placed.joined(neutral)):
+        found[first, second] = IgnoredLinks((first, second), JOINED)
     for name, angles in {"neutral": neutral, **postures}.items():
         for pair in sorted(tuple(sorted(pair)) for pair in placed.touching(angles, neutral)):
             found.setdefault(pair, IgnoredLinks((pair[0], pair[1]), TOUCHES.format(name)))
@@ -162,9 +200,6 @@ def fragment(head: Iterable[str], shapes: Sequence[LinkShape], pairs: Sequence[I
     return "\n".join(lines) + "\n"
 
 
-BODY_SUFFIXES = (".xml", ".mjcf", ".urdf")
-
-
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Observers of the links of a robot, and the pairs to ignore. inputs: the files that it was made from."""
@@ -183,7 +218,7 @@ def fit(robot: str, zones: Zones) -> Fit:
     if robot == HUMAN:
         raise UsageError("the human is no robot", found=HUMAN, next_step="Give a robot's name, its profile or its body")
     path = Path(robot)
-    if path.suffix.lower() in BODY_SUFFIXES:
+    if path.suffix.lower() in BODIES:
         file, neutral, name = compile_body(path), dict[str, float](), path.name
         inputs: tuple[Path, ...] = (path,)
     else:

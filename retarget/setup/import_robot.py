@@ -12,8 +12,8 @@ from retarget.model.body_file import Root, compile_body
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_uncalibrated
 from retarget.run.options import RunOptions
-from retarget.run.prepare import try_robot
 from retarget.run.rest_trajectory import at_rest
+from retarget.run.trial import try_approach, try_robot
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.files import check_folder, refuse_existing
@@ -116,6 +116,7 @@ def _checked(folder: Path) -> tuple[tuple[str, ...], float | None, str, tuple[st
         robot = load_uncalibrated(folder)
         margin, rest = check_stand(robot), at_rest(robot)
         try_robot(robot, RunOptions(robot=str(folder), bus="mock"))
+        try_approach(robot)
         return (), margin, rest, tuple(questioned_ranges(robot, robot_observers(robot)))
     except RefusedError as error:
         texts = (replace(problem, where=problem.where.replace(f"{folder}/", "")).render() for problem in error.problems)
@@ -148,6 +149,7 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
     changed = [f"{one.joint} ({one.note})" for one in servos if one.note and one.joint not in body.limits]
     if changed:
         notes.append(f"limits that are not those of the body: {listed(changed)}")
+    notes += _one_link(links)
     root = _root(folder / "body.xml", found, has_legs=bool(anatomy.legs), notes=notes)
     file = compile_body(folder / "body.xml", root=root)
     placed, soles = PlacedShapes(body_from_file(file), body.shapes), root == "free"
@@ -175,6 +177,14 @@ def _drafted(folder: Path, name: str, robot: UnknownRobot, given: PartLinks, ser
     )
     (folder / "robot.yaml").write_text(profile_text(draft), encoding="utf-8")
     return draft
+
+
+def _one_link(links: PartLinks) -> list[str]:
+    """A note on a link that is forearm and hand at once."""
+    both = [
+        hand for elbow, hand in ((links.l_elbow, links.l_hand), (links.r_elbow, links.r_hand)) if hand and elbow == hand
+    ]
+    return [f"forearm and hand are one link ({', '.join(both)}): its end is the hand"] if both else []
 
 
 def _root(body: Path, found: FoundFrames, *, has_legs: bool, notes: list[str]) -> Root:

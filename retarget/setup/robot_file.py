@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import takewhile
 from math import isfinite
 from pathlib import Path
+from shlex import quote
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
@@ -16,6 +17,7 @@ import numpy as np
 from retarget.errors import InputError, Problem
 from retarget.model.body_xml import MAX_BYTES, body_xml, read_body
 from retarget.schema import strict_models
+from retarget.setup.collada_mesh import COLLADA, binary_stl, collada_triangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,17 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """Read a body file, and look at every file that it includes. Raises InputError."""
+    """Read a body file, and look at every file that it includes. Raises InputError, of other files of ours with what
+    they are for."""
+    from retarget.sources.open import SUFFIXES
+
+    name, suffix = quote(str(path)), path.suffix.lower()
+    if path.is_file() and suffix[1:] in SUFFIXES:
+        step = f"Follow it: retarget run {name}"
+        raise InputError("this is a motion, not a robot's body", where=str(path), next_step=step)
+    if (path / "robot.yaml").is_file() or (path.is_file() and suffix in (".yaml", ".yml")):
+        step = f"Check it: retarget check {name}"
+        raise InputError("this is a configuration, not a robot's body", where=str(path), next_step=step)
     content = read_body(path)
     xml = body_xml(content, source=str(path), folder=path.parent)
     return Source(path, xml.kind, content, xml.root)
@@ -42,8 +54,9 @@ def read_source(path: Path) -> Source:
 
 # The files of meshes: found whatever the case of their names, and whatever path the file has for them.
 
-READABLE = (".stl", ".obj", ".msh")
+OF_MUJOCO = (".stl", ".obj", ".msh")
 """Meshes that MuJoCo reads."""
+READABLE = (*OF_MUJOCO, COLLADA)
 PACKAGE_DEPTH = 6
 """Folders above the body in which its package may be."""
 MOST_FILES = 20_000
@@ -61,8 +74,9 @@ class MeshFiles:
     problems: files that are there and cannot be read.
     """
 
-    def __init__(self, body: Path) -> None:
-        self._body = body
+    def __init__(self, body: Path, *, leaves_out: bool = False) -> None:
+        """body: the file. leaves_out: what is in COLLADA and cannot be read is as if it were not there."""
+        self._body, self._leaves_out = body, leaves_out
         self._indices: dict[Path, dict[str, list[Path]]] = {}
         self.names: dict[str, str] = {}
         self.contents: dict[str, bytes] = {}
@@ -77,7 +91,7 @@ class MeshFiles:
 
     def _find(self, name: str) -> Path | None:
         """The file of a name: where the name says, else below the body's folder or the package of the name, by as much
-        of the end of its path as there is. A mesh that MuJoCo cannot read stands for a readable one beside it."""
+        of the end of its path as there is. A mesh that MuJoCo cannot read stands for one beside it that it can."""
         parts = [part for part in _PLACE.sub(r"\1", name.replace("\\", "/")).split("/") if part not in ("", ".")]
         parts = [unquote(part) for part in parts] if "://" in name else parts
         ups = parts.count("..")
@@ -86,10 +100,13 @@ class MeshFiles:
             return None
         folder = self._body.absolute().parent
         places = [folder.joinpath(*parts), Path("/", *parts)]
-        exact = next((place for place in places if _is_mesh(place)), None)
+        exact = [place for place in places if _is_mesh(place)]
+        if exact and exact[0].suffix.lower() in OF_MUJOCO:
+            return exact[0]
         above = [one for one in folder.parents[:PACKAGE_DEPTH] if (one / tail[0]).is_dir() or one.name == tail[0]]
         roots = [folder.joinpath(*parts[:ups]), *(above if len(tail) > 1 else [])]
-        return exact or next((found for root in roots if (found := self._below(root, tail)) is not None), None)
+        below = (found for root in roots if (found := self._below(root, tail)) is not None)
+        return next(below, None) or next(iter(exact), None)
 
     def _below(self, root: Path, tail: list[str]) -> Path | None:
         """The file below a folder whose path has most of the end of `tail`."""
@@ -104,15 +121,16 @@ class MeshFiles:
                     index.setdefault(file.lower(), []).append(Path(place, file))
                 if seen > MOST_FILES:
                     break
-        end, found = [part.lower() for part in tail], list[tuple[int, int, Path]]()
+        end, found = [part.lower() for part in tail], list[tuple[int, bool, int, Path]]()
         stem, _, suffix = end[-1].rpartition(".")
-        for file in [end[-1]] if f".{suffix}" in READABLE else [stem + kind for kind in READABLE]:
+        for file in [end[-1]] if f".{suffix}" in OF_MUJOCO else [stem + kind for kind in READABLE]:
             for path in self._indices[root].get(file, ()):
                 folders = [part.lower() for part in path.relative_to(root).parts[:-1]]
                 both = zip(reversed(folders), reversed(end[:-1]), strict=False)
                 alike = len(list(takewhile(lambda pair: pair[0] == pair[1], both)))
-                found += [(-alike, len(folders), path)] if _is_mesh(path) else []
-        return min(found)[2] if found else None
+                slow = path.suffix.lower() == COLLADA
+                found += [(-alike, slow, len(folders), path)] if _is_mesh(path) else []
+        return min(found)[-1] if found else None
 
     def read(self, name: str) -> str | None:
         """The name that MuJoCo has for the mesh of a name; None: there is no such file."""
@@ -122,10 +140,21 @@ class MeshFiles:
         path = self.find(name)
         if path is None:
             return None
-        key = f"mesh_{len(self.names)}{path.suffix.lower()}"
-        content = path.read_bytes()
-        if path.suffix.lower() == ".stl":
+        suffix, content = path.suffix.lower(), path.read_bytes()
+        if suffix == COLLADA:
+            try:
+                corners = collada_triangles(content, source=str(path))
+            except InputError as error:
+                if self._leaves_out:
+                    return None
+                self.problems += [one for one in error.problems if one not in self.problems]
+                content = b""  # no problem of its own
+            else:
+                content = self._checked(binary_stl(corners), len(corners), path)
+            suffix = ".stl"
+        elif suffix == ".stl":
             content = self._binary(content, path)
+        key = f"mesh_{len(self.names)}{suffix}"
         self.names[key], self.contents[key] = name, content
         return key
 
@@ -138,11 +167,12 @@ class MeshFiles:
                 corners = np.array(_VERTEX.findall(content) if ends else [], dtype=np.float32).reshape(-1, 3, 3)
             except ValueError:
                 corners = np.zeros((0, 3, 3), dtype=np.float32)
-            rows = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-            rows["corners"], faces = corners, len(corners)
-            content = bytes(80) + faces.to_bytes(4, "little") + rows.tobytes()
+            content, faces = binary_stl(corners), len(corners)
+        return self._checked(content, faces, path)
+
+    def _checked(self, content: bytes, faces: int, path: Path) -> bytes:
         if not 0 < faces <= MOST_FACES or len(content) < 84 + 50 * faces:
-            allowed = f"an STL file, binary or text up to its endsolid, of 1 to {MOST_FACES} triangles"
+            allowed = f"a mesh (STL: binary, or text up to its endsolid) of 1 to {MOST_FACES} triangles"
             step = "Export it again, with fewer triangles (decimated) where there are too many"
             self.problems.append(Problem("a mesh that cannot be read", str(path), f"{faces} triangles", allowed, step))
         return content
@@ -165,8 +195,7 @@ def missing_meshes(names: list[str], source: Source) -> Problem:
         str(source.path),
         listed(names),
         f"files {', '.join(READABLE)}, below the folder of the body file, or in its package above it",
-        "Put them there, or give --no-meshes to leave them out. Others (.dae): convert them to .stl beside them "
-        "(Blender, MeshLab, or trimesh: see docs/own-robot.md)",
+        "Put them there, or give --no-meshes to leave them out",
     )
 
 

@@ -29,6 +29,10 @@ ALIKE = 1.35
 """Largest ratio of a stated torque to a model's stall torque that identifies the model."""
 UNKNOWN = "XM430-W350"
 NO_TORQUE = "the body states no torque"
+PLACEHOLDER_NM = 1000.0
+"""[N m] A torque from here on stands for none: joints of humanoids of the size of a person have up to 400."""
+STRONGER = "no known model has"
+"""Begins the reason of a servo that only stands for a stronger one."""
 LOW_VOLTAGE = 6.0
 """[V] servos made for less (5 V) do not share a line with the others."""
 SHORTEST = 4
@@ -132,12 +136,13 @@ def _chosen(candidates: list[ServoModel], torque: float, speed: float) -> tuple[
 
     best = min(candidates, key=off)
     if abs(math.log(torque / best.stall_torque)) > math.log(ALIKE):
-        return best, f"no known model has {torque:.3g} N m, the nearest {best.stall_torque:g}"
+        strength = f"{torque:.3g} N m, the nearest {best.stall_torque:g}"
+        return best, f"{STRONGER if torque > best.stall_torque else 'no model is as weak as'} {strength}"
     return best, f"by its {torque:.3g} N m"
 
 
 def _torques(model: Any) -> dict[str, float]:
-    """Most torque (N m) that the file states for each joint."""
+    """Most torque (N m) that the file states for each joint, without placeholders."""
     import mujoco
 
     torques = {}
@@ -149,7 +154,7 @@ def _torques(model: Any) -> dict[str, float]:
             name = model.joint(int(model.actuator_trnid[index, 0])).name
             force = float(np.abs(model.actuator_forcerange[index]).max())
             torques[name] = force * abs(float(model.actuator_gear[index, 0]))
-    return torques
+    return {name: torque for name, torque in torques.items() if torque < PLACEHOLDER_NM}
 
 
 def _inertias(model: Any) -> dict[str, float]:

@@ -5,6 +5,7 @@ needed, and passed over where it is not.
 """
 
 from collections.abc import Collection
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from retarget.sources.skeletons import (
     JointPoses,
     joints_by_name,
     layout,
+    named_in_part,
     tree_of_poses,
 )
 from retarget.types import FloatArray
@@ -34,7 +36,8 @@ from retarget.types import FloatArray
 MAX_ARRAY_BYTES = 256 * 2**20
 """Largest content, bytes, of the arrays that are read: 200,000 frames of SMPL-H in doubles are 250 MB."""
 ADVICE = "See the layouts in docs/motion-files.md"
-JOINT_KEYS = frozenset(("global_joint_positions", "height"))
+JOINTS_KEY = "global_joint_positions"
+JOINT_KEYS = frozenset((JOINTS_KEY, "height", "fps", "joint_names"))
 KIMODO_KEYS = frozenset(("posed_joints", "global_rot_mats"))
 """Arrays that are read of these layouts."""
 LAYOUTS = (
@@ -45,6 +48,8 @@ KIMODO_RATE_HZ = 30.0
 """Rate, Hz, of Kimodo's motions, which do not say it."""
 SMPL_COUNTS = (22, 24, 52, 55)
 """Joints of bodies of the SMPL family: without hands, SMPL, SMPL-H and SMPL-X."""
+TRUNK, UNLIKE = ("spine", "chest", "torso"), 1.5
+"""In names of joints between pelvis and neck; and a limb that is so many times as long as the other is no limb."""
 G1_COUNT = 34
 """Joints of Kimodo's skeleton of Unitree's G1, a robot."""
 TURNED = 0.01
@@ -55,7 +60,11 @@ def read_npz(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     """Read a motion. Raises InputError with the file and the array."""
     read_head(path)
     file = open_arrays(
-        path, lambda names: _wanted(names, path), max_bytes=MAX_ARRAY_BYTES, advice=ADVICE, optional=MARKERS
+        path,
+        lambda names: _wanted(names, path),
+        max_bytes=MAX_ARRAY_BYTES,
+        advice=ADVICE,
+        optional=(*MARKERS, "joint_names"),
     )
     if is_smpl(file.arrays):
         return smpl_frames(file, options)
@@ -90,44 +99,94 @@ def _positions(file: ArrayFile, key: str, *, lost: bool = False) -> FloatArray:
 
 
 def _read_joints(file: ArrayFile, options: ReadOptions) -> SensorFrames:
-    """Joints in SMPL's order, z up, NaN where lost. The file may hold the performer's height, but no rate."""
-    position = _positions(file, "global_joint_positions", lost=True)
-    if position.shape[1] not in SMPL_COUNTS:
-        raise InputError(
-            "joints of no known layout",
-            where=f"{file.source}: global_joint_positions",
-            found=f"{position.shape[1]} joints",
-            allowed=f"{', '.join(map(str, SMPL_COUNTS))} in the order of SMPL",
-            next_step="Put the joints into that order (docs/motion-files.md), or export BVH",
-        )
-    if options.rate is None:
+    """Joints by their names, else in SMPL's order, z up, NaN where lost. The file may hold the performer's height and
+    its rate."""
+    position = _positions(file, JOINTS_KEY, lost=True)
+    tracks = _tracks(file, position)
+    rate = options.rate
+    if rate is None and "fps" in file:
+        rate = float(file.floats("fps", *(None for _ in file.arrays["fps"].shape)).reshape(-1)[:1].sum())
+    if rate is None:
         raise InputError(
             "no frame rate in the file", where=file.source, next_step="Say the frames per second with --rate"
         )
     height = _height(file) if options.stature is None else options.stature
-    found = joints_by_name(SMPL_NAMES[:22])
-    assert found is not None, "SMPL's joints are known by name"
-    tracks = {name: position[:, at] for name, at in found.items() if name in JOINTS}
-    tracks["spine"], tracks["chest"] = (position[:, SMPL_NAMES.index(name)] for name in ("spine1", "spine3"))
     if never := [name for name, track in tracks.items() if not np.isfinite(track).all(axis=1).any()]:
         raise InputError(
             "joints that are lost in every frame",
-            where=f"{file.source}: global_joint_positions",
+            where=f"{file.source}: {JOINTS_KEY}",
             found=", ".join(never),
             allowed="NaN in some of the frames",
             next_step="Export them too",
         )
-    # SMPL's head joint is below the skull: its middle is on, along the neck.
+    # The head joint is below the skull: its middle is on, along the neck.
     tracks["head"] = _beyond(tracks["neck"], tracks["head"], HEAD_RISE * (height or _stature(tracks)))
     return joint_frames(
         tracks,
         declared=UP_AXES["z"],
-        rate=check_rate(options.rate, "--rate"),
+        rate=check_rate(rate, "--rate" if rate == options.rate else f"{file.source}: fps"),
         source=file.source,
         unit=named_unit(options.unit) or 1.0,
         stature=options.stature,
         up=options.up,
+        notes=file.notes,
     )
+
+
+def _tracks(file: ArrayFile, position: FloatArray) -> dict[str, FloatArray]:
+    """Canonical joints (T, 3) of positions (T, J, 3), by the names in the file, else in SMPL's order. Raises InputError
+    for joints of no known names or number, and for those that cannot be in that order."""
+    count = position.shape[1]
+    if "joint_names" in file:
+        names = tuple(file.texts("joint_names", count).tolist())
+        found = joints_by_name(names)
+        if found is None:
+            raise InputError(
+                "joints whose names are not known",
+                where=f"{file.source}: joint_names",
+                found=", ".join(repr(name[:40]) for name in names[:8]),
+                allowed="such as Mixamo's, SMPL's, or as docs/motion-files.md lists them",
+                next_step=f"Missing: {', '.join(named_in_part(names)[1].values())}. Rename those",
+            )
+    elif count in SMPL_COUNTS:
+        names, found = SMPL_NAMES[:22], joints_by_name(SMPL_NAMES[:22])
+        assert found is not None, "SMPL's joints are known by name"
+    else:
+        raise InputError(
+            "joints of no known layout",
+            where=f"{file.source}: {JOINTS_KEY}",
+            found=f"{count} joints",
+            allowed=f"{', '.join(map(str, SMPL_COUNTS))} in the order of SMPL, or joint_names beside them",
+            next_step="Put joint_names into the file, or export BVH (docs/motion-files.md)",
+        )
+    tracks = {name: position[:, at] for name, at in found.items() if name in JOINTS}
+    pelvis = tracks.setdefault("pelvis", 0.5 * (tracks["l_hip"] + tracks["r_hip"]))
+    trunk = [position[:, at] for at, name in enumerate(names) if any(word in name.lower() for word in TRUNK)]
+    if trunk:
+        trunk.sort(key=lambda track: np.median([0.0, *(far := norms(track - pelvis))[np.isfinite(far)]]))
+        tracks |= {"spine": trunk[0], "chest": trunk[-1]}
+    if "joint_names" not in file:
+        _refuse_order(file, tracks)
+    return tracks
+
+
+def _refuse_order(file: ArrayFile, tracks: dict[str, FloatArray]) -> None:
+    """Raise InputError where limbs are of such different lengths, of two sides or over time, that the joints are
+    others."""
+    unlike = []
+    for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
+        lengths = [norms(tracks[f"{side}_{b}"] - tracks[f"{side}_{a}"]) for side in "lr"]
+        spreads = [np.percentile(one[np.isfinite(one)], (10, 90)) for one in lengths if np.isfinite(one).any()]
+        low, high = np.min(spreads, initial=np.inf), np.max(spreads, initial=0.0)
+        if high > UNLIKE * low:
+            unlike.append(f"{a} to {b} {low:.3g} to {high:.3g}")
+    if len(unlike) > 1:
+        raise InputError(
+            "the joints are not in the order of SMPL: their limbs have no length",
+            where=f"{file.source}: {JOINTS_KEY}",
+            found="; ".join(unlike),
+            next_step="Put joint_names, an array of their names, into the file",
+        )
 
 
 def _height(file: ArrayFile) -> float | None:
@@ -146,8 +205,9 @@ def _height(file: ArrayFile) -> float | None:
 
 def _stature(tracks: dict[str, FloatArray]) -> float:
     """Stature in the file's unit, along the median bones from ankle to head joint."""
-    bones = (("l_ankle", "l_knee"), ("l_knee", "l_hip"), ("pelvis", "spine"), ("spine", "chest"), ("chest", "neck"))
-    lengths = [np.nanmedian(norms(tracks[b] - tracks[a])) for a, b in (*bones, ("neck", "head"))]
+    way = ("pelvis", *(name for name in ("spine", "chest") if name in tracks), "neck", "head")
+    bones = (("l_ankle", "l_knee"), ("l_knee", "l_hip"), *pairwise(way))
+    lengths = [np.nanmedian(norms(tracks[b] - tracks[a])) for a, b in bones]
     return float(np.sum(lengths)) / (HEAD_CENTRE - ANKLE - HEAD_RISE)
 
 

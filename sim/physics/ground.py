@@ -4,7 +4,7 @@ A sole touches the floor with small balls in the corners of its polygon, whose l
 where it stands and where it tips, and the cheapest contact there is. The foot's own shapes do not see the floor.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container
 from itertools import combinations
 from typing import Any
 
@@ -108,8 +108,8 @@ def add_fixtures(spec: Any, scene: Scene, stand: Pose) -> tuple[str, ...]:
     return tuple(moving)
 
 
-def sort_shapes(spec: Any, feet: Sequence[str]) -> None:
-    """Set what the robot's own shapes collide with. feet: links that have soles. Shapes without collision stay so."""
+def sort_shapes(spec: Any, feet: Container[str]) -> None:
+    """Set what the robot's own shapes collide with. feet: links of its feet. Shapes without collision stay so."""
     for geom in spec.geoms:
         if geom.name.startswith((FLOOR, SOLE, FIXTURE)) or not (geom.contype or geom.conaffinity):
             continue

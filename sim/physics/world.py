@@ -1,6 +1,6 @@
 """The world of a simulated robot: its own body on a floor, on a stand or on a gantry, compiled for the engine."""
 
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -108,8 +108,7 @@ def build_world(
         for name in add_fixtures(spec, scene, HERE if mount.support is Support.FLOOR else place):
             notify(f"{name} moves: it is not part of the physics")
     links = robot.body.body_names
-    soles = tuple(robot.frame(foot.frame) for foot in robot.profile.feet.values())
-    sort_shapes(spec, [links[sole.body] for sole in soles])
+    sort_shapes(spec, frozenset[str]().union(*robot.foot_links))
     add_motors(spec, drives)
     if mount.support is Support.FLOOR:
         add_hand(spec, base.name)
@@ -242,7 +241,7 @@ def _world(
         start[model.joint(drive.servo.joint).qposadr[0]] = angle
     scalar = [name for name, kind in zip(robot.body.joint_names, robot.body.joint_type, strict=True) if kind > 1]
     columns = np.array([model.joint(name).qposadr[0] for name in scalar], dtype=np.intp)
-    feet = [robot.body.body_names[sole.body] for sole in soles]
+    feet = {link: number for number, foot in enumerate(robot.foot_links, 1) for link in foot}
     owners = np.array([_owner(model, geom, feet, hand_links(robot)) for geom in range(model.ngeom)])
     return World(robot, mount, model, drives, index, free, columns, soles, owners, start)
 
@@ -253,12 +252,12 @@ def hand_links(robot: RobotBody) -> frozenset[str]:
     return frozenset(robot.body.body_names[robot.frame(frame).body] for frame in hands)
 
 
-def _owner(model: Any, geom: int, feet: Sequence[str], hands: Container[str]) -> int:
+def _owner(model: Any, geom: int, feet: Mapping[str, int], hands: Container[str]) -> int:
     name, link = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
     if name == FLOOR:
         return 0
     if name.startswith(FIXTURE):
         return World.FIXTURES
     if link in feet:
-        return 1 + feet.index(link)
+        return feet[link]
     return World.HANDS if link in hands else World.ROBOT

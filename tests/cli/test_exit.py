@@ -31,6 +31,7 @@ from retarget.cli.exit import (
     Screen,
     all_as_ctrl_c,
     detached_screens,
+    interruptible,
     stop_on_signals,
 )
 
@@ -319,3 +320,13 @@ def test_held_and_read_late_it_is_not(stall: float) -> None:
         now += 0.033
     for count, later in ((int(stall / 0.033), 0.0), (0, 0.01), (1, 0.02)):
         assert key.pressed(count, now + stall + later) is not Press.SECOND
+
+
+@pytest.mark.parametrize("number", REASONS)
+def test_where_nothing_moves_any_more_a_signal_interrupts(number: signal.Signals) -> None:
+    with stop_on_signals(moves=True) as asked:
+        with pytest.raises(KeyboardInterrupt), interruptible():
+            signal.raise_signal(number)
+        assert not asked()
+        signal.raise_signal(number)
+        assert asked(), "afterwards it asks again"

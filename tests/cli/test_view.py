@@ -1,14 +1,17 @@
 """`retarget view` and `--view`: what is refused, and what a button of the page does to a run."""
 
+from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
+from command_line import code_of
 from hardware.clock import VirtualClock
 from recordings import performer
 from retarget.cli.exit import StopRequest
 from retarget.cli.operator import ON_THE_PAGE, RunOperator
 from retarget.cli.view import viewing
+from retarget.errors import InputError
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
 from retarget.run.supervisor import OperatorInput
@@ -51,3 +54,18 @@ def test_a_page_shows_heat_and_current_where_servos_measure_them(bus: str, measu
         viewing(cast(Any, feed), prepared, options, notify=lambda text: None),
     ):
         assert cast_of(feed.setup).servos_measure == measure
+
+
+def test_a_folder_with_a_run_is_that_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("websockets", reason="the extra 'view' is not installed (make test installs it)")
+    opened: list[Path] = []
+
+    def open_recorded(path: Path, *, body: Path | None) -> None:
+        opened.append(path)
+        raise InputError("enough")
+
+    monkeypatch.setattr("retarget.web.recorded.open_recorded", open_recorded)
+    (tmp_path / "run.npz").touch()
+    for path, expected in ((tmp_path, tmp_path / "run.npz"), (tmp_path / "none", tmp_path / "none")):
+        assert code_of("view", path) == 2
+        assert opened[-1] == expected

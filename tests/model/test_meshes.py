@@ -139,3 +139,38 @@ def test_the_sides_of_a_robot_are_those_of_its_limbs() -> None:
     colours = side_colours(robot.body, {name: robot.frame(name).body for name in robot.profile.frames})
     for colour, name in zip(colours, robot.body.body_names, strict=True):
         assert colour == {"l_": LEFT, "r_": RIGHT}.get(name[:2], MIDDLE), name
+
+
+LIMB = """<mujoco><worldbody><body name="base" pos="0 0 1"><joint/><geom type="box" size=".1 .1 .1"/>
+<body name="upper" pos="0 .3 0"><joint axis="1 0 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<body name="lower" pos="0 .3 0"><joint axis="1 0 0"/><geom type="sphere" size=".05" pos="0 .3 0"/>{}</body></body>
+</body></worldbody></mujoco>"""
+
+
+def test_what_joins_links_is_as_thick_as_the_body_is_tall_however_many_frames_are_fixed_to_it() -> None:
+    frames = "".join(f'<body name="frame_{i}" pos="0 .1 .2"/>' for i in range(40))
+    plain, framed = (load_body_text(LIMB.format(more), source="test") for more in ("", frames))
+    meshes = link_meshes(framed)
+    assert {link for link, _ in meshes} == {1, 2, 3}, "none to what is fixed, and moves by no joint"
+    for part, mesh in link_meshes(plain).items():
+        np.testing.assert_array_equal(mesh.vertices, meshes[part].vertices)
+    rod = meshes[2, None].vertices
+    assert 0.01 < rod[:, 2].max() < 0.03 and rod[:, 1].max() > 0.3, "from joint to joint"
+
+
+def test_shapes_that_are_fixed_to_a_link_are_its_own() -> None:
+    """A mesh on a link that is welded to one without any: nothing else joins it."""
+    shell = '<body name="shell" pos="0 .15 0"><geom type="box" size=".02 .15 .02" contype="0" conaffinity="0"/></body>'
+    text = LIMB.format("").replace('<joint axis="1 0 0"/>', '<joint axis="1 0 0"/>' + shell, 1)
+    body = load_body_text(text, source="test")
+    upper, of_shell = body.body_names.index("upper"), body.body_names.index("shell")
+    drawn = {link for link, _ in link_meshes(body)}
+    assert of_shell in drawn and upper not in drawn
+
+
+def test_the_end_of_a_limb_without_shapes_is_drawn_to_what_is_fixed_to_it() -> None:
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    hand = f'<body name="wrist" pos="0 .3 0"><joint/>{inertial}<body name="hand" pos="0 .1 0"/></body>'
+    body = load_body_text(LIMB.format(hand), source="test")
+    rod = link_meshes(body)[body.body_names.index("wrist"), None].vertices
+    assert rod[:, 1].max() > 0.1 and rod[:, 1].min() < 0.0

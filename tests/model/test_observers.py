@@ -347,7 +347,7 @@ def heights(robot: RobotBody, q: FloatArray) -> float:
     """Least height (m) of the robot's own geoms, soles' links aside, over the floor, by MuJoCo."""
     placed = place_body(robot.profile.body_path, q, root=robot.profile.root)
     soles = [robot.body.body_names[sole.body] for sole in robot.soles]
-    found = placed.to_ground(SceneState(on_floor(None)), np.zeros(len(q)), soles=soles)
+    found = placed.to_ground(SceneState(on_floor(None)), np.zeros(len(q)), feet=soles)
     assert found.smallest is not None
     return found.smallest
 
@@ -383,6 +383,12 @@ def test_a_part_below_the_soles_is_refused() -> None:
     profile = robot.profile.model_copy(update={"observers": observers})
     with refuses(ConfigError, "stick", "103.0"):
         robot_observers(replace(robot, profile=profile))
+    ball = stick | {"shape": {"sphere": {"at": [0.3, 0, -0.36], "radius": 0.005}}}
+    observers |= {f"ball{n}": Observer.model_validate(ball) for n in range(9)}
+    profile = robot.profile.model_copy(update={"observers": observers})
+    with refuses(ConfigError, "stick", "103.0", "9 more") as error:
+        robot_observers(replace(robot, profile=profile))
+    assert len(error.value.problems) == 1, "one cause, one line"
 
 
 @pytest.mark.long

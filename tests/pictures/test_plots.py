@@ -131,3 +131,16 @@ def test_tracking_of_a_human_has_every_sensor_and_no_empty_panel(human_run: RunR
     exact = replace(human_run.record, human_joints=joints)
     figure = plot_tracking(replace(human_run, record=exact))
     assert figure is not None and len(figure.axes) == 3 * len(worn)
+
+
+def test_poses_say_that_a_performer_travels_where_the_robot_stays(run: RunResult) -> None:
+    assert run.robot is not None
+    joints = run.record.human_joints.copy()
+    joints[..., 0] += np.linspace(0.0, 2.0, len(joints))[:, None]
+    titles = [
+        figure.get_suptitle()
+        for one in (run, replace(run, record=replace(run.record, human_joints=joints)))
+        if (figure := plot_poses(one)) is not None
+    ]
+    assert len(titles[0].splitlines()) == 1
+    assert titles[1].startswith(titles[0]) and len(titles[1].splitlines()) == 2

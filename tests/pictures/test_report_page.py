@@ -278,7 +278,7 @@ def test_a_run_that_followed_nothing_has_a_page_without_motion(run: RunResult, r
 
 def test_where_a_page_goes(tmp_path: Path) -> None:
     assert page_path(tmp_path / "r.json") is None
-    for name in ("new", "run.2026", "a/b"):
+    for name in ("new", "run.2026", "a/b", "walk.bvh", "v1.2"):
         assert page_path(tmp_path / name) == tmp_path / name / "report.html"
         assert report_path(tmp_path / name) == tmp_path / name / "report.json"
     assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,7 @@
 """Bodies in pictures: the nearest is seen, and an animation shows performer and robot of a run as they move."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -15,6 +16,7 @@ from retarget.model.body import load_body_text
 from retarget.model.meshes import LEFT, MIDDLE, RIGHT, rgb, solid_body
 from retarget.model.scene_state import SceneState
 from retarget.pictures import solid
+from retarget.pictures.outputs import Outputs, WrittenFiles
 from retarget.pictures.solid import (
     FPS,
     DrawnPostures,
@@ -27,6 +29,7 @@ from retarget.pictures.solid import (
     webp,
     write_animation,
 )
+from retarget.report.measure import measure
 from retarget.run.run_result import RunResult
 from retarget.schema.scene import load_scene
 from rig import scripted_run
@@ -144,3 +147,38 @@ def test_what_cannot_be_written_is_refused_before_anything_runs(
     with refuses(UsageError, "followed"):
         write_animation(replace(run, record=run.record[:1]), tmp_path / "run.webp")
     assert not [*tmp_path.iterdir()]
+
+
+def test_an_animation_tells_how_far_it_is_and_can_be_ended(
+    run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other files are there all the same, and nothing of it is."""
+    monkeypatch.setattr(solid, "HEIGHT", 60)
+    told: list[int] = []
+
+    @contextmanager
+    def watch(what: str, total: int) -> Iterator[Callable[[int], None]]:
+        def tell(done: int) -> None:
+            told.append(done)
+            if done == ends_at:
+                raise KeyboardInterrupt
+
+        assert (what, total) == ("animation", len(moving(run)["performer"].poses))
+        yield tell
+
+    outputs = Outputs(animate=tmp_path / "run.webp", report=tmp_path / "report.json")
+    ends_at = 3
+    written = outputs.write(run, measure(run), watch=watch)
+    assert written.problems == ("animation not written: interrupted",) and told == [1, 2, 3]
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+    ends_at = 0
+    told.clear()
+    assert outputs.write(run, measure(run), watch=watch).problems == ()
+    assert told == [*range(1, len(moving(run)["performer"].poses) + 1)]
+
+
+def test_files_in_one_folder_are_one_word(tmp_path: Path) -> None:
+    files = [("report", tmp_path / "report.json"), ("page", tmp_path / "report.html"), ("run", Path("run.npz"))]
+    written = WrittenFiles(tuple(files), ())
+    assert written.listed(every=False) == f"2 files in {tmp_path}, run.npz"
+    assert written.listed(every=True) == ", ".join(str(path) for _, path in files)

@@ -21,7 +21,7 @@ from retarget.report.report import BothMoved, Percentiles, Report, Spread, Steps
 from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase
-from retarget.run.run_result import RefusedPair, RunResult
+from retarget.run.run_result import CAPPED, RefusedPair, RunResult
 from retarget.schema.priorities import load_priorities
 from rig import Rig, person, result, scripted_run, short_clip
 from sim.performer import minimum_jerk, synthetic_performer
@@ -357,6 +357,9 @@ def test_the_pair_that_the_gate_refused_most_is_named_with_what_to_do(run: RunRe
     (note,) = [one for one in remarks(run, changed, (), room=6) if "MP_BACK_R" in one]
     shows(note, "335")
     assert not any("MP_BACK_R" in one for one in remarks(run, replace(changed, gated_frames=1), (), room=6)), "no harm"
+    assert "MP_BACK_R" not in sentence(run, replace(changed, gated_frames=1))
+    most = replace(changed, gated_frames=report.ticks - 1)
+    shows(sentence(run, most), "most goals refused for MP_BACK_R - MP_ARM_HIGH_R")
     wall = replace(changed, refused_pair=replace(PAIR, second="wall", obstacle=True))
     assert "ignore_pairs" not in of("gate", run, wall).measured, "an obstacle is there"
     assert "refused" not in of("gate", run, replace(changed, gated_frames=0)).measured
@@ -414,3 +417,7 @@ def test_a_human_alone_has_a_sentence_of_its_own(run: RunResult, report: Report)
     alone = replace(run, robot=None)
     shows(sentence(alone, replace(report, robot="human", unsensed_mm={"mean": 31.0})), "the performer", "31 mm")
     assert [*lines_of("sentence", {})] == []
+
+
+def test_counts_of_the_solver_are_not_among_what_matters(run: RunResult, report: Report) -> None:
+    assert remarks(run, report, [f"4 {CAPPED}", "the file has no rate"])[-1:] == ["note: the file has no rate"]

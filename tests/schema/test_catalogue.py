@@ -130,7 +130,8 @@ def test_what_cannot_be_written_leaves_the_file_before(tmp_path: Path, monkeypat
 def test_an_interrupt_leaves_the_old_folder_or_the_new(
     step: int, after: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, steps, real = tmp_path / "set", [0], {"replace": Path.replace, "fsync": os.fsync}
+    path, steps = tmp_path / "set", [0]
+    real: dict[str, Callable[..., object]] = {"replace": Path.replace, "fsync": os.fsync}
     write_folder(path, {"meta/a": b"old", "b": b"old"}, option="--out")
 
     def interrupted(name: str) -> Callable[..., object]:

@@ -201,6 +201,41 @@ def test_meshes_become_simple_shapes(content: bytes, tmp_path: Path) -> None:
     assert not body.too_large
 
 
+RED, GREEN, BLUE = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+LOOK = '<geom contype="0" conaffinity="0" mass="0" {}/>'
+COLOURED = f"""<mujoco><asset><mesh name="shoe" file="shoe.obj"/><material name="green" rgba="0 1 0 1"/></asset>
+<worldbody><body name="base"><freejoint/><geom size=".1"/><body name="arm" pos="0 .3 0"><joint range="-60 60"/>
+<geom type="mesh" mesh="shoe"/>{LOOK.format('type="mesh" mesh="shoe" rgba="1 0 0 1"')}
+{LOOK.format('type="mesh" mesh="shoe" material="green"')}{LOOK.format('size=".04" rgba="0 0 1 1"')}
+</body></body></worldbody></mujoco>"""
+PAINTED = '<visual><geometry>{}</geometry><material name="{}"><color rgba="{} 1"/></material></visual>'
+COLOURED_URDF = "".join(
+    PAINTED.format(*one)
+    for one in (
+        ('<mesh filename="shoe.obj"/>', "red", "1 0 0"),
+        ('<mesh filename="shoe.obj"/>', "green", "0 1 0"),
+        ('<sphere radius="0.04"/>', "blue", "0 0 1"),
+    )
+)
+
+
+@pytest.mark.parametrize("kind", ["MJCF", "URDF"])
+def test_what_is_seen_keeps_its_colours_and_simple_shapes(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "shoe.obj").write_text(SHOE, encoding="utf-8")
+    if kind == "MJCF":
+        body, link = drafted(COLOURED, tmp_path), "arm"
+    else:
+        body, link = drafted_urdf(humanoid().replace("</link>", f"{COLOURED_URDF}</link>"), tmp_path), "chest"
+    written = load_body_text(body.content.decode(), source="test")
+    number = written.body_names.index(link)
+    geoms = [geom for geom in written.geoms if geom.body == number]
+    assert [geom.kind for geom in geoms if geom.collides] == ["box"]
+    seen = {(geom.kind, geom.colour) for geom in geoms if not geom.collides}
+    assert seen == {("mesh", RED), ("mesh", GREEN), ("sphere", BLUE)}
+    assert {colour for owner, colour in link_meshes(written) if owner == number} == {RED, GREEN, BLUE}
+    assert written.mass == pytest.approx(body.model.body_mass)
+
+
 SEEN = '<visual><geometry><mesh filename="{}"/></geometry></visual></link>'
 """What is seen of a link beside what it collides with."""
 
@@ -498,3 +533,26 @@ def test_a_shape_of_no_size_is_found_by_its_link_and_line(name: str, tmp_path: P
         draft_body(read_source(path))
     with refuses(InputError, where=where):
         load_body(path)
+
+
+def test_every_mesh_stays_in_pictures_however_many_frames_are_fixed_to_the_body(tmp_path: Path) -> None:
+    """Their offsets say nothing of how large it is; a dense mesh keeps its share of the triangles."""
+    (tmp_path / "foot.stl").write_bytes(binary_stl())
+    frames = "".join(
+        f'<link name="imu_{i}"/><joint name="to_imu_{i}" type="fixed"><parent link="base"/><child link="imu_{i}"/>'
+        f'<origin xyz="0 3 {i}"/></joint>'
+        for i in range(30)
+    )
+    text = humanoid().replace(FOOT, '<mesh filename="foot.stl"/>')
+    root = re.search(r'<link name="(.*?)"', text)
+    assert root is not None
+    body = drafted_urdf(text.replace("</robot>", frames.replace('"base"', f'"{root[1]}"') + "</robot>"), tmp_path)
+    plain = drafted_urdf(text, tmp_path)
+    looks = [
+        [geom.triangles for geom in load_body_text(one.content.decode(), source="test").geoms if geom.kind == "mesh"]
+        for one in (plain, body)
+    ]
+    assert len(looks[0]) == len(looks[1]) == 2
+    for one, other in zip(*looks, strict=True):
+        assert one is not None and other is not None
+        np.testing.assert_allclose(np.ptp(one, axis=(0, 1)), np.ptp(other, axis=(0, 1)), atol=1e-4)

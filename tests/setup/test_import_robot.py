@@ -22,7 +22,7 @@ from retarget.model.body_file import compile_body_text
 from retarget.model.observers import robot_observers
 from retarget.model.robot import load_profile, load_robot
 from retarget.run.options import RunOptions
-from retarget.run.prepare import try_robot
+from retarget.run.trial import try_robot
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.profile import DRAFT, RobotProfile, marked_lines, read_profile
 from retarget.schema.profile_parts import Foot, Gains, Landmark, ProfileFrame, Servo

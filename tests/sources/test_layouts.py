@@ -2,10 +2,11 @@
 
 import ast
 import json
+import re
 import struct
 import tracemalloc
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,7 @@ from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames, stature
 from retarget.human.calibration import calibrate
 from retarget.sources.open import open_source, recognise
+from retarget.sources.skeletons import SMPL_NAMES
 from retarget.types import FloatArray
 
 TOPLESS = ("UpperLeg_L", "Kimodo, SOMA-30", "Kimodo, SMPL", "GLB", "glTF", "VRMA")
@@ -717,3 +719,39 @@ def test_files_cut_short_anywhere_are_refused_or_a_little_shorter(tmp_path: Path
         except InputError:
             continue
         assert name == "trial.trc" and len(frames) >= 3
+
+
+def named_joints(path: Path, *, order: Sequence[int], names: Sequence[str], **more: Any) -> Path:
+    """The joints of a file in another order, with their names."""
+    position = np.load(path)["global_joint_positions"]
+    np.savez(path, global_joint_positions=position[:, order], joint_names=np.array(names), **more)
+    return path
+
+
+@pytest.mark.parametrize("count", [22, 24])
+def test_joints_with_names_may_come_in_any_order(count: int, tmp_path: Path) -> None:
+    motion = made(30.0)
+    order = [*np.random.default_rng(1).permutation(22).tolist(), *([0] * (count - 22))]
+    names = [*(SMPL_NAMES[at] for at in order[:22]), *(f"thing{i}" for i in range(count - 22))]  # these mean nothing
+    path = named_joints(write_joints(tmp_path, motion), order=order, names=names, fps=np.array(30.0))
+    frames = open_source(path)
+    assert max(off(frames, motion).values()) < 0.01 and frames.rate_hz == 30.0
+    mujoco = [re.sub(r"^(left|right)_", lambda side: f"{side[1][0].upper()}_", name) for name in SMPL_NAMES[:22]]
+    mujoco = [{"L_collar": "L_Thorax", "R_collar": "R_Thorax"}.get(name, name) for name in mujoco]
+    again = named_joints(write_joints(tmp_path, motion), order=order[:22], names=[mujoco[a] for a in order[:22]])
+    assert max(off(open_source(again, rate=30.0), motion).values()) < 0.01
+
+
+def test_joints_in_a_wrong_order_or_of_unknown_names_are_named(tmp_path: Path) -> None:
+    motion = made(30.0)
+    path = write_joints(tmp_path, motion)
+    position = np.load(path)["global_joint_positions"]
+    np.savez(path, global_joint_positions=np.roll(position, 1, axis=1))
+    with refuses(InputError, "order", next_step="joint_names"):
+        open_source(path, rate=30.0)
+    named = named_joints(write_joints(tmp_path, motion), order=range(22), names=[f"marker{i}" for i in range(22)])
+    with refuses(InputError, where="joint_names", found="marker0"):
+        open_source(named, rate=30.0)
+    named = named_joints(write_joints(tmp_path, motion), order=range(22), names=["left_hip"])
+    with refuses(InputError, where="joint_names"):
+        open_source(named, rate=30.0)

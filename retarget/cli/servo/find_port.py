@@ -8,6 +8,7 @@ from retarget.cli.application import answered, ask
 from retarget.cli.exit import echo
 
 WHERE = "servo (--port PATH names the port)"
+TERMINAL = "Run it in a terminal; --port emulator shows it without servos"
 
 
 def port_of_bus(bus: BusSpec, *, yes: bool) -> str:
@@ -52,4 +53,4 @@ def unplugged_port() -> str:
 
 
 def _enter(text: str) -> None:
-    answered(f"{text}: ", where=WHERE)
+    answered(f"{text}: ", where=WHERE, step=TERMINAL)

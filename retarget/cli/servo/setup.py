@@ -78,7 +78,8 @@ def setup(
     what it gets, and asks. Ctrl-C ends it after the value that is being written.
 
     With --robot and --all it asks for the servos of the robot one after the other, each connected alone, and sets up
-    each as it is found; those that are set up already are left out. Without --port it finds the port.
+    each as it is found; those that are set up already are left out. Without --port it finds the port; --port emulator
+    shows it without servos.
 
     Options:
         joint NAME: The servo of this joint of the robot.

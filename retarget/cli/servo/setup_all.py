@@ -11,6 +11,7 @@ from hardware.dynamixel.single_requests import OneOff
 from hardware.errors import BusError
 from retarget.cli.application import answered, ask
 from retarget.cli.exit import echo
+from retarget.cli.servo.find_port import TERMINAL
 from retarget.cli.servo.places import (
     Only,
     ServoPort,
@@ -67,7 +68,8 @@ class SetupWalk:
                 continue
             assert target.servo is not None
             place = f"[{index + 1}/{len(joints)}] {joint}"
-            word = answered(f"{place}: connect its {target.servo.model.name} alone, press ENTER: ", where=WHERE)
+            question = f"{place}: connect its {target.servo.model.name} alone, press ENTER: "
+            word = answered(question, where=WHERE, step=TERMINAL)
             if word in joints:
                 self.ready.discard(word)
                 index = joints.index(word)

@@ -217,7 +217,7 @@ def _write_folder(place: Path, contents: Mapping[str, bytes], form: Format, *, o
         refuse_existing(place, option="--out")
     check_folder(place, option="--out")
     foreign = next((name for name in _names(place) if name not in contents), "")
-    unmarked = not (place / form.mark).is_file() and next(_names(place), "")
+    unmarked = "" if (place / form.mark).is_file() else next(_names(place), "")
     if foreign or unmarked:
         lacks = "" if foreign else f", without {form.mark}"
         raise UsageError(

@@ -215,6 +215,7 @@ def test_ctrl_c_says_what_is_set_up(lab: ServoLab, monkeypatch: pytest.MonkeyPat
         ((*ROBOT, "--new-id", "3"), "only one servo can have this"),
         ((*ROBOT, "--register", "drive_mode=300"), "found 300"),
         (("--robot", "op3", "--all", "--port", "/dev/none", "--yes"), "the input has ended"),
+        (("--robot", "op3", "--all"), "--port emulator"),
     ],
 )
 def test_what_goes_for_no_walk_is_refused(words: tuple[str, ...], text: str, lab: ServoLab) -> None:

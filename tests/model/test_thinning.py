@@ -1,0 +1,77 @@
+"""Meshes of files for pictures: few triangles of the same silhouette, and edges that are sharp only where they are."""
+
+import numpy as np
+import pytest
+
+from retarget.model.meshes import Mesh, joined, shape_mesh
+from retarget.model.scene_shapes import ShapeKind
+from retarget.model.thinning import creased, thinned
+from retarget.types import FloatArray
+
+
+def soup(mesh: Mesh) -> FloatArray:
+    return mesh.vertices[mesh.faces]
+
+
+def halved(triangles: FloatArray) -> FloatArray:
+    """Each triangle as four."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    return np.concatenate([np.stack(one, axis=1) for one in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+
+
+def volume(triangles: FloatArray) -> float:
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    return float(np.einsum("fk,fk->", a, np.cross(b, c)) / 6.0)
+
+
+@pytest.mark.parametrize("most", [200, 1000])
+def test_a_ball_stays_round(most: int) -> None:
+    ball = soup(shape_mesh(ShapeKind.CAPSULE, (0.1, 0.0, 0.0), around=160))
+    few = thinned(ball, most)
+    assert len(ball) > 100 * 200 and 0.8 * most < len(few) <= most
+    assert np.abs(np.linalg.norm(few.reshape(-1, 3), axis=1) - 0.1).max() < 0.004
+    assert volume(few) == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.08)
+
+
+def test_a_box_keeps_its_corners_however_many_triangles_it_has() -> None:
+    box = soup(shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3)))
+    for _ in range(4):
+        box = halved(box)
+    few = thinned(box, 60)
+    assert len(box) == 12 * 256 and len(few) <= 60
+    np.testing.assert_allclose(np.abs(few.reshape(-1, 3)).max(axis=0), (0.1, 0.2, 0.3), atol=1e-3)
+    assert volume(few) == pytest.approx(8 * 0.006, rel=0.01)
+
+
+def test_an_open_sheet_keeps_its_edge_and_sheets_on_each_other_are_thinned_too() -> None:
+    square = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], dtype=np.float64)
+    for _ in range(5):
+        square = halved(square)
+    few = thinned(square, 20)
+    assert len(few) <= 20
+    np.testing.assert_allclose([few.reshape(-1, 3).min(axis=0), few.reshape(-1, 3).max(axis=0)], [[0, 0, 0], [1, 1, 0]],
+                               atol=0.02)  # fmt: skip
+    twice = np.concatenate([square, square[:, ::-1] + (0.0, 0.0, 1e-4)])
+    assert len(thinned(twice, 100)) <= 100
+
+
+def test_few_triangles_stay_as_they_are() -> None:
+    box = soup(shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3)))
+    assert thinned(box, 12) is box
+
+
+@pytest.mark.parametrize(("kind", "apart"), [(ShapeKind.BOX, 24), (ShapeKind.CYLINDER, 4 * 24 + 2)])
+def test_edges_are_sharp_where_faces_meet_at_an_angle_and_round_elsewhere(kind: ShapeKind, apart: int) -> None:
+    """A box has three vertices at each corner; a cylinder two on each rim, and one amid each end."""
+    one = soup(shape_mesh(kind, (0.1, 0.2, 0.3)))
+    vertices, faces = creased(one)
+    assert len(vertices) == apart
+    np.testing.assert_array_equal(vertices[faces], one)
+    both = creased(np.concatenate([one, one + 1.0]))[0]
+    assert len(both) == 2 * apart, "what does not touch shares nothing"
+
+
+def test_a_mesh_of_no_triangle_is_none() -> None:
+    line = joined([Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))])
+    assert len(creased(soup(line))[1]) == 0
