@@ -178,6 +178,7 @@ def test_a_serial_sensor_is_read_without_waiting_and_has_a_rate() -> None:
     sample = imu.sample(clock.now())
     assert sample.valid and sample.age <= PERIOD + 1e-9
     assert sample.tilt == pytest.approx((0.0, 0.3), abs=2e-4)
+    assert sample.orientation is not None
     world = rotations.rotate(sample.orientation, sample.angular_velocity)
     np.testing.assert_allclose(world, [0.0, 0.0, 1.0], atol=0.05)
     np.testing.assert_allclose(sample.acceleration, [0.0, 0.0, GRAVITY], atol=0.01)

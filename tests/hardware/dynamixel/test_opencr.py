@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bus_rig import CYCLE, bus_of, specs
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.dynamixel.bus import DynamixelBus
@@ -21,7 +22,6 @@ from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
 from sim.imu import ImuStandIn
-from bus_rig import CYCLE, bus_of, specs
 
 COUNTS = st.integers(-0x8000, 0x7FFF)
 TICK = 0.002

@@ -103,7 +103,7 @@ def test_both_physics_buses_say_the_same_but_for_noise(robot: RobotBody) -> None
     for make in (physics_bus, physics_wire_bus):
         clock = VirtualClock()
         simulation = simulation_of(robot, start=posture_ticks(robot))
-        found.append(standing(make(simulation, clock), clock, 100))  # type: ignore[operator]
+        found.append(standing(make(simulation, clock), clock, 100))
     for plain, wired in zip(*(samples[20:] for samples in found), strict=True):
         assert plain.valid and wired.valid
         assert plain.tilt == pytest.approx(wired.tilt, abs=0.05)
