@@ -39,6 +39,7 @@ from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.safety.standing import StandingCheck
+from retarget.safety.tipping import tip_watch_of
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
@@ -267,11 +268,10 @@ def prepare_for(
     _say(filter(None, (follower.note,)), notify)
     if end_plan.note:
         notify(f"note: {end_plan.note}")  # it must be said: at the end somebody has to be there
-    real = not options.simulated
+    real, watch = not options.simulated, tip_watch_of(robot, dt=dt)
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
-    guard = Guard(bus=bus, joint_map=robot.joint_map, limits=limits)
-    supervisor = supervisor or Supervisor()
-    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify)
+    guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
+    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch)
     prepared = replace(
         human,
         machine=machine,

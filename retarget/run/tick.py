@@ -27,6 +27,7 @@ from retarget.run.rest_trajectory import EndPlan
 from retarget.run.run_result import RefusedPair
 from retarget.run.supervisor import AT_RISK, BUS_SILENT, End, OperatorInput, Situation, Supervisor
 from retarget.safety.gate import Gate
+from retarget.safety.tipping import TipWatch
 from retarget.types import Notify, RobotPosture, RunState
 
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
@@ -112,7 +113,7 @@ class TickOutput:
 class Machine:
     """A robot that can run. clock: of the run, which its loop reads, and no tick. waits: a robot that stands at the end
     waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals: sent
-    instead of following."""
+    instead of following. tip_watch: of a robot that stands, and has an IMU."""
 
     robot: RobotBody
     follower: Follower
@@ -125,6 +126,7 @@ class Machine:
     waits: bool = True
     notify: Notify = lambda text: None
     goals: GoalsInstead | None = None
+    tip_watch: TipWatch | None = None
 
     def not_at_rest(self, standing: str) -> tuple[str, ...]:
         """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it. standing:
@@ -178,7 +180,7 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     """The goal of a tick, and the state after it. Servos, gate, supervisor and controllers remember what they are
     given."""
     guard, supervisor = machine.guard, machine.supervisor
-    _look_at_servos(machine, state, given)
+    _look_at_servos(machine, motion, state, given)
     hold_reason, lost = _hold_reason(machine, motion, state, given)
     situation = _situation(machine, motion, state, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
@@ -267,7 +269,7 @@ def perform(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
     return TickDone(given, replace(output, news=news) if news else output, tried, times)
 
 
-def _look_at_servos(machine: Machine, state: TickState, given: TickInput) -> None:
+def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> None:
     """Latch what has failed, and what is wrong with the robot."""
     guard, clearance = machine.guard, machine.gate.clearance
     for failure in given.failures:
@@ -276,8 +278,11 @@ def _look_at_servos(machine: Machine, state: TickState, given: TickInput) -> Non
         guard.latch(*given.operator.fault)
     assert given.servos is not None, "servos that could not be read are a failure"
     guard.check(given.servos, given.now, given.idle)
+    joints, watch = machine.robot.joint_map.to_radians(given.servos.position), machine.tip_watch
     if clearance is not None:
-        clearance.measure(machine.robot.joint_map.to_radians(given.servos.position), state.commanded.joints)
+        clearance.measure(joints, state.commanded.joints)
+    if watch is not None and given.servos.imu is not None and not motion.on_approach:
+        watch.look(given.servos.imu, joints)
 
 
 def _sampled(given: TickInput) -> dict[str, Any]:
@@ -296,6 +301,8 @@ def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given:
         return NOT_FOLLOWABLE.format(performer.hold_reason), False
     if machine.guard.is_silent:
         return BUS_SILENT, False
+    if machine.tip_watch is not None and machine.tip_watch.hold_reason:
+        return machine.tip_watch.hold_reason, False
     if refused := motion.refused(state.commanded):
         return f"the gate refuses {refused}", False
     if run_state is RunState.FOLLOW and motion.follow.lost:
@@ -305,8 +312,10 @@ def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given:
 
 def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_reason: str) -> Situation:
     """What the robot has done so far."""
+    watch = machine.tip_watch
     return Situation(
         hold_reason=hold_reason,
+        falls="" if watch is None else watch.fall,
         approached=motion.approach.arrived,
         arrived=motion.has_arrived(machine.supervisor.state, state.commanded),
         stands=motion.stands(state.commanded),
@@ -318,6 +327,8 @@ def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_rea
 def _target(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> Target | None:
     """What the controller of the present state asks for; None: brake, or stand."""
     guard, run_state = machine.guard, machine.supervisor.state
+    if run_state is RunState.FALLING:
+        return motion.target(run_state, state.commanded, given.performer, speed_override=1.0)
     if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
         return motion.brake(run_state, state.commanded)
     if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:

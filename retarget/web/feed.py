@@ -41,6 +41,7 @@ STATE_WORDS = {
     RunState.RETURN_TO_STANCE: "returning to its stance",
     RunState.GO_TO_REST: "going to rest",
     RunState.STANDING: "standing, with torque",
+    RunState.FALLING: "falling",
     RunState.OFF: "ended",
     RunState.FAULT: "stopped",
 }
