@@ -199,7 +199,7 @@ class CommandRun:
             announcer = Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=self.lines.log)
             result = recorded.run(operator, [*looks, announcer])
             if recorded.has_bus:
-                log(announcer.ended())  # one of the last lines
+                announcer.say_end()
         return result
 
 
@@ -270,11 +270,10 @@ NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
 
 
 def show_summary(run: RunResult, report: Report, lines: RunLines) -> None:
-    """Print what was played and what matters of it, in the room that is left; verbose: every figure. A note that ends
-    with the same reason as one that was printed before says nothing new."""
-    reasons = {text.rpartition(": ")[2] for text in lines.said}
-    later = (text.removeprefix("note: ") for text in lines.later)
-    notes = [note for note in dict.fromkeys((*later, *report.notes)) if note.rpartition(": ")[2] not in reasons]
+    """Print what was played and what matters of it, in the room that is left, without notes that were printed before;
+    verbose: every figure."""
+    known = dict.fromkeys((*lines.later, *(f"note: {note}" for note in report.notes)))
+    notes = [text.removeprefix("note: ") for text in known if text not in lines.said]
     echo(heading(report))
     if not lines.verbose:
         for line in remarks(run, report, notes, room=lines.room, kept_back=lines.kept_back):

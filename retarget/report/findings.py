@@ -20,7 +20,7 @@ from retarget.run.record import Phase
 from retarget.run.run_result import CAPPED, RunResult
 from retarget.safety.clearance import TIGHTEN
 from retarget.schema.priorities import LimbTask
-from retarget.types import MM
+from retarget.types import MM, RunState
 
 FOLLOWING, NOT_FOLLOWED = "following", "not followed"
 """Names of lines that stand apart from the others."""
@@ -366,6 +366,11 @@ class RunFigures:
         """Ticks in which something touched that should not; of a simulated body, in the simulation."""
         seen = self.report.physics
         return self.report.penetrating_frames if seen is None else seen.self_contacts + seen.fixture_contacts
+
+    @property
+    def still_stands(self) -> str:
+        """Why it still stands, with torque; "" where it does not."""
+        return self.run.standing if self.run.state == RunState.STANDING.value else ""
 
     @property
     def near_falling_mm(self) -> float | None:
