@@ -253,7 +253,7 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
         echo(f"written: {written.listed(every=outputs.verbose)}")
     for problem in written.problems:
         echo(f"error: {problem}", err=True)
-    look = written.first or outputs.record
+    look = written.first
     next_step = NEXT_STEP if look is None else f"{'Open' if look.suffix == '.html' else 'Look at'} {look}"
     echo(f"{sentence(run, report)}. {next_step}")
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
@@ -583,7 +583,7 @@ def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: 
 
 # The command.
 
-USUAL_OPTIONS = ("--robot", "--source", "--bus", "--speed", "--report", "--view", "--verbose")
+USUAL_OPTIONS = ("--robot", "--source", "--bus", "--speed", "--report", "--plots", "--animate", "--view", "--verbose")
 """Options that `--help` lists, with which it fits a screen of 80 by 24; `--help-all` lists all."""
 
 
@@ -592,8 +592,8 @@ class RunRequest:
     """The options of `retarget run`, typed or from a session file.
 
     Robot:
-        source FILE|ADDRESS: Motion file (AMC, BVH, C3D, GLB, VRMA, MVNX, NPZ, TRC), 'sample', or a live stream:
-            vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
+        source FILE|ADDRESS: Motion file (AMC BVH C3D GLB VRMA MVNX NPZ TRC), 'sample', or a live stream: vmc://:39539,
+            mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
 
     Results:
@@ -601,7 +601,7 @@ class RunRequest:
         best_likeness: Add the best likeness that the joints allow.
         save FILE.npz: Write every tick, for other tools.
         plots DIR: Write pictures.
-        animate FILE.webp|.gif|.mp4: Write performer and robot as they move.
+        animate FILE.webp: Write performer and robot moving (or .gif, .mp4).
         record FILE.mcap: Keep the run as it goes, for `retarget replay`.
         verbose: Print every figure, not the sentence alone.
     """
