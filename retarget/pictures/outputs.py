@@ -167,8 +167,7 @@ def _animation_path(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class WrittenFiles:
-    """What became of the files of a run. files: what each one is, and where, its recording too; problems: why others are
-    not there."""
+    """What became of the files of a run. files: what each one is, and where; problems: why others are not there."""
 
     files: tuple[tuple[str, Path], ...]
     problems: tuple[str, ...]

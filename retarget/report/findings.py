@@ -1,7 +1,7 @@
 """What is known of a run, in words, as terminal and page show it: the figures of `findings.yaml`."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -53,16 +53,21 @@ def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
 @dataclass(frozen=True)
 class FollowingVerdict:
     """Whether a robot follows. words: after its name. differs: what a person sees, in words. broken: it does not; None:
-    it does in part."""
+    it does in part. why: what holds it back, where that is known."""
 
     words: str
     differs: tuple[str, ...]
     broken: bool | None
+    why: str = ""
 
     @property
     def sentence(self) -> str:
-        """The verdict, and what differs."""
-        return f"{self.words}: {', '.join(self.differs)}" if self.differs else self.words
+        """The verdict, what differs, and why."""
+        return (
+            f"{self.words}: {', '.join(self.differs)}{f'; {self.why}' if self.why else ''}"
+            if self.differs
+            else self.words
+        )
 
 
 def side_words(name: str) -> str:
@@ -99,8 +104,16 @@ class RunFigures:
         for words, broken in (("does not follow", True), ("follows in part", None)):
             differs = [one for one, value in known if value is not None and value >= self._limit(one, broken)]
             if differs:
-                return FollowingVerdict(words, tuple(in_words(one["says"], self) for one in differs), broken)
+                why = self._why({one.get("limb", "") for one in differs})
+                return FollowingVerdict(words, tuple(in_words(one["says"], self) for one in differs), broken, why)
         return FollowingVerdict("follows", (), False)
+
+    def _why(self, limbs: Collection[str]) -> str:
+        """The pair for which most goals were refused, or the limit that holds back one of these limbs most often."""
+        pair, held = self.report.refused_pair, self.report.held_back
+        if pair is not None and (self.report.gated_frames or 0) > MOST_CHANGED * self.report.ticks:
+            return f"most goals are refused for {pair.first} - {pair.second}"
+        return next((one.words for one in held if one.limb.split()[-1] in limbs), "")
 
     def _limit(self, of: Mapping[str, Any], broken: bool | None) -> float:
         """The limit of a difference that is seen, or with which it does not follow."""
@@ -186,6 +199,11 @@ class RunFigures:
             times += [counted(len(known) - MOST, "more time")] if len(known) > MOST else []
             said += [f"the performer {what} {', '.join(times)}: the robot {instead} instead"] if known else []
         return "; ".join(said)
+
+    @property
+    def held_back(self) -> str:
+        """The limbs that are held back, and by what."""
+        return "; ".join(one.words for one in self.report.held_back)
 
     @property
     def likeness(self) -> dict[str, str]:
@@ -469,9 +487,7 @@ def sentence(run: RunResult, report: Report) -> str:
     if verdict is not None:
         more = len(verdict.differs) - MOST_DIFFERENCES
         differs = [*verdict.differs[:MOST_DIFFERENCES], *([f"{more} more"] if more > 0 else [])]
-        pair = report.refused_pair
-        if pair is not None and (report.gated_frames or 0) > MOST_CHANGED * report.ticks:
-            differs.insert(0, f"most goals refused for {pair.first} - {pair.second}")
+        differs = [verdict.why, *differs] if verdict.why else differs
         words = verdict.words + (f" ({', '.join(differs)})" if differs else "")
     if report.stop.reason is not None:
         at = "".join(f" at {moment.time:.2f} s" for moment in moments(run) if moment.what == "Stopped")

@@ -64,7 +64,7 @@ class EndPlan:
     why: str = ""
 
 
-UNKNOWN = "it is not known to stay in posture `rest` without torque (stays_at_rest of its profile)"
+UNKNOWN = "its profile does not say that it stays_at_rest"
 ASKED_TO_STAND = "as --stand-at-end asks"
 
 

@@ -108,9 +108,10 @@ class RunSetup:
 class RunResult:
     """A run. Everything per tick has the rows of `record`.
 
-    robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). standing: why
-    it stood then, "" where it did not. wall_s: of the loop. stop: the guard's, None without one. scene: of the last stage's body; observers: of that body. physics:
-    what a simulation measured, None without one. live: the report of a stream, None for a file.
+    robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
+    the loop. standing: why it stood at the end, "" where it did not. stop: the guard's, None without one. scene: of the
+    last stage's body; observers: of that body. physics: what a simulation measured, None without one. live: the report
+    of a stream, None for a file.
     """
 
     record: Record
