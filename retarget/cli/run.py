@@ -274,7 +274,7 @@ def show_summary(run: RunResult, report: Report, lines: RunLines) -> None:
     verbose: every figure."""
     known = dict.fromkeys((*lines.later, *(f"note: {note}" for note in report.notes)))
     notes = [text.removeprefix("note: ") for text in known if text not in lines.said]
-    echo(heading(report))
+    echo(heading(run, report))
     if not lines.verbose:
         for line in remarks(run, report, notes, room=lines.room, kept_back=lines.kept_back):
             echo(line)

@@ -112,7 +112,7 @@ class RunFigures:
         """The pair for which most goals were refused, or the limit that holds back one of these limbs most often."""
         pair, held = self.report.refused_pair, self.report.held_back
         if pair is not None and (self.report.gated_frames or 0) > MOST_CHANGED * self.report.ticks:
-            return f"most goals are refused for {pair.first} - {pair.second}"
+            return f"most goals refused for {pair.first} - {pair.second}"
         return next((one.words for one in held if one.limb.split()[-1] in limbs), "")
 
     def _limit(self, of: Mapping[str, Any], broken: bool | None) -> float:
@@ -408,12 +408,15 @@ def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dic
 
 def latency_line(report: Report) -> str:
     """The path from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where
-    nothing is known."""
+    nothing is known. Each is a median, and medians of parts do not add up."""
     whole, stages = report.hand_to_shaft_ms, report.latency_ms or {}
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
     if whole is None:
         return taken and f"{taken} ms; from hand to shaft it is not known"
-    return f"{whole.p50:.0f} ms from hand to shaft (p99 {whole.p99:.0f}): {taken}"
+    return (
+        f"{whole.p50:.0f} ms from hand to shaft (median; p99 {whole.p99:.0f}); medians of its stages, which need not add "
+        f"up to it: {taken}; all others below 1"
+    )
 
 
 def stream_line(live: LiveReport | None) -> str:
@@ -446,12 +449,18 @@ MOST_DIFFERENCES = 2
 """Differences that the sentence names, the first ones."""
 
 
-def heading(report: Report) -> str:
+def heading(run: RunResult, report: Report) -> str:
     """The line that says what was played on which robot."""
-    lasted = f", {report.duration_s:.1f} s from the first to the end" if report.frames else ""
+    return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {measured_words(run, report)}"
+
+
+def measured_words(run: RunResult, report: Report) -> str:
+    """The seconds, on the time of the run, that are compared with the performer, and those of all other figures."""
+    time, rows = run.record.time, run.record.following
+    followed = f" from {time[rows][0]:.1f} to {time[rows][-1]:.1f} s" if run.ticks_followed else ""
+    all_of_it = f", limits from {time[0]:.1f} to {time[-1]:.1f} s" if run.robot is not None and len(time) else ""
     speed = f", speed {report.speed:g}" if report.speed != 1.0 else ""
-    played = f"{counted(report.frames, 'frame')} followed{lasted}, at {report.rate_hz:g} Hz{speed}"
-    return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {played}"
+    return f"{counted(report.frames, 'frame')} followed{followed}{all_of_it}, at {report.rate_hz:g} Hz{speed}"
 
 
 def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, kept_back: int = 0) -> list[str]:
