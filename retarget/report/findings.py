@@ -413,10 +413,8 @@ def latency_line(report: Report) -> str:
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
     if whole is None:
         return taken and f"{taken} ms; from hand to shaft it is not known"
-    return (
-        f"{whole.p50:.0f} ms from hand to shaft (median; p99 {whole.p99:.0f}); medians of its stages, which need not add "
-        f"up to it: {taken}; all others below 1"
-    )
+    stages_too = f"medians of its stages, which need not add up to it: {taken}; all others below 1"
+    return f"{whole.p50:.0f} ms from hand to shaft (median; p99 {whole.p99:.0f}); {stages_too}"
 
 
 def stream_line(live: LiveReport | None) -> str:

@@ -203,7 +203,7 @@ def test_that_it_ends_standing_is_said_once_in_the_last_line(
     finished(result, Outputs(), command.lines)
     _, note, last = capsys.readouterr().out.splitlines()
     assert note == f"note: {NOTES[2]}", "what was not said before"
-    assert ("stands with torque: as --stand-at-end asks" in last) is stand_at_end
+    assert ("--stand-at-end" in last) is stand_at_end
 
 
 def test_on_real_servos_it_is_said_before_that_it_will_stand_and_at_the_end_that_torque_is_off(said: Printed) -> None:

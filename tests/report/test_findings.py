@@ -380,7 +380,7 @@ def test_the_limit_that_holds_a_limb_back_is_named_where_that_limb_differs(run: 
 
 
 def test_a_joint_at_its_limit_holds_back_where_going_on_would_bring_the_hand_nearer(run: RunResult) -> None:
-    """With the upper limit of an elbow just where it is in three quarters of the ticks, and the hand asked beyond it."""
+    """An elbow is at its upper limit in three quarters of the ticks, and the hand is asked beyond it, or not."""
     robot, sent = run.robot, run.record.robot
     assert robot is not None and sent is not None and held_back(run) == ()
     rows, column = run.record.following, robot.joint_map.joints.index("l_el")
