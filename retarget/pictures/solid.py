@@ -379,29 +379,52 @@ def pictures(shown: Mapping[str, DrawnPostures], *, width: int | None = None) ->
         yield picture.reduce(SHARPER)
 
 
-def webp(frames: Iterable[Image.Image], *, quality: int = QUALITY) -> bytes:
-    """Pictures as an animated WebP that begins anew in the end."""
-    return _film("webp", frames, quality=quality, method=4)
+def webp(frames: Iterable[Image.Image], count: int, *, quality: int = QUALITY) -> bytes:
+    """So many pictures as an animated WebP that begins anew in the end."""
+    return _film("webp", frames, count, quality=quality, method=4)
 
 
-def gif(frames: Iterable[Image.Image]) -> bytes:
-    """Pictures as a GIF that begins anew in the end, all in the colours of the first."""
+def gif(frames: Iterable[Image.Image], count: int) -> bytes:
+    """So many pictures as a GIF that begins anew in the end, all in the colours of the first."""
     rest = iter(frames)
     first = next(rest).quantize(255, dither=Image.Dither.NONE)
     palette, ground = first.getpalette() or [], int(np.asarray(first)[0, 0])
     palette[3 * ground : 3 * ground + 3] = (255, 255, 255)  # nearly, with the shadows in its group of colours
     first.putpalette(palette)
-    return _film("gif", chain([first], (one.quantize(palette=first, dither=Image.Dither.NONE) for one in rest)))
+    rest = (one.quantize(palette=first, dither=Image.Dither.NONE) for one in rest)
+    return _film("gif", chain([first], rest), count)
 
 
-def _film(kind: str, frames: Iterable[Image.Image], **how: Any) -> bytes:
-    rest, made = iter(frames), BytesIO()
-    next(rest).save(made, kind, save_all=True, append_images=rest, duration=1000 // FPS, loop=0, **how)
+class _Reel(Image.Image):
+    """Pictures as one image of several, each made when it is sought: no more than one is kept, where a list of them
+    takes gigabytes, and the encoder is never far behind the one that was made last."""
+
+    def __init__(self, frames: Iterable[Image.Image], count: int) -> None:
+        super().__init__()
+        self.n_frames, self._at, self._frames = count, -1, iter(frames)
+        self.seek(0)
+
+    def tell(self) -> int:
+        return self._at
+
+    def seek(self, frame: int) -> None:
+        """Go on to a picture; one that is gone is not sought but in the end. Raises EOFError after the last."""
+        if frame >= self.n_frames:
+            raise EOFError
+        while self._at < frame:
+            one = next(self._frames)
+            self._at, self.im, self._mode, self._size = self._at + 1, one.im, one.mode, one.size
+            self.palette = one.palette
+
+
+def _film(kind: str, frames: Iterable[Image.Image], count: int, **how: Any) -> bytes:
+    made = BytesIO()
+    _Reel(frames, count).save(made, kind, save_all=True, duration=1000 // FPS, loop=0, **how)
     return made.getvalue()
 
 
-def mp4(frames: Iterable[Image.Image]) -> bytes:
-    """Pictures as H.264, as every browser and phone plays it."""
+def mp4(frames: Iterable[Image.Image], count: int) -> bytes:
+    """So many pictures as H.264, as every browser and phone plays it."""
     import av
 
     rest, made = iter(frames), BytesIO()
@@ -415,8 +438,8 @@ def mp4(frames: Iterable[Image.Image]) -> bytes:
     return made.getvalue()
 
 
-KINDS: dict[str, Callable[[Iterable[Image.Image]], bytes]] = {".webp": webp, ".gif": gif, ".mp4": mp4}
-"""Suffix of a file -> what makes an animation of pictures."""
+KINDS: dict[str, Callable[[Iterable[Image.Image], int], bytes]] = {".webp": webp, ".gif": gif, ".mp4": mp4}
+"""Suffix of a file -> what makes an animation of so many pictures."""
 
 
 def animation_path(path: Path) -> Path:
@@ -435,10 +458,11 @@ def write_animation(run: RunResult, path: Path, *, watch: Watch = unwatched) -> 
     `animation_path`. watch: is told of each picture. Raises UsageError where it cannot be written, or where nothing was
     followed."""
     if run.ticks_followed < 2:
-        raise UsageError("an animation shows what followed", where="--animate", found="no tick that followed")
+        raise UsageError("no tick followed, and an animation shows what followed", where="--animate")
     shown = moving(run)
-    with watch("animation", len(shown["performer"].poses)) as made:
-        content = KINDS[path.suffix.lower()](_told(pictures(shown), made))
+    count = len(shown["performer"].poses)
+    with watch(f"writing {path}", count) as made:
+        content = KINDS[path.suffix.lower()](_told(pictures(shown), made), count)
     write_atomic(path, content, option="--animate")
 
 

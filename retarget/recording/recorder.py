@@ -271,8 +271,6 @@ class Recorder:
             thread.close()
             if not observer.rows:
                 file.discard()  # it was refused, or stopped, before it made a tick
-            elif not self.failure:
-                self._notify(f"recording: {self._path}, {self._path.stat().st_size / 1e6:.1f} MB")
             elif self.failure != self._warned:
                 self._warned = ""
                 self._warn_of_failure()

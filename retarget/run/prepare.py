@@ -171,7 +171,8 @@ class Prepared:
             state=None if ending.state is None else ending.state.value,
             reason=ending.reason,
             wall_s=ending.wall_s,
-            notes=notes if machine is None else notes + machine.not_at_rest(ending.standing),
+            notes=notes if machine is None or ending.standing else notes + machine.not_at_rest(),
+            standing=ending.standing,
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
@@ -264,11 +265,11 @@ def prepare_for(
     follower, gate, end_plan = robot_part(
         robot, for_robot, human.human, options, scene, dt=dt, goes_to_rest=goes_to_rest, end_plan=end_plan
     )
-    of_follower = tuple(filter(None, (follower.note, end_plan.note)))
-    _say(filter(None, (follower.note,)), notify)
-    if end_plan.note:
-        notify(f"note: {end_plan.note}")  # it must be said: at the end somebody has to be there
+    of_follower = tuple(filter(None, (follower.note,)))
+    _say(of_follower, notify)
     real, watch = not options.simulated, tip_watch_of(robot, dt=dt)
+    if real and end_plan.why:  # it must be said: at the end somebody has to be there
+        notify(f"note: at the end it stands, with torque, until you hold it and switch torque off: {end_plan.why}")
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
     guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
     machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch)

@@ -32,7 +32,6 @@ from retarget.types import Notify, RobotPosture, RunState
 
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 """States in which the robot brakes and waits while the bus is silent."""
-STANDS = "the run ends standing, with torque: {}"
 HOLDS_ON_ITS_WAY = "on its way to rest the robot holds, and tries again: {}"
 NOT_FOLLOWABLE = "the performer could not be followed ({})"
 """A hold reason; what is wrong with the performer, in a few words, is put in."""
@@ -128,13 +127,10 @@ class Machine:
     goals: GoalsInstead | None = None
     tip_watch: TipWatch | None = None
 
-    def not_at_rest(self, standing: str) -> tuple[str, ...]:
-        """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it. standing:
-        why it stood at the end, "" where it did not."""
+    def not_at_rest(self) -> tuple[str, ...]:
+        """A note about a robot on its soles whose torque went off elsewhere than at rest, though nothing was wrong with
+        it, and it did not stand at the end."""
         states, robot, state = self.guard.states, self.robot, self.supervisor.state
-        if standing:
-            until = ", until the operator switched torque off" if state is RunState.OFF else ""
-            return (f"it ended standing, with torque{until}: {standing}",)
         if states is None or state is not RunState.OFF or self.end_plan.end is End.BRAKED or not robot.stands:
             return ()
         off = np.abs(robot.joint_map.to_radians(states.position) - rest_joints(robot))
@@ -184,14 +180,14 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     hold_reason, lost = _hold_reason(machine, motion, state, given)
     situation = _situation(machine, motion, state, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
-    state, news = _standing(machine, state)
+    state, news = _standing(machine, state), tuple[str, ...]()
     if supervisor.over:
-        return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost, news=news)
+        return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost)
     wanted = _target(machine, motion, state, given)
     goal, target = motion.check(state.commanded, wanted)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
         refused = machine.refused or "the gate refuses the goal"
-        news += () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
+        news = () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
         state = replace(state, refused=refused)
     state = replace(state, commanded=motion.next(state.commanded, goal, target), **_sampled(given))
     motion.lead_from(state.commanded, wanted)
@@ -221,15 +217,15 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
         if supervisor.state is before:  # a stop that goes on failing has its limits and its operator, too
             situation = _situation(machine, motion, state, "")
             supervisor.step(given.now, given.operator, PerformerInput(), situation, guard)
-    state, news = _standing(machine, replace(state, **_sampled(given)))
+    state = _standing(machine, replace(state, **_sampled(given)))
     if supervisor.over:
-        return TickOutput(state, supervisor.state, news=news)
+        return TickOutput(state, supervisor.state)
     assert guard.goal is not None, "the robot is armed"
     goal = machine.gate.brake(guard.goal)  # from what the servos have, whatever has failed
     state = replace(state, commanded=motion.next(state.commanded, goal, None))
     with caught([], StopCause.FILTER):  # a follower that fails does not keep the robot from braking
         motion.lead_from(state.commanded, None)
-    return TickOutput(state, supervisor.state, goal, news=news)
+    return TickOutput(state, supervisor.state, goal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,11 +333,11 @@ def _target(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
     return motion.target(run_state, state.commanded, given.performer, speed_override=override)
 
 
-def _standing(machine: Machine, state: TickState) -> tuple[TickState, tuple[str, ...]]:
-    """The state that says why the robot stands at the end of the run, once it does, and the news of that."""
+def _standing(machine: Machine, state: TickState) -> TickState:
+    """The state that says why the robot stands at the end of the run, once it does."""
     if machine.supervisor.state is not RunState.STANDING or state.standing:
-        return state, ()
+        return state
     stop = machine.guard.stop
     failed = "" if stop is None else stop.reason
     why = machine.end_plan.why or f"it did not get to rest: {state.refused or failed}"
-    return replace(state, standing=why), (STANDS.format(why),)
+    return replace(state, standing=why)

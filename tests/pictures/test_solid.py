@@ -1,5 +1,6 @@
 """Bodies in pictures: the nearest is seen, and an animation shows performer and robot of a run as they move."""
 
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -117,18 +118,32 @@ def test_obstacles_are_seen_and_seen_through(run: RunResult) -> None:
 
 @pytest.mark.parametrize(("make", "kind"), [(webp, "WEBP"), (gif, "GIF")])
 def test_an_animation_has_every_picture(
-    make: Callable[[list[Image.Image]], bytes], kind: str, frames: list[Image.Image]
+    make: Callable[[list[Image.Image], int], bytes], kind: str, frames: list[Image.Image]
 ) -> None:
-    with Image.open(BytesIO(make(frames))) as image:
+    with Image.open(BytesIO(make(frames, len(frames)))) as image:
         assert image.format == kind and getattr(image, "n_frames", 1) == len(frames) and image.size == frames[0].size
         image.seek(len(frames) - 1)
         off = np.abs(np.asarray(image.convert("RGB")).astype(int) - np.asarray(frames[-1]))
         assert off.mean() < 3.0 and image.info["duration"] == 1000 / FPS
 
 
+def test_a_webp_is_encoded_while_it_is_drawn(frames: list[Image.Image]) -> None:
+    """No picture but the one that is drawn is kept, and progress is that of the file."""
+    drawn = list[weakref.ref[Image.Image]]()
+
+    def draw() -> Iterator[Image.Image]:
+        for frame in frames:
+            assert sum(one() is not None for one in drawn) <= 1
+            picture = frame.copy()
+            drawn.append(weakref.ref(picture))
+            yield picture
+
+    assert webp(draw(), len(frames)) == webp(frames, len(frames)) and len(drawn) == len(frames)
+
+
 def test_a_film_has_every_picture(frames: list[Image.Image]) -> None:
     av = pytest.importorskip("av", reason="PyAV is not installed: pip install av")
-    with av.open(BytesIO(mp4(frames))) as film:
+    with av.open(BytesIO(mp4(frames, len(frames)))) as film:
         shown = [picture.to_image() for picture in film.decode(video=0)]
         assert len(shown) == len(frames) and shown[0].size == frames[0].size
         assert film.streams.video[0].codec_context.name == "h264" and film.streams.video[0].average_rate == FPS
@@ -163,7 +178,7 @@ def test_an_animation_tells_how_far_it_is_and_can_be_ended(
             if done == ends_at:
                 raise KeyboardInterrupt
 
-        assert (what, total) == ("animation", len(moving(run)["performer"].poses))
+        assert (what, total) == (f"writing {outputs.animate}", len(moving(run)["performer"].poses))
         yield tell
 
     outputs = Outputs(animate=tmp_path / "run.webp", report=tmp_path / "report.json")
@@ -174,7 +189,7 @@ def test_an_animation_tells_how_far_it_is_and_can_be_ended(
     ends_at = 0
     told.clear()
     assert outputs.write(run, measure(run), watch=watch).problems == ()
-    assert told == [*range(1, len(moving(run)["performer"].poses) + 1)]
+    assert told == [*range(1, len(moving(run)["performer"].poses))], "with the last one the file is written"
 
 
 def test_files_in_one_folder_are_one_word(tmp_path: Path) -> None:
