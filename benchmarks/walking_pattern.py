@@ -1,0 +1,326 @@
+"""Step pattern of a walking robot: divergent component of motion, footholds, and the path of the foot that swings.
+
+The mass is a linear inverted pendulum of constant height h over a floor, w = sqrt(g/h), whose zero-moment point is z
+(T. Takenaka et al., IROS 2009; J. Englsberger et al., IEEE T-RO 31(2), 2015):
+
+    xi  = c + c'/w     xi'  =  w (xi - z)      divergent component of motion
+    eta = c - c'/w     eta' = -w (eta - z)     convergent one;  c = (xi + eta)/2,  c' = w (xi - eta)/2
+
+A step of T seconds begins with a double support of Td, in which z goes from the old sole to the new one as 3u^2 - 2u^3;
+then z stays, and the other foot swings. With A = exp(w T), e = xi - z at the start, d the way of z in the step:
+e(T) = A (e + f d). So e + f d is what grows, and the next foothold is where it is as the request asks (dead beat).
+
+Everything here is a function of data in a plane of the floor: m, s, rad, x forward and y left.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import sqrt
+
+import numpy as np
+
+from retarget.arithmetic import cos, exp, sin
+from retarget.ik.gravity_torque import GRAVITY
+from retarget.types import FloatArray
+
+LEFT, RIGHT = 0, 1
+OUTWARD = (1.0, -1.0)
+"""Sign of y on the outer side of the left and of the right foot."""
+LANDED = 0.9
+"""Share of the swing after which the foot is over its target and only goes down."""
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Times and sizes of steps. ticks: of a step, of `dt` s each; double_ticks: of its double support. height: of the
+    centre of mass over the floor, m. width: between the centres of the soles, m. lift: greatest height of the foot
+    that swings, m. narrowest, longest: bounds of a step, sideways and forward, m."""
+
+    ticks: int = 56
+    double_ticks: int = 14
+    dt: float = 0.008
+    height: float = 0.23
+    width: float = 0.095
+    lift: float = 0.012
+    narrowest: float = 0.082
+    longest: float = 0.1
+
+    @property
+    def period(self) -> float:
+        """Duration T of a step, s."""
+        return self.ticks * self.dt
+
+    @property
+    def double(self) -> float:
+        """Duration Td of its double support, s."""
+        return self.double_ticks * self.dt
+
+    @cached_property
+    def omega(self) -> float:
+        """w, 1/s."""
+        return sqrt(GRAVITY / self.height)
+
+    @cached_property
+    def growth(self) -> float:
+        """A = exp(w T)."""
+        return exp(self.omega * self.period)
+
+    @cached_property
+    def shift(self) -> float:
+        """f: the share of a step's way d by which its double support pushes the divergent component."""
+        a = self.omega * self.double
+        return 1.0 - _response(0.0, a) + exp(-a) * (_response(1.0, a) - 1.0)
+
+
+@dataclass(frozen=True)
+class Request:
+    """Velocity asked of a robot, in its own frame: forward and left m/s, turn rad/s."""
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Foothold:
+    """Centre of a sole on the floor (2,) m, and its yaw, rad."""
+
+    place: FloatArray
+    yaw: float
+
+    def moved(self, way: FloatArray, turn: float = 0.0) -> "Foothold":
+        """The foothold that is at `way` (2,) m in the frame of this one, turned by `turn` rad."""
+        return Foothold(self.place + rotated(way, self.yaw), self.yaw + turn)
+
+
+@dataclass(frozen=True, eq=False)
+class Pendulum:
+    """State of the mass: divergent and convergent component (2,) m each."""
+
+    divergent: FloatArray
+    convergent: FloatArray
+
+    @property
+    def mass(self) -> FloatArray:
+        """Centre of mass (2,) m."""
+        return 0.5 * (self.divergent + self.convergent)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step. carrying: LEFT or RIGHT. feet: where both soles are at its start; target: where the other lands. start:
+    state of the mass. zmp: (2,) m, from where the zero-moment point comes."""
+
+    carrying: int
+    feet: tuple[Foothold, Foothold]
+    target: Foothold
+    start: Pendulum
+    zmp: FloatArray
+
+    @property
+    def support(self) -> Foothold:
+        """Where the sole is that carries."""
+        return self.feet[self.carrying]
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Pose of a sole: place (3,) m, yaw rad."""
+
+    place: FloatArray
+    yaw: float
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, share (2,) of the weight
+    that each carries, yaw of the trunk, rad. carrying: LEFT or RIGHT."""
+
+    pendulum: Pendulum
+    zmp: FloatArray
+    soles: tuple[Pose, Pose]
+    shares: tuple[float, float]
+    yaw: float
+    carrying: int
+
+
+def rotated(way: FloatArray, yaw: float) -> FloatArray:
+    """A vector (2,) turned by `yaw` rad."""
+    c, s = cos(yaw), sin(yaw)
+    return np.array([c * way[0] - s * way[1], s * way[0] + c * way[1]])
+
+
+def smooth(u: float) -> float:
+    """3u^2 - 2u^3 within 0 to 1."""
+    u = min(max(u, 0.0), 1.0)
+    return u * u * (3.0 - 2.0 * u)
+
+
+def minimum_jerk(u: float) -> float:
+    """10u^3 - 15u^4 + 6u^5 within 0 to 1: velocity and acceleration vanish at both ends."""
+    u = min(max(u, 0.0), 1.0)
+    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
+
+
+def bump(u: float) -> float:
+    """64 u^3 (1-u)^3 within 0 to 1: 1 in the middle; velocity and acceleration vanish at both ends."""
+    u = min(max(u, 0.0), 1.0)
+    return 64.0 * (u * (1.0 - u)) ** 3
+
+
+def _response(u: float, a: float) -> float:
+    """Particular solution of x' = a (x - s) for s = 3u^2 - 2u^3, by u: s + s'/a + s''/a^2 + s'''/a^3."""
+    return u * u * (3.0 - 2.0 * u) + (6.0 * u * (1.0 - u) + ((6.0 - 12.0 * u) - 12.0 / a) / a) / a
+
+
+def _component(start: FloatArray, zmp: FloatArray, to: FloatArray, rate: float, double: float, t: float) -> FloatArray:
+    """x (2,) after t s of x' = rate (x - z), z from `zmp` to `to` within `double` s."""
+    a = rate * double
+    u = min(t / double, 1.0)
+    way = to - zmp
+    x = zmp + way * _response(u, a) + exp(rate * u * double) * (start - zmp - way * _response(0.0, a))
+    return x if t <= double else to + exp(rate * (t - double)) * (x - to)
+
+
+def pendulum_after(step: Step, gait: Gait, t: float) -> Pendulum:
+    """State of the mass t s after the start of a step."""
+    zmp, to, start = step.zmp, step.support.place, step.start
+    return Pendulum(
+        _component(start.divergent, zmp, to, gait.omega, gait.double, t),
+        _component(start.convergent, zmp, to, -gait.omega, gait.double, t),
+    )
+
+
+def displacement(gait: Gait, request: Request, swinging: int) -> tuple[FloatArray, float]:
+    """Way (2,) m from the sole that carries to where the other lands, in its frame, and the turn, rad. Sideways the
+    foot on that side makes the whole way, so that soles never come nearer than the width."""
+    side, turn = OUTWARD[swinging], request.turn * gait.period
+    sideways = 2.0 * request.left * gait.period if side * request.left > 0.0 else 0.0
+    half = np.array([0.0, 0.5 * side * gait.width])
+    way = half + np.array([request.forward * gait.period, sideways]) + rotated(half, turn)
+    return way, turn
+
+
+def offset(gait: Gait, way: FloatArray, after: FloatArray) -> FloatArray:
+    """b (2,) m: divergent component from the new sole at the start of a step which has led by `way`, where steps go on
+    as `after`, `way`, `after`, ... for ever."""
+    grown, shift = gait.growth, gait.shift
+    return (grown * (after - grown * shift * way) + way - grown * shift * after) / (grown * grown - 1.0)
+
+
+def foothold(gait: Gait, step: Step, request: Request) -> Foothold:
+    """Where the foot that swings lands: there the mass goes on as `request` asks (dead beat), within bounds."""
+    swinging = 1 - step.carrying
+    way, turn = displacement(gait, request, swinging)
+    after, _ = displacement(gait, request, step.carrying)
+    wanted = offset(gait, way, rotated(after, turn)) + gait.shift * way
+    end = pendulum_after(step, gait, gait.period).divergent
+    support, shift = step.support, gait.shift
+    place = (end - shift * support.place - rotated(wanted, support.yaw)) / (1.0 - shift)
+    local = rotated(place - support.place, -support.yaw)
+    side = OUTWARD[swinging]
+    x = min(max(float(local[0]), -gait.longest), gait.longest)
+    y = side * min(max(side * float(local[1]), gait.narrowest), 2.0 * gait.width)
+    return support.moved(np.array([x, y]), turn)
+
+
+def next_step(gait: Gait, step: Step, request: Request) -> Step:
+    """The step that follows a step."""
+    feet = (step.target, step.feet[1]) if step.carrying == RIGHT else (step.feet[0], step.target)
+    start = pendulum_after(step, gait, gait.period)
+    made = Step(1 - step.carrying, feet, step.target, start, step.support.place)
+    return replace(made, target=foothold(gait, made, request))
+
+
+def first_step(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int, start: Pendulum, zmp: FloatArray) -> Step:
+    """The first step from a stand, in place, with the zero-moment point at `zmp` (2,) m until then."""
+    made = Step(carrying, feet, feet[1 - carrying], start, zmp)
+    return replace(made, target=foothold(gait, made, Request()))
+
+
+def sway_target(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int, zmp: FloatArray) -> FloatArray:
+    """Divergent component (2,) m from which a first step in place goes on for ever."""
+    way, _ = displacement(gait, Request(), 1 - carrying)
+    support = feet[carrying]
+    wanted = rotated(offset(gait, -way, way) + gait.shift * -way, support.yaw)
+    return support.place + wanted - gait.shift * (support.place - zmp)
+
+
+def swing(gait: Gait, start: Foothold, target: Foothold, t: float) -> Pose:
+    """Pose of the foot that swings, t s after the start of a step."""
+    u = (t - gait.double) / (gait.period - gait.double)
+    share = minimum_jerk(u / LANDED)
+    flat = start.place + share * (target.place - start.place)
+    yaw = start.yaw + share * (target.yaw - start.yaw)
+    return Pose(np.array([flat[0], flat[1], gait.lift * bump(u)]), yaw)
+
+
+def moment(gait: Gait, step: Step, t: float) -> Moment:
+    """The pattern t s after the start of a step."""
+    carrying, swinging = step.carrying, 1 - step.carrying
+    loaded = smooth(t / gait.double)
+    zmp = step.zmp + loaded * (step.support.place - step.zmp)
+    support = Pose(np.array([*step.support.place, 0.0]), step.support.yaw)
+    moving = swing(gait, step.feet[swinging], step.target, t)
+    soles = (support, moving) if carrying == LEFT else (moving, support)
+    shares = (loaded, 1.0 - loaded) if carrying == LEFT else (1.0 - loaded, loaded)
+    # The trunk turns evenly: from mid-way between the feet of the start to mid-way between those of the end.
+    yaw = support.yaw + 0.5 * (moving.yaw - support.yaw)
+    return Moment(pendulum_after(step, gait, t), zmp, soles, shares, yaw, carrying)
+
+
+SWAY_S = 0.5
+"""Time in which the weight of a robot that stands sways to where its first step begins."""
+
+
+class Walk:
+    """A walk from a stand: `now` tick by tick. It begins with both feet side by side, the mass mid-way between them."""
+
+    def __init__(self, gait: Gait) -> None:
+        self._gait = gait
+        half = np.array([0.0, 0.5 * gait.width])
+        self._feet = Foothold(half, 0.0), Foothold(-half, 0.0)
+        self._step: Step | None = None
+        self._tick, self._sway = 0, round(SWAY_S / gait.dt)
+        self._zmp = np.zeros(2)
+        self._start = Pendulum(np.zeros(2), np.zeros(2))
+        self.steps = 0
+
+    def stand(self) -> Moment:
+        """The pattern of a robot that stands."""
+        return self._standing(self._start, np.zeros(2))
+
+    def advance(self, request: Request) -> Moment:
+        """Go on by a tick; steps begin as `request` asks."""
+        gait = self._gait
+        if self._step is None:
+            return self._swaying()
+        if self._tick == gait.ticks:
+            self._step = next_step(gait, self._step, request)
+            self.steps += 1
+            self._tick = 0
+        self._tick += 1
+        return moment(gait, self._step, self._tick * gait.dt)
+
+    def _swaying(self) -> Moment:
+        """Push the mass from beside, until it falls to where the first step begins."""
+        gait, time = self._gait, self._sway * self._gait.dt
+        if self._tick == 0:
+            # xi = z - z exp(w t) after t with a zero-moment point z that stays.
+            grown = exp(gait.omega * time)
+            self._zmp = np.zeros(2)
+            for _ in range(20):  # where the step begins depends on the zero-moment point, by little
+                self._zmp = sway_target(gait, self._feet, RIGHT, self._zmp) / (1.0 - grown)
+        self._tick += 1
+        t = self._tick * gait.dt
+        far, near = exp(gait.omega * t), exp(-gait.omega * t)
+        pendulum = Pendulum(self._zmp * (1.0 - far), self._zmp * (1.0 - near))
+        if self._tick == self._sway:
+            self._step = first_step(gait, self._feet, RIGHT, pendulum, self._zmp)
+            self._tick = 0
+        return self._standing(pendulum, self._zmp)
+
+    def _standing(self, pendulum: Pendulum, zmp: FloatArray) -> Moment:
+        soles = [Pose(np.array([*foot.place, 0.0]), 0.0) for foot in self._feet]
+        left = 0.5 + float(zmp[1]) / self._gait.width
+        return Moment(pendulum, zmp, (soles[0], soles[1]), (left, 1.0 - left), 0.0, RIGHT)
