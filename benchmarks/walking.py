@@ -45,12 +45,14 @@ from sim.physics.world import World, build_world
 
 SETTLED_S = RELEASE_S + 0.2
 """Time from the first torque until steps begin."""
+STOP_S = 4.0
+"""Time before the end of a run at which it is asked to stop."""
 RAMP = 0.03
 """Change of a request's speed from step to step, m/s or rad/s / 4."""
 FELL = 0.7
 """Tilt of the trunk at which the robot has fallen, rad."""
 SMOOTH_S = 0.02
-"""Time constant of the measured velocity of the mass."""
+"""Time constant of the measured velocity of the mass, and of what the IMU shows."""
 BEHIND = 2
 """Ticks by which what is measured is older than what is planned: one of the bus, and one of servo and sensor."""
 
@@ -66,13 +68,13 @@ class Case:
     turn: float = 0.0
     seconds: float = 20.0
     seed: int = 0
-    ticks: int = 56
-    double: int = 14
-    lift: float = 0.012
+    ticks: int = 72
+    double: int = 8
+    lift: float = 0.01
     height: float = 0.23
     width: float = 0.095
     acceleration: float = 0.0
-    on: str = "goal"
+    on: str = "posture"
     arms: float = 0.3
     stiffness: float = 1.0
     push: float = 0.0
@@ -138,7 +140,7 @@ class Arms:
 
     def __init__(self, robot: RobotBody, size: float) -> None:
         self._joints = robot.joint_map.joints
-        self._stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
+        self._stand = robot.posture(robot.profile.postures.neutral)[robot.servo_columns]
         self._size = size
 
     def __call__(self, t: float) -> FloatArray:
@@ -188,6 +190,7 @@ class Walker:
         self.limits = GoalLimits(braking, most * gait.dt**2, joints)
         self._before: FloatArray | None = None
         self._velocity = np.zeros((2, 2))
+        self._rate, self._tilt = np.zeros(3), np.zeros(3)
         self.offset = np.zeros(len(servos))
         self.error = np.zeros(2)
 
@@ -196,7 +199,8 @@ class Walker:
         gait, body = self.gait, self.body
         self._tick += 1
         t = self._tick * gait.dt
-        moment = self.walk.stand() if t < SETTLED_S else self.walk.advance(self._ramped())
+        over = t > SETTLED_S + self._case.seconds - STOP_S
+        moment = self.walk.stand() if t < SETTLED_S else self.walk.advance(None if over else self._ramped())
         self._postures.append(body.posture(moment, gait.height, self.arms(t)))
         self._moments.append(moment)
         moment = self._moments[-2]
@@ -236,6 +240,10 @@ class Walker:
             way = relative[side] + self._velocity[side] / gait.omega
             divergent += share * (sole.place[:2] + rotated(way, sole.yaw - float(measured.yaws[side])))
         self.error = divergent - then.pendulum.divergent
+        # Noise of the gyroscope would be acceleration of goals.
+        smooth = gait.dt / (SMOOTH_S + gait.dt)
+        self._rate += smooth * (measured.rate - self._rate)
+        self._tilt += smooth * (measured.tilt - self._tilt)
         turn, push = np.zeros(len(self.start)), np.zeros(len(self.start))
         for side, share in enumerate(moment.shares):
             hip, ankle = self.body.columns[side][1:3], self.body.columns[side][4:6]
@@ -243,8 +251,8 @@ class Walker:
             shift = rotated(zmp_shift(gains, rotated(self.error, -sole.yaw), np.zeros(2)), sole.yaw)
             force = share * self.body.mass * GRAVITY
             push[ankle] += ankle_torques(axes[4:6], shift, force) / self._stiffness[ankle]
-            turn[hip] += share * turns_against(axes[1:3], gains.tilt * measured.tilt + gains.hip_rate * measured.rate)
-            turn[ankle] += share * turns_against(axes[4:6], gains.ankle_rate * measured.rate)
+            turn[hip] += share * turns_against(axes[1:3], gains.tilt * self._tilt + gains.hip_rate * self._rate)
+            turn[ankle] += share * turns_against(axes[4:6], gains.ankle_rate * self._rate)
         return turn, push
 
 
@@ -278,7 +286,7 @@ def _walk(robot: RobotBody, walker: Walker, simulation: Simulation, bus: Physics
     limited, strained, squares = (np.zeros(len(walker.start)) for _ in range(3))
     tilts, speeds, errors, places = [], [], [], []
     most_offset = 0.0
-    ticks, walked = round((SETTLED_S + case.seconds) / dt), 0
+    ticks, walked, stood = round((SETTLED_S + case.seconds) / dt), 0, -SETTLED_S
     for _ in range(ticks):
         clock.sleep_until(clock.now() + dt)
         states = bus.read()
@@ -291,7 +299,8 @@ def _walk(robot: RobotBody, walker: Walker, simulation: Simulation, bus: Physics
         tilt = math.acos(min(1.0 - 2.0 * (x * x + y * y), 1.0))
         if tilt > FELL or (state.touching and state.time > SETTLED_S):
             break
-        if walker.walk.steps < 1:
+        stood += dt
+        if walker.walk.steps < 1 or walker.walk.over:
             continue
         walked += 1
         log.add(state)
@@ -304,7 +313,7 @@ def _walk(robot: RobotBody, walker: Walker, simulation: Simulation, bus: Physics
         errors.append(np.abs(walker.error))
         most_offset = max(most_offset, float(np.abs(walker.offset).max()))
         places.append((state.time, state.root[0], state.root[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
-    return _outcome(robot, walker, simulation, log, case, walked, limited, strained, squares, tilts, speeds, errors, places, most_offset)
+    return _outcome(robot, walker, simulation, log, case, stood, walked, limited, strained, squares, tilts, speeds, errors, places, most_offset)
 
 
 def _at_limit(simulation: Simulation, torque: FloatArray, speed: FloatArray) -> FloatArray:
@@ -316,7 +325,7 @@ def _at_limit(simulation: Simulation, torque: FloatArray, speed: FloatArray) -> 
     return np.array(found)
 
 
-def _outcome(robot: RobotBody, walker: Walker, simulation: Simulation, log: PhysicsLog, case: Case, walked: int, limited: FloatArray, strained: FloatArray, squares: FloatArray, tilts: list[float], speeds: list[float], errors: list[FloatArray], places: list[Any], most_offset: float) -> Outcome:
+def _outcome(robot: RobotBody, walker: Walker, simulation: Simulation, log: PhysicsLog, case: Case, stood: float, walked: int, limited: FloatArray, strained: FloatArray, squares: FloatArray, tilts: list[float], speeds: list[float], errors: list[FloatArray], places: list[Any], most_offset: float) -> Outcome:
     names = robot.joint_map.joints
     share = 1.0 / max(walked, 1)
     knees = [names.index("l_knee"), names.index("r_knee")]
@@ -333,7 +342,7 @@ def _outcome(robot: RobotBody, walker: Walker, simulation: Simulation, log: Phys
         c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
         speed = [float((c * steps[:, 0] + s * steps[:, 1]).sum() / passed), float((c * steps[:, 1] - s * steps[:, 0]).sum() / passed), float((yaw[-1] - yaw[0]) / passed)]
     return Outcome(
-        stood=walked * walker.gait.dt,
+        stood=stood,
         steps=walker.walk.steps,
         speed=speed,
         slip=float(log.slip_m.sum()) / max(walker.walk.steps, 1),

@@ -4,7 +4,7 @@ A servo with a P gain is a spring, so a torque is an angle: goal = q + torque / 
 little more than what is planned: torque at the ankle that carries, and turns of its hip and ankle against the tilt.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,15 +16,13 @@ from retarget.types import FloatArray
 @dataclass(frozen=True)
 class Gains:
     """zmp: shift of the zero-moment point per error of the divergent component; most_shift: its bounds forward and
-    sideways, m. tilt: turn of the hip per tilt; hip_rate, ankle_rate: per angular velocity, s. learn: share of a landing's
-    error that is taken off the next."""
+    sideways, m. tilt: turn of the hip per tilt; hip_rate, ankle_rate: per angular velocity, s."""
 
     zmp: float = 1.0
     most_shift: tuple[float, float] = (0.045, 0.025)
     tilt: float = 0.5
     hip_rate: float = 0.05
     ankle_rate: float = 0.05
-    learn: float = 0.3
 
 
 def zmp_shift(gains: Gains, measured: FloatArray, planned: FloatArray) -> FloatArray:
@@ -45,21 +43,6 @@ def turns_against(axes: FloatArray, turn: FloatArray) -> FloatArray:
     """Turns (k,) rad of the joints between a trunk and the leg that carries it, with world axes (k, 3), that turn the
     trunk by -`turn` (3,): a joint turns what is beyond it, and that stands."""
     return np.array([dot(axis, turn) for axis in axes])
-
-
-@dataclass
-class LandingLearner:
-    """Where feet come down, as learnt: `offset` (2, 2) m to add to the target of each foot, in the frame of the sole that
-    carries."""
-
-    share: float
-    most: float = 0.02
-    offset: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
-
-    def landed(self, foot: int, measured: FloatArray, planned: FloatArray) -> None:
-        """Learn from a landing: vectors (2,) m from the other sole to this one, in the frame of that other."""
-        moved = self.offset[foot] - self.share * (measured - planned)
-        self.offset[foot] = np.minimum(np.maximum(moved, -self.most), self.most)
 
 
 class GoalLimits:

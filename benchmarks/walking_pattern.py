@@ -19,14 +19,14 @@ from math import sqrt
 
 import numpy as np
 
-from retarget.arithmetic import cos, exp, sin
+from retarget.arithmetic import cos, dot, exp, sin
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.types import FloatArray
 
 LEFT, RIGHT = 0, 1
 OUTWARD = (1.0, -1.0)
 """Sign of y on the outer side of the left and of the right foot."""
-LANDED = 0.9
+LANDED = 1.0
 """Share of the swing after which the foot is over its target and only goes down."""
 
 
@@ -36,14 +36,14 @@ class Gait:
     centre of mass over the floor, m. width: between the centres of the soles, m. lift: greatest height of the foot
     that swings, m. narrowest, longest: bounds of a step, sideways and forward, m."""
 
-    ticks: int = 56
-    double_ticks: int = 14
+    ticks: int = 72
+    double_ticks: int = 8
     dt: float = 0.008
     height: float = 0.23
     width: float = 0.095
-    lift: float = 0.012
+    lift: float = 0.01
     narrowest: float = 0.082
-    longest: float = 0.1
+    longest: float = 0.13
 
     @property
     def period(self) -> float:
@@ -173,22 +173,26 @@ def _response(u: float, a: float) -> float:
     return u * u * (3.0 - 2.0 * u) + (6.0 * u * (1.0 - u) + ((6.0 - 12.0 * u) - 12.0 / a) / a) / a
 
 
-def _component(start: FloatArray, zmp: FloatArray, to: FloatArray, rate: float, double: float, t: float) -> FloatArray:
-    """x (2,) after t s of x' = rate (x - z), z from `zmp` to `to` within `double` s."""
-    a = rate * double
-    u = min(t / double, 1.0)
+def _component(start: FloatArray, zmp: FloatArray, to: FloatArray, rate: float, ramp: float, t: float) -> FloatArray:
+    """x (2,) after t s of x' = rate (x - z), z from `zmp` to `to` within `ramp` s."""
+    a = rate * ramp
+    u = min(t / ramp, 1.0)
     way = to - zmp
-    x = zmp + way * _response(u, a) + exp(rate * u * double) * (start - zmp - way * _response(0.0, a))
-    return x if t <= double else to + exp(rate * (t - double)) * (x - to)
+    x = zmp + way * _response(u, a) + exp(rate * u * ramp) * (start - zmp - way * _response(0.0, a))
+    return x if t <= ramp else to + exp(rate * (t - ramp)) * (x - to)
 
 
-def pendulum_after(step: Step, gait: Gait, t: float) -> Pendulum:
-    """State of the mass t s after the start of a step."""
-    zmp, to, start = step.zmp, step.support.place, step.start
+def pendulum_after(start: Pendulum, zmp: FloatArray, to: FloatArray, *, omega: float, ramp: float, t: float) -> Pendulum:
+    """State of the mass after t s in which the zero-moment point (2,) m goes from `zmp` to `to` within `ramp` s, and
+    stays."""
     return Pendulum(
-        _component(start.divergent, zmp, to, gait.omega, gait.double, t),
-        _component(start.convergent, zmp, to, -gait.omega, gait.double, t),
+        _component(start.divergent, zmp, to, omega, ramp, t), _component(start.convergent, zmp, to, -omega, ramp, t)
     )
+
+
+def in_step(gait: Gait, step: Step, t: float) -> Pendulum:
+    """State of the mass t s after the start of a step."""
+    return pendulum_after(step.start, step.zmp, step.support.place, omega=gait.omega, ramp=gait.double, t=t)
 
 
 def displacement(gait: Gait, request: Request, swinging: int) -> tuple[FloatArray, float]:
@@ -214,7 +218,7 @@ def foothold(gait: Gait, step: Step, request: Request) -> Foothold:
     way, turn = displacement(gait, request, swinging)
     after, _ = displacement(gait, request, step.carrying)
     wanted = offset(gait, way, rotated(after, turn)) + gait.shift * way
-    end = pendulum_after(step, gait, gait.period).divergent
+    end = in_step(gait, step, gait.period).divergent
     support, shift = step.support, gait.shift
     place = (end - shift * support.place - rotated(wanted, support.yaw)) / (1.0 - shift)
     local = rotated(place - support.place, -support.yaw)
@@ -227,7 +231,7 @@ def foothold(gait: Gait, step: Step, request: Request) -> Foothold:
 def next_step(gait: Gait, step: Step, request: Request) -> Step:
     """The step that follows a step."""
     feet = (step.target, step.feet[1]) if step.carrying == RIGHT else (step.feet[0], step.target)
-    start = pendulum_after(step, gait, gait.period)
+    start = in_step(gait, step, gait.period)
     made = Step(1 - step.carrying, feet, step.target, start, step.support.place)
     return replace(made, target=foothold(gait, made, request))
 
@@ -266,61 +270,128 @@ def moment(gait: Gait, step: Step, t: float) -> Moment:
     shares = (loaded, 1.0 - loaded) if carrying == LEFT else (1.0 - loaded, loaded)
     # The trunk turns evenly: from mid-way between the feet of the start to mid-way between those of the end.
     yaw = support.yaw + 0.5 * (moving.yaw - support.yaw)
-    return Moment(pendulum_after(step, gait, t), zmp, soles, shares, yaw, carrying)
+    return Moment(in_step(gait, step, t), zmp, soles, shares, yaw, carrying)
+
+
+@dataclass(frozen=True, eq=False)
+class Halt:
+    """The end of a walk on both feet: the zero-moment point goes from `zmp` to `catch` within a double support, stays,
+    and goes on to the middle within `ease` s, where the mass comes to rest. feet: where both soles stay. start: state of
+    the mass; caught: state when it begins to ease."""
+
+    feet: tuple[Foothold, Foothold]
+    start: Pendulum
+    zmp: FloatArray
+    catch: FloatArray
+    hold: float
+    ease: float
+
+    @property
+    def middle(self) -> FloatArray:
+        """Mid-way between the soles (2,) m."""
+        return 0.5 * (self.feet[0].place + self.feet[1].place)
+
+
+def halt(gait: Gait, step: Step, *, hold: float = 0.12, ease: float = 0.3) -> Halt:
+    """The end of a walk after a step, with `hold` s at the point that catches the mass."""
+    last = next_step(gait, step, Request())
+    feet, start, zmp = last.feet, last.start, last.zmp
+    middle = 0.5 * (feet[0].place + feet[1].place)
+
+    def missed(catch: FloatArray) -> FloatArray:
+        caught = pendulum_after(start, zmp, catch, omega=gait.omega, ramp=gait.double, t=hold)
+        return pendulum_after(caught, catch, middle, omega=gait.omega, ramp=ease, t=ease).divergent - middle
+
+    # What is missed is linear in the point that catches.
+    none, one = missed(middle), missed(middle + 1.0)
+    return Halt(feet, start, zmp, middle + none / (none - one), hold, ease)
+
+
+def in_halt(gait: Gait, end: Halt, t: float) -> Moment:
+    """The pattern t s after the start of the end of a walk."""
+    omega, middle = gait.omega, end.middle
+    pendulum = pendulum_after(end.start, end.zmp, end.catch, omega=omega, ramp=gait.double, t=min(t, end.hold))
+    zmp = end.zmp + smooth(t / gait.double) * (end.catch - end.zmp)
+    if t > end.hold:
+        pendulum = pendulum_after(pendulum, end.catch, middle, omega=omega, ramp=end.ease, t=t - end.hold)
+        zmp = end.catch + smooth((t - end.hold) / end.ease) * (middle - end.catch)
+        if t > end.hold + end.ease:  # what is left of rounding would grow
+            pendulum = Pendulum(middle, pendulum.convergent)
+    return _both(end.feet, pendulum, zmp)
+
+
+def _both(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> Moment:
+    """A moment of a robot on both feet, whose weight is where the zero-moment point is on the line between them."""
+    left, right = feet
+    across = left.place - right.place
+    share = dot(zmp - right.place, across) / dot(across, across)
+    share = min(max(share, 0.0), 1.0)
+    soles = [Pose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet]
+    return Moment(pendulum, zmp, (soles[0], soles[1]), (share, 1.0 - share), 0.5 * (left.yaw + right.yaw), RIGHT)
 
 
 SWAY_S = 0.5
 """Time in which the weight of a robot that stands sways to where its first step begins."""
 
+STOPPING = 2
+"""Steps in place before a walk is over."""
+
 
 class Walk:
-    """A walk from a stand: `now` tick by tick. It begins with both feet side by side, the mass mid-way between them."""
+    """A walk, tick by tick. It begins with both feet side by side, the mass mid-way between them, and ends so, within two
+    steps after the one that is under way. steps: made so far."""
 
     def __init__(self, gait: Gait) -> None:
         self._gait = gait
         half = np.array([0.0, 0.5 * gait.width])
         self._feet = Foothold(half, 0.0), Foothold(-half, 0.0)
         self._step: Step | None = None
+        self._end: Halt | None = None
+        self._left = STOPPING
         self._tick, self._sway = 0, round(SWAY_S / gait.dt)
         self._zmp = np.zeros(2)
-        self._start = Pendulum(np.zeros(2), np.zeros(2))
         self.steps = 0
 
-    def stand(self) -> Moment:
-        """The pattern of a robot that stands."""
-        return self._standing(self._start, np.zeros(2))
+    @property
+    def over(self) -> bool:
+        """Whether the last step has been made."""
+        return self._end is not None
 
-    def advance(self, request: Request) -> Moment:
-        """Go on by a tick; steps begin as `request` asks."""
+    def stand(self) -> Moment:
+        """The pattern of a robot that stands before its walk."""
+        return _both(self._feet, Pendulum(np.zeros(2), np.zeros(2)), np.zeros(2))
+
+    def advance(self, request: Request | None) -> Moment:
+        """Go on by a tick. Steps begin as `request` asks; None: one takes the speed out, and one brings the feet
+        side by side."""
         gait = self._gait
+        self._tick += 1
+        if self._end is not None:
+            return in_halt(gait, self._end, self._tick * gait.dt)
         if self._step is None:
             return self._swaying()
-        if self._tick == gait.ticks:
-            self._step = next_step(gait, self._step, request)
+        if self._tick > gait.ticks:
+            self._tick = 1
             self.steps += 1
-            self._tick = 0
-        self._tick += 1
+            if not self._left:
+                self._end = halt(gait, self._step)
+                return in_halt(gait, self._end, gait.dt)
+            self._left = STOPPING if request is not None else self._left - 1
+            self._step = next_step(gait, self._step, request or Request())
         return moment(gait, self._step, self._tick * gait.dt)
 
     def _swaying(self) -> Moment:
         """Push the mass from beside, until it falls to where the first step begins."""
         gait, time = self._gait, self._sway * self._gait.dt
-        if self._tick == 0:
-            # xi = z - z exp(w t) after t with a zero-moment point z that stays.
-            grown = exp(gait.omega * time)
+        if self._tick == 1:
+            # xi = z - z exp(w t) after t with a zero-moment point z that stays; where it is to be depends on z by little.
             self._zmp = np.zeros(2)
-            for _ in range(20):  # where the step begins depends on the zero-moment point, by little
-                self._zmp = sway_target(gait, self._feet, RIGHT, self._zmp) / (1.0 - grown)
-        self._tick += 1
+            for _ in range(20):
+                self._zmp = sway_target(gait, self._feet, RIGHT, self._zmp) / (1.0 - exp(gait.omega * time))
         t = self._tick * gait.dt
         far, near = exp(gait.omega * t), exp(-gait.omega * t)
         pendulum = Pendulum(self._zmp * (1.0 - far), self._zmp * (1.0 - near))
         if self._tick == self._sway:
             self._step = first_step(gait, self._feet, RIGHT, pendulum, self._zmp)
             self._tick = 0
-        return self._standing(pendulum, self._zmp)
-
-    def _standing(self, pendulum: Pendulum, zmp: FloatArray) -> Moment:
-        soles = [Pose(np.array([*foot.place, 0.0]), 0.0) for foot in self._feet]
-        left = 0.5 + float(zmp[1]) / self._gait.width
-        return Moment(pendulum, zmp, (soles[0], soles[1]), (left, 1.0 - left), 0.0, RIGHT)
+        return _both(self._feet, pendulum, self._zmp)
