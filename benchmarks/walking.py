@@ -176,7 +176,7 @@ class Walker:
         self._stiffness = np.array([loop_stiffness(servo) for servo in servos])
         self._lag = np.array([loop_lag(servo) for servo in servos])
         self._armature = case.armature or np.array([drive_numbers(servo.model).armature for servo in servos])
-        self._tick = 0
+        self._tick, self.stopping = 0, False
         self._request = Request()
         moment = self.walk.stand()
         for _ in range(30):
@@ -199,8 +199,10 @@ class Walker:
         gait, body = self.gait, self.body
         self._tick += 1
         t = self._tick * gait.dt
-        over = t > SETTLED_S + self._case.seconds - STOP_S
-        moment = self.walk.stand() if t < SETTLED_S else self.walk.advance(None if over else self._ramped())
+        self.stopping = t > SETTLED_S + self._case.seconds - STOP_S
+        moment = self.walk.stand()
+        if t > SETTLED_S:
+            moment = self.walk.advance(None if self.stopping else self._ramped())
         self._postures.append(body.posture(moment, gait.height, self.arms(t)))
         self._moments.append(moment)
         moment = self._moments[-2]
@@ -312,6 +314,8 @@ def _walk(robot: RobotBody, walker: Walker, simulation: Simulation, bus: Physics
         speeds.append(float(np.abs(speed).max()))
         errors.append(np.abs(walker.error))
         most_offset = max(most_offset, float(np.abs(walker.offset).max()))
+        if walker.stopping:
+            continue
         places.append((state.time, state.root[0], state.root[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
     return _outcome(robot, walker, simulation, log, case, stood, walked, limited, strained, squares, tilts, speeds, errors, places, most_offset)
 
@@ -357,3 +361,71 @@ def _outcome(robot: RobotBody, walker: Walker, simulation: Simulation, log: Phys
         most_offset=most_offset,
         error=[float(one) for one in np.percentile(np.array(errors), 95, axis=0)] if errors else [],
     )
+
+
+REQUESTS = {
+    "in place": {},
+    "0.05 m/s": {"forward": 0.05},
+    "0.10 m/s": {"forward": 0.10},
+    "0.15 m/s": {"forward": 0.15},
+    "sideways 0.04 m/s": {"left": 0.04},
+    "turn 0.3 rad/s": {"turn": 0.3},
+}
+"""What is asked in each row of the table."""
+
+
+def row(name: str, found: list[Outcome], seconds: float) -> list[str]:
+    """The row of one request."""
+    stood = [one for one in found if one.stood > seconds - 0.1]
+    mean = np.array([one.speed for one in stood]).mean(axis=0) if stood else np.zeros(3)
+    axis = 1 if "sideways" in name else 2 if "turn" in name else 0
+
+    def worst(shares: list[dict[str, float]]) -> str:
+        most: dict[str, float] = {}
+        for one in shares:
+            for joint, share in one.items():
+                joint = joint.split("_", 1)[1]
+                most[joint] = max(most.get(joint, 0.0), share)
+        largest = sorted(most.items(), key=lambda item: -item[1])[:2]
+        return ", ".join(f"{joint} {100.0 * share:.0f}" for joint, share in largest if share >= 0.005) or "-"
+
+    return [
+        name,
+        f"{len(stood)}/{len(found)}",
+        f"{mean[axis]:.3f}",
+        f"{1e3 * max((one.slip for one in stood), default=0.0):.1f}",
+        f"{math.degrees(max((one.sway for one in stood), default=0.0)):.1f}",
+        f"{max((one.fastest for one in stood), default=0.0):.1f}",
+        worst([one.limited for one in stood]),
+        worst([one.strained for one in stood]),
+        f"{max((one.knee for one in stood), default=0.0):.2f}",
+        f"{max((one.warm for one in stood), default=0.0):.0f}, {max((one.hot for one in stood), default=0.0):.0f}",
+    ]
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.walking", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each run")
+    parser.add_argument("--seeds", type=int, nargs=2, default=(100, 110), help="first, and one after the last")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--keep", type=Path, help="file for every run; runs that are in it are not made again")
+    parser.add_argument("--set", nargs="*", default=(), help="other values of a case, as ticks=56")
+    asked = parser.parse_args()
+    kinds = {name: type(value) for name, value in vars(Case()).items()}
+    values = dict(one.split("=", 1) for one in asked.set)
+    others: dict[str, Any] = {name: kinds[name](value) for name, value in values.items()}
+    usual: dict[str, Any] = {"seconds": asked.seconds, **others}
+    cases = {
+        name: [Case(**{**usual, **request, "seed": seed}) for seed in range(*asked.seeds)]
+        for name, request in REQUESTS.items()
+    }
+    every = [case for group in cases.values() for case in group]
+    found = run_cases(every, run_case, Outcome, jobs=asked.jobs, keep=asked.keep)
+    heads = ["request", "stood", "reached", "slip mm a step", "sway deg", "fastest rad/s", "held back %", "strained %"]
+    rows = [row(name, [one for case in group for one in found[case]], asked.seconds) for name, group in cases.items()]
+    print_table([*heads, "knee N m", "knee C"], rows, text=1)
+
+
+if __name__ == "__main__":
+    main()

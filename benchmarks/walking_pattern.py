@@ -267,7 +267,7 @@ def moment(gait: Gait, step: Step, t: float) -> Moment:
     support = Pose(np.array([*step.support.place, 0.0]), step.support.yaw)
     moving = swing(gait, step.feet[swinging], step.target, t)
     soles = (support, moving) if carrying == LEFT else (moving, support)
-    shares = (loaded, 1.0 - loaded) if carrying == LEFT else (1.0 - loaded, loaded)
+    shares = _shares(soles, zmp) if t < gait.double else (1.0 - carrying, float(carrying))
     # The trunk turns evenly: from mid-way between the feet of the start to mid-way between those of the end.
     yaw = support.yaw + 0.5 * (moving.yaw - support.yaw)
     return Moment(in_step(gait, step, t), zmp, soles, shares, yaw, carrying)
@@ -322,12 +322,18 @@ def in_halt(gait: Gait, end: Halt, t: float) -> Moment:
 
 def _both(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> Moment:
     """A moment of a robot on both feet, whose weight is where the zero-moment point is on the line between them."""
-    left, right = feet
-    across = left.place - right.place
-    share = dot(zmp - right.place, across) / dot(across, across)
-    share = min(max(share, 0.0), 1.0)
     soles = [Pose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet]
-    return Moment(pendulum, zmp, (soles[0], soles[1]), (share, 1.0 - share), 0.5 * (left.yaw + right.yaw), RIGHT)
+    both = (soles[0], soles[1])
+    return Moment(pendulum, zmp, both, _shares(both, zmp), 0.5 * (feet[0].yaw + feet[1].yaw), RIGHT)
+
+
+def _shares(soles: tuple[Pose, Pose], zmp: FloatArray) -> tuple[float, float]:
+    """Share of the weight on each of two soles that press on the floor: where the zero-moment point (2,) m is on the
+    line between them."""
+    right = soles[RIGHT].place[:2]
+    across = soles[LEFT].place[:2] - right
+    share = min(max(dot(zmp - right, across) / dot(across, across), 0.0), 1.0)
+    return share, 1.0 - share
 
 
 SWAY_S = 0.5
