@@ -22,14 +22,16 @@ import numpy as np
 
 from benchmarks.kept import run_cases
 from benchmarks.table import print_table
-from benchmarks.walking_body import Measured, WalkingBody
-from benchmarks.walking_feedback import Gains, GoalLimits, ankle_torques, turns_against, zmp_shift
-from benchmarks.walking_pattern import Gait, Moment, Request, Walk, rotated
+from benchmarks.walking_body import WalkingBody
+from benchmarks.walking_feedback import Feedback, Gains, GoalLimits
+from benchmarks.walking_pattern import Gait, Request, Walk
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
+from hardware.imu import ImuSample
 from hardware.servo import loop_lag, loop_stiffness
 from retarget._solver import Braking
 from retarget.ik.gravity_torque import GRAVITY
+from retarget.model.body_file import engine
 from retarget.model.robot import RobotBody, load_robot
 from retarget.types import FloatArray
 from sim.imu import ImuErrors, ImuStandIn, SensedMotion
@@ -37,31 +39,39 @@ from sim.physics.bus import PhysicsBus
 from sim.physics.imu import LinkMotion
 from sim.physics.motors import AMBIENT, HEAT_PER_WATT, drive_numbers
 from sim.physics.mount import RELEASE_S, mount_of
-from sim.physics.perturbation import NOMINAL, Perturbation, Push
+from sim.physics.perturbation import NOMINAL, Push
 from sim.physics.simulation import Simulation
-from sim.physics.state import StateReader
+from sim.physics.state import PhysicsState, StateReader
 from sim.physics.witness import PhysicsLog
-from sim.physics.world import World, build_world
+from sim.physics.world import build_world
 
 SETTLED_S = RELEASE_S + 0.2
-"""Time from the first torque until steps begin."""
+"""Time from the first torque until the walk begins."""
 STOP_S = 4.0
 """Time before the end of a run at which it is asked to stop."""
 RAMP = 0.03
-"""Change of a request's speed from step to step, m/s or rad/s / 4."""
+"""Change of a request from step to step, m/s forward; half of it sideways, four times in rad/s."""
 FELL = 0.7
 """Tilt of the trunk at which the robot has fallen, rad."""
-SMOOTH_S = 0.02
-"""Time constant of the measured velocity of the mass, and of what the IMU shows."""
 BEHIND = 2
 """Ticks by which what is measured is older than what is planned: one of the bus, and one of servo and sensor."""
+PLAY = math.radians(0.3)
+"""Play of gears, rad, of which seeds draw 0.7 to 1.3."""
+ERRORS = ImuErrors(
+    angle_bias=math.radians(0.5), angle_noise=math.radians(0.1), turn_bias=0.005, turn_noise=0.01, delay=0.004
+)
+"""Those of the prototype's IMU, with a biased gyroscope."""
+FULL = 0.97
+"""Share of the torque at its speed from which on a servo is strained."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One run. forward, left m/s, turn rad/s: asked. seconds: of walking. acceleration: limit of all joints, rad/s^2, 0:
-    the profile's; on: what the limits hold, "goal" or "posture". arms: of their swing, rad. stiffness: share of what the
-    plan takes for granted."""
+    """One run of `seconds`. forward, left m/s, turn rad/s: asked. ticks, double, lift, height, width: of `Gait`.
+    acceleration: limit of all joints, rad/s^2; 0: the profile's, -1: `servo_accelerations`; on: what it holds, the planned
+    "posture" or the whole "goal". arms: size of their swing, rad. stiffness, planned: of the servos, and in the plan, as
+    shares of the profile's. push: N s on the trunk, from a side that the seed says. armature: of all joints, kg m^2, 0:
+    the model's, which is the plan's too. gains: of feedback, as "tilt=0.3 zmp=1"."""
 
     forward: float = 0.0
     left: float = 0.0
@@ -77,6 +87,7 @@ class Case:
     on: str = "posture"
     arms: float = 0.3
     stiffness: float = 1.0
+    planned: float = 1.0
     push: float = 0.0
     armature: float = 0.0
     gains: str = ""
@@ -84,32 +95,35 @@ class Case:
 
 @dataclass
 class Outcome:
-    """What happened. stood: s. speed: reached, (3,) m/s, m/s, rad/s. slip: m per step. sway: 95th percentile of the
-    trunk's tilt, rad. limited: share of ticks in which limits held a joint back, by joint; strained: in which a servo was
-    at its torque limit. knee: RMS torque of the more loaded one, N m; hot: where its temperature would end. fastest:
-    99th percentile of the fastest joint, rad/s. touches: ticks in which links touched."""
+    """What happened. stood: s. speed: reached before it was asked to stop, (3,) m/s, m/s, rad/s. slip: m a step. sway:
+    95th percentile of the trunk's tilt, rad; error: of the divergent component's errors, (2,) m. limited: share of ticks in
+    which limits held a joint back, by joint; strained: in which a servo gave all that it has. fastest: 99th percentile
+    of the fastest joint, rad/s; most_offset: of a goal from its posture, rad. knee: RMS torque of the more loaded one, N m;
+    warm, hot: its temperature at the end, and where it would go. touches: ticks in which links touched."""
 
     stood: float
     steps: int
     speed: list[float]
     slip: float
     sway: float
+    error: list[float]
     limited: dict[str, float]
     strained: dict[str, float]
-    knee: float
-    hot: float
-    warm: float
     fastest: float
-    touches: int
     most_offset: float
-    error: list[float] = field(default_factory=list)
+    knee: float
+    warm: float
+    hot: float
+    touches: int
 
 
 def drawn_world(robot: RobotBody, start: FloatArray, case: Case) -> tuple[Simulation, SensedMotion, float]:
-    """A simulation of the robot with what its seed draws, its IMU, and the delay of its goals, s."""
+    """A simulation of the robot with what its seed draws, its IMU, and by how much its goals are late, s."""
     chance = np.random.default_rng(1000 + case.seed)
     perturbation = replace(
-        NOMINAL, friction=NOMINAL.friction * chance.uniform(0.9, 1.1), stiffness_scale=case.stiffness,
+        NOMINAL,
+        friction=NOMINAL.friction * chance.uniform(0.9, 1.1),
+        stiffness_scale=case.stiffness,
         com_offset=(chance.normal(0.0, 0.0025), chance.normal(0.0, 0.0025), 0.0),
     )
     world = build_world(robot, start, mount=mount_of(robot), perturbation=perturbation)
@@ -119,83 +133,105 @@ def drawn_world(robot: RobotBody, start: FloatArray, case: Case) -> tuple[Simula
     model.body_inertia[:] *= factors[:, None]
     drives = []
     for drive in world.drives:
-        play = math.radians(0.3) * chance.uniform(0.7, 1.3)
+        play = PLAY * chance.uniform(0.7, 1.3)
         drives.append(replace(drive, numbers=replace(drive.numbers, backlash=play)))
         dof = model.joint(drive.servo.joint).dofadr[0]
         model.dof_frictionloss[dof] *= chance.uniform(0.6, 1.4)
         if case.armature:
             model.dof_armature[dof] = case.armature
     simulation = Simulation(replace(world, drives=tuple(drives)), perturbation=perturbation, seed=case.seed)
-    errors = ImuErrors(
-        angle_bias=math.radians(0.5), angle_noise=math.radians(0.1), turn_bias=0.005, turn_noise=0.01, delay=0.004
-    )
     spec = robot.profile.imu_spec()
-    assert spec is not None
-    sensor = ImuStandIn(spec, seed=case.seed, motion=LinkMotion(simulation, spec), errors=errors)
+    assert spec is not None, "OP3 has an IMU"
+    sensor = ImuStandIn(spec, seed=case.seed, motion=LinkMotion(simulation, spec), errors=ERRORS)
     return simulation, SensedMotion(spec, sensor), float(chance.uniform(0.0, 0.008))
 
 
-class Arms:
-    """Arms that swing by themselves, at another rhythm than the legs."""
-
-    def __init__(self, robot: RobotBody, size: float) -> None:
-        self._joints = robot.joint_map.joints
-        self._stand = robot.posture(robot.profile.postures.neutral)[robot.servo_columns]
-        self._size = size
-
-    def __call__(self, t: float) -> FloatArray:
-        """Joints (n,) rad of a robot that stands with its arms as at t s."""
-        found = self._stand.copy()
-        grown = self._size * min(max(t - SETTLED_S, 0.0) / 2.0, 1.0)
-        for name, size, hertz, phase in ARM_SWING:
-            found[self._joints.index(name)] += grown * size * (math.sin(2.0 * math.pi * hertz * t + phase))
-        return found
+def servo_accelerations(robot: RobotBody, model: Any) -> FloatArray:
+    """Accelerations (n,) rad/s^2 that the servos of limbs in the air can give: torque less friction and weight, over
+    armature and the limb's inertia, in the less favourable of `stand` and the zero posture."""
+    mujoco = engine()
+    data, found = mujoco.MjData(model), []
+    drives = [drive_numbers(servo.model) for servo in robot.joint_map.servos]
+    dofs = [int(model.joint(name).dofadr[0]) for name in robot.joint_map.joints]
+    for posture in (robot.profile.postures.stand, dict[str, float]()):
+        data.qpos[:] = model.qpos0
+        for name, angle in posture.items():
+            data.qpos[model.joint(name).qposadr[0]] = angle
+        mujoco.mj_forward(model, data)
+        inertia = []
+        for dof in dofs:
+            unit, moved = np.zeros(model.nv), np.zeros(model.nv)
+            unit[dof] = 1.0
+            mujoco.mj_mulM(model, data, moved, unit)
+            inertia.append(moved[dof])
+        left = np.array([one.most_torque - one.friction for one in drives]) - np.abs(data.qfrc_bias[dofs])
+        found.append(left / np.array(inertia))
+    return np.floor(np.minimum(*found))
 
 
 ARM_SWING = (
-    ("l_sho_pitch", 1.0, 0.7, 0.0), ("r_sho_pitch", 1.0, 0.7, 0.0), ("l_el", 0.7, 0.5, 1.0), ("r_el", 0.7, 0.6, 2.0),
-    ("l_sho_roll", 0.4, 0.4, 0.0), ("r_sho_roll", 0.4, 0.3, 1.0), ("head_pan", 1.0, 0.2, 0.0),
+    ("l_sho_pitch", 1.0, 0.7, 0.0),
+    ("r_sho_pitch", 1.0, 0.7, 0.0),
+    ("l_el", 0.7, 0.5, 1.0),
+    ("r_el", 0.7, 0.6, 2.0),
+    ("l_sho_roll", 0.4, 0.4, 0.0),
+    ("r_sho_roll", 0.4, 0.3, 1.0),
+    ("head_pan", 1.0, 0.2, 0.0),
 )
-"""Joint, share of the swing's size, Hz, rad."""
+"""Joint, share of the swing's size, Hz, rad: rhythms other than the legs'."""
+
+
+class Arms:
+    """Arms and a head that move as by another's will."""
+
+    def __init__(self, robot: RobotBody, size: float) -> None:
+        self._joints = robot.joint_map.joints
+        self._neutral = robot.posture(robot.profile.postures.neutral)[robot.servo_columns]
+        self._size = size
+
+    def __call__(self, t: float) -> FloatArray:
+        """Joints (n,) rad at t s after the first torque."""
+        found = self._neutral.copy()
+        grown = self._size * min(max(t - SETTLED_S, 0.0) / 2.0, 1.0)
+        for name, size, hertz, phase in ARM_SWING:
+            found[self._joints.index(name)] += grown * size * math.sin(2.0 * math.pi * hertz * t + phase)
+        return found
 
 
 class Walker:
-    """Goals of a walking robot, tick by tick."""
+    """Goals of a walking robot, tick by tick. start (n,): rad, where it begins; offset (n,): rad, of the last goal from
+    its posture; stopping: whether it was asked to stop."""
 
     def __init__(self, robot: RobotBody, model: Any, case: Case) -> None:
-        servos = robot.joint_map.servos
+        """model: of the robot as the plan takes it to be."""
+        servos, limits = robot.joint_map.servos, robot.limits
         self.gait = gait = Gait(
-            ticks=case.ticks, double_ticks=case.double, dt=1.0 / robot.profile.safety.rate_hz, height=case.height,
-            width=case.width, lift=case.lift,
+            case.ticks, case.double, 1.0 / robot.profile.safety.rate_hz, case.height, case.width, case.lift
         )
-        self.gains = Gains(**{key: float(value) for key, value in (one.split("=") for one in case.gains.split() )})
+        gains = Gains(**{name: float(value) for name, value in (one.split("=") for one in case.gains.split())})
         self.body = WalkingBody(robot, model, height=case.height)
-        self.walk = Walk(gait)
-        self.arms = Arms(robot, case.arms)
-        self._case = case
-        self._stiffness = np.array([loop_stiffness(servo) for servo in servos])
+        self.walk, self.feedback = Walk(gait), Feedback(gait, gains, weight=self.body.weight)
+        self._case, self._arms = case, Arms(robot, case.arms)
+        self._stiffness = case.planned * np.array([loop_stiffness(servo) for servo in servos])
         self._lag = np.array([loop_lag(servo) for servo in servos])
-        self._armature = case.armature or np.array([drive_numbers(servo.model).armature for servo in servos])
-        self._tick, self.stopping = 0, False
-        self._request = Request()
+        self._armature = np.array([drive_numbers(servo.model).armature for servo in servos])
+        self._tick, self._request, self.stopping = 0, Request(), False
         moment = self.walk.stand()
-        for _ in range(30):
-            start = self.body.posture(moment, gait.height, self.arms(0.0))
-        self._postures, self._moments = deque([start] * 3, 3), deque([moment] * (BEHIND + 3), BEHIND + 3)
-        joints = self.body.joints(start)
-        self.start = joints
-        limits = robot.limits
-        most = np.full(len(servos), case.acceleration) if case.acceleration else limits.max_acceleration
+        for _ in range(STANDING_FITS):
+            q = self.body.posture(moment, gait.height, self._arms(0.0))
+        self._postures, self._moments = deque([q] * 3, 3), deque([moment] * (BEHIND + 2), BEHIND + 2)
+        self.start, self.offset = self.body.joints(q), np.zeros(len(servos))
+        most = limits.max_acceleration
+        if case.acceleration:
+            most = (
+                np.full(len(servos), case.acceleration) if case.acceleration > 0 else servo_accelerations(robot, model)
+            )
         braking = Braking(limits.lower, limits.upper, limits.max_velocity, most, dt=gait.dt)
-        self.limits = GoalLimits(braking, most * gait.dt**2, joints)
-        self._before: FloatArray | None = None
-        self._velocity = np.zeros((2, 2))
-        self._rate, self._tilt = np.zeros(3), np.zeros(3)
-        self.offset = np.zeros(len(servos))
-        self.error = np.zeros(2)
+        self.limits = GoalLimits(braking, most * gait.dt**2, self.start)
 
-    def goal(self, joints: FloatArray, sample: Any) -> FloatArray:
-        """The goal (n,) rad of this tick, from encoders (n,) and the IMU."""
+    def plan(self) -> tuple[FloatArray, FloatArray]:
+        """Go on by a tick: the planned joints (n,) rad, and how far goals are beyond them, (n,) rad: a servo is a spring,
+        and its shaft is late by its lag."""
         gait, body = self.gait, self.body
         self._tick += 1
         t = self._tick * gait.dt
@@ -203,164 +239,153 @@ class Walker:
         moment = self.walk.stand()
         if t > SETTLED_S:
             moment = self.walk.advance(None if self.stopping else self._ramped())
-        self._postures.append(body.posture(moment, gait.height, self.arms(t)))
+        self._postures.append(body.posture(moment, gait.height, self._arms(t)))
         self._moments.append(moment)
-        moment = self._moments[-2]
-        torque, speed, acceleration = body.torques(*self._postures, gait.dt, moment)
-        planned = body.joints(self._postures[1])
-        offset = (torque + self._armature * acceleration) / self._stiffness + self._lag * speed
-        turn, push = self._feedback(body.measure(joints, sample, self._moments[-2 - BEHIND].yaw))
-        self.offset = offset + push
-        if self._case.on == "posture":
-            return self.limits.limit(planned + turn) + self.offset
-        return self.limits.limit(planned + turn + self.offset)
+        # Velocity and acceleration are differences about the posture before the last: so goals are one tick late.
+        torque, speed, acceleration = body.torques(*self._postures, gait.dt, self._moments[-2])
+        ahead = (torque + self._armature * acceleration) / self._stiffness + self._lag * speed
+        return body.joints(self._postures[1]), ahead
+
+    def goal(self, joints: FloatArray, sample: ImuSample) -> FloatArray:
+        """The goal (n,) rad of this tick, from encoders (n,) and the IMU."""
+        planned, ahead = self.plan()
+        then, now = self._moments[0], self._moments[-2]
+        turns, torques = self.feedback.step(self.body.measure(joints, sample, then.yaw), then, now)
+        columns = self.body.columns
+        planned[columns] += turns
+        self.offset = ahead
+        self.offset[columns] += torques / self._stiffness[columns]
+        if self._case.on == "goal":
+            return self.limits.limit(planned + self.offset)
+        return self.limits.limit(planned) + self.offset
 
     def _ramped(self) -> Request:
         """The request, which changes by little from step to step."""
-        asked, now = self._case, self._request
-        most = RAMP / self.gait.ticks
+        asked, now, most = self._case, self._request, RAMP / self.gait.ticks
 
         def toward(at: float, to: float, scale: float) -> float:
             return at + min(max(to - at, -scale * most), scale * most)
 
-        self._request = Request(
-            toward(now.forward, asked.forward, 1.0), toward(now.left, asked.left, 0.5), toward(now.turn, asked.turn, 4.0)
-        )
+        forward, left = toward(now.forward, asked.forward, 1.0), toward(now.left, asked.left, 0.5)
+        self._request = Request(forward, left, toward(now.turn, asked.turn, 4.0))
         return self._request
 
-    def _feedback(self, measured: Measured) -> tuple[FloatArray, FloatArray]:
-        """Turns (n,) rad of joints against the tilt, and offsets (n,) rad that are torques of ankles."""
-        gains, gait = self.gains, self.gait
-        then, moment = self._moments[-2 - BEHIND], self._moments[-2]
-        relative = (measured.mass - measured.soles)[:, :2]
-        if self._before is not None:
-            self._velocity += (gait.dt / (SMOOTH_S + gait.dt)) * ((relative - self._before) / gait.dt - self._velocity)
-        self._before = relative
-        divergent = np.zeros(2)
-        for side, share in enumerate(then.shares):
-            sole = then.soles[side]
-            way = relative[side] + self._velocity[side] / gait.omega
-            divergent += share * (sole.place[:2] + rotated(way, sole.yaw - float(measured.yaws[side])))
-        self.error = divergent - then.pendulum.divergent
-        # Noise of the gyroscope would be acceleration of goals.
-        smooth = gait.dt / (SMOOTH_S + gait.dt)
-        self._rate += smooth * (measured.rate - self._rate)
-        self._tilt += smooth * (measured.tilt - self._tilt)
-        turn, push = np.zeros(len(self.start)), np.zeros(len(self.start))
-        for side, share in enumerate(moment.shares):
-            hip, ankle = self.body.columns[side][1:3], self.body.columns[side][4:6]
-            axes, sole = measured.axes[side], moment.soles[side]
-            shift = rotated(zmp_shift(gains, rotated(self.error, -sole.yaw), np.zeros(2)), sole.yaw)
-            force = share * self.body.mass * GRAVITY
-            push[ankle] += ankle_torques(axes[4:6], shift, force) / self._stiffness[ankle]
-            turn[hip] += share * turns_against(axes[1:3], gains.tilt * self._tilt + gains.hip_rate * self._rate)
-            turn[ankle] += share * turns_against(axes[4:6], gains.ankle_rate * self._rate)
-        return turn, push
+
+STANDING_FITS = 30
+"""Times that the standing posture is fitted from scratch."""
+
+
+class Record:
+    """What is counted of a run, tick by tick."""
+
+    def __init__(self, simulation: Simulation, reader: StateReader, walker: Walker, case: Case) -> None:
+        robot, count = simulation.world.robot, len(walker.start)
+        self._simulation, self._walker, self._case = simulation, walker, case
+        self._log = PhysicsLog(
+            servos=count, soles=2, corners=reader.corner_soles, nq=robot.body.nq, loaded=reader.loaded
+        )
+        self._limited, self._strained, self._squares = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._tilts, self._speeds, self._errors, self._offsets = [0.0], [0.0], [np.zeros(2)], [0.0]
+        self._places: list[tuple[float, float, float, float]] = []
+
+    def see(self, state: PhysicsState, tilt: float) -> None:
+        """Count a tick in which it walked."""
+        simulation, walker = self._simulation, self._walker
+        self._log.add(state)
+        torque, speed = simulation.motors.torque(simulation.data), simulation.motors.speed(simulation.data)
+        self._limited += walker.limits.limited
+        self._strained += at_limit(simulation, torque, speed)
+        self._squares += torque**2
+        self._tilts.append(tilt)
+        self._speeds.append(float(np.abs(speed).max()))
+        self._errors.append(np.abs(walker.feedback.error))
+        self._offsets.append(float(np.abs(walker.offset).max()))
+        if not walker.stopping and state.time > SETTLED_S + 0.3 * min(self._case.seconds, 20.0):
+            x, y = state.root[:2].tolist()
+            w, i, j, k = state.root[3:].tolist()
+            self._places.append((state.time, x, y, math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))))
+
+    def outcome(self, stood: float) -> Outcome:
+        """What was counted of a robot that stood for so long, s."""
+        simulation, walker = self._simulation, self._walker
+        names = simulation.world.robot.joint_map.joints
+        share = 1.0 / max(len(self._tilts) - 1, 1)
+        knees = [names.index("l_knee"), names.index("r_knee")]
+        knee = float(np.sqrt(self._squares[knees].max() * share))
+        numbers = simulation.world.drives[knees[0]].numbers
+        return Outcome(
+            stood=stood,
+            steps=walker.walk.steps,
+            speed=self._speed(),
+            slip=float(self._log.slip_m.sum()) / max(walker.walk.steps, 1),
+            sway=float(np.percentile(self._tilts, 95)),
+            error=[float(one) for one in np.percentile(np.array(self._errors), 95, axis=0)],
+            limited={name: float(one) for name, one in zip(names, share * self._limited, strict=True) if one},
+            strained={name: float(one) for name, one in zip(names, share * self._strained, strict=True) if one},
+            fastest=float(np.percentile(self._speeds, 99)),
+            most_offset=max(self._offsets),
+            knee=knee,
+            warm=float(simulation.electrics.temperature[knees].max()),
+            hot=AMBIENT + HEAT_PER_WATT * numbers.resistance * (knee / numbers.torque_constant) ** 2,
+            touches=self._log.self_contact_ticks,
+        )
+
+    def _speed(self) -> list[float]:
+        """Mean velocity in the robot's own frame, (3,) m/s, m/s, rad/s."""
+        if len(self._places) < 2:
+            return [0.0, 0.0, 0.0]
+        rows = np.array(self._places)
+        passed, yaw = float(rows[-1, 0] - rows[0, 0]), np.unwrap(rows[:, 3])
+        (x, y), c, s = np.diff(rows[:, 1:3], axis=0).T, np.cos(yaw[:-1]), np.sin(yaw[:-1])
+        ways = float((c * x + s * y).sum()), float((c * y - s * x).sum()), float(yaw[-1] - yaw[0])
+        return [way / passed for way in ways]
+
+
+def at_limit(simulation: Simulation, torque: FloatArray, speed: FloatArray) -> FloatArray:
+    """Which servos (n,) give all that they have at their speed, for torques N m and speeds rad/s, (n,) each."""
+    numbers = [drive.numbers for drive in simulation.world.drives]
+    stall = np.array([one.stall_torque(volt) for one, volt in zip(numbers, simulation.electrics.voltage, strict=True)])
+    line = stall - np.array([one.back_emf for one in numbers]) * speed * np.sign(torque)
+    most = np.array([drive.most_torque for drive in simulation.world.drives])
+    return np.abs(torque) >= FULL * np.minimum(most, np.maximum(line, 0.0))
 
 
 def run_case(case: Case) -> list[Outcome]:
-    """Walk once."""
+    """Walk once, until the end or a fall."""
     robot = load_robot("op3")
     nominal = build_world(robot, np.zeros(len(robot.joint_map.joints)), mount=mount_of(robot), perturbation=NOMINAL)
     walker = Walker(robot, nominal.model, case)
-    simulation, imu, delay = drawn_world(robot, walker.start, case)
+    simulation, imu, late = drawn_world(robot, walker.start, case)
     clock, dt = VirtualClock(), walker.gait.dt
-    bus = PhysicsBus(simulation, clock, latency=dt + delay, imu=imu)
+    bus = PhysicsBus(simulation, clock, latency=dt + late, imu=imu)
     bus.open()
-    states = bus.read()
-    ticks = robot.joint_map.to_ticks(walker.start)
-    bus.write(ServoGoals(ticks))
+    bus.write(ServoGoals(robot.joint_map.to_ticks(walker.start)))
     bus.torque(True)
     if case.push:
-        angle = case.seed * math.pi / 4.0
-        force = case.push / 0.1
+        way, force = case.seed * math.pi / 4.0, case.push / PUSH_S
         start = SETTLED_S + 4.0 + 0.1 * case.seed
-        simulation.push(Push((force * math.cos(angle), force * math.sin(angle), 0.0), start, 0.1))
-    return [_walk(robot, walker, simulation, bus, clock, case)]
-
-
-def _walk(robot: RobotBody, walker: Walker, simulation: Simulation, bus: PhysicsBus, clock: VirtualClock, case: Case) -> Outcome:
-    """Walk until the end or a fall, and count."""
-    reader, dt = StateReader(simulation), walker.gait.dt
-    log = PhysicsLog(
-        servos=len(walker.start), soles=2, corners=reader.corner_soles, nq=robot.body.nq, loaded=reader.loaded
-    )
-    limited, strained, squares = (np.zeros(len(walker.start)) for _ in range(3))
-    tilts, speeds, errors, places = [], [], [], []
-    most_offset = 0.0
-    ticks, walked, stood = round((SETTLED_S + case.seconds) / dt), 0, -SETTLED_S
-    for _ in range(ticks):
+        simulation.push(Push((force * math.cos(way), force * math.sin(way), 0.0), start, PUSH_S))
+    reader = StateReader(simulation)
+    record, stood = Record(simulation, reader, walker, case), -SETTLED_S
+    for _ in range(round((SETTLED_S + case.seconds) / dt)):
         clock.sleep_until(clock.now() + dt)
-        states = bus.read()
-        assert states.imu is not None
+        states, state = bus.read(), reader.read()
+        assert states.imu is not None, "it has an IMU"
+        _, x, y, _ = state.root[3:].tolist()
+        tilt = math.acos(min(1.0 - 2.0 * (x * x + y * y), 1.0))
+        if tilt > FELL or (state.touching and stood > 0.0):
+            break
         goal = walker.goal(robot.joint_map.to_radians(states.position), states.imu)
         goal = np.clip(goal, robot.limits.lower, robot.limits.upper)
         bus.write(ServoGoals(robot.joint_map.to_ticks(goal)))
-        state = reader.read()
-        w, x, y, z = state.root[3:]
-        tilt = math.acos(min(1.0 - 2.0 * (x * x + y * y), 1.0))
-        if tilt > FELL or (state.touching and state.time > SETTLED_S):
-            break
         stood += dt
-        if walker.walk.steps < 1 or walker.walk.over:
-            continue
-        walked += 1
-        log.add(state)
-        limited += walker.limits.limited
-        torque, speed = simulation.motors.torque(simulation.data), simulation.motors.speed(simulation.data)
-        strained += _at_limit(simulation, torque, speed)
-        squares += torque**2
-        tilts.append(tilt)
-        speeds.append(float(np.abs(speed).max()))
-        errors.append(np.abs(walker.error))
-        most_offset = max(most_offset, float(np.abs(walker.offset).max()))
-        if walker.stopping:
-            continue
-        places.append((state.time, state.root[0], state.root[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
-    return _outcome(robot, walker, simulation, log, case, stood, walked, limited, strained, squares, tilts, speeds, errors, places, most_offset)
+        if walker.walk.steps and not walker.walk.over:
+            record.see(state, tilt)
+    return [record.outcome(stood)]
 
 
-def _at_limit(simulation: Simulation, torque: FloatArray, speed: FloatArray) -> FloatArray:
-    """Which servos give all that they can at their speed."""
-    found = []
-    for drive, one, fast, volt in zip(simulation.world.drives, torque, speed, simulation.electrics.voltage, strict=True):
-        line = drive.numbers.stall_torque(volt) - drive.numbers.back_emf * fast * np.sign(one)
-        found.append(abs(one) >= 0.97 * min(drive.most_torque, max(line, 0.0)))
-    return np.array(found)
-
-
-def _outcome(robot: RobotBody, walker: Walker, simulation: Simulation, log: PhysicsLog, case: Case, stood: float, walked: int, limited: FloatArray, strained: FloatArray, squares: FloatArray, tilts: list[float], speeds: list[float], errors: list[FloatArray], places: list[Any], most_offset: float) -> Outcome:
-    names = robot.joint_map.joints
-    share = 1.0 / max(walked, 1)
-    knees = [names.index("l_knee"), names.index("r_knee")]
-    rms = np.sqrt(squares[knees] * share)
-    numbers = drive_numbers(robot.joint_map.servos[knees[0]].model)
-    hot = AMBIENT + HEAT_PER_WATT * numbers.resistance * (rms.max() / numbers.torque_constant) ** 2
-    speed = [0.0, 0.0, 0.0]
-    late = [row for row in places if row[0] > SETTLED_S + min(6.0, 0.3 * case.seconds)]
-    if len(late) > 10:
-        rows = np.array(late)
-        yaw = np.unwrap(rows[:, 3])
-        passed = rows[-1, 0] - rows[0, 0]
-        steps = np.diff(rows[:, 1:3], axis=0)
-        c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
-        speed = [float((c * steps[:, 0] + s * steps[:, 1]).sum() / passed), float((c * steps[:, 1] - s * steps[:, 0]).sum() / passed), float((yaw[-1] - yaw[0]) / passed)]
-    return Outcome(
-        stood=stood,
-        steps=walker.walk.steps,
-        speed=speed,
-        slip=float(log.slip_m.sum()) / max(walker.walk.steps, 1),
-        sway=float(np.percentile(tilts, 95)) if tilts else 0.0,
-        limited={name: float(one) for name, one in zip(names, limited * share, strict=True) if one},
-        strained={name: float(one) for name, one in zip(names, strained * share, strict=True) if one},
-        knee=float(rms.max()),
-        hot=float(hot),
-        warm=float(simulation.electrics.temperature[knees].max()),
-        fastest=float(np.percentile(speeds, 99)) if speeds else 0.0,
-        touches=log.self_contact_ticks,
-        most_offset=most_offset,
-        error=[float(one) for one in np.percentile(np.array(errors), 95, axis=0)] if errors else [],
-    )
+PUSH_S = 0.1
+"""Duration of a push."""
 
 
 REQUESTS = {

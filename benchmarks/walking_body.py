@@ -1,14 +1,15 @@
 """The body of a walking robot: posture of a moment of the pattern, its torques, and what is measured of it."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from benchmarks.walking_feedback import Measured
 from benchmarks.walking_legs import CHAIN, leg_angles, leg_of, turn_z
 from benchmarks.walking_pattern import Moment
 from hardware.imu import ImuSample
 from retarget import rotations
+from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.body_file import engine
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
@@ -16,20 +17,6 @@ from retarget.types import FloatArray
 SIDES = ("l", "r")
 FITS = 2
 """Times that the trunk is moved until the centre of mass is where it was planned; the last posture is a good start."""
-
-
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What encoders and IMU say, along the axes of the world, with the trunk at its planned yaw and its root at the
-    origin. mass (3,): centre of mass, m; soles (2, 3): their centres, m; yaws (2,): of the soles, rad; axes (2, 6, 3): of
-    the legs' joints; tilt (3,): of the trunk, rad; rate (3,): its angular velocity, rad/s."""
-
-    mass: FloatArray
-    axes: FloatArray
-    tilt: FloatArray
-    rate: FloatArray
-    soles: FloatArray
-    yaws: FloatArray
 
 
 class WalkingBody:
@@ -43,14 +30,14 @@ class WalkingBody:
         self._mujoco = mujoco
         joints = robot.joint_map.joints
         self.legs = tuple(leg_of(robot, side) for side in SIDES)
-        self.columns = np.array([[joints.index(f"{side}_{name}") for name in CHAIN] for side in SIDES])  # (2, 6) in servo order
+        self.columns = np.array([[joints.index(f"{side}_{name}") for name in CHAIN] for side in SIDES])
+        """(2, 6): where the joints of both legs stand in servo order."""
         self._qpos = np.array([model.joint(name).qposadr[0] for name in joints])
         self._dofs = np.array([model.joint(name).dofadr[0] for name in joints])
         self._feet = [model.body(robot.body.body_names[sole.body]).id for sole in robot.soles]
         self._root = np.array([0.0, 0.0, height + 0.02, 1.0, 0.0, 0.0, 0.0])
         self._jacobian = np.zeros((2, 3, model.nv))
-        self._before: tuple[FloatArray, FloatArray] | None = None
-        self.mass = float(model.body_subtreemass[1])
+        self.weight = float(model.body_subtreemass[1]) * GRAVITY
 
     def posture(self, moment: Moment, height: float, joints: FloatArray) -> FloatArray:
         """The engine's coordinates (nq,) at a moment. joints (n,): in servo order; those of the legs are replaced."""
@@ -76,7 +63,9 @@ class WalkingBody:
         """Joints (n,) in servo order."""
         return q[self._qpos]
 
-    def torques(self, before: FloatArray, now: FloatArray, after: FloatArray, dt: float, moment: Moment) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def torques(
+        self, before: FloatArray, now: FloatArray, after: FloatArray, dt: float, moment: Moment
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Torques (n,) N m without armature and friction, speeds (n,) rad/s and accelerations (n,) rad/s^2 of joints,
         from three postures (nq,) one after the other. The soles press as the pattern's load asks."""
         mujoco, model, data = self._mujoco, self._model, self._data
@@ -89,25 +78,28 @@ class WalkingBody:
         mujoco.mj_comVel(model, data)
         needed = np.zeros(model.nv)
         mujoco.mj_rne(model, data, 1, needed)
-        # The ground gives what the root lacks: a force, and where it presses on the floor, and a turn about z.
+        torque = needed[self._dofs] - self._pressed(needed, moment)[self._dofs]
+        return torque, data.qvel[self._dofs].copy(), data.qacc[self._dofs].copy()
+
+    def _pressed(self, needed: FloatArray, moment: Moment) -> FloatArray:
+        """Generalised forces (nv,) of the ground on the soles. It gives what the root lacks, `needed` (nv,): a force that
+        presses where the zero-moment point is, and a turn about z."""
+        mujoco, model, data = self._mujoco, self._model, self._data
         force = needed[:3].copy()
         about = data.xmat[1].reshape(3, 3) @ needed[3:6] + np.cross(data.qpos[:3], force)
         lift = max(float(force[2]), 1.0)
         centre = np.array([-about[1] / lift, about[0] / lift, 0.0])
-        spin = about[2] - (centre[0] * force[1] - centre[1] * force[0])
-        shares = moment.shares
+        spin = float(about[2] - (centre[0] * force[1] - centre[1] * force[0]))
         places = [sole.place for sole in moment.soles]
-        middle = shares[0] * places[0] + shares[1] * places[1]
-        torque = needed[self._dofs].copy()
-        for share, place, foot in zip(shares, places, self._feet, strict=True):
-            if share <= 0.0:
-                continue
-            point = place + (centre - middle)
-            point[2] = 0.0
-            mujoco.mj_jac(model, data, self._jacobian[0], self._jacobian[1], point, foot)
-            pressed = self._jacobian[0].T @ (share * force) + self._jacobian[1].T @ np.array([0.0, 0.0, share * spin])
-            torque -= pressed[self._dofs]
-        return torque, data.qvel[self._dofs].copy(), data.qacc[self._dofs].copy()
+        middle = moment.shares[0] * places[0] + moment.shares[1] * places[1]
+        found = np.zeros(model.nv)
+        for share, place, foot in zip(moment.shares, places, self._feet, strict=True):
+            if share > 0.0:
+                point = place + (centre - middle)
+                point[2] = 0.0
+                mujoco.mj_jac(model, data, self._jacobian[0], self._jacobian[1], point, foot)
+                found += share * (self._jacobian[0].T @ force + spin * self._jacobian[1][2])
+        return found
 
     def measure(self, joints: FloatArray, sample: ImuSample, yaw: float) -> Measured:
         """What encoders (n,) rad and the IMU say of a robot whose trunk is planned at `yaw`."""
@@ -134,4 +126,3 @@ class WalkingBody:
             soles=np.array(soles),
             yaws=np.array(yaws),
         )
-

@@ -35,7 +35,9 @@ def leg_of(robot: RobotBody, side: str) -> Leg:
     """The leg of a robot on `side`, "l" or "r", from its body at the zero posture."""
     body = robot.body
     q = robot.posture({})
-    hip, knee, ankle, sole = robot.points(q[None], tuple(f"{side}_{name}" for name in ("hip", "knee", "ankle", "sole")))[0]
+    hip, knee, ankle, sole = robot.points(
+        q[None], tuple(f"{side}_{name}" for name in ("hip", "knee", "ankle", "sole"))
+    )[0]
     root = q[:3]
     axes = np.array([body.joint_axis[body.joint_index(f"{side}_{joint}")] for joint in CHAIN])
     hip[0] = knee[0]  # the profile's frame is where the leg's yaw axis is; OP3's other axes meet 0.1 mm before it

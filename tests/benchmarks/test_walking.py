@@ -145,7 +145,7 @@ def test_torques_of_a_stand_are_those_of_its_weight() -> None:
 
 def test_an_ankle_presses_where_the_mass_falls() -> None:
     """A mass that falls forward is met by more pressure before the ankle: the torque turns the toes down."""
-    shift = zmp_shift(Gains(), np.array([0.01, 0.2]), np.zeros(2))
+    shift = zmp_shift(Gains(), np.array([0.01, 0.2]))
     assert shift.tolist() == [0.01, Gains().most_shift[1]]
     # About y a positive turn of the foot lowers its toes; about x it lowers its right side.
     pitch, roll = ankle_torques(np.eye(3)[[1, 0]], np.array([0.01, 0.02]), 30.0)
