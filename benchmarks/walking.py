@@ -1,7 +1,7 @@
 """`python -m benchmarks.walking`: OP3 walks in physics by a step pattern, within the limits of its profile.
 
-Pattern, legs and feedback are `benchmarks.walking_pattern`, `walking_legs` and `walking_feedback`; this module lets them
-walk a robot with mass, whose masses, friction, IMU, delay and play are drawn by a seed, and counts.
+Pattern, legs and feedback are `benchmarks.walking_pattern`, `walking_legs` and `walking_feedback`; this module lets
+them walk a robot with mass, whose masses, friction, IMU, delay and play are drawn by a seed, and counts.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL
 import argparse
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,20 +30,20 @@ from hardware.clock import VirtualClock
 from hardware.imu import ImuSample
 from hardware.servo import loop_lag, loop_stiffness
 from retarget._solver import Braking
-from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.body_file import engine
 from retarget.model.robot import RobotBody, load_robot
 from retarget.types import FloatArray
 from sim.imu import ImuErrors, ImuStandIn, SensedMotion
 from sim.physics.bus import PhysicsBus
 from sim.physics.imu import LinkMotion
-from sim.physics.motors import AMBIENT, HEAT_PER_WATT, drive_numbers
+from sim.physics.motors import HEAT_PER_WATT, drive_numbers
 from sim.physics.mount import RELEASE_S, mount_of
 from sim.physics.perturbation import NOMINAL, Push
 from sim.physics.simulation import Simulation
 from sim.physics.state import PhysicsState, StateReader
 from sim.physics.witness import PhysicsLog
 from sim.physics.world import build_world
+from sim.servo_model import AMBIENT
 
 SETTLED_S = RELEASE_S + 0.2
 """Time from the first torque until the walk begins."""
@@ -68,10 +68,10 @@ FULL = 0.97
 @dataclass(frozen=True)
 class Case:
     """One run of `seconds`. forward, left m/s, turn rad/s: asked. ticks, double, lift, height, width: of `Gait`.
-    acceleration: limit of all joints, rad/s^2; 0: the profile's, -1: `servo_accelerations`; on: what it holds, the planned
-    "posture" or the whole "goal". arms: size of their swing, rad. stiffness, planned: of the servos, and in the plan, as
-    shares of the profile's. push: N s on the trunk, from a side that the seed says. armature: of all joints, kg m^2, 0:
-    the model's, which is the plan's too. gains: of feedback, as "tilt=0.3 zmp=1"."""
+    acceleration: limit of all joints, rad/s^2; 0: the profile's, -1: `servo_accelerations`; on: what it holds, the
+    planned "posture" or the whole "goal". arms: size of their swing, rad. stiffness, planned: of the servos, and in the
+    plan, as shares of the profile's. push: N s on the trunk, from a side that the seed says. armature: of all joints,
+    kg m^2, 0: the model's, which is the plan's too. gains: of feedback, as "tilt=0.3 zmp=1"."""
 
     forward: float = 0.0
     left: float = 0.0
@@ -96,10 +96,11 @@ class Case:
 @dataclass
 class Outcome:
     """What happened. stood: s. speed: reached before it was asked to stop, (3,) m/s, m/s, rad/s. slip: m a step. sway:
-    95th percentile of the trunk's tilt, rad; error: of the divergent component's errors, (2,) m. limited: share of ticks in
-    which limits held a joint back, by joint; strained: in which a servo gave all that it has. fastest: 99th percentile
-    of the fastest joint, rad/s; most_offset: of a goal from its posture, rad. knee: RMS torque of the more loaded one, N m;
-    warm, hot: its temperature at the end, and where it would go. touches: ticks in which links touched."""
+    95th percentile of the trunk's tilt, rad; error: of the divergent component's errors, (2,) m. limited: share of
+    ticks in which limits held a joint back, by joint; strained: in which a servo gave all that it has. fastest: 99th
+    percentile of the fastest joint, rad/s; most_offset: of a goal from its posture, rad. knee: RMS torque of the more
+    loaded one, N m; warm, hot: its temperature at the end, and where it would go. touches: ticks in which links
+    touched."""
 
     stood: float
     steps: int
@@ -166,7 +167,7 @@ def servo_accelerations(robot: RobotBody, model: Any) -> FloatArray:
             inertia.append(moved[dof])
         left = np.array([one.most_torque - one.friction for one in drives]) - np.abs(data.qfrc_bias[dofs])
         found.append(left / np.array(inertia))
-    return np.floor(np.minimum(*found))
+    return np.asarray(np.floor(np.minimum(*found)))
 
 
 ARM_SWING = (
@@ -200,7 +201,7 @@ class Arms:
 
 class Walker:
     """Goals of a walking robot, tick by tick. start (n,): rad, where it begins; offset (n,): rad, of the last goal from
-    its posture; stopping: whether it was asked to stop."""
+    its posture; stopping: whether it was asked to stop. stiffness N m/rad, lag s, (n,): of the servos, as planned."""
 
     def __init__(self, robot: RobotBody, model: Any, case: Case) -> None:
         """model: of the robot as the plan takes it to be."""
@@ -208,12 +209,12 @@ class Walker:
         self.gait = gait = Gait(
             case.ticks, case.double, 1.0 / robot.profile.safety.rate_hz, case.height, case.width, case.lift
         )
-        gains = Gains(**{name: float(value) for name, value in (one.split("=") for one in case.gains.split())})
+        gains: dict[str, Any] = {name: float(value) for name, value in (one.split("=") for one in case.gains.split())}
         self.body = WalkingBody(robot, model, height=case.height)
-        self.walk, self.feedback = Walk(gait), Feedback(gait, gains, weight=self.body.weight)
+        self.walk, self.feedback = Walk(gait), Feedback(gait, Gains(**gains), weight=self.body.weight)
         self._case, self._arms = case, Arms(robot, case.arms)
-        self._stiffness = case.planned * np.array([loop_stiffness(servo) for servo in servos])
-        self._lag = np.array([loop_lag(servo) for servo in servos])
+        self.stiffness = case.planned * np.array([loop_stiffness(servo) for servo in servos])
+        self.lag = np.array([loop_lag(servo) for servo in servos])
         self._armature = np.array([drive_numbers(servo.model).armature for servo in servos])
         self._tick, self._request, self.stopping = 0, Request(), False
         moment = self.walk.stand()
@@ -230,8 +231,8 @@ class Walker:
         self.limits = GoalLimits(braking, most * gait.dt**2, self.start)
 
     def plan(self) -> tuple[FloatArray, FloatArray]:
-        """Go on by a tick: the planned joints (n,) rad, and how far goals are beyond them, (n,) rad: a servo is a spring,
-        and its shaft is late by its lag."""
+        """Go on by a tick: the planned joints (n,) rad, and how far goals are beyond them, (n,) rad: a servo is a
+        spring, and its shaft is late by its lag."""
         gait, body = self.gait, self.body
         self._tick += 1
         t = self._tick * gait.dt
@@ -242,8 +243,8 @@ class Walker:
         self._postures.append(body.posture(moment, gait.height, self._arms(t)))
         self._moments.append(moment)
         # Velocity and acceleration are differences about the posture before the last: so goals are one tick late.
-        torque, speed, acceleration = body.torques(*self._postures, gait.dt, self._moments[-2])
-        ahead = (torque + self._armature * acceleration) / self._stiffness + self._lag * speed
+        torque, speed, acceleration = body.torques(tuple(self._postures), gait.dt, self._moments[-2])
+        ahead = (torque + self._armature * acceleration) / self.stiffness + self.lag * speed
         return body.joints(self._postures[1]), ahead
 
     def goal(self, joints: FloatArray, sample: ImuSample) -> FloatArray:
@@ -254,7 +255,7 @@ class Walker:
         columns = self.body.columns
         planned[columns] += turns
         self.offset = ahead
-        self.offset[columns] += torques / self._stiffness[columns]
+        self.offset[columns] += torques / self.stiffness[columns]
         if self._case.on == "goal":
             return self.limits.limit(planned + self.offset)
         return self.limits.limit(planned) + self.offset
@@ -347,7 +348,7 @@ def at_limit(simulation: Simulation, torque: FloatArray, speed: FloatArray) -> F
     stall = np.array([one.stall_torque(volt) for one, volt in zip(numbers, simulation.electrics.voltage, strict=True)])
     line = stall - np.array([one.back_emf for one in numbers]) * speed * np.sign(torque)
     most = np.array([drive.most_torque for drive in simulation.world.drives])
-    return np.abs(torque) >= FULL * np.minimum(most, np.maximum(line, 0.0))
+    return np.asarray(np.abs(torque) >= FULL * np.minimum(most, np.maximum(line, 0.0)))
 
 
 def run_case(case: Case) -> list[Outcome]:

@@ -61,13 +61,14 @@ class WalkingBody:
 
     def joints(self, q: FloatArray) -> FloatArray:
         """Joints (n,) in servo order."""
-        return q[self._qpos]
+        return np.asarray(q[self._qpos])
 
     def torques(
-        self, before: FloatArray, now: FloatArray, after: FloatArray, dt: float, moment: Moment
+        self, postures: tuple[FloatArray, ...], dt: float, moment: Moment
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Torques (n,) N m without armature and friction, speeds (n,) rad/s and accelerations (n,) rad/s^2 of joints,
-        from three postures (nq,) one after the other. The soles press as the pattern's load asks."""
+        """Torques (n,) N m without armature and friction, speeds (n,) rad/s and accelerations (n,) rad/s^2 of joints in
+        the middle one of three postures (nq,), dt s apart. The soles press as the pattern's load asks."""
+        before, now, after = postures
         mujoco, model, data = self._mujoco, self._model, self._data
         v0, v1 = np.zeros(model.nv), np.zeros(model.nv)
         mujoco.mj_differentiatePos(model, v0, dt, before, now)
@@ -82,8 +83,8 @@ class WalkingBody:
         return torque, data.qvel[self._dofs].copy(), data.qacc[self._dofs].copy()
 
     def _pressed(self, needed: FloatArray, moment: Moment) -> FloatArray:
-        """Generalised forces (nv,) of the ground on the soles. It gives what the root lacks, `needed` (nv,): a force that
-        presses where the zero-moment point is, and a turn about z."""
+        """Generalised forces (nv,) of the ground on the soles. It gives what the root lacks of `needed` (nv,): a force
+        that presses where the zero-moment point is, and a turn about z."""
         mujoco, model, data = self._mujoco, self._model, self._data
         force = needed[:3].copy()
         about = data.xmat[1].reshape(3, 3) @ needed[3:6] + np.cross(data.qpos[:3], force)

@@ -5,6 +5,7 @@ little more than what is planned: torque at the ankle that carries, and turns of
 """
 
 from dataclasses import dataclass
+from math import copysign
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from retarget.arithmetic import dot
 from retarget.types import FloatArray
 
 SMOOTH_S = 0.02
-"""Time constant of the measured velocity of the mass, and of what the IMU shows: noise would be acceleration of goals."""
+"""Time constant of the measured velocity of the mass, and of what the IMU shows: noise would accelerate goals."""
 HIP, ANKLE = slice(1, 3), slice(4, 6)
 """Roll and pitch of the hip, pitch and roll of the ankle, among the six joints of a leg from the hip down."""
 
@@ -22,8 +23,8 @@ HIP, ANKLE = slice(1, 3), slice(4, 6)
 @dataclass(frozen=True, eq=False)
 class Measured:
     """What encoders and IMU say, along the axes of the world, with the trunk at its planned yaw and its root at the
-    origin. mass (3,): centre of mass, m; soles (2, 3): their centres, m; yaws (2,): of the soles, rad; axes (2, 6, 3): of
-    the legs' joints; tilt (3,): of the trunk, rad; rate (3,): its angular velocity, rad/s."""
+    origin. mass (3,): centre of mass, m; soles (2, 3): their centres, m; yaws (2,): of the soles, rad; axes (2, 6, 3):
+    of the legs' joints; tilt (3,): of the trunk, rad; rate (3,): its angular velocity, rad/s."""
 
     mass: FloatArray
     axes: FloatArray
@@ -50,7 +51,7 @@ def zmp_shift(gains: Gains, error: FloatArray) -> FloatArray:
     sole."""
     shift = gains.zmp * error
     most = np.array(gains.most_shift)
-    return np.minimum(np.maximum(shift, -most), most)
+    return np.asarray(np.minimum(np.maximum(shift, -most), most))
 
 
 def ankle_torques(axes: FloatArray, shift: FloatArray, force: float) -> FloatArray:
@@ -125,9 +126,8 @@ class GoalLimits:
         """The goal (n,) of this tick for the one that is asked (n,)."""
         # Where a goal has fallen behind, it closes the gap no faster than it can brake relative to what it follows.
         gap, way = self._asked - self.goal, asked - self._asked
-        closing = [
-            np.sign(one) * braking_displacement(abs(one), 0.5 * change) for one, change in zip(gap, self._change)
-        ]
+        pairs = zip(gap.tolist(), self._change.tolist(), strict=True)
+        closing = [copysign(braking_displacement(abs(one), 0.5 * change), one) for one, change in pairs]
         wanted = np.where(np.abs(gap) < 1e-9, asked - self.goal, way + closing)
         straight = asked - self.goal
         low, high = self._braking.bounds(self.goal, self._displacement)

@@ -79,4 +79,4 @@ def leg_angles(leg: Leg, trunk: FloatArray, place: FloatArray, sole: FloatArray,
     yaw = arctan2(-float(rest[0, 1]), float(rest[1, 1]))
     roll = arcsin(min(max(float(rest[2, 1]), -1.0), 1.0))
     pitch = arctan2(-float(rest[2, 0]), float(rest[2, 2]))
-    return leg.signs * np.array([yaw, roll, pitch, knee, ankle_pitch, ankle_roll])
+    return np.asarray(leg.signs * np.array([yaw, roll, pitch, knee, ankle_pitch, ankle_roll]))

@@ -131,8 +131,8 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, share (2,) of the weight
-    that each carries, yaw of the trunk, rad. carrying: LEFT or RIGHT."""
+    """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, share (2,) of the
+    weight that each carries, yaw of the trunk, rad. carrying: LEFT or RIGHT."""
 
     pendulum: Pendulum
     zmp: FloatArray
@@ -155,8 +155,8 @@ def smooth(u: float) -> float:
 
 
 def modified_sine(u: float) -> float:
-    """From 0 to 1 within 0 to 1: quarters of sines of acceleration, fast ones at both ends and a slow one between (the cam
-    of that name). Velocity and acceleration vanish at both ends; their peaks, 1.76 and 5.53, are less than those of
+    """From 0 to 1 within 0 to 1: quarters of sines of acceleration, fast ones at both ends and a slow one between (the
+    cam of that name). Velocity and acceleration vanish at both ends; their peaks, 1.76 and 5.53, are less than those of
     minimum jerk, 1.88 and 5.77, and speed is what a servo lacks first."""
     u = min(max(u, 0.0), 1.0)
     if u > 0.5:
@@ -282,8 +282,8 @@ def moment(gait: Gait, step: Step, t: float) -> Moment:
 @dataclass(frozen=True, eq=False)
 class Halt:
     """The end of a walk on both feet: the zero-moment point goes from `zmp` to `catch` within a double support, stays,
-    and goes on to the middle within `ease` s, where the mass comes to rest. feet: where both soles stay. start: state of
-    the mass; caught: state when it begins to ease."""
+    for `hold` s since the start, and goes on to the middle within `ease` s, where the mass comes to rest. feet: where
+    both soles stay. start: state of the mass."""
 
     feet: tuple[Foothold, Foothold]
     start: Pendulum
@@ -350,8 +350,8 @@ STOPPING = 2
 
 
 class Walk:
-    """A walk, tick by tick. It begins with both feet side by side, the mass mid-way between them, and ends so, within two
-    steps after the one that is under way. steps: made so far."""
+    """A walk, tick by tick. It begins with both feet side by side, the mass mid-way between them, and ends so, within
+    two steps after the one that is under way. steps: made so far."""
 
     def __init__(self, gait: Gait) -> None:
         self._gait = gait
@@ -396,7 +396,7 @@ class Walk:
         """Push the mass from beside, until it falls to where the first step begins."""
         gait, time = self._gait, self._sway * self._gait.dt
         if self._tick == 1:
-            # xi = z - z exp(w t) after t with a zero-moment point z that stays; where it is to be depends on z by little.
+            # xi = z - z exp(w t) with a zero-moment point z that stays; where it is to be depends on z by little.
             self._zmp = np.zeros(2)
             for _ in range(20):
                 self._zmp = sway_target(gait, self._feet, RIGHT, self._zmp) / (1.0 - exp(gait.omega * time))

@@ -1,6 +1,7 @@
 """The step pattern of `benchmarks.walking`: equations of motion, changes of support, feet, legs and limits."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_the_mass_moves_as_a_pendulum_over_its_zero_moment_point(asked: Request)
 def test_nothing_jumps_where_the_support_changes(asked: Request) -> None:
     """Divergent component, zero-moment point, shares, yaw and both soles go on where they were."""
     walked = list(moments(asked, ticks=1500, stop=1000))
-    for before, after in zip(walked, walked[1:], strict=False):
+    for before, after in pairwise(walked):
         assert np.abs(after.pendulum.divergent - before.pendulum.divergent).max() < 0.006
         assert np.abs(after.zmp - before.zmp).max() < 0.04
         assert abs(after.shares[LEFT] - before.shares[LEFT]) < 0.25
@@ -70,7 +71,7 @@ def test_nothing_jumps_where_the_support_changes(asked: Request) -> None:
 
 @REQUESTS
 def test_a_foot_leaves_the_floor_and_comes_down_at_rest(asked: Request) -> None:
-    """At lift-off and touch-down a sole moves at less than a hundredth of its greatest speed, and it is never below the floor."""
+    """A sole lifts and lands at less than a hundredth of its greatest speed, and is never below the floor."""
     places = np.array([[sole.place for sole in one.soles] for one in moments(asked, ticks=700)])
     assert places[..., 2].min() >= 0.0
     speed = np.linalg.norm(np.diff(places, axis=0), axis=-1) / GAIT.dt
@@ -87,8 +88,8 @@ def test_steps_become_what_is_asked(asked: Request) -> None:
     """Once the request stays, each landing is where the request puts it, and soles are never nearer than the gait's
     narrowest."""
     walked = list(moments(asked, ticks=2200))
-    landings = []
-    for before, after in zip(walked, walked[1:], strict=False):
+    landings = list[Moment]()
+    for before, after in pairwise(walked):
         if before.carrying != after.carrying and len(landings) < 40:
             landings.append(after)
     for one in landings[-4:]:
@@ -136,7 +137,7 @@ def test_torques_of_a_stand_are_those_of_its_weight() -> None:
     body, moment = WalkingBody(robot, model, height=GAIT.height), Walk(GAIT).stand()
     for _ in range(20):
         q = body.posture(moment, GAIT.height, joints)
-    torque, speed, acceleration = body.torques(q, q, q, GAIT.dt, moment)
+    torque, speed, acceleration = body.torques((q, q, q), GAIT.dt, moment)
     stance = plant(robot, dict(zip(robot.joint_map.joints, body.joints(q).tolist(), strict=True)))
     dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
     np.testing.assert_allclose(torque, GravityTorque(robot, stance).torques(stance.q, np.zeros(3))[dofs], atol=0.02)
