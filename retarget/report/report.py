@@ -9,6 +9,7 @@ from typing import Any
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
 from retarget.run.run_result import RefusedPair
+from retarget.safety.contact import Presses
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.files import make_folder, write_atomic
 
@@ -247,6 +248,8 @@ class Report:
     """The links that came closest."""
     refused_pair: RefusedPair | None = None
     """Links, or link and obstacle, for which the gate refused goals in most ticks; null where it refused none."""
+    presses: Presses | None = None
+    """Times that the robot held because it pressed against something, and the greatest press; null: it did not."""
     deep: DeepReport
     """Overlaps of more than 1 mm, and the links of the other clearances."""
     observers: ObserversReport | None = None

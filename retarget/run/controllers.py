@@ -22,6 +22,7 @@ from retarget.ik.whole_body_stop import StopPath
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
+from retarget.safety.contact import Press, way_back
 from retarget.safety.gate import Gate
 from retarget.safety.governor import CommandGovernor
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
@@ -374,15 +375,25 @@ class GoalsInstead:
 
 class ComeToRest(Controller):
     """Leaves the robot to the stop that was verified last; on the straight part of the approach it brakes more gently,
-    along its line. Then the robot stands."""
+    along its line. Then the robot stands. A limb that presses brakes harder, and goes back to where it was when the
+    press was found, which is a part of the stop: pressed, None where nothing presses."""
 
-    def __init__(self, follower: Follower, approach: Approach, *, dt: float) -> None:
-        self._follower, self._approach, self._dt = follower, approach, dt
+    def __init__(self, robot: RobotBody, follower: Follower, approach: Approach, gate: Gate, *, dt: float) -> None:
+        self._robot, self._follower, self._approach, self._dt = robot, follower, approach, dt
+        self._standing = gate.standing
+        self.pressed: Press | None = None
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """The target of a robot that stands, which is the one to which it was commanded, or that brakes on its line;
         None: the gate follows the stop."""
         self._follower.pass_time(self._dt)
+        if self.pressed is not None and self._standing is not None:
+            path = way_back(self.pressed, commanded.goal, self._robot.joint_map, dt=self._dt)
+            if path is not None:
+                stop, soles = commanded.target.stop, (True,) * len(self._robot.soles)
+                postures = self._standing.postures(path, commanded.standing)
+                stop = StopPath(postures, soles if stop is None else stop.contact)
+                return Target(path[0], postures[0], stop)
         if commanded.stands:  # where it got by a part of a goal, the stop from there would lead on
             return commanded.target if commanded.target.stop is None else replace(commanded.target, stop=None)
         return self._approach.brake(commanded) if self._approach.part is ApproachPart.STRAIGHT else None
@@ -511,7 +522,7 @@ class RobotMotion:
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals.first)
         self.follow = Follow(reconstructor, follower, human, dt=dt, motion_dt=motion_dt, slow=slow)
         self._instead = goals
-        stop = ComeToRest(follower, self.approach, dt=dt)
+        self._stop = stop = ComeToRest(robot, follower, self.approach, gate, dt=dt)
         standing = gate.standing
         self._governor = None if standing is None else CommandGovernor(robot, gate, standing, standing_dofs(robot))
         keyframes = robot.profile.postures.to_rest if keyframes is None else keyframes
@@ -526,6 +537,10 @@ class RobotMotion:
             RunState.STANDING: stop,
         }
         self._state = RunState.OFF  # of the last target
+
+    def give_way(self, pressed: Press | None) -> None:
+        """Let the limb of a press give way while the robot holds; None: nothing presses."""
+        self._stop.pressed = pressed
 
     @property
     def on_approach(self) -> bool:

@@ -306,6 +306,7 @@ class Loop:
             asked=output.target is not None or (state in STOPS and not given.failed),
             gated=output.gated,
             followed=output.followed,
+            unexplained=None if self._machine.contact is None else self._machine.contact.unexplained,
         )
         costs = None if output.followed is None else motion.follow.costs
         recorder.keep_times(done.times | _times_of(given, costs))

@@ -37,6 +37,7 @@ from retarget.run.run_result import CAPPED, RunResult, RunSetup, RunTally
 from retarget.run.supervisor import Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
+from retarget.safety.contact import ContactDetector
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.safety.standing import StandingCheck
 from retarget.schema.catalogue import Kind, entries
@@ -177,6 +178,7 @@ class Prepared:
             tally=RunTally(
                 steps=None if self.steps is None else replace(self.steps),
                 refused_pair=None if machine is None else machine.refused_pair,
+                presses=None if machine is None or machine.contact is None else machine.contact.presses,
             ),
         )
 
@@ -271,7 +273,10 @@ def prepare_for(
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
     guard = Guard(bus=bus, joint_map=robot.joint_map, limits=limits)
     supervisor = supervisor or Supervisor()
-    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify)
+    contact = ContactDetector(robot, dt=dt) if options.has_mass else None  # without mass no torque is needed
+    machine = Machine(
+        robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify, contact=contact
+    )
     prepared = replace(
         human,
         machine=machine,
