@@ -108,8 +108,7 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         fields(GOALS, JOINT_STATE, names, kept(GOALS), **of_joints),
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
-        *_imu_topics(robot),
-        *_contact_topics(robot, kept(CONTACT)),
+        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT))),
     ]
     made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
