@@ -39,12 +39,16 @@ SMOOTH_S = 0.02
 SUSTAINED_S = 0.08
 """[s] A press at its bound lasts this long before the robot holds, one of twice as much half as long: a joint that
 runs into its stop is at rest by then."""
+HARDEST = 2.5
+"""A press this many times as large as its bound counts for no more: some readings must tell the same."""
 BEGUN_S = 0.5
 """[s] After the first reading nothing is judged: torque comes on, and the joints take up their loads."""
 CLEAR, CLEAR_S = 0.8, 0.5
 """A press is over that has been below this share of the bound for so many s. Friction alone may leave two thirds."""
 UP = (0.0, 0.0, 1.0)
 """The direction of up in the world."""
+STUCK_S, STUCK_RAD = 0.5, 0.1
+"""A current that is the same in every reading of so many s, while its joint moves so far, is not measured."""
 STILL_PRESSED_S = 0.4
 """[s] A limb that still presses then goes back to where it is by then."""
 BACK_SHARE, AT_RAD = 0.9, 1e-4
@@ -216,6 +220,7 @@ class ContactDetector:
         self._beyond = none  # (m,) [s] beyond the bound without a break, times the share of it
         self._onset = none  # (m,) [A] when the first of them began
         self._changed = self._stuck = np.zeros(len(self._servos), dtype=np.bool_)  # (m,) the current has, or does not
+        self._same, self._since = self._changed.copy(), np.zeros((2, len(self._servos)))  # of STUCK_S: and its begin
         self._clear = self._pressing = 0  # ticks
         self._busy = False  # something is beyond its bound, or was
         self._news: list[str] = []
@@ -243,9 +248,26 @@ class ContactDetector:
         if seen is None or self._dynamics.ticks * self._dt < BEGUN_S:
             return
         current, rest, most = seen
+        self._same &= current == self._since[1]
+        if self._dynamics.ticks % max(round(STUCK_S / self._dt), 1) == 0:
+            self._look_for_stuck(np.array([joints[self._dynamics.columns], current]))
         share = np.abs(rest) / most
         if self._busy or share.max() > CLEAR:
             self._judge(joints, current, rest, most, share)
+
+    def _look_for_stuck(self, now: FloatArray) -> None:
+        """Find the currents that were the same in all readings of STUCK_S while their joints moved. now (2, m):
+        positions, rad, and currents, A."""
+        stuck = self._same & (np.abs(now[0] - self._since[0]) > STUCK_RAD)
+        self._onset = np.where(stuck, now[1], self._onset)
+        self._give_up(stuck)
+        self._same, self._since = np.ones(len(self._servos), dtype=np.bool_), now
+
+    def _give_up(self, stuck: BoolArray) -> None:
+        """Do without the currents (m,) that do not change, until they do."""
+        self._news += [STUCK.format(self._servos[row].joint) for row in np.flatnonzero(stuck & ~self._stuck)]
+        self._changed, self._stuck = self._changed & ~stuck, self._stuck | stuck
+        self._busy = self._busy or bool(stuck.any())
 
     def _judge(
         self, joints: FloatArray, current: FloatArray, rest: FloatArray, most: FloatArray, share: FloatArray
@@ -256,12 +278,10 @@ class ContactDetector:
         self._onset = np.where(begins, current, self._onset)
         self._changed = (self._changed & ~begins) | (current != self._onset)
         self._stuck = self._stuck & ~self._changed
-        self._beyond = np.where(beyond, self._beyond + self._dt * share, 0.0)
+        self._beyond = np.where(beyond, self._beyond + self._dt * np.minimum(share, HARDEST), 0.0)
         sustained = self._beyond >= SUSTAINED_S
         # A current register that has not changed in one step since then does not measure: a press is never so even.
-        silent = sustained & ~self._changed & ~self._stuck
-        self._stuck = self._stuck | silent
-        self._news += [STUCK.format(self._servos[row].joint) for row in np.flatnonzero(silent)]
+        self._give_up(sustained & ~self._changed)
         pressing = sustained & ~self._stuck
         if self.pressed is None and pressing.any():
             self._press(int(np.where(pressing, share, 0.0).argmax()), joints, rest, most)
