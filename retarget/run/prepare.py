@@ -38,6 +38,7 @@ from retarget.run.supervisor import Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
 from retarget.safety.contact import ContactDetector
+from retarget.safety.force_limit import with_max_force
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.safety.standing import StandingCheck
 from retarget.schema.catalogue import Kind, entries
@@ -251,6 +252,8 @@ def prepare_for(
     performer = load_performer(options.performer_name)
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
+    if robot is not None and options.max_force is not None:
+        robot = with_max_force(robot, options.max_force)
     for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
     of_robot = () if robot is None else (*robot.body.notes, *on_priorities)

@@ -49,6 +49,8 @@ UP = (0.0, 0.0, 1.0)
 """The direction of up in the world."""
 STUCK_S, STUCK_RAD = 0.5, 0.1
 """A current that is the same in every reading of so many s, while its joint moves so far, is not measured."""
+FULL_SHARE = 0.95
+"""Share of its greatest current from which on a motor gives all it can."""
 STILL_PRESSED_S = 0.4
 """[s] A limb that still presses then goes back to where it is by then."""
 BACK_SHARE, AT_RAD = 0.9, 1e-4
@@ -118,10 +120,13 @@ def felt_servos(robot: RobotBody) -> BoolArray:
     held = [foot.frame for foot in robot.profile.feet.values()] if robot.stands else []
     held += ["hook"] if robot.profile.root == "suspended" and "hook" in robot.profile.frames else []
     carrying = {link for frame in held for link in robot.body.chain_to_root(robot.frame(frame).body)}
-    return np.array([_measures(servo) and _link_of(robot, servo) not in carrying for servo in robot.joint_map.servos])
+    return np.array(
+        [measures_current(servo) and _link_of(robot, servo) not in carrying for servo in robot.joint_map.servos]
+    )
 
 
-def _measures(servo: ServoSpec) -> bool:
+def measures_current(servo: ServoSpec) -> bool:
+    """Whether a servo measures and limits its current, and turns one joint alone."""
     return servo.model.current_unit is not None and servo.protocol == 2 and servo.coupling is None
 
 
@@ -156,7 +161,7 @@ class _Upright:
 
 class _InverseDynamics:
     """What the watched joints (m,) need, and what their motors give. columns (m,): of the servos; base (m,): N m that
-    stays unexplained at rest."""
+    stays unexplained at rest; full (m,): A of a motor that gives all it can."""
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
         self.columns = np.flatnonzero(felt_servos(robot))
@@ -167,6 +172,9 @@ class _InverseDynamics:
         self._armature = turns * turns * np.array([one.armature for one in numbers])  # [kg m^2]
         self._viscous = turns * turns * np.array([one.viscous for one in numbers])  # [N m s/rad]
         stall = np.array([servo.model.stall_torque for servo in servos])
+        limits = [np.inf if servo.current_limit is None else servo.current_limit for servo in servos]
+        most = np.array([one.most_torque / one.torque_constant for one in numbers])
+        self.full = FULL_SHARE * np.minimum(limits, most)  # [A]
         self.base = np.abs(turns) * (FRICTION * np.array([one.friction for one in numbers]) + PLAY * stall)  # [N m]
         self._robot, self._dt = robot, dt
         self._weight = robot.body.total_mass * GRAVITY  # [N]
@@ -264,7 +272,8 @@ class ContactDetector:
         self._same, self._since = np.ones(len(self._servos), dtype=np.bool_), now
 
     def _give_up(self, stuck: BoolArray) -> None:
-        """Do without the currents (m,) that do not change, until they do."""
+        """Do without the currents (m,) that do not change, until they do; one at its limit is what it is."""
+        stuck = stuck & (np.abs(self._onset) < self._dynamics.full)
         self._news += [STUCK.format(self._servos[row].joint) for row in np.flatnonzero(stuck & ~self._stuck)]
         self._changed, self._stuck = self._changed & ~stuck, self._stuck | stuck
         self._busy = self._busy or bool(stuck.any())
