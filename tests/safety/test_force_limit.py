@@ -54,14 +54,14 @@ def test_what_cannot_be_limited_is_refused() -> None:
 
 @pytest.mark.parametrize(("force", "yields"), [(4.0, True), (None, False)])
 def test_in_physics_a_limited_arm_yields_to_a_push(force: float | None, yields: bool) -> None:
-    """OP3 on a stand; 8 N are the force, 1 N of weight, and the friction of the shoulder, 0.1 N m, twice."""
+    """OP3 on a stand; 10 N are more than the force, 1 N of weight, and the friction of the shoulder, 0.1 N m, twice."""
     stand = load_robot("op3", root="fixed")
     robot = stand if force is None else with_max_force(stand, force)
     simulation = simulation_of(robot, start=posture_ticks(robot), mount=Mount(Support.STAND))
     simulation.switch(np.ones(20, dtype=np.bool_))
     simulation.advance(1.0)
     before = simulation.motors.angle(simulation.data).copy()
-    simulation.push(Push((8.0, 0.0, 0.0), simulation.time, 1.0, "l_hand"))
+    simulation.push(Push((10.0, 0.0, 0.0), simulation.time, 1.0, "l_hand"))
     simulation.advance(2.0)
     moved = np.abs(simulation.motors.angle(simulation.data) - before).max()
-    assert (moved > 0.7) is yields
+    assert bool(moved > 0.2) is yields, moved
