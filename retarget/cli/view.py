@@ -18,7 +18,7 @@ from retarget.run.loop import Observer, RowObserver
 from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import Extras
-from retarget.types import FloatArray, Notify
+from retarget.types import FloatArray, Notify, RunState
 from retarget.web.feed import STATE_WORDS, PageSetup, Settings, ViewFeed, needing_websockets, open_feed
 
 
@@ -131,7 +131,9 @@ def _extras(
             return "stopped" if supervisor.over else "stopping", stop.reason
         if over.is_set() or not supervisor.torque:
             return "ended", ""
-        return (STATE_WORDS.get(supervisor.state, supervisor.state.value), "") if words is None else words()
+        known = (STATE_WORDS.get(supervisor.state, supervisor.state.value), "") if words is None else words()
+        held = supervisor.hold_reason if supervisor.state is RunState.HOLD else ""
+        return known[0], known[1] or held or machine.guard.health.heat_words
 
     def current() -> FloatArray | None:
         states = machine.guard.states

@@ -62,12 +62,26 @@ class ServoExtreme:
 
 
 @dataclass(frozen=True)
+class HeatReport:
+    """The servo of those that carry the robot that will be warm first, at the end of the run, if it went on so.
+
+    temperature, at: degrees Celsius, and from which on it warns; per_minute: degrees; left_min: null where it stays
+    cooler."""
+
+    joint: str
+    temperature: float
+    at: float
+    per_minute: float
+    left_min: float | None
+
+
+@dataclass(frozen=True)
 class BusReport:
     """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
 
     faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock;
     missed_ticks: deadlines that passed without one. retries: requests that had to be repeated. hottest degrees Celsius,
-    lowest_voltage V, null where no servo reported one.
+    lowest_voltage V, null where no servo reported one. warms: of those that carry the robot, null in the first minute.
     """
 
     rate_hz: float | None
@@ -78,6 +92,7 @@ class BusReport:
     retries: int
     hottest: ServoExtreme | None
     lowest_voltage: ServoExtreme | None
+    warms: HeatReport | None = None
 
 
 @dataclass(frozen=True)
