@@ -40,7 +40,7 @@ in vec3 outward, inView, seen;
 in float height;
 out vec4 shown;
 void main() {
-  vec3 normal = normalize(outward), eye = normalize(seen);
+  vec3 normal = normalize(gl_FrontFacing ? outward : -outward), eye = normalize(seen); // from behind, through an opening
   float lit = max(dot(normal, vec3(${LIGHT})), 0.0), facing = abs(dot(normalize(inView), eye));
   vec3 light = mix(vec3(0.66, 0.64, 0.63), vec3(0.80, 0.81, 0.83), 0.5 + 0.5 * normal.z) + 0.27 * lit; // floor, sky, sun
   vec3 gloss = vec3(0.10 * pow(facing, 24.0));
