@@ -14,8 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from retarget.types import BoolArray, FloatArray, IntArray
 
 DENSE, AT_FIRST = 12_000, 30
-"""A mesh of more triangles than that, or than so many times what is left, is put on a grid first, which is quick, but
-joins thin walls."""
+"""A mesh of more triangles than that, or than so many times what is left, is put on a grid first, which is quick."""
 SAME = 1e-5
 """Corners within this share of a mesh's size are one."""
 BORDER = 10.0
@@ -46,11 +45,11 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
     points, place = _merged((triangles - low).reshape(-1, 3) / size, SAME)
     faces, cells = _real(place.reshape(-1, 3)), 3.0 * DENSE**0.5
     while len(faces) > DENSE:  # so fine that the middles of cells will do
-        points, place = _merged(points, 1.0 / cells)
+        points, place = _merged(points, 1.0 / cells, _octants(points, faces))
         faces, cells = _real(place[faces]), cells / 1.5
     quadrics, cells = _quadrics(points, faces), 2.0 * most**0.5
     while len(faces) > AT_FIRST * most:
-        middle, place = _merged(points, 1.0 / cells)
+        middle, place = _merged(points, 1.0 / cells, _octants(points, faces))
         if len(fewer := _real(place[faces])) <= AT_FIRST * most:
             quadrics, faces = _summed(quadrics.reshape(-1, 16), place, len(middle)).reshape(-1, 4, 4), fewer
             points = _nearest(quadrics, middle)
@@ -64,12 +63,19 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
     return np.asarray(low + size * points[faces])
 
 
-def _merged(points: FloatArray, cell: float) -> tuple[FloatArray, IntArray]:
-    """The middles (p, 3) of the points in each cell of a grid, and which of these each point is in."""
+def _merged(points: FloatArray, cell: float, kind: IntArray | int = 0) -> tuple[FloatArray, IntArray]:
+    """The middles (p, 3) of the points of a kind, 0 to 7, in each cell of a grid, and which of these each is in."""
     number = np.round(points / cell).astype(np.int64) + 1
-    _, place = np.unique((number[:, 0] * 2**21 + number[:, 1]) * 2**21 + number[:, 2], return_inverse=True)
+    cells = (number[:, 0] * 2**20 + number[:, 1]) * 2**20 + number[:, 2]
+    _, place = np.unique(cells * 8 + kind, return_inverse=True)
     count = int(place.max(initial=-1)) + 1
     return _summed(points, place, count) / np.bincount(place, minlength=count)[:, None], place
+
+
+def _octants(points: FloatArray, faces: IntArray) -> IntArray:
+    """Which way the surface looks at each point (p,), 0 to 7: the two sides of a thin wall are not one."""
+    normals = np.tile(_normals(points, faces), (3, 1))
+    return (_summed(normals, faces.T.ravel(), len(points)) > 0.0) @ np.array([1, 2, 4])
 
 
 def _summed(values: FloatArray, place: IntArray, count: int) -> FloatArray:
