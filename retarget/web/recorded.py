@@ -97,7 +97,8 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
         doing = [WORDS.get(state, words) for state, words in zip(run.state.tolist(), doing, strict=True)]
     known["doing"] = np.array(doing, dtype=np.object_)
     known["reason"] = np.where(known["doing"] == "following", "", run.reason if "reason" in run else "")
-    return ShownRun(**known, cast=cast, robot=run.robot, notes=tuple(dict.fromkeys((*run.notes, *notes))))
+    name = run.robot if profile is None else profile.profile.name
+    return ShownRun(**known, cast=cast, robot=name, notes=tuple(dict.fromkeys((*run.notes, *notes))))
 
 
 def _profile(body: Path) -> RobotBody | None:
