@@ -75,7 +75,7 @@ def _merged(points: FloatArray, cell: float, kind: IntArray | int = 0) -> tuple[
 def _octants(points: FloatArray, faces: IntArray) -> IntArray:
     """Which way the surface looks at each point (p,), 0 to 7: the two sides of a thin wall are not one."""
     normals = np.tile(_normals(points, faces), (3, 1))
-    return (_summed(normals, faces.T.ravel(), len(points)) > 0.0) @ np.array([1, 2, 4])
+    return np.asarray((_summed(normals, faces.T.ravel(), len(points)) > 0.0) @ np.array([1, 2, 4]))
 
 
 def _summed(values: FloatArray, place: IntArray, count: int) -> FloatArray:
