@@ -43,6 +43,7 @@ from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.model.scene_state import obstacle_meshes
 from retarget.run.table import RunTable
+from retarget.schema.profile import read_profile
 from retarget.schema.scene import load_scene
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 from retarget.types import FloatArray, RunState
@@ -185,7 +186,7 @@ class PageServer:
         settings = self.settings
         welcome = {
             "hear": "welcome",
-            "robot": settings.robot,
+            "robot": robot_words(settings.robot),
             "performs": settings.performs,
             "runtime": runtime_folder() is not None,
             "dead_man": settings.dead_man,
@@ -454,6 +455,14 @@ def packed_state(state: dict[str, Any], tracks: Iterable[FloatArray]) -> bytes:
     text = json.dumps(state).encode()
     text += b" " * (-len(text) % 4)
     return struct.pack("<I", len(text)) + text + b"".join(one.astype("<f4").tobytes() for one in tracks)
+
+
+def robot_words(robot: str) -> str:
+    """The name of a robot of which the name or the file of its profile is given."""
+    try:
+        return read_profile(robot).name
+    except RetargetError:  # which the run says, or it is a human
+        return robot
 
 
 def cast_of(setup: PageSetup) -> Cast:
