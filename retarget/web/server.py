@@ -42,6 +42,7 @@ from retarget.model.meshes import solid_body
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.model.scene_state import obstacle_meshes
+from retarget.rotations import conjugate, rotate
 from retarget.run.table import RunTable
 from retarget.schema.profile import read_profile
 from retarget.schema.scene import load_scene
@@ -352,6 +353,12 @@ class PageServer:
         state = {"time": round(float(row.time), 3), "state": row.doing, "why": row.reason, "sensors": known}
         if "latency" in row:
             state["latency_ms"] = {"page to goal": round(0.5 * self._round_trip_ms + 1e3 * float(row.latency), 1)}
+        if "imu_valid" in row and np.isfinite(row.imu_orientation).all():
+            up = rotate(conjugate(row.imu_orientation), [0.0, 0.0, 1.0])
+            right, forward = np.degrees(np.arctan2([up[1], -up[0]], up[2]))
+            ways = ("back" if forward < 0.0 else "forward", "left" if right < 0.0 else "right")
+            tilted = f"tilted {abs(forward):.0f}° {ways[0]}, {abs(right):.0f}° {ways[1]}"
+            state["imu"] = tilted if row.imu_valid else "no IMU"
         return state | {"clipped": [*self._clipped(cast, row)]}
 
     def _clipped(self, cast: Cast, row: RunTable) -> Iterator[str]:
