@@ -15,6 +15,7 @@ from retarget.report.latency import latency_of
 from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
+    held_back,
     in_blocks,
     in_named_blocks,
     jerk_p95,
@@ -173,7 +174,11 @@ def measure(run: RunResult) -> Report:
         steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
         imu=_imu(run),
         refused_pair=run.tally.refused_pair,
+<<<<<<< HEAD
         presses=run.tally.presses,
+=======
+        held_back=held_back(run),
+>>>>>>> main
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
         latency_ms=None if latency is None else latency.stages,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from guard_rig import MAP, Rig
+from hardware.guard_state import GuardLimits
 from hardware.heat import RATE_S, THERMAL_S, HeatForecast, time_left
 
 
