@@ -174,11 +174,8 @@ def measure(run: RunResult) -> Report:
         steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
         imu=_imu(run),
         refused_pair=run.tally.refused_pair,
-<<<<<<< HEAD
         presses=run.tally.presses,
-=======
         held_back=held_back(run),
->>>>>>> main
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
         latency_ms=None if latency is None else latency.stages,

@@ -263,13 +263,10 @@ class Report:
     """The links that came closest."""
     refused_pair: RefusedPair | None = None
     """Links, or link and obstacle, for which the gate refused goals in most ticks; null where it refused none."""
-<<<<<<< HEAD
     presses: Presses | None = None
     """Times that the robot held because it pressed against something, and the greatest press; null: it did not."""
-=======
     held_back: tuple[HeldBack, ...] = ()
     """Limbs that a joint at its limit, or an observer in contact, holds back in most ticks, and which one."""
->>>>>>> main
     deep: DeepReport
     """Overlaps of more than 1 mm, and the links of the other clearances."""
     observers: ObserversReport | None = None

@@ -276,17 +276,22 @@ def prepare_for(
     if real and end_plan.why:  # it must be said: at the end somebody has to be there
         notify(f"note: at the end it stands, with torque, until you hold it and switch torque off: {end_plan.why}")
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
-<<<<<<< HEAD
-    guard = Guard(bus=bus, joint_map=robot.joint_map, limits=limits)
-    supervisor = supervisor or Supervisor()
+    guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
     contact = ContactDetector(robot, dt=dt) if options.has_mass else None  # without mass no torque is needed
     machine = Machine(
-        robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify, contact=contact
+        robot,
+        follower,
+        gate,
+        guard,
+        supervisor,
+        clock,
+        dt,
+        end_plan,
+        real,
+        notify,
+        tip_watch=watch,
+        contact=contact,
     )
-=======
-    guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
-    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch)
->>>>>>> main
     prepared = replace(
         human,
         machine=machine,

@@ -113,11 +113,7 @@ class TickOutput:
 class Machine:
     """A robot that can run. clock: of the run, which its loop reads, and no tick. waits: a robot that stands at the end
     waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals: sent
-<<<<<<< HEAD
-    instead of following. contact: of a robot with mass; None: nothing looks for contacts."""
-=======
-    instead of following. tip_watch: of a robot that stands, and has an IMU."""
->>>>>>> main
+    instead of following. tip_watch: of a robot that stands, and has an IMU. contact: of a robot with mass."""
 
     robot: RobotBody
     follower: Follower
@@ -130,11 +126,8 @@ class Machine:
     waits: bool = True
     notify: Notify = lambda text: None
     goals: GoalsInstead | None = None
-<<<<<<< HEAD
     contact: ContactDetector | None = None
-=======
     tip_watch: TipWatch | None = None
->>>>>>> main
 
     def not_at_rest(self) -> tuple[str, ...]:
         """A note about a robot on its soles whose torque went off elsewhere than at rest, though nothing was wrong with
@@ -284,21 +277,13 @@ def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, giv
         guard.latch(*given.operator.fault)
     assert given.servos is not None, "servos that could not be read are a failure"
     guard.check(given.servos, given.now, given.idle)
-<<<<<<< HEAD
-    if clearance is None and machine.contact is None:
-        return
-    joints = machine.robot.joint_map.to_radians(given.servos.position)
-    if clearance is not None:
-        clearance.measure(joints, state.commanded.joints)
-    if machine.contact is not None:
-        machine.contact.look(given.servos, joints, state.commanded.standing)
-=======
     joints, watch = machine.robot.joint_map.to_radians(given.servos.position), machine.tip_watch
     if clearance is not None:
         clearance.measure(joints, state.commanded.joints)
     if watch is not None and given.servos.imu is not None and not motion.on_approach:
         watch.look(given.servos.imu, joints)
->>>>>>> main
+    if machine.contact is not None:
+        machine.contact.look(given.servos, joints, state.commanded.standing)
 
 
 def _sampled(given: TickInput) -> dict[str, Any]:
@@ -317,13 +302,10 @@ def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given:
         return NOT_FOLLOWABLE.format(performer.hold_reason), False
     if machine.guard.is_silent:
         return BUS_SILENT, False
-<<<<<<< HEAD
-    if machine.contact is not None and machine.contact.pressed is not None:
-        return machine.contact.pressed.text, False
-=======
     if machine.tip_watch is not None and machine.tip_watch.hold_reason:
         return machine.tip_watch.hold_reason, False
->>>>>>> main
+    if machine.contact is not None and machine.contact.pressed is not None:
+        return machine.contact.pressed.text, False
     if refused := motion.refused(state.commanded):
         return f"the gate refuses {refused}", False
     if run_state is RunState.FOLLOW and motion.follow.lost:

@@ -9,6 +9,7 @@ import pytest
 from guard_rig import MAP, Rig
 from hardware.guard_state import GuardLimits
 from hardware.heat import RATE_S, THERMAL_S, HeatForecast, time_left
+from hardware.servo_health import ServoHealth
 
 
 def warming(time: float, end: float) -> float:
