@@ -112,8 +112,7 @@ def _robot(path: Path) -> str:
     for bus in ("mock", "profile"):  # without mass, and with it
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
     try_approach(robot)
-    models = [servo.model for servo in profile.servos.values()]
-    layouts = profile.layouts()
+    models, layouts = [servo.model for servo in profile.servos.values()], profile.layouts()
     buses = [_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()]
     facts = {
         "body": f"{profile.body_path.name}, root {profile.root}",
@@ -126,7 +125,7 @@ def _robot(path: Path) -> str:
         "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them checked",
         "not checked": _not_checked(observers.dropped),
         "feet": ", ".join(profile.feet) or "none",
-        "contacts": _contacts(robot),
+        "presses": _contacts(robot),
     }
     if margin is not None:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"

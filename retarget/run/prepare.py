@@ -252,10 +252,7 @@ def prepare_for(
     Raises RetargetError for what cannot be used.
     """
     performer = load_performer(options.performer_name)
-    if robot is None and not options.is_human:
-        robot = load_robot(options.robot, root=options.root)
-    if robot is not None and options.max_force is not None:
-        robot = with_max_force(robot, options.max_force)
+    robot = _robot_of(options, robot)
     for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
     of_robot = () if robot is None else (*robot.body.notes, *on_priorities)
@@ -279,18 +276,7 @@ def prepare_for(
     guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
     contact = ContactDetector(robot, dt=dt) if options.has_mass else None  # without mass no torque is needed
     machine = Machine(
-        robot,
-        follower,
-        gate,
-        guard,
-        supervisor,
-        clock,
-        dt,
-        end_plan,
-        real,
-        notify,
-        tip_watch=watch,
-        contact=contact,
+        robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch, contact=contact
     )
     prepared = replace(
         human,
@@ -306,6 +292,13 @@ def prepare_for(
     )
     with _open(bus, guard):
         yield prepared
+
+
+def _robot_of(options: RunOptions, robot: RobotBody | None) -> RobotBody | None:
+    """The robot of a run, None for a human alone, with the currents that the options allow. robot: instead of theirs."""
+    if robot is None and not options.is_human:
+        robot = load_robot(options.robot, root=options.root)
+    return robot if robot is None or options.max_force is None else with_max_force(robot, options.max_force)
 
 
 @contextmanager

@@ -45,8 +45,6 @@ BEGUN_S = 0.5
 """[s] After the first reading nothing is judged: torque comes on, and the joints take up their loads."""
 CLEAR, CLEAR_S = 0.8, 0.5
 """A press is over that has been below this share of the bound for so many s. Friction alone may leave two thirds."""
-UP = (0.0, 0.0, 1.0)
-"""The direction of up in the world."""
 STUCK_S, STUCK_RAD = 0.5, 0.1
 """A current that is the same in every reading of so many s, while its joint moves so far, is not measured."""
 FULL_SHARE = 0.95
@@ -135,10 +133,12 @@ def _link_of(robot: RobotBody, servo: ServoSpec) -> int:
 
 
 class _Upright:
-    """The direction of up in the world of a body whose free root is not turned, by the IMU, else by the posture."""
+    """What holds against the weight of a robot, N, in the world of a body whose free root is not turned: upwards by the
+    IMU, else by the posture."""
 
     def __init__(self, robot: RobotBody) -> None:
         body = robot.body
+        self._up = (0.0, 0.0, body.total_mass * GRAVITY)
         root = int(np.flatnonzero(body.parent == 0)[1])  # link 0 is the world
         turns = robot.kinematics.forward(robot.posture({}))[1]
         self._free, self._root = robot.profile.root == "free", NO_TURN
@@ -152,11 +152,11 @@ class _Upright:
                 in_root = product(inverse(as_quat(turns[root])), as_quat(turns[link]))
                 self._of_imu = product(self._root, in_root)
 
-    def direction(self, imu: ImuSample | None, q: FloatArray) -> Vector:
-        """Up, a unit vector. q (nq,): the posture to which the robot was commanded."""
+    def force(self, imu: ImuSample | None, q: FloatArray) -> Vector:
+        """The force. q (nq,): the posture to which the robot was commanded."""
         if self._of_imu is not None and imu is not None and imu.valid and imu.orientation is not None:
-            return rotated(product(self._of_imu, inverse(as_quat(imu.orientation))), UP)
-        return rotated(inverse(as_quat(q[3:7])), UP) if self._free else UP
+            return rotated(product(self._of_imu, inverse(as_quat(imu.orientation))), self._up)
+        return rotated(inverse(as_quat(q[3:7])), self._up) if self._free else self._up
 
 
 class _InverseDynamics:
@@ -177,7 +177,6 @@ class _InverseDynamics:
         self.full = FULL_SHARE * np.minimum(limits, most)  # [A]
         self.base = np.abs(turns) * (FRICTION * np.array([one.friction for one in numbers]) + PLAY * stall)  # [N m]
         self._robot, self._dt = robot, dt
-        self._weight = robot.body.total_mass * GRAVITY  # [N]
         self._dofs = np.array([robot.body.dof_index(servo.joint) for servo in servos], dtype=np.intp)
         self.q, self._upright = robot.posture({}), _Upright(robot)
         """(nq,) Where the joints are, in the frame of the root."""
@@ -194,11 +193,11 @@ class _InverseDynamics:
         """The currents (m,) A of a tick, the torques (m,) N m that are not explained, and their bounds (m,). joints
         (n,): rad; q (nq,): as commanded. None in the first tick, and where a current is not known."""
         columns, dt, gain = self.columns, self._dt, self._dt / (SMOOTH_S + self._dt)
-        up = np.array(self._upright.direction(states.imu, q))
+        force = np.array(self._upright.force(states.imu, q))
         self.q[self._robot.servo_columns] = joints
         # The gravity torque of a joint that carries nothing but its own links: m g up . J_com, the root held.
         jacobian = self._robot.kinematics.centre_of_mass_jacobian(self.q)
-        gravity = self._weight * matmul(up, jacobian)[self._dofs]
+        gravity = matmul(force, jacobian)[self._dofs]
         current = states.current[columns]
         seen = np.array([joints[columns], self.constant * current - gravity])
         if not self.ticks or not np.isfinite(seen.sum()):
@@ -216,6 +215,41 @@ class _InverseDynamics:
         return current, rest, self.base + GRAVITY_SHARE * np.abs(gravity) + INERTIA_SHARE * np.abs(inertial)
 
 
+class _Readings:
+    """Looks for currents (m,) that do not change. changed: since a torque was beyond its bound, or a current was given
+    up; stuck: those that are not believed, until they change."""
+
+    def __init__(self, full: FloatArray) -> None:
+        """full (m,): A from which on a motor gives all it can: such a current may stand still."""
+        self._full, self._onset = full, np.zeros(len(full))
+        self.changed = self.stuck = np.zeros(len(full), dtype=np.bool_)
+        self._same, self._since = np.zeros(len(full), dtype=np.bool_), np.zeros((2, len(full)))
+
+    def look(self, current: FloatArray) -> None:
+        """Look at the currents of a tick."""
+        self._same &= current == self._since[1]
+
+    def unmoved(self, joints: FloatArray, current: FloatArray) -> BoolArray:
+        """The currents that were the same in all ticks since the last call, while their joints (m,) rad moved."""
+        stuck = self._same & (np.abs(joints - self._since[0]) > STUCK_RAD)
+        self._same, self._since = np.ones(len(current), dtype=np.bool_), np.array([joints, current])
+        self._onset = np.where(stuck, current, self._onset)
+        return self.give_up(stuck)
+
+    def judge(self, current: FloatArray, begins: BoolArray) -> None:
+        """Note which currents have changed. begins: torques that are beyond their bounds from now on."""
+        self._onset = np.where(begins, current, self._onset)
+        self.changed = (self.changed & ~begins) | (current != self._onset)
+        self.stuck = self.stuck & ~self.changed
+
+    def give_up(self, stuck: BoolArray) -> BoolArray:
+        """Do without these currents. Return those that were believed so far."""
+        stuck = stuck & (np.abs(self._onset) < self._full)
+        fresh = stuck & ~self.stuck
+        self.changed, self.stuck = self.changed & ~stuck, self.stuck | stuck
+        return fresh
+
+
 class ContactDetector:
     """Looks at the servos of a robot in every tick of `dt` s. pressed: what presses now, None: nothing does. presses:
     those of the run so far, None: there was none. unexplained (n,): N m, servo order, what inverse dynamics does not
@@ -226,9 +260,7 @@ class ContactDetector:
         self._servos = [robot.joint_map.servos[column] for column in self._dynamics.columns]
         none = np.zeros(len(self._servos))
         self._beyond = none  # (m,) [s] beyond the bound without a break, times the share of it
-        self._onset = none  # (m,) [A] when the first of them began
-        self._changed = self._stuck = np.zeros(len(self._servos), dtype=np.bool_)  # (m,) the current has, or does not
-        self._same, self._since = self._changed.copy(), np.zeros((2, len(self._servos)))  # of STUCK_S: and its begin
+        self._readings = _Readings(self._dynamics.full)
         self._clear = self._pressing = 0  # ticks
         self._busy = False  # something is beyond its bound, or was
         self._news: list[str] = []
@@ -256,26 +288,16 @@ class ContactDetector:
         if seen is None or self._dynamics.ticks * self._dt < BEGUN_S:
             return
         current, rest, most = seen
-        self._same &= current == self._since[1]
+        self._readings.look(current)
         if self._dynamics.ticks % max(round(STUCK_S / self._dt), 1) == 0:
-            self._look_for_stuck(np.array([joints[self._dynamics.columns], current]))
+            self._give_up(self._readings.unmoved(joints[self._dynamics.columns], current))
         share = np.abs(rest) / most
         if self._busy or share.max() > CLEAR:
             self._judge(joints, current, rest, most, share)
 
-    def _look_for_stuck(self, now: FloatArray) -> None:
-        """Find the currents that were the same in all readings of STUCK_S while their joints moved. now (2, m):
-        positions, rad, and currents, A."""
-        stuck = self._same & (np.abs(now[0] - self._since[0]) > STUCK_RAD)
-        self._onset = np.where(stuck, now[1], self._onset)
-        self._give_up(stuck)
-        self._same, self._since = np.ones(len(self._servos), dtype=np.bool_), now
-
     def _give_up(self, stuck: BoolArray) -> None:
-        """Do without the currents (m,) that do not change, until they do; one at its limit is what it is."""
-        stuck = stuck & (np.abs(self._onset) < self._dynamics.full)
-        self._news += [STUCK.format(self._servos[row].joint) for row in np.flatnonzero(stuck & ~self._stuck)]
-        self._changed, self._stuck = self._changed & ~stuck, self._stuck | stuck
+        """Say which currents (m,) are not believed from now on."""
+        self._news += [STUCK.format(self._servos[row].joint) for row in np.flatnonzero(stuck)]
         self._busy = self._busy or bool(stuck.any())
 
     def _judge(
@@ -284,23 +306,22 @@ class ContactDetector:
         """Judge the torques (m,) N m that are not explained, their bounds, and their shares of these."""
         beyond = share > 1.0
         begins = beyond & (self._beyond == 0.0)
-        self._onset = np.where(begins, current, self._onset)
-        self._changed = (self._changed & ~begins) | (current != self._onset)
-        self._stuck = self._stuck & ~self._changed
+        self._readings.judge(current, begins)
         self._beyond = np.where(beyond, self._beyond + self._dt * np.minimum(share, HARDEST), 0.0)
         sustained = self._beyond >= SUSTAINED_S
         # A current register that has not changed in one step since then does not measure: a press is never so even.
-        self._give_up(sustained & ~self._changed)
-        pressing = sustained & ~self._stuck
+        self._give_up(self._readings.give_up(sustained & ~self._readings.changed))
+        stuck = self._readings.stuck
+        pressing = sustained & ~stuck
         if self.pressed is None and pressing.any():
             self._press(int(np.where(pressing, share, 0.0).argmax()), joints, rest, most)
-        self._clear = 0 if (share * ~self._stuck > CLEAR).any() else self._clear + 1
+        self._clear = 0 if (share * ~stuck > CLEAR).any() else self._clear + 1
         self._pressing = 0 if self._clear or self.pressed is None else self._pressing + 1
         if self.pressed is not None and self._pressing * self._dt >= STILL_PRESSED_S:  # the robot has moved, too
             self.pressed, self._pressing = replace(self.pressed, joints=joints.copy()), 0
         if self.pressed is not None and self._clear * self._dt >= CLEAR_S:
             self.pressed = None
-        self._busy = self.pressed is not None or bool(self._beyond.any() or self._stuck.any())
+        self._busy = self.pressed is not None or bool(self._beyond.any() or stuck.any())
 
     def _press(self, row: int, joints: FloatArray, rest: FloatArray, most: FloatArray) -> None:
         """Name the joint that presses, and its limb: the watched joints that hang together with it."""
