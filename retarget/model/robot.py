@@ -82,7 +82,7 @@ class RobotBody:
     @cached_property
     def content(self) -> bytes:
         """A digest of all that its profile and its body say: the same for the same robot, loaded again."""
-        digest = sha256(f"{self.floats} {self.profile.model_dump_json()}".encode())
+        digest = sha256(f"{self.floats} {self.profile!r}".encode())
         for part in _content(self.body):
             digest.update(part)
         return digest.digest()
