@@ -8,6 +8,7 @@ from typing import Protocol
 
 from hardware.arrays import BoolArray, ByteArray, FloatArray, TickArray
 from hardware.errors import BusError, describe
+from hardware.imu import ImuSample
 
 
 class ServoAlert(IntFlag):
@@ -72,6 +73,8 @@ class ServoStates:
     """Share of the last cycles (0.05 s) in which answers came damaged and requests were repeated more than once."""
     soles: BoolArray | None = None
     """Which soles press on the floor, (k,) in the order of the profile's feet; None where nothing measures it."""
+    imu: ImuSample | None = None
+    """What the robot's IMU measured last; None on a bus without one."""
 
     @cached_property
     def complete(self) -> bool:

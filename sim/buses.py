@@ -9,15 +9,20 @@ from hardware.arrays import TickArray
 from hardware.bus import BusSpec
 from hardware.clock import Clock
 from hardware.dynamixel.bus import DynamixelBus
+from hardware.dynamixel.serial_port import BytePort
 from hardware.errors import BusError
+from hardware.imu import ImuSpec
 from retarget.errors import ConfigError
 from retarget.model.robot import RobotBody
 from retarget.schema.scene import Scene
+from sim.bno08x import EmulatedBno08x
 from sim.emulator.fault_state import EVERY_KIND, load_fault_plan
 from sim.emulator.faults import FaultKind
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
+from sim.imu import ImuStandIn, SensedMotion, standing_still
 from sim.physics.bus import PhysicsBus, drive_shafts
+from sim.physics.imu import LinkMotion
 from sim.physics.mount import Mount, mount_of
 from sim.physics.perturbation import NOMINAL, Perturbation, PerturbationKind, combined, drawn
 from sim.physics.simulation import Simulation
@@ -49,14 +54,24 @@ def emulated_bus(
     servos, buses = robot.joint_map.servos, robot.profile.bus_specs()
     ids, kinds = {bus.name: bus.ids for bus in buses}, EVERY_KIND if simulation is None else WITH_MASS
     plan = None if faults is None else load_fault_plan(faults, ids, kinds=kinds)
-    lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan)
+    imu = robot.profile.imu_spec()
+    sensor = None if imu is None else imu_stand_in(imu, simulation)
+    lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan, imu=sensor)
     if simulation is not None:
         drive_shafts(simulation, servos, lines, now=clock.now())
 
-    def port(bus: BusSpec) -> EmulatedPort:
+    def port(bus: BusSpec) -> BytePort:
+        if sensor is not None and bus.name not in lines:
+            return EmulatedBno08x(sensor, clock)
         return EmulatedPort(lines[bus.name], clock, name=f"emulated {bus.port}")
 
-    return DynamixelBus(robot.joint_map, buses, port, notify=notify)
+    return DynamixelBus(robot.joint_map, buses, port, imu=imu, notify=notify)
+
+
+def imu_stand_in(imu: ImuSpec, simulation: Simulation | None, *, seed: int = 0) -> ImuStandIn:
+    """What takes the place of a robot's IMU: it moves with the simulation; None: it stands upright and still."""
+    motion = standing_still if simulation is None else LinkMotion(simulation, imu)
+    return ImuStandIn(imu, seed=seed, motion=motion)
 
 
 # A robot's bus above its simulated mechanics: what `--bus physics` opens.
@@ -64,7 +79,10 @@ def emulated_bus(
 
 def physics_bus(simulation: Simulation, clock: Clock) -> WitnessedBus:
     """The bus of a robot with mass. Goals take effect one cycle of the robot after they are written."""
-    bus = PhysicsBus(simulation, clock, latency=1.0 / simulation.world.robot.profile.safety.rate_hz)
+    profile = simulation.world.robot.profile
+    imu, seed = profile.imu_spec(), simulation.seed
+    sensor = None if imu is None else SensedMotion(imu, imu_stand_in(imu, simulation, seed=seed))
+    bus = PhysicsBus(simulation, clock, latency=1.0 / profile.safety.rate_hz, imu=sensor)
     return WitnessedBus(bus, Witness(simulation))
 
 

@@ -7,9 +7,11 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
+from hardware.imu import ImuSpec
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
+from sim.imu import still_sample
 from sim.servo_model import saturated_lag
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
@@ -20,7 +22,7 @@ def mock_bus(robot: RobotBody, clock: Clock, *, start: TickArray | None = None) 
     """The bus of a robot whose servos begin at `start`, ticks (n,); None: in its posture `stand`."""
     if start is None:
         start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
-    return MockBus(robot.joint_map.servos, clock, start=start)
+    return MockBus(robot.joint_map.servos, clock, start=start, imu=robot.profile.imu_spec())
 
 
 class MockBus:
@@ -29,7 +31,7 @@ class MockBus:
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
     whose drive saturates at its no-load speed. The lag, s, follows from the model and its P gain (about 45 ms for an
     XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. Currents,
-    voltages and temperatures are unknown. `start` in ticks, (n,).
+    voltages and temperatures are unknown. `start` in ticks, (n,). An `imu` stands upright and still.
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class MockBus:
         clock: Clock,
         *,
         start: TickArray | None = None,
+        imu: ImuSpec | None = None,
     ) -> None:
         count = len(servos)
         self._clock = clock
@@ -56,7 +59,7 @@ class MockBus:
         self._velocity = np.zeros(count)  # (n,) [rad/s]
         self._torque = np.zeros(count, dtype=np.bool_)
         self._time = clock.now()
-        self._open = False
+        self._open, self._imu = False, imu
 
     def open(self) -> None:
         """Open the bus; torque is off."""
@@ -125,4 +128,5 @@ class MockBus:
             age=np.zeros(count),
             valid=np.ones(count, dtype=np.bool_),
             driven=self._torque.copy(),
+            imu=None if self._imu is None else still_sample(self._time),
         )

@@ -16,11 +16,14 @@ from benchmarks.golden.play import Outcome, play
 from benchmarks.golden.tree import Tree, TreeError
 
 STORED = Path(__file__).resolve().parent.parent.parent / "tests" / "golden" / "stored.json"
+C_LIBRARY = frozenset({"imu_orientation"})
+"""Measured numbers whose last bits are those of the C library's sine. No goal follows from them."""
 
 
 def hashes(outcome: Outcome) -> dict[str, str]:
-    """A hash of every saved array of numbers, and of the bytes on the wire."""
-    found = {name: _array_hash(values) for name, values in outcome.arrays.items() if values.dtype.kind != "U"}
+    """A hash of every saved array of numbers but those of C_LIBRARY, and of the bytes on the wire."""
+    numbers = {name: values for name, values in outcome.arrays.items() if values.dtype.kind != "U"}
+    found = {name: _array_hash(values) for name, values in numbers.items() if name not in C_LIBRARY}
     if outcome.wire:
         found["wire"] = _hash(b"".join(_bytes(outcome.wire[name]) for name in sorted(outcome.wire)))
     return found

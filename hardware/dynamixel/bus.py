@@ -9,14 +9,17 @@ from enum import Enum
 import numpy as np
 
 from hardware.arrays import TickArray
+from hardware.bno08x import SerialImu
 from hardware.bus import BusSpec, ServoGoals, ServoStates
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.cyclic import BusLine, read_cycle
+from hardware.dynamixel.opencr import OpenCrImu
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings, ReportedTorque
 from hardware.dynamixel.serial_port import BytePort
 from hardware.dynamixel.torque import Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
 from hardware.errors import BusError, HardwareError
+from hardware.imu import FRESH, ImuDevice, ImuFault, ImuKind, ImuSample, ImuSpec
 from hardware.joint_map import JointMap, resolve_turns, turn_groups
 
 MakePort = Callable[[BusSpec], BytePort]
@@ -26,6 +29,74 @@ FIRST_CYCLES = 5
 """Cycles in which servos that do not answer are waited for, at opening and before torque comes on."""
 NOISY_CYCLES = 50
 """Cycles in a row with repeated requests after which there is a note."""
+
+
+class CyclicImu:
+    """The IMU of a robot within the cycles of its bus. port: a serial line of its own; None: it is on one of `lines`.
+
+    Where goals drive the servos, it is asked behind them, and its answer is taken before anything else is sent; else it
+    is asked when the servos have answered. notify: told once of each fault. Raises BusError only where a bus is gone.
+    """
+
+    def __init__(
+        self, spec: ImuSpec, lines: Sequence[BusLine], make_port: MakePort, notify: Callable[[str], object]
+    ) -> None:
+        self._baud, self._notify, self._told = spec.baud, notify, set[ImuFault]()
+        self._asked = self._answers = self._late = False
+        self._since = np.inf  # [s] from when on there are answers
+        self.port: BytePort | None = None
+        self.device: ImuDevice
+        if spec.kind is ImuKind.BNO08X:
+            self.port = make_port(BusSpec("imu", spec.port, spec.baud, 2, ()))
+            self.device = SerialImu(spec, self.port)
+        else:
+            (line,) = (line for line in lines if line.spec.name == spec.bus)
+            self.device = OpenCrImu(line, spec)
+
+    def open(self) -> None:
+        """Open its own port, if it has one."""
+        if self.port is not None:
+            self.port.open(self._baud)
+
+    def post(self) -> None:
+        """Ask, behind the goals; a host that had to wait for the last answer has no time left, and asks every second
+        time."""
+        self.finish()
+        if not self._late:
+            self.device.post()
+            self._asked = self._answers = True
+        self._late = False
+
+    def finish(self) -> None:
+        """Take the answer that is on its way: until then nothing else may be sent."""
+        if self._answers:
+            self._answers = False
+            try:
+                self._late = self.device.collect()
+            except BusError:
+                if self.port is None:
+                    raise
+
+    def sample(self, now: float, *, ask: bool = True) -> ImuSample:
+        """The newest measurement at the end of a cycle that began at `now`, s. ask: for a new one, and wait for it."""
+        if ask:
+            self._late = False
+            self.post()
+            self.finish()
+            self._late = False
+        sample, fault = self.device.sample(now), self.device.fault
+        self._since = min(self._since, now if self._asked else np.inf)
+        if fault is not None and fault not in self._told and now > self._since + FRESH:
+            self._told.add(fault)
+            with suppress(OSError):  # a lost terminal is no failure of the bus
+                self._notify(f"the IMU {fault.value}: nothing is known of the robot's tilt meanwhile")
+        return sample
+
+    def close(self) -> None:
+        """Close its own port."""
+        if self.port is not None:
+            with suppress(BusError):
+                self.port.close()
 
 
 class BusState(Enum):
@@ -40,7 +111,8 @@ class DynamixelBus:
     """All buses of a robot, in parallel: each cycle asks on every port before it waits on any.
 
     A servo without an answer keeps its values and is marked; a port that is gone raises BusError. Torque comes on by a
-    ramp, and only where everything was found and written as the profile wants. notify: receives notes, a text each.
+    ramp, and only where everything was found and written as the profile wants. imu: read with the servos; None: there
+    is none. notify: receives notes, a text each.
     """
 
     def __init__(
@@ -49,6 +121,7 @@ class DynamixelBus:
         buses: Sequence[BusSpec],
         make_port: MakePort,
         *,
+        imu: ImuSpec | None = None,
         notify: Callable[[str], object] = lambda note: None,
     ) -> None:
         self._map = joint_map
@@ -57,8 +130,11 @@ class DynamixelBus:
         placed = [(bus, [(index, servo) for index, servo in servos if servo.bus == bus.name]) for bus in buses]
         self.lines = tuple(BusLine(bus, make_port(bus), own) for bus, own in placed if own)
         """Each bus with its port."""
+        self.imu = None if imu is None else CyclicImu(imu, self.lines, make_port, notify)
+        """What is read with the servos."""
         self._readings: Readings
         self._goals: TickArray | None = None
+        self._only_read = False  # since the last goals that drive servos
         self._noisy_cycles = 0  # cycles
         self._state = BusState.CLOSED
 
@@ -91,23 +167,31 @@ class DynamixelBus:
         self._state = BusState.OPEN
 
     def read(self) -> ServoStates:
-        """One cycle of all ports."""
+        """One cycle of all ports. From the second one in a row on, without goals that drive servos, the IMU is waited
+        for: the first may be the posture that the robot is to hold, and that must not wait."""
         self._require_open("read")
-        return self._cycle()
+        ask, self._only_read = self._only_read, True
+        return self._cycle(ask_imu=ask)
 
     def write(self, goals: ServoGoals) -> None:
         """Send goal positions, one sync write for each port. Raises BusError for ticks that a servo does not have."""
         self._require_open("write")
         ticks = goals.ticks
         self._map.check_goals(ticks, where="bus, write")
+        self._finish_imu()
         self._goals = np.array(ticks)
         raw = ticks - self._readings.turns
         for line in self.lines:
             line.cyclic.write(raw, self._readings.driven)
+        if self.imu is not None and self._state is BusState.POWERED:
+            self.imu.post()
+            self._only_read = False
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
         self._require_open("torque")
+        self._finish_imu()
+        self._only_read = False
         if not on:
             self._torque_off()
             return
@@ -140,6 +224,11 @@ class DynamixelBus:
                 found.append(examine(line, self._map))
             except HardwareError as error:
                 found.append(Opening(problems=[f"bus {line.spec.name}: {error}"]))
+        if self.imu is not None:
+            try:
+                self.imu.open()
+            except HardwareError as error:
+                found.append(Opening(problems=[f"IMU: {error}"]))
         return found
 
     def _begin(self) -> None:
@@ -147,7 +236,7 @@ class DynamixelBus:
         servos = self._map.servos
         tables = {line.index_of[device]: image.table for line in self.lines for device, image in line.images.items()}
         self._readings = Readings([tables[index] for index in range(len(servos))])
-        self._goals = None
+        self._goals, self._only_read = None, False
         self._counted = np.ones(len(servos), dtype=np.bool_)  # whose turns are known
         for group in turn_groups(self._map):
             self._counted[group] = False
@@ -176,10 +265,12 @@ class DynamixelBus:
         if problems:
             raise BusError(" ".join(problems))
 
-    def _cycle(self) -> ServoStates:
-        """One cycle of all ports; now and then with voltage and temperature."""
+    def _cycle(self, *, ask_imu: bool = False) -> ServoStates:
+        """One cycle of all ports; now and then with voltage and temperature. ask_imu: and wait for its answer."""
         now = self.lines[0].port.now()
+        self._finish_imu()
         read_cycle(self.lines, self._readings, wide=self._readings.slow.due(now, self._readings.valid))
+        imu = None if self.imu is None else self.imu.sample(now, ask=ask_imu)
         errors = [line.cyclic.errors for line in self.lines]
         repeated = sum([one.note(now) for one in errors])
         share = max(one.share for one in errors)
@@ -190,7 +281,11 @@ class DynamixelBus:
                     f"requests had to be repeated in {NOISY_CYCLES} cycles in a row: a noisy line, or an adapter that "
                     "is slower than it says"
                 )
-        return self._readings.states(now, retries=self.retries, error_rate=share)
+        return self._readings.states(now, retries=self.retries, error_rate=share, imu=imu)
+
+    def _finish_imu(self) -> None:
+        if self.imu is not None:
+            self.imu.finish()
 
     def _cycle_of_all(self) -> ServoStates:
         """Run cycles until every servo has answered in one, FIRST_CYCLES at most. Returns the states of the last."""
@@ -260,6 +355,8 @@ class DynamixelBus:
         for line in self.lines:
             with suppress(BusError):
                 line.port.close()
+        if self.imu is not None:
+            self.imu.close()
 
     def _require_open(self, action: str) -> None:
         if self._state is BusState.CLOSED:
@@ -277,10 +374,10 @@ TORQUE_AGE = 1.0
 
 
 class BusWatch:
-    """The servos of lines with open ports. losses (n,): cycles in which a servo did not answer."""
+    """The servos of lines with open ports. imu: read with them. losses (n,): cycles in which a servo did not answer."""
 
-    def __init__(self, lines: Sequence[BusLine]) -> None:
-        self._lines = lines
+    def __init__(self, lines: Sequence[BusLine], imu: CyclicImu | None = None) -> None:
+        self._lines, self._imu = lines, imu
         tables = {line.index_of[one]: table for line in lines for one, table in line.tables.items()}
         self._readings = Readings([tables[index] for index in range(len(tables))])
         self.losses = np.zeros(len(tables), dtype=np.int64)
@@ -313,8 +410,9 @@ class BusWatch:
         look = begun >= self._looked + TORQUE_PERIOD
         self._looked = begun if look else self._looked
         read_cycle(self._lines, self._readings, wide=True, status=look)
+        imu = None if self._imu is None else self._imu.sample(self._lines[0].port.now())
         now = self._lines[0].port.now()
         self._times.append(now - begun)
-        states = self._readings.states(now)
+        states = self._readings.states(now, imu=imu)
         self.losses += ~states.valid
         return states

@@ -68,6 +68,8 @@ class ReadKind(Enum):
     BULK1 = "bulk read, protocol 1.0"
     SINGLE1 = "read, protocol 1.0"
     """One servo: those that know no group read."""
+    SINGLE2 = "read, protocol 2.0"
+    """One device that is no servo."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,19 +81,26 @@ class Ask:
     address: int
     size: int
 
+    @property
+    def protocol(self) -> int:
+        """Of request and answers."""
+        return 1 if self.kind in (ReadKind.BULK1, ReadKind.SINGLE1) else 2
+
     def request(self) -> bytes:
         """The bytes to send."""
         if self.kind is ReadKind.SINGLE1:
             return protocol1.read(self.ids[0], self.address, self.size)
         if self.kind is ReadKind.BULK1:
             return protocol1.bulk_read((device, self.address, self.size) for device in self.ids)
+        if self.kind is ReadKind.SINGLE2:
+            return protocol2.read(self.ids[0], self.address, self.size)
         return protocol2.sync_read(self.address, self.size, self.ids, fast=self.kind is ReadKind.FAST)
 
     def bytes_of(self, count: int) -> int:
         """Bytes of the first `count` answers, but for what stuffing adds."""
         if self.kind is ReadKind.FAST:
             return BEFORE_PARTS + count * (self.size + PART_OVERHEAD) if count else 0
-        overhead = protocol2.STATUS_BYTES if self.kind is ReadKind.SYNC else protocol1.STATUS_BYTES
+        overhead = CODECS[self.protocol].STATUS_BYTES
         return count * (overhead + self.size)
 
     def timeouts(self, port: BytePort, return_delay: float) -> "Timeouts":
@@ -108,7 +117,7 @@ class Ask:
         if self.kind is ReadKind.FAST:
             return whole_reply(received, self.ids, self.size) or side_by_side(self._parts(received))
         found: dict[int, Status] = {}
-        codec = CODECS[2 if self.kind is ReadKind.SYNC else 1]
+        codec = CODECS[self.protocol]
         parser = codec.parser()
         # Frames inside one with a damaged length count as well.
         statuses = (codec.status_of(frame) for frame in [*parser.feed(received), *parser.flush()])
@@ -116,7 +125,7 @@ class Ask:
             # An answer to this request is no refusal, no echo, and of no unknown id.
             if status is None or len(status.data) != self.size or status.id not in self.ids:
                 continue
-            if self.kind is not ReadKind.SYNC or not _refused(status):
+            if self.protocol == 1 or not _refused(status):
                 found.setdefault(status.id, status)
         return side_by_side(list(found.values()))
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from hardware.bus import MAX_RETURN_DELAY, BusSpec, PowerSwitch
+from hardware.dynamixel import opencr
 from hardware.dynamixel.codec import BROADCAST, CODECS, MAX_ID
 from hardware.dynamixel.control_table import ControlTable, Register, usual_table
 from hardware.dynamixel.cyclic import BusLine
@@ -32,10 +33,6 @@ def answers_pings_only(client: OneOff, device: int) -> bool:
     except ServoError:  # that is an answer
         return False
     return False
-
-
-CONTROLLERS = frozenset((0x7400,))
-"""Model numbers of devices that are no servos: OpenCR."""
 
 
 Placed = tuple[int, ServoSpec]
@@ -156,7 +153,7 @@ def _read(line: BusLine, servo: ServoSpec, one: Sighting) -> tuple[str, ServoIma
 def _is_unknown(one: Sighting, line: BusLine) -> bool:
     """Whether a servo that was not read is of a model without a table here, or not in the profile."""
     device = one.found.id
-    if one.found.model in CONTROLLERS:
+    if one.found.model == opencr.NUMBER:  # no servo
         return False
     if device in line.servos:
         return one.table is None and one.found.model is not None

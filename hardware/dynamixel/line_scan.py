@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hardware.bus import BAUDS, BusSpec
+from hardware.dynamixel import opencr
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.codec import CODECS
 from hardware.dynamixel.control_table import ControlTable, baud_of, table_of_number
@@ -55,6 +56,8 @@ class Sighting:
         """Model in words."""
         if self.found.model is None:
             return "does not say"
+        if self.found.model == opencr.NUMBER:  # no servo
+            return opencr.TABLE.model
         return self.table.model if self.table is not None else f"number {self.found.model}"
 
 

@@ -11,6 +11,7 @@ from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import UNREAD_AFTER_S, ServoAlert, ServoStates
 from hardware.dynamixel.codec import ALERT, Error1
 from hardware.dynamixel.control_table import ControlTable
+from hardware.imu import ImuSample
 from hardware.servo import Layout
 
 SLOW_PERIOD = 0.2
@@ -183,7 +184,9 @@ class Readings:
         """Whether all servos have answered in this cycle."""
         return bool(self._valid.all())
 
-    def states(self, now: float, *, retries: int = 0, error_rate: float = 0.0) -> ServoStates:
+    def states(
+        self, now: float, *, retries: int = 0, error_rate: float = 0.0, imu: ImuSample | None = None
+    ) -> ServoStates:
         """The states as of `now`, s. They never change later."""
         voltage, temperature = self.slow.values(now)
         age = np.zeros(len(self.turns))
@@ -203,6 +206,7 @@ class Readings:
             driven=self.driven,
             retries=retries,
             error_rate=error_rate,
+            imu=imu,
         )
 
 

@@ -56,7 +56,7 @@ def make_bus(
     from hardware.dynamixel.bus import DynamixelBus
     from hardware.dynamixel.serial_port import SerialPort
 
-    buses = robot.profile.bus_specs()
+    buses, imu = robot.profile.bus_specs(), robot.profile.imu_spec()
     if name != "profile" and len(buses) > 1:
         raise UsageError(
             "one port for a robot with several buses",
@@ -67,7 +67,7 @@ def make_bus(
         )
     if name != "profile":
         buses = tuple(replace(bus, port=name) for bus in buses)
-    return DynamixelBus(robot.joint_map, buses, lambda bus: SerialPort(bus.port, clock), notify=note)
+    return DynamixelBus(robot.joint_map, buses, lambda bus: SerialPort(bus.port, clock), imu=imu, notify=note)
 
 
 def check_bus(name: str) -> None:

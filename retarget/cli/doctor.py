@@ -27,12 +27,13 @@ def doctor(
     performer: str | None = None,
     robot: str | None = None,
     seconds: float | None = None,
+    tilt: bool = False,
     file: Path | None = None,
 ) -> None:
     """Say what is wrong with a stream, a servo port or this machine, and what to do.
 
-    Nothing is moved and no servo is asked. Exit code 0: nothing is wrong; 1: something is to be fixed; 2: a bad
-    argument.
+    Nothing is moved, and no servo is asked but with --tilt. Exit code 0: nothing is wrong; 1: something is to be fixed;
+    2: a bad argument.
 
     Arguments:
         target [ADDRESS|PORT]: A stream (vmc://:39539, natnet://HOST, ...) or a servo port; without: this machine.
@@ -40,12 +41,15 @@ def doctor(
     Options:
         performer NAME|FILE: The sensors that the stream should send; five if not given.
         robot NAME|PATH: Look at the servo ports of this robot.
+        tilt: Tilt the robot by hand: do the signs of its IMU agree?
         seconds S: How long to listen; 5 if not given, for a recording all of it.
         file (--json) FILE: Write the findings as well.
     """
     _check(target, performer=performer, robot=robot, seconds=seconds)
     if target is not None and is_address(target):
         found = _stream(target, performer, seconds)
+    elif tilt:
+        found = _tilt(robot)
     elif target is not None or robot is not None:
         found = _ports(target, robot)
     else:
@@ -119,6 +123,31 @@ def _ports(path: str | None, robot: str | None) -> list[DoctorFinding]:
 
     buses = load_uncalibrated(robot).profile.bus_specs()
     return [finding for bus in buses for finding in port_findings(bus.port, baud=bus.baud)]
+
+
+def _tilt(robot: str | None) -> list[DoctorFinding]:
+    from retarget.cli.servo.places import Only, Where, find_places, imu_of, look_at, opened
+    from retarget.setup.doctor_imu import tilt_findings
+
+    if robot is None:
+        raise UsageError("whose IMU is not known", where="--tilt", allowed="--tilt with --robot NAME")
+    where, clock = Where(robot=robot), MonotonicClock()
+    places = find_places(where, clock=clock)
+
+    def ask(text: str) -> None:
+        input(f"{text}. Press Enter when you begin: ")
+
+    with opened(places):
+        imu = imu_of(where, [one.line for one in look_at(places, Only())], clock)
+        if imu is None:
+            raise UsageError(
+                "the robot has no IMU", where="--tilt", found=robot, next_step="Write imu into its profile"
+            )
+        try:
+            imu.open()
+            return tilt_findings(lambda: imu.sample(clock.now()), clock.sleep_until, clock.now, ask)
+        finally:
+            imu.close()
 
 
 def _machine() -> list[DoctorFinding]:

@@ -22,7 +22,7 @@ from retarget.schema.profile import RobotProfile, read_profile
 from retarget.schema.profile_checks import check_parts
 from retarget.schema.servo_calibration import ServoCalibration, calibrated, read_calibration
 from retarget.schema.strict_models import keys_of, unknown_name
-from retarget.schema.strict_yaml import Document
+from retarget.schema.strict_yaml import Document, KeyPath
 from retarget.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -263,7 +263,8 @@ def _check_body(profile: RobotProfile, document: Document, bodies: list[BodyMode
 
 
 def _links(profile: RobotProfile, document: Document, links: tuple[str, ...]) -> Iterable[Problem]:
-    named = {("frames", name, "link"): frame.link for name, frame in profile.frames.items()}
+    named: dict[KeyPath, str] = {} if profile.imu is None else {("imu", "link"): profile.imu.link}
+    named |= {("frames", name, "link"): frame.link for name, frame in profile.frames.items()}
     named |= {("observers", name, "link"): observer.link for name, observer in profile.observers.items()}
     pairs = [ignored.pair for ignored in profile.ignore_pairs]
     in_pairs = {("ignore_pairs", i, "pair", j): link for i, pair in enumerate(pairs) for j, link in enumerate(pair)}

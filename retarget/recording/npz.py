@@ -11,12 +11,12 @@ from retarget.errors import InputError, UsageError
 from retarget.model.body import BodyModel
 from retarget.run.record import PHASE_NAMES, Record
 from retarget.run.run_result import RunResult
-from retarget.run.table import FIELDS, STAGES
+from retarget.run.table import FIELDS, OF_IMU, STAGES
 from retarget.schema.arrays import ArrayFile, open_arrays
 from retarget.schema.files import check_place, write_atomic, write_stream
 from retarget.types import FloatArray
 
-AS_THEY_ARE = ("time", "gated", "human_joints", "human_q", "sensors", *STAGES)
+AS_THEY_ARE = ("time", "gated", "human_joints", "human_q", "sensors", *STAGES, *OF_IMU)
 """Fields that are saved as they are in the record."""
 NO_SERVO = -1
 """Goal, ticks, in the column of a joint without a servo."""
@@ -62,12 +62,15 @@ def run_arrays(run: RunResult, body: str) -> Arrays:
     (T, m, 3) m; human_truth (T, m, 3) m, where the file knows it. Beyond the contract: phase (T,), `approach`, `follow`
     or `brake`; servo_positions (T, n) rad as the servos reported them, NaN without; human_q (T, nq) with human_mjcf,
     the text of its body; sensor_names (s,), sensor_positions (T, s, 3) m, as the human was made of them, NaN where not
-    valid; dt s; motion_dt s; of a run in real time the times of its stages. Before and after following,
-    landmarks_asked, human_truth and sensors stand still.
+    valid; dt s; motion_dt s; of a run in real time the times of its stages; of a robot with an IMU what it measured.
+    Before and after following, landmarks_asked, human_truth and sensors stand still.
     """
     record, robot, sent = run.record, run.robot, run.record.robot
     names, asked, reached = run.followed
-    kept = AS_THEY_ARE if run.setup.real_time else set(AS_THEY_ARE).difference(STAGES)
+    left_out = set() if run.setup.real_time else set(STAGES)
+    if robot is None or np.isnan(record.imu_time).all():
+        left_out |= set(OF_IMU)
+    kept = set(AS_THEY_ARE) - left_out
     arrays: Arrays = {FIELDS[name].npz: array for name, array in record.known.items() if name in kept}
     arrays["phase"] = np.array(PHASE_NAMES)[record.phase]
     if robot is None or sent is None:

@@ -34,6 +34,7 @@ from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import (
     GOALS,
     HUMAN_POSTURE,
+    IMU,
     LANDMARKS,
     RECORDED,
     SENSORS,
@@ -358,10 +359,11 @@ def _cycles(recording: Recording) -> RunTable:
     if cycles.tick[asked].max() >= session.ticks:
         raise ValueError("more ticks than its session has")
     cycles.q_servos[:], cycles.human_q[:], cycles.truth[:] = np.nan, np.nan, np.nan
-    for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH} & set(recording.topics):
+    for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH, IMU} & set(recording.topics):
         at, known = _places(cycles, recording.topics[topic])
         for name, own in message_fields(topic).items():
             cycles.known[own][at] = recording.topics[topic].rows[name][known]
+    cycles.imu_orientation[:] = cycles.imu_orientation[:, [3, 0, 1, 2]]
     return cycles
 
 

@@ -32,7 +32,7 @@ from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Record
 from retarget.run.run_result import truth_names
-from retarget.run.table import STAGES, RunTable, Widths
+from retarget.run.table import STAGES, RunTable, Widths, keep_imu
 from retarget.run.tick import Machine, TickInput
 from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray, Notify, RunState
@@ -111,6 +111,7 @@ class CycleObserver(Observer):
             rows.bus_time[at], rows.retries[at], rows.error_rate[at] = servos.time, servos.retries, servos.error_rate
             for name in SERVO_FIELDS:
                 getattr(rows, name)[at] = getattr(servos, name)
+            keep_imu(rows, at, servos.imu)
         if performer.tick is not None:
             rows.tick[at] = performer.tick
             _keep_sample(rows, at, performer.sample)

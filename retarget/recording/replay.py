@@ -25,6 +25,7 @@ from retarget.run.loop import Observer
 from retarget.run.prepare import prepare_for
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import AT_RISK, OperatorInput
+from retarget.run.table import imu_of
 from retarget.run.tick import Failure, TickInput
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, IntArray, Notify, RunState
@@ -168,7 +169,10 @@ class RecordedInputs:
             states["position"] += self.sent[-1][1] - cycles.goal_ticks[self._last_goal[row]]
         time = float(cycles.bus_time[row]) - self._clock_lead
         retries, error_rate = int(cycles.retries[row]), float(cycles.error_rate[row])
-        return ServoStates(**states, time=time, retries=retries, error_rate=error_rate)
+        imu = imu_of(cycles, row)
+        if imu is not None:
+            imu = replace(imu, time=imu.time - self._clock_lead)
+        return ServoStates(**states, time=time, retries=retries, error_rate=error_rate, imu=imu)
 
     def _operator(self) -> OperatorInput:
         if not self._is_recorded:

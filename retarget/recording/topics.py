@@ -16,7 +16,7 @@ from retarget.types import FloatArray
 
 SENSORS, JOINTS, GOALS, SERVOS, TICK = "/sensors", "/joint_states", "/goals", "/servos", "/tick"
 LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", "/human/posture", "/tf"
-EVENTS, TRUTH = "/events", "/truth"
+EVENTS, TRUTH, IMU = "/events", "/truth", "/imu"
 WORLD, POSTURE, JOINT_STATE = "world", "retarget_msgs/msg/Posture", "sensor_msgs/msg/JointState"
 STEP = 2.0**-16
 """Step, m or rad, to which such numbers are rounded: 15 um. Most of their bytes are then zeros."""
@@ -101,16 +101,32 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
     ]
     if robot is None:
         return made
-    names = robot.joint_map.joints
-    of_joints: dict[str, Any] = {"frame_id": "", "name": names}
+    of_joints: dict[str, Any] = {"frame_id": "", "name": (names := robot.joint_map.joints)}
     made += [
         _joint_states(robot.joint_map, kept(JOINTS), of_joints),
         fields(GOALS, JOINT_STATE, names, kept(GOALS), **of_joints),
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
+        *_imu_topics(robot),
     ]
     made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
+
+
+def _has_imu(cycles: RunTable) -> NDArray[np.bool_]:
+    """The cycles (T,) in which an IMU was read with the servos."""
+    return np.asarray((cycles.read != Done.NOT) & ~np.isnan(cycles.imu_time))
+
+
+def _imu_topics(robot: RobotBody) -> list[Topic]:
+    """What the IMU of a robot measured; no topic of a robot without one."""
+
+    def values(cycles: RunTable) -> dict[str, NDArray[Any]]:
+        known = {key: getattr(cycles, field) for key, field in message_fields(IMU).items()}
+        return known | {"orientation": cycles.imu_orientation[:, [1, 2, 3, 0]]}  # as ROS has it, NaN: there is none
+
+    imu, message = robot.profile.imu, "retarget_msgs/msg/Imu"
+    return [] if imu is None else [_topic(IMU, message, (), _has_imu, values, {"frame_id": imu.link})]
 
 
 def _oriented(cycles: RunTable) -> NDArray[np.bool_]:

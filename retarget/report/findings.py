@@ -14,7 +14,7 @@ from retarget.live.stream_report import LiveReport
 from retarget.report.likeness import LEAN
 from retarget.report.lines import Finding, figure_of, in_words, lines_of, table
 from retarget.report.motion_metrics import LimitUse, limit_use
-from retarget.report.report import Report, Spread
+from retarget.report.report import ImuReport, Report, Spread
 from retarget.report.unfollowed import INSTEAD
 from retarget.run.record import Phase
 from retarget.run.run_result import CAPPED, RunResult
@@ -77,6 +77,10 @@ def gap_words(mm: float, pair: tuple[str, str] | None, *, inside: str = "inside 
     return gap + (f" ({' and '.join(pair)})" if pair else "")
 
 
+SEEN_TILT_DEG = 1.0
+"""[degree] A sensor that stands still is wrong by less."""
+
+
 class RunFigures:
     """Figures of a run by the names of `findings.yaml`: keys of its report, and what is made of them."""
 
@@ -119,6 +123,12 @@ class RunFigures:
     def whose(self) -> str:
         """The body that the robot is compared with."""
         return "reconstructed" if self.report.likeness_recorded_deg is None else "recorded"
+
+    @property
+    def tilt(self) -> ImuReport | None:
+        """What the IMU measured, where the robot tilted: a simulated one without mass stands upright."""
+        imu = self.report.imu
+        return imu if imu is not None and (imu.tilt_deg > SEEN_TILT_DEG or imu.invalid) else None
 
     @property
     def limbs(self) -> dict[str, Spread | None]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hardware.guard_state import StopCause
+from retarget import rotations
 from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
 from retarget.report.clearance import clearances, in_mm
@@ -24,6 +25,7 @@ from retarget.report.motion_metrics import (
 from retarget.report.report import (
     BothMoved,
     BusReport,
+    ImuReport,
     ObserversReport,
     Percentiles,
     Report,
@@ -148,6 +150,7 @@ def measure(run: RunResult) -> Report:
         unfollowed=unfollowed_of(run, performance),
         physics=physics_report(run),
         steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
+        imu=_imu(run),
         refused_pair=run.tally.refused_pair,
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
@@ -159,6 +162,24 @@ def measure(run: RunResult) -> Report:
         speed=run.clip.speed,
         notes=run.notes,
     )
+
+
+def _imu(run: RunResult) -> ImuReport | None:
+    """How the link of the IMU was tilted, and how its plan was."""
+    record, robot = run.record.robot, run.robot
+    if record is None or robot is None or robot.profile.imu is None:
+        return None
+    known = record.imu_valid & np.isfinite(record.imu_orientation).all(axis=1)
+    if not known.any():
+        return None
+    measured, z = record.imu_orientation[known], [0.0, 0.0, 1.0]
+    link = robot.body.body_index(robot.profile.imu.link)
+    planned = robot.kinematics.orientations(np.ascontiguousarray(record.q[known]), [link])[:, 0]
+    up, planned_up = (rotations.rotate(rotations.conjugate(q), z) for q in (measured, planned))
+    tilt, off = (
+        np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))) for cosine in (up[:, 2], (up * planned_up).sum(axis=1))
+    )
+    return ImuReport(float(tilt.max()), _spread(off), int(np.count_nonzero(~record.imu_valid)))
 
 
 # Parts of the report, by its keys. A key that does not apply to a run is left out: it is null.

@@ -113,6 +113,16 @@ class Soles:
 
 
 @dataclass(frozen=True)
+class ImuReport:
+    """The link of the IMU by what it measured. tilt_deg: from the vertical, at most; off_plan_deg: of its vertical from
+    that in the posture that was sent. invalid: ticks without a valid measurement."""
+
+    tilt_deg: float
+    off_plan_deg: Spread | None
+    invalid: int
+
+
+@dataclass(frozen=True)
 class StepsReport:
     """asked: times that the performer stood on one foot; made: times that the robot did; declined: all others, in which
     it stayed planted."""
@@ -243,6 +253,8 @@ class Report:
     """Share of ticks in which an observer was in contact."""
     physics: PhysicsReport | None
     """Falls in the simulation, `toppled` at rest, centre of pressure, slip, torque, temperature."""
+    imu: ImuReport | None = None
+    """Tilt by the IMU; null without one."""
     steps: StepsReport | None = None
     """Steps of a robot that makes some."""
     live: LiveReport | None

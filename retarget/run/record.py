@@ -13,7 +13,7 @@ from hardware.guard import CheckedGoal, Guard
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
 from retarget.model.robot import RobotBody
-from retarget.run.table import STAGES, RunTable
+from retarget.run.table import OF_IMU, STAGES, RunTable, keep_imu
 from retarget.types import FloatArray, HumanPosture, RobotPosture
 
 
@@ -31,7 +31,7 @@ PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 KEPT = (
     *("time", "phase", "gated", "no_command", "cost", *STAGES, "sensors", "human_q", "human_joints"),
     *("human_observer_modes", "balance_error", "q", "goals", "goal_ticks", "landmarks_asked", "observer_modes"),
-    *("bus_time", "present", "faults", "voltage", "temperature", "retries"),
+    *("bus_time", "present", "faults", "voltage", "temperature", "retries", *OF_IMU),
 )
 """The fields that the record of a run has."""
 
@@ -224,6 +224,7 @@ class TickRecorder:
         record.present[row] = robot.joint_map.to_radians(states.position)
         record.temperature[row], record.voltage[row] = states.temperature, states.voltage
         record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
+        keep_imu(record, row, states.imu)
 
     def keep(self, phase: Phase, look: Callable[[Record, int], object], *, approaches: bool = False) -> None:
         """The tick is over. look: receives the record and the row. approaches: the next tick is still of the

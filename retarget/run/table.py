@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.imu import ImuSample
 from retarget.types import BoolArray, FloatArray, IntArray, ModeArray
 
 ByteArray = NDArray[np.int8]
@@ -147,6 +148,25 @@ class RunTable:
     retries: IntArray = _field("", "requests repeated since the bus was opened", topic="/servos")
     error_rate: FloatArray = _field("", "share of requests that failed of late", topic="/servos")
 
+    imu_time: FloatArray = _field(
+        "s",
+        "when the IMU measured, on the bus's clock; -inf: never yet, NaN: no IMU",
+        topic="/imu.time",
+        npz=".",
+        fill=np.nan,
+    )
+    imu_orientation: FloatArray = _field(
+        "", "orientation of its link, z up, any yaw", 4, topic="/imu.orientation", npz=".", fill=np.nan
+    )
+    imu_angular_velocity: FloatArray = _field(
+        "rad/s", "along the axes of that link", 3, topic="/imu.angular_velocity", npz=".", fill=np.nan
+    )
+    imu_acceleration: FloatArray = _field(
+        "m/s^2", "specific force, along the same", 3, topic="/imu.acceleration", npz=".", fill=np.nan
+    )
+    imu_valid: BoolArray = _field("", "it is fresh, and the sensor works", topic="/imu.valid", npz=".")
+    imu_age: FloatArray = _field("s", "its age", topic="/imu.age", npz=".", fill=np.nan)
+
     truth: FloatArray = _field("m, rad", "state of a simulated body, see `truth_names`", "truth", topic="/truth.q")
     obstacles: FloatArray = _field("m", "poses of the obstacles of the scene", "obstacles", 7)
     latency: FloatArray = _field("s", "from a live frame to goals, of late")
@@ -190,8 +210,35 @@ def _fields() -> dict[str, RunField]:
     return made
 
 
+def keep_imu(rows: RunTable, at: int, imu: ImuSample | None) -> None:
+    """Keep a measurement in a row."""
+    if imu is None:
+        rows.imu_time[at] = np.nan
+        return
+    rows.imu_time[at], rows.imu_valid[at], rows.imu_age[at] = imu.time, imu.valid, imu.age
+    rows.imu_orientation[at] = np.nan if imu.orientation is None else imu.orientation
+    rows.imu_angular_velocity[at], rows.imu_acceleration[at] = imu.angular_velocity, imu.acceleration
+
+
+def imu_of(rows: RunTable, at: int) -> ImuSample | None:
+    """The measurement in a row."""
+    time, orientation = float(rows.imu_time[at]), rows.imu_orientation[at].copy()
+    if np.isnan(time):
+        return None
+    return ImuSample(
+        time,
+        None if np.isnan(orientation).any() else orientation,
+        rows.imu_angular_velocity[at].copy(),
+        rows.imu_acceleration[at].copy(),
+        bool(rows.imu_valid[at]),
+        float(rows.imu_age[at]),
+    )
+
+
 FIELDS = _fields()
 """Every field by its name."""
+OF_IMU = tuple(name for name in FIELDS if name.startswith("imu_"))
+"""What the IMU measured. Files from before there was one, and of robots without one, do not have them."""
 STAGES = tuple(name for name in FIELDS if name.startswith("time_"))
 """The times of a tick's stages. Files from before there were any do not have them."""
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, PrivateAttr
 
 from hardware.bus import BusSpec
+from hardware.imu import ImuSpec
 from hardware.servo import Layout, ServoSpec, find_model
 from retarget.schema.catalogue import Kind, read_as
 from retarget.schema.profile_parts import (
@@ -14,6 +15,7 @@ from retarget.schema.profile_parts import (
     Coupling,
     Foot,
     IgnorePair,
+    Imu,
     Landmark,
     Observer,
     Postures,
@@ -49,6 +51,8 @@ class RobotProfile(Schema):
     """Pairs of joints that two servos turn together."""
     buses: Annotated[dict[Name, Bus], Field(min_length=1, max_length=16)]
     """Lines of servos, by name."""
+    imu: Imu | None = None
+    """Inertial measurement unit; absent: there is none."""
     observers: Annotated[dict[Name, Observer], Field(max_length=200)]
     """Observers, by name."""
     ignore_pairs: Annotated[tuple[IgnorePair, ...], Field(max_length=500)]
@@ -92,6 +96,10 @@ class RobotProfile(Schema):
         """The buses for the hardware side, in the profile's order. Raises HardwareError for an unknown model."""
         layouts = self.layouts()
         return tuple(bus.spec(name, layouts[name]) for name, bus in self.buses.items())
+
+    def imu_spec(self) -> ImuSpec | None:
+        """The IMU for the hardware side; None: there is none."""
+        return None if self.imu is None else self.imu.spec()
 
     def layouts(self) -> dict[str, Layout]:
         """The layout of the control tables on each bus, by its name. Raises HardwareError for an unknown model."""

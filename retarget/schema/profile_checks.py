@@ -225,6 +225,36 @@ def _power(here: KeyPath, bus: Bus, servos: list[Servo], document: Document) -> 
         yield document.problem((*here, "power", "id"), "a servo cannot switch the servos' power", found=found)
 
 
+def check_imu(profile: RobotProfile, document: Document) -> Iterable[Problem]:
+    """The keys of its kind, and a device on a bus that can carry it."""
+    imu = profile.imu
+    if imu is None:
+        return
+    needed, foreign = (("bus", "id"), ("port", "baud")) if imu.kind == "opencr" else (("port",), ("bus", "id"))
+    lacking = [key for key in needed if getattr(imu, key) is None]
+    if lacking:
+        yield document.problem(("imu",), f"an IMU of this kind needs {' and '.join(lacking)}", found=imu.kind)
+    for key in foreign:
+        if getattr(imu, key) is not None:
+            found, step = str(getattr(imu, key)), "Remove the key, or correct the kind"
+            yield document.problem(
+                ("imu", key), f"an IMU of kind {imu.kind} has no such key", found=found, next_step=step
+            )
+    if imu.kind != "opencr" or lacking:
+        return
+    buses, bus = keys_of(document, "buses"), profile.buses.get(imu.bus or "")
+    if imu.bus not in buses:
+        yield unknown_name(document, ("imu", "bus"), "bus", str(imu.bus), buses)
+    elif bus is not None and bus.protocol != 2:
+        found = f"{imu.bus}, of protocol {bus.protocol}"
+        yield document.problem(("imu", "bus"), "an OpenCR speaks protocol 2.0 only", found=found)
+    elif bus is not None and imu.id not in bus.ids:
+        found = f"{imu.id}, which is not among the ids of bus {imu.bus!r}"
+        yield document.problem(("imu", "id"), "the IMU is not on its bus", found=found)
+    elif any(servo.bus == imu.bus and servo.id == imu.id for servo in profile.servos.values()):
+        yield document.problem(("imu", "id"), "a servo has no IMU", found=f"{imu.id}, the id of a servo")
+
+
 LANDMARKS = ("l_hand", "r_hand", "head")
 """Landmarks that every robot needs; one that stands on its feet needs the next ones too."""
 STANDING_LANDMARKS = ("pelvis", "l_sole", "r_sole")
@@ -236,6 +266,7 @@ def check_parts(profile: RobotProfile, document: Document) -> list[Problem]:
     checks = (
         check_servos,
         check_buses,
+        check_imu,
         check_couplings,
         check_stiffness,
         _frame_names,

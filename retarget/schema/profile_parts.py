@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from hardware.bus import MAX_WATCHDOG, BusSpec, PowerSwitch
 from hardware.guard_state import GuardLimits
+from hardware.imu import BNO08X_BAUD, ImuKind, ImuSpec
 from hardware.servo import (
     DEFAULT_P_GAIN,
     MULTI_TURN_REACH,
@@ -197,6 +198,41 @@ class Bus(Schema):
             watchdog=watchdog,
             return_delay=self.return_delay_us * 1e-6,
             power=None if self.power is None else PowerSwitch(*self.power.model_dump().values()),
+        )
+
+
+class Imu(Schema):
+    """The robot's inertial measurement unit, and where it is mounted."""
+
+    kind: Literal["opencr", "bno08x"]
+    """opencr: the board of an OP3, on one of the buses; bno08x: BNO080, BNO085 or BNO086 in UART-RVC mode, on a serial
+    port of its own."""
+    bus: Name | None = None
+    """Of an opencr: name of its bus."""
+    id: ServoId | None = None
+    """Of an opencr: its id on that bus."""
+    port: Text | None = None
+    """Of a bno08x: path of its serial port."""
+    baud: Annotated[Integer, Field(ge=9600, le=3_000_000)] | None = None
+    """[bit/s] Of a bno08x; absent: 115200."""
+    link: Name
+    """Link of the body file that carries it."""
+    pos: Vector3 = (0.0, 0.0, 0.0)
+    """[m] Where it is in the link's frame."""
+    quat: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """How its axes are turned in the link's frame, wxyz; `retarget doctor --robot NAME --tilt` checks it."""
+
+    def spec(self) -> ImuSpec:
+        """The sensor for the hardware side."""
+        return ImuSpec(
+            ImuKind(self.kind),
+            self.link,
+            self.pos,
+            self.quat,
+            bus=self.bus or "",
+            id=self.id or 0,
+            port=self.port or "",
+            baud=self.baud or BNO08X_BAUD,
         )
 
 

@@ -1,56 +1,21 @@
-"""The OpenCR of an OP3: a device of protocol 2.0 that switches the servos' power.
-
-Id 200; register 24 is the power switch in public OP3 code, and 50 the voltage; not verified on hardware.
-"""
+"""The OpenCR of an OP3: a device of protocol 2.0 that switches the servos' power, and has an IMU."""
 
 from collections.abc import Sequence
 from math import inf
 
-from hardware.dynamixel.control_table import ControlTable, Register
+from hardware.dynamixel import opencr
 from sim.emulator.device import Device
 from sim.emulator.power import BROWN_OUT
+from sim.imu import Ailment, ImuStandIn, roll_pitch_yaw
 
-ID = 200
-NUMBER = 0x7400
-POWER = 24
-"""Id, model number and register of the power switch of an OpenCR (ROBOTIS' public firmware of OP3)."""
 VOLTAGE = 12.0  # [V]
-
-
-def _row(name: str, address: int, size: int, bounds: tuple[int, int] | None, initial: int) -> Register:
-    """A register without sign; bounds: what may be written, None: read only."""
-    low, high = bounds or (None, None)
-    return Register(name, address, size, False, bounds is not None, None, None, low, high, initial)
-
-
-TABLE = ControlTable(
-    model="OpenCR",
-    number=NUMBER,
-    protocol=2,
-    firmware=(0, 255),
-    usual_firmware=1,
-    fast_since=None,
-    modes=(),
-    baud_family="x",
-    registers=(
-        _row("model_number", 0, 2, None, NUMBER),
-        _row("firmware_version", 6, 1, None, 1),
-        _row("id", 7, 1, (0, 252), ID),
-        _row("baud_rate", 8, 1, (0, 7), 4),
-        _row("return_delay_time", 9, 1, (0, 254), 0),
-        _row("status_return_level", 16, 1, (0, 2), 2),
-        _row("dynamixel_power", POWER, 1, (0, 1), 0),
-        _row("led", 25, 1, (0, 7), 0),
-        _row("present_voltage", 50, 1, None, 120),
-    ),
-)
-"""Registers of an OpenCR that a host of OP3 uses."""
 
 
 class EmulatedController(Device):
     """A controller at `baud` bits/s, whatever its register says, that switches the power of `powered` devices.
 
-    on: whether they have power at first. It answers ping, read and write only.
+    on: whether they have power at first. imu: what its IMU measures; None: upright and still. It answers ping, read and
+    write only.
     """
 
     def __init__(
@@ -58,12 +23,14 @@ class EmulatedController(Device):
         powered: Sequence[Device] = (),
         *,
         baud: int,
-        id: int = ID,
+        id: int = opencr.ID,
         now: float = 0.0,
         on: bool = False,
+        imu: ImuStandIn | None = None,
     ) -> None:
-        super().__init__(TABLE, -inf)
-        self.defaults(0, TABLE.size)
+        super().__init__(opencr.TABLE, -inf)
+        self.defaults(0, opencr.TABLE.size)
+        self._imu = ImuStandIn() if imu is None else imu
         self.id, self.baud = id, baud
         self._powered = tuple(powered)
         self._volts = VOLTAGE
@@ -82,8 +49,25 @@ class EmulatedController(Device):
             self._switch(bool(self.memory.value("dynamixel_power")), now)
 
     def show(self, address: int, length: int, now: float) -> None:
-        """Refresh the register of the voltage, 0.1 V."""
+        """Refresh the registers of the voltage, 0.1 V, and of the IMU where they are read."""
         self.memory.put("present_voltage", round(10.0 * self._volts))
+        if address < opencr.IMU_CONTROL and address + length > opencr.IMU_FIRST:
+            self._measure(now)
+
+    def sense(self, ailment: Ailment | None, now: float) -> None:
+        """Let the IMU have a fault; None: it works."""
+        self._imu.ailment = ailment
+
+    def _measure(self, now: float) -> None:
+        reading = self._imu.measure(now)
+        if reading is None:
+            return
+        assert reading.orientation is not None, "a stand-in has one"
+        counts = [one / opencr.GYRO_UNIT for one in reading.angular_velocity]
+        counts += [one / opencr.FORCE_UNIT for one in reading.acceleration]
+        counts += [one / opencr.ANGLE_UNIT for one in roll_pitch_yaw(reading.orientation)]
+        for name, count in zip(opencr.IMU_NAMES, counts, strict=True):
+            self.memory.put(name, round(count))
 
     def supply(self, volts: float | None, now: float) -> None:
         """Set the supply voltage in V; below BROWN_OUT of the nominal it is silent, and so are the servos."""

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from hardware.dynamixel.codec import Error2, Instruction
 from hardware.dynamixel.control_table import ControlTable, baud_of
 from sim.emulator.memory import Memory, RegisterWrite
+from sim.imu import Ailment
 
 _LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # status return level from which it answers, else 2
 _OBEYED = frozenset((Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION))  # through a secondary id
@@ -155,6 +156,9 @@ class Device:
 
     def heat(self, celsius: float | None, now: float) -> None:
         """Set the temperature in degrees Celsius; None: it follows the current again."""
+
+    def sense(self, ailment: Ailment | None, now: float) -> None:
+        """Let its IMU have a fault; None: it works."""
 
     def jam(self, stuck: bool, now: float) -> None:
         """Block the shaft, or free it: a blocked servo stalls before its goal, and overloads after a while."""

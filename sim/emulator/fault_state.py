@@ -14,6 +14,7 @@ from retarget.schema.strict_models import Integer, Schema, listed, read_model, u
 from retarget.schema.strict_yaml import Document, KeyPath, Node, scan
 from sim.emulator.device import Device
 from sim.emulator.faults import BYTE_KINDS, KEYS, VALUES, DelayedBytes, Direction, Fault, FaultKind, mangled
+from sim.imu import Ailment
 
 MAX_FAULTS = 1000
 """Most faults that a line keeps; further ones are refused."""
@@ -149,6 +150,9 @@ _EFFECTS: dict[FaultKind, Callable[[Device, float | None, float], None]] = {
     FaultKind.OVER_TEMPERATURE: lambda device, value, now: device.heat(value, now),
     FaultKind.UNDER_VOLTAGE: lambda device, value, now: device.supply(value, now),
     FaultKind.OVERLOAD: lambda device, value, now: device.jam(value is not None, now),
+    FaultKind.IMU_FROZEN: lambda device, value, now: device.sense(None if value is None else Ailment.FROZEN, now),
+    FaultKind.IMU_SWAPPED: lambda device, value, now: device.sense(None if value is None else Ailment.SWAPPED, now),
+    FaultKind.IMU_SPIKES: lambda device, value, now: device.sense(None if value is None else Ailment.SPIKES, now),
 }
 """How a fault of a kind sets in on a device with its value, or (None) ends."""
 

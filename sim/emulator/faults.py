@@ -46,6 +46,12 @@ class FaultKind(Enum):
     """Shafts are blocked: a device overloads when it moves."""
     UNPLUG = "unplug"
     """The adapter is gone from the host; afterwards it is back."""
+    IMU_FROZEN = "imu_frozen"
+    """The IMU of a board shows the same numbers for ever."""
+    IMU_SWAPPED = "imu_swapped"
+    """It shows x and y with the wrong sign."""
+    IMU_SPIKES = "imu_spikes"
+    """Now and then it shows numbers beyond its range."""
 
 
 class Direction(Enum):
@@ -132,6 +138,10 @@ class Fault(Schema):
         return within and self.start <= time < self.end
 
 
+IMU_KINDS = frozenset((FaultKind.IMU_FROZEN, FaultKind.IMU_SWAPPED, FaultKind.IMU_SPIKES))
+"""Faults of an IMU that answers."""
+RANDOM_KINDS = tuple(kind for kind in FaultKind if kind not in IMU_KINDS)
+"""Kinds that random faults are drawn from: those that every line can have."""
 RATES = (1e-3, 1e-1)
 """Shares of bytes that a random fault damages, drawn evenly by their logarithms."""
 
@@ -141,7 +151,7 @@ def random_faults(seed: int, ids: Sequence[int], duration: float) -> tuple[Fault
     chance = random.Random(seed)
     faults = []
     for _ in range(chance.randint(3, 8)):
-        kind = chance.choice(tuple(FaultKind))
+        kind = chance.choice(RANDOM_KINDS)
         start = chance.uniform(0.0, 0.8 * duration)
         some = tuple(sorted(chance.sample(list(ids), min(len(ids), chance.randint(1, 2)))))
         own: dict[str, Any] = {"end": start + chance.uniform(0.0, 0.2 * duration)}

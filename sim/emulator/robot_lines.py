@@ -18,6 +18,7 @@ from sim.emulator.power import Supply
 from sim.emulator.servo1 import EmulatedServo1
 from sim.emulator.servo2 import EmulatedServo
 from sim.emulator.servo_body import ServoBuild
+from sim.imu import ImuStandIn
 from sim.servo_model import AMBIENT
 
 # The emulated servos of a robot's profile.
@@ -82,12 +83,14 @@ def robot_lines(
     conduct: Conduct | None = None,
     powered: bool = False,
     as_delivered: bool = False,
+    imu: ImuStandIn | None = None,
 ) -> dict[str, Line]:
     """A line for each bus, by its name. start: ticks (n,), in the order of `servos`; now: s, from which faults count.
 
     Servos are set up as the profile says; ids that no servo has are controllers such as the OpenCR of an OP3. powered:
     whether the one with the power switch has it on at first. conduct: None: the usual. as_delivered: servos are new,
-    and none is connected (see `connect`). Raises HardwareError for what a model cannot be.
+    and none is connected (see `connect`). imu: of the controllers; None: upright and still. Raises HardwareError for
+    what a model cannot be.
     """
     devices = devices_of(
         servos,
@@ -109,7 +112,8 @@ def robot_lines(
             if device not in taken:
                 switches = bus.power is not None and bus.power.id == device
                 on = powered or not switches
-                others.append(EmulatedController(own if switches else (), id=device, baud=bus.baud, now=now, on=on))
+                powers = own if switches else ()
+                others.append(EmulatedController(powers, id=device, baud=bus.baud, now=now, on=on, imu=imu))
         on_bus = [*own, *others]
         faults = () if plan is None else plan.of_bus(bus.name)
         origin_seed = f"{seed if plan is None else plan.seed} {bus.name}"

@@ -30,7 +30,7 @@ from retarget.run.supervisor import OperatorInput
 from retarget.run.tick import Machine, TickInput
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, RunState
-from sim.buses import simulation_of
+from sim.buses import imu_stand_in, simulation_of
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
@@ -352,8 +352,10 @@ class Bench(Operator, Observer):
         start = robot.joint_map.to_ticks(begins)
         self.robot = robot
         buses = robot.profile.bus_specs()
+        imu, simulation = robot.profile.imu_spec(), simulation_of(robot, start=start) if self.mass else None
+        sensor = None if imu is None else imu_stand_in(imu, simulation, seed=self._seed)
         self.lines = robot_lines(
-            robot.joint_map.servos, buses, start=start, now=clock.now(), seed=self._seed, powered=True
+            robot.joint_map.servos, buses, start=start, now=clock.now(), seed=self._seed, powered=True, imu=sensor
         )
 
         for servo in self.servos:
@@ -364,11 +366,10 @@ class Bench(Operator, Observer):
             self.ports[bus.name] = made
             return made
 
-        made = DynamixelBus(robot.joint_map, buses, port, notify=self.trace.said.append)
+        made = DynamixelBus(robot.joint_map, buses, port, imu=imu, notify=self.trace.said.append)
         self._act_until(BEFORE_OPENING)
-        if not self.mass:
+        if simulation is None:
             return made
-        simulation = simulation_of(robot, start=start)
         drive_shafts(simulation, robot.joint_map.servos, self.lines, now=clock.now())
         self.witness = Witness(simulation)
         return WitnessedBus(made, self.witness)

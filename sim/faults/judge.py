@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hardware.dynamixel import opencr
 from hardware.guard_state import StopCause
 from retarget.types import RunState
 from sim.faults.bench import HOLDING, MOVING, STOPPED, STOPPING, Bench, Trace
@@ -466,10 +467,6 @@ def _onset(trace: Trace, since: float | None) -> float | None:
     return next((tick.time for tick in trace.ticks if since is not None and tick.time >= since + ONSET), None)
 
 
-CONTROLLERS = frozenset((200,))
-"""Ids of devices that are no servos: the OpenCR, whose power switch is written."""
-
-
 def _idle(row: Row, bench: Bench) -> Judged:
     """Judge a run whose fault is there before the bus is opened."""
     trace = bench.trace
@@ -482,7 +479,7 @@ def _idle(row: Row, bench: Bench) -> Judged:
     wrong += ["torque is on"] if any(trace.torque) else []
     wrong += [f"the refusal does not name {text!r}" for text in row.refusal if text not in trace.error]
     if row.idle is Idle.ONLY_READS:
-        wrong += not_reads(list(packets(trace.sent)), but=CONTROLLERS)
+        wrong += not_reads(list(packets(trace.sent)), but=frozenset((opencr.ID,)))  # its power switch is written
     return None, wrong
 
 

@@ -12,6 +12,7 @@ from hardware.servo import ServoSpec
 from sim.emulator.line import Line
 from sim.emulator.servo_body import ServoBody
 from sim.emulator.shaft import Law, Shaft
+from sim.imu import SensedMotion
 from sim.mock_bus import ALERT_BIT, VELOCITY_UNIT
 from sim.physics.simulation import BATCH_S, Simulation
 
@@ -20,14 +21,16 @@ class PhysicsBus:
     """A `hardware.bus.ServoBus`. Each call moves the simulation up to the clock's now, in whole steps.
 
     Goals take effect `latency` s after they are written: one cycle of the robot, as on a wire. Until torque first goes
-    on a hand holds the robot (`sim.physics.mount`).
+    on a hand holds the robot (`sim.physics.mount`). imu: read with the servos; None: there is none.
     """
 
-    def __init__(self, simulation: Simulation, clock: Clock, *, latency: float) -> None:
+    def __init__(
+        self, simulation: Simulation, clock: Clock, *, latency: float, imu: SensedMotion | None = None
+    ) -> None:
         world = simulation.world
         servos = world.robot.joint_map.servos
         self.simulation = simulation
-        self._clock, self._latency = clock, latency
+        self._clock, self._latency, self._imu = clock, latency, imu
         self._servos = servos
         self._zero = np.array([servo.zero_tick for servo in servos], dtype=np.float64)
         self._tick_rad = np.array([servo.model.tick_rad for servo in servos])
@@ -97,6 +100,7 @@ class PhysicsBus:
             age=np.zeros(count),
             valid=np.ones(count, dtype=np.bool_),
             driven=motors.driven.copy(),
+            imu=None if self._imu is None else self._imu.sample(self._clock.now()),
         )
 
 

@@ -128,7 +128,7 @@ class Simulation:
     def __init__(self, world: World, *, perturbation: Perturbation, seed: int) -> None:
         mujoco = engine()
         self.world = world
-        self.perturbation = perturbation
+        self.perturbation, self.seed = perturbation, seed
         self._model = model = world.model
         chance = np.random.default_rng(seed)
         self.motors = Motors(model, world.drives)

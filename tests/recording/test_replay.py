@@ -32,10 +32,12 @@ from retarget.recording.replay import (
     replay,
     what_computes,
 )
+from retarget.recording.topics import IMU
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import OperatorInput
+from retarget.run.table import OF_IMU
 from retarget.types import RunState
 from sim.faults.sender import FakeSender, lost, silent
 
@@ -118,6 +120,22 @@ def test_a_run_is_reproduced_to_the_bit(plain: Recorded) -> None:
     same(again, plain.result)
     assert again.changed == () and again.difference.compared == len(plain.result.record) + 1
     mentions(again.difference.lines(), len(plain.result.record))
+
+
+def test_what_the_imu_measured_is_measured_again(plain: Recorded) -> None:
+    found, again = plain.read(), replay(plain.read())
+    assert (found.cycles.imu_valid[found.cycles.read == Done.WELL]).all()
+    now, then = again.result.record, plain.result.record
+    for name in OF_IMU:
+        np.testing.assert_array_equal(getattr(now, name), getattr(then, name), name)
+    assert then.imu_orientation[-1].tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
+def test_a_recording_without_an_imu_has_none(plain: Recorded) -> None:
+    found = plain.read()
+    old = replace(found, topics={name: rows for name, rows in found.topics.items() if name != IMU})
+    again = replay(old)
+    assert again.difference.none and np.isnan(again.result.record.imu_time).all()
 
 
 class Fallen(Operator):

@@ -11,6 +11,7 @@ from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError, describe
+from hardware.imu import ImuSpec
 from hardware.servo import ServoSpec
 from sim.mock_bus import ALERT_BIT, MockBus
 from sim.servo_model import AMBIENT, IDLE_CURRENT
@@ -64,8 +65,9 @@ class FaultyBus(MockBus):
         start: TickArray | None = None,
         lag: float | None = None,
         faults: Sequence[MockFault] = (),
+        imu: ImuSpec | None = None,
     ) -> None:
-        super().__init__(servos, clock, start=start)
+        super().__init__(servos, clock, start=start, imu=imu)
         if lag is not None:
             self._lag = np.full(len(servos), lag)
         models = [servo.model for servo in servos]

@@ -70,7 +70,8 @@ def performer(seconds: float = SECONDS) -> Callable[[], SensorFrames]:
 
 def mock_bus(robot: RobotBody, clock: Clock, *, faults: tuple[MockFault, ...] = ()) -> ServoBus:
     stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    return FaultyBus(robot.joint_map.servos, clock, start=robot.joint_map.to_ticks(stand), faults=faults)
+    start, imu = robot.joint_map.to_ticks(stand), robot.profile.imu_spec()
+    return FaultyBus(robot.joint_map.servos, clock, start=start, faults=faults, imu=imu)
 
 
 def record(

@@ -9,14 +9,15 @@ from rich.table import Table
 from rich.text import Text
 
 from hardware.bus import ServoStates
-from hardware.clock import MonotonicClock
+from hardware.clock import Clock, MonotonicClock, VirtualClock
 from hardware.dynamixel.bus import BusWatch
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.readings import ReportedTorque
+from hardware.imu import ImuSample
 from hardware.servo import ServoSpec
 from retarget.cli.application import console
 from retarget.cli.exit import echo, stop_on_signals
-from retarget.cli.servo.places import Only, Where, find_places, ids_of, look_at, opened
+from retarget.cli.servo.places import EMULATOR, Only, Where, find_places, ids_of, imu_of, look_at, opened
 from retarget.errors import UsageError
 
 FIRST = 5
@@ -47,7 +48,8 @@ def monitor(
     wanted = ids_of(ids)
     screen = console()
     once = once or not screen.is_terminal
-    places = find_places(where, clock=None if once else MonotonicClock())
+    clock: Clock = VirtualClock() if once and where.port == EMULATOR else MonotonicClock()
+    places = find_places(where, clock=clock)
     if dry_run:
         echo(f"would read all servos of {', '.join(one.where for one in places)}; nothing is written")
         return
@@ -55,7 +57,10 @@ def monitor(
         lines = [one.line for one in look_at(places, only, ids=wanted) if one.line.servos]
         placed = {line.index_of[device]: servo for line in lines for device, servo in line.servos.items()}
         servos = [placed[index] for index in sorted(placed)]
-        watch, clock = BusWatch(lines), lines[0].port
+        imu = imu_of(where, lines, clock)
+        if imu is not None:
+            imu.open()
+        watch = BusWatch(lines, imu)
         if once:
             for _ in range(FIRST):
                 states = watch.read()
@@ -99,8 +104,19 @@ def shown(servos: list[ServoSpec], states: ServoStates, watch: BusWatch, rate: f
             alert_text(int(states.alert[at])) if states.alert[at] else "",
         )
     low, high = watch.times()
+    imu = [] if states.imu is None else [Text(imu_line(states.imu))]
     line = f"cycle p50 {1e3 * low:.2f} ms, p99 {1e3 * high:.2f} ms; {rate:g} Hz asked; {watch.retries} retries"
-    return Group(table, Text(line))
+    return Group(table, *imu, Text(line))
+
+
+def imu_line(imu: ImuSample) -> str:
+    """What the IMU says, in words."""
+    if not math.isfinite(imu.age):
+        return "IMU: no answer"
+    roll, pitch = map(math.degrees, imu.tilt)
+    turn, force = (", ".join(f"{one:.2f}" for one in values) for values in (imu.angular_velocity, imu.acceleration))
+    old = "" if imu.valid else f"; not valid, {imu.age:.2f} s old"
+    return f"IMU: {roll:+.1f} degrees to the right, {pitch:+.1f} forward; turns {turn} rad/s; feels {force} m/s^2{old}"
 
 
 def _number(value: float, digits: int) -> str:

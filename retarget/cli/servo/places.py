@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hardware.bus import BAUDS, BusSpec
 from hardware.clock import Clock, MonotonicClock, VirtualClock
+from hardware.dynamixel.bus import CyclicImu
 from hardware.dynamixel.checks import Span, needed_ticks
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.cyclic import BusLine
@@ -24,16 +25,18 @@ from hardware.dynamixel.line_scan import (
 from hardware.dynamixel.serial_port import BytePort, SerialPort, existing_ports, ports_text
 from hardware.errors import BusError, RetargetError
 from hardware.servo import ServoSpec
-from retarget.cli.application import ask, progress_bar
+from retarget.cli.application import ask, note, progress_bar
 from retarget.cli.buses import posture_ticks
 from retarget.cli.exit import echo
 from retarget.cli.servo.find_port import port_of_bus
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody, load_robot, load_uncalibrated
+from sim.bno08x import EmulatedBno08x
 from sim.emulator.fault_state import load_fault_plan
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import connect, robot_lines
+from sim.imu import ImuStandIn
 
 EMULATOR = "emulator"
 EMULATED_ROBOT = "op3"
@@ -311,9 +314,24 @@ def look_at(
             then="Check power and wiring, and see `retarget servo scan`",
         )
     for one in looks:
-        for note in (*one.wrong, *one.notes):
-            echo(f"note: bus {one.line.spec.name}: {note}", err=True)
+        for text in (*one.wrong, *one.notes):
+            echo(f"note: bus {one.line.spec.name}: {text}", err=True)
     return looks
+
+
+def imu_of(where: Where, lines: Sequence[BusLine], clock: Clock) -> CyclicImu | None:
+    """The IMU of the robot that is meant, on these lines or on a port of its own; it is not open. None: the profile has
+    none, no robot is named, or its bus is left out."""
+    robot = where.robot or (EMULATED_ROBOT if where.port == EMULATOR else None)
+    spec = None if robot is None else load_uncalibrated(robot).profile.imu_spec()
+    if spec is None or (spec.bus and spec.bus not in {line.spec.name for line in lines}):
+        return None
+
+    def port(bus: BusSpec) -> BytePort:
+        emulated = where.port == EMULATOR
+        return EmulatedBno08x(ImuStandIn(spec), clock) if emulated else SerialPort(bus.port, clock)
+
+    return CyclicImu(spec, lines, port, note)
 
 
 def ids_of(text: str, *, option: str = "--ids", highest: int = MAX_ID + 1) -> list[int] | None:

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
+from hardware.dynamixel import opencr
 from hardware.dynamixel.codec import MAX_ID
 from hardware.dynamixel.found_servos import is_powered
 from hardware.dynamixel.line_scan import LIKELY_IDS, LineScan, Sighting, Speed, likely_speeds
@@ -126,7 +127,8 @@ def known_as(place: ServoPort, sighting: Sighting) -> str:
         return ""
     servo = next((servo for _, servo in place.servos if servo.id == found.id), None)
     if servo is None:
-        return "a device of the bus" if found.id in spec.ids else "unknown"
+        device = "the board: the servos' power, and an IMU" if found.model == opencr.NUMBER else "a device of the bus"
+        return device if found.id in spec.ids else "unknown"
     wrong = []
     if sighting.speed != (spec.protocol, spec.baud):
         wrong.append(f"should be {Speed(spec.protocol, spec.baud)}")

@@ -3,7 +3,8 @@
 
 from dataclasses import dataclass, field, replace
 
-from hardware.dynamixel.found_servos import CONTROLLERS, answers_pings_only, is_powered, switch_power_on
+from hardware.dynamixel import opencr
+from hardware.dynamixel.found_servos import answers_pings_only, is_powered, switch_power_on
 from hardware.dynamixel.line_scan import PROTOCOLS, Sighting, Speed, likely_speeds
 from hardware.dynamixel.settings import Asked, differing, read_image, settings_of
 from hardware.dynamixel.single_requests import OneOff
@@ -151,7 +152,7 @@ class SetupWalk:
             seen = self._answering(place, protocol)
             if protocol == own and self._power(place, seen):
                 seen = self._answering(place, protocol)
-            servos = [one for one in seen if one.found.model not in CONTROLLERS]
+            servos = [one for one in seen if one.found.model != opencr.NUMBER]
             if servos:
                 break
         return servos

@@ -190,7 +190,8 @@ def test_a_table_of_all_servos_and_nothing_written(words: tuple[str, ...], lab: 
     lab.before = {(13, "torque_enable"): 1}
     lab.faults = [Fault(FaultKind.OVER_TEMPERATURE, ids=(7,), value=95.0)]
     code, out, _ = lab.run("monitor", *words, "--port", "emulator", "--once")
-    assert code == 0 and len(out.splitlines()) == 1 + 20 + 1
+    imu = "--robot" in words  # the last line but one, by the profile
+    assert code == 0 and len(out.splitlines()) == 1 + 20 + imu + 1 and ("m/s^2" in out) == imu
     shows(out, "p50")
     rows = out.splitlines()[1:21]
     shows(rows[6], "OVERHEATING")

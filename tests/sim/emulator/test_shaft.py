@@ -11,8 +11,9 @@ from emulated import read_register, servo2, wrote
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.dynamixel.codec import Error2, Instruction
+from hardware.dynamixel.opencr import ID, NUMBER
 from hardware.servo import ServoSpec, find_model
-from sim.emulator.controller import ID, NUMBER, EmulatedController
+from sim.emulator.controller import EmulatedController
 from sim.emulator.power import ServoElectrics, Supply
 from sim.emulator.robot_lines import devices_of
 from sim.emulator.shaft import (
@@ -198,10 +199,10 @@ def test_it_switches_the_servos_power() -> None:
 def test_what_it_answers() -> None:
     controller = EmulatedController(baud=1_000_000)
     ping = controller.execute(Instruction.PING, b"", 0.0, broadcast=True)
-    assert ping == (0, NUMBER.to_bytes(2, "little") + b"\1")
+    assert ping == (0, NUMBER.to_bytes(2, "little") + b"\2")
     for code, params, error in (
         (Instruction.WRITE, bytes((24, 0, 2)), Error2.DATA_RANGE),
-        (Instruction.WRITE, bytes((50, 0, 2)), Error2.ACCESS),
+        (Instruction.WRITE, bytes((31, 0, 2)), Error2.ACCESS),
         (Instruction.WRITE, bytes((24, 0)), Error2.DATA_LENGTH),
         (Instruction.READ, bytes((24, 0, 1)), Error2.DATA_LENGTH),
         (Instruction.READ, bytes((24, 0, 100, 0)), Error2.ACCESS),
@@ -209,7 +210,7 @@ def test_what_it_answers() -> None:
     ):
         assert controller.execute(code, params, 0.0, broadcast=False) == (error, b"")
     controller.supply(10.0, 0.0)
-    assert controller.read(50, 1, 0.0).data == b"\x64"
+    assert controller.read(31, 1, 0.0).data == b"\x64"
     controller.supply(2.0, 0.0)
     assert controller.booting(1.0)
     controller.supply(None, 1.0)
