@@ -175,4 +175,5 @@ def test_check_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
     write_calibration(head())
     with pytest.raises(SystemExit):
         main(["check", "op3"])
-    assert "2 of 20 servos homed on 2026-01-31 (" in capsys.readouterr().out
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "calibration:" in line]
+    shows(line, 2, 20, "2026-01-31")
