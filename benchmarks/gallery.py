@@ -42,7 +42,7 @@ def main() -> None:
     """Write the animation. Raises SystemExit where it is too large at every quality."""
     frames = list(pictures(postures(), width=WIDTH))
     for quality in QUALITIES:
-        made = webp(frames, quality=quality)
+        made = webp(frames, len(frames), quality=quality)
         if len(made) <= MOST_BYTES:
             break
     else:

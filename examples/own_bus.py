@@ -26,6 +26,9 @@ class MyBus:
     def write(self, goals: ServoGoals) -> None:  # the guard alone calls it, with what the gate has passed
         self._ticks = goals.ticks if self._on else self._ticks
 
+    def limit_drive(self, share: float) -> None:  # of a robot that falls; may be left out
+        pass
+
     def torque(self, on: bool) -> None:  # raise BusError where a servo does not confirm
         self._on = on
 

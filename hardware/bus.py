@@ -105,6 +105,9 @@ class ServoBus(Protocol):
     def write(self, goals: ServoGoals) -> None:
         """Send goal positions to all servos; no servo acknowledges."""
 
+    def limit_drive(self, share: float) -> None:
+        """Allow the servos, while they have torque, a share (0, 1] of their full drive; none acknowledges."""
+
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; each acknowledges. The command goes to all servos even if one fails. Then
         raises BusError that names those that did not confirm."""

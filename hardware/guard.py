@@ -65,6 +65,8 @@ SUSPENDED_S = 0.5
 """Idle time within a tick, s, from which on the process was suspended: a tick of the slowest robot sleeps for 0.02 s,
 and a machine that is merely busy takes the processor away for less."""
 DID_NOT_RUN = "this process did not run for {:.1f} s: it was suspended, or blocked by a port or a disk"
+YIELDING = 0.3
+"""Share of the drive of a robot that falls."""
 ARMING_READS = 5
 """Cycles in which a bus that is silent when the robot is armed is read again."""
 
@@ -108,6 +110,7 @@ class Guard:
         """Its ticks, (n,)."""
         self._checked_at: float | None = None  # [s] of the present tick
         self._idle = 0.0  # [s] idle time then
+        self._yields = False
 
     @property
     def is_silent(self) -> bool:
@@ -170,7 +173,7 @@ class Guard:
         self.states = states
         goal = self.goal
         deflected = None if goal is None or goal.posture.tobytes() == goal.joints.tobytes() else goal.posture
-        fault = self.health.check(states, self.sent, deflected)
+        fault = self.health.check(states, None if self._yields else self.sent, deflected)
         if fault is not None and fault.category is StopCategory.TORQUE_OFF:
             self.switch_off(fault.cause, fault.reason)
         elif fault is not None and fault.category is StopCategory.BRAKE_AND_TORQUE_OFF:
@@ -191,6 +194,13 @@ class Guard:
     def _refuse_copy(goal: CheckedGoal) -> None:
         if goal.seal.last is not goal:
             raise GuardError("only the goal that the gate made last is written", where="guard", found="another goal")
+
+    def give_way(self) -> None:
+        """Allow the servos no more than YIELDING of their drive: a robot that falls gives way where it meets the floor.
+        They no longer keep up with their goals then, and that is not judged. Raises nothing: torque goes off soon."""
+        self._yields = True
+        with suppress(Exception):
+            self._bus.limit_drive(YIELDING)
 
     def latch(self, cause: StopCause, reason: str) -> None:
         """Latch a stop. The first reason stays; the first fault of the robot after it is added, and so are those

@@ -37,7 +37,7 @@ class StopCause(Enum):
     SOURCE = "source"
     FILTER = "filter"
     FALLEN = "fallen"
-    """Detected by the simulation of the robot."""
+    """By its IMU, or by its simulation."""
 
 
 FAULTLESS = (StopCause.REQUESTED, StopCause.STALE_GOAL, StopCause.SOURCE)

@@ -206,7 +206,7 @@ class JointMap:
             allowed = f"{self._lowest} to {self._highest}"
             raise BusError("goal ticks out of range", where=where, found=ticks, allowed=allowed)
 
-    def to_radians(self, ticks: TickArray) -> FloatArray:
+    def to_radians(self, ticks: TickArray | FloatArray) -> FloatArray:
         """Return joint positions (..., n) in rad for shaft `ticks` (..., n)."""
         shafts: FloatArray = (ticks - self._zero) / self._scale
         return self._joints(shafts) if self._pairs else shafts

@@ -46,6 +46,9 @@ class NoBus:
         check_open(self._open, where="no bus")
         self._position = goals.ticks
 
+    def limit_drive(self, share: float) -> None:
+        """Do nothing: there is no drive to limit."""
+
     def torque(self, on: bool) -> None:
         """Do nothing: there is no torque to switch."""
 

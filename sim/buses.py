@@ -1,6 +1,6 @@
 """The buses of a robot that stand in for hardware: above emulated servos, and above its simulated mechanics."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,11 @@ from retarget.schema.scene import Scene
 from sim.bno08x import EmulatedBno08x
 from sim.emulator.fault_state import EVERY_KIND, load_fault_plan
 from sim.emulator.faults import FaultKind
+from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
-from sim.imu import ImuStandIn, SensedMotion, standing_still
-from sim.physics.bus import PhysicsBus, drive_shafts
+from sim.imu import ImuStandIn, ImuTruth, PlantedMotion, SensedMotion, standing_still
+from sim.physics.bus import PhysicsBus, drive_shafts, servos_on
 from sim.physics.imu import LinkMotion
 from sim.physics.mount import Mount, mount_of
 from sim.physics.perturbation import NOMINAL, Perturbation, PerturbationKind, combined, drawn
@@ -57,6 +58,8 @@ def emulated_bus(
     imu = robot.profile.imu_spec()
     sensor = None if imu is None else imu_stand_in(imu, simulation)
     lines = robot_lines(servos, buses, start=start, now=clock.now(), plan=plan, imu=sensor)
+    if sensor is not None and simulation is None:
+        sensor.motion = motion_of_shafts(robot, lines, start, clock)
     if simulation is not None:
         drive_shafts(simulation, servos, lines, now=clock.now())
 
@@ -69,9 +72,20 @@ def emulated_bus(
 
 
 def imu_stand_in(imu: ImuSpec, simulation: Simulation | None, *, seed: int = 0) -> ImuStandIn:
-    """What takes the place of a robot's IMU: it moves with the simulation; None: it stands upright and still."""
+    """What takes the place of a robot's IMU: it moves with the simulation; None: see `motion_of_shafts`."""
     motion = standing_still if simulation is None else LinkMotion(simulation, imu)
     return ImuStandIn(imu, seed=seed, motion=motion)
+
+
+def motion_of_shafts(
+    robot: RobotBody, lines: Mapping[str, Line], start: TickArray, clock: Clock
+) -> Callable[[], ImuTruth]:
+    """How the IMU's link moves on a robot without mass whose emulated servos began at `start`, ticks (n,)."""
+    shafts = [one.shaft for one in servos_on(lines, robot.joint_map.servos)]
+    offset = start - np.array([shaft.position for shaft in shafts])
+    return PlantedMotion(
+        robot, lambda: robot.joint_map.to_radians(np.array([shaft.position for shaft in shafts]) + offset), clock
+    )
 
 
 # A robot's bus above its simulated mechanics: what `--bus physics` opens.

@@ -12,9 +12,14 @@ from enum import Enum
 
 import numpy as np
 
+from hardware.arrays import FloatArray
+from hardware.clock import Clock
 from hardware.imu import GRAVITY, STRONGEST, ImuReading, ImuSample, ImuSpec, ImuTracker, Quat, Vector, product, rotated
 from retarget import rotations
 from retarget.arithmetic import arcsin, arctan2
+from retarget.ik.base_pose import plant_root
+from retarget.ik.support_polygon import plant
+from retarget.model.robot import RobotBody
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 """Not turned at all."""
@@ -37,6 +42,32 @@ STILL = ImuTruth()
 def standing_still() -> ImuTruth:
     """The motion of what does not move."""
     return STILL
+
+
+class PlantedMotion:
+    """Says how the link of the IMU moves on a robot without mass: its lower sole never leaves the floor."""
+
+    def __init__(self, robot: RobotBody, joints: Callable[[], FloatArray], clock: Clock) -> None:
+        """joints: says where they are now, (n,) rad in servo order."""
+        assert robot.profile.imu is not None, "the robot has an IMU"
+        self._robot, self._joints, self._clock = robot, joints, clock
+        self._link = robot.body.body_index(robot.profile.imu.link)
+        self._q = robot.posture(robot.profile.postures.stand)
+        if robot.stands:
+            self._q = plant(robot, robot.profile.postures.stand).q
+        self._time, self._before = clock.now(), LEVEL
+
+    def __call__(self) -> ImuTruth:
+        """The motion now. The angular velocity is the mean one since it was asked last."""
+        q, now = self._q.copy(), self._clock.now()
+        q[self._robot.servo_columns] = self._joints()
+        plant_root(self._robot, self._q, q)
+        turn = rotations.as_quat(self._robot.kinematics.orientations(q[None], [self._link])[0, 0])
+        elapsed = now - self._time
+        x, y, z = rotations.rotation_vector(product(rotations.inverse(self._before), turn))
+        speed = (x / elapsed, y / elapsed, z / elapsed) if elapsed > 0.0 else (0.0, 0.0, 0.0)
+        self._q, self._time, self._before = q, now, turn
+        return ImuTruth(turn, speed, rotated(rotations.inverse(turn), (0.0, 0.0, GRAVITY)))
 
 
 @dataclass(frozen=True)
@@ -87,7 +118,7 @@ class ImuStandIn:
         errors: ImuErrors = TYPICAL,
     ) -> None:
         self.ailment: Ailment | None = None
-        self._motion, self._errors, self._chance = motion, errors, random.Random(f"IMU {seed}")
+        self.motion, self._errors, self._chance = motion, errors, random.Random(f"IMU {seed}")
         self._mounting: Quat = LEVEL if spec is None else spec.mounting
         w, x, y, z = self._mounting
         self._to_sensor: Quat = (w, -x, -y, -z)
@@ -98,7 +129,7 @@ class ImuStandIn:
 
     def measure(self, now: float) -> ImuReading | None:
         """What it shows at `now`, s, along its own axes; None: nothing new."""
-        self._moved.append((now, self._motion()))
+        self._moved.append((now, self.motion()))
         while len(self._moved) > 1 and self._moved[1][0] <= now - self._errors.delay:
             self._moved.popleft()
         if self.ailment is Ailment.FROZEN and self._last is not None:
@@ -126,9 +157,10 @@ class ImuStandIn:
         return width * (drawn() - 0.5), width * (drawn() - 0.5), width * (drawn() - 0.5)
 
 
-def still_sample(now: float) -> ImuSample:
-    """Upright and still, at `now`, s, without an error."""
-    return ImuSample(now, np.array(LEVEL), np.zeros(3), np.array(STILL.acceleration), True, 0.0)
+def sample_of(truth: ImuTruth, now: float) -> ImuSample:
+    """What a sensor without an error shows at `now`, s."""
+    turn, force = np.array(truth.angular_velocity), np.array(truth.acceleration)
+    return ImuSample(now, np.array(truth.orientation), turn, force, True, 0.0)
 
 
 class SensedMotion:

@@ -7,11 +7,10 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import ServoGoals, ServoStates, check_open
 from hardware.clock import Clock
-from hardware.imu import ImuSpec
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec, loop_lag
 from retarget.model.robot import RobotBody
-from sim.imu import still_sample
+from sim.imu import PlantedMotion, sample_of
 from sim.servo_model import saturated_lag
 
 VELOCITY_UNIT = 0.229 * 2.0 * np.pi / 60.0  # [rad/s] register step
@@ -22,7 +21,7 @@ def mock_bus(robot: RobotBody, clock: Clock, *, start: TickArray | None = None) 
     """The bus of a robot whose servos begin at `start`, ticks (n,); None: in its posture `stand`."""
     if start is None:
         start = robot.joint_map.to_ticks(robot.posture(robot.profile.postures.stand)[robot.servo_columns])
-    return MockBus(robot.joint_map.servos, clock, start=start, imu=robot.profile.imu_spec())
+    return MockBus(robot.joint_map.servos, clock, start=start, imu_of=robot)
 
 
 class MockBus:
@@ -31,7 +30,8 @@ class MockBus:
     A goal is approached at speed `clip((goal - position) / lag, -top, top)`: the servo's position loop, a pure P gain
     whose drive saturates at its no-load speed. The lag, s, follows from the model and its P gain (about 45 ms for an
     XM430-W350 at its default gain of 800). Between calls the motion is exact, however far apart they are. Currents,
-    voltages and temperatures are unknown. `start` in ticks, (n,). An `imu` stands upright and still.
+    voltages and temperatures are unknown. `start` in ticks, (n,). The IMU of the robot `imu_of` turns with its
+    link, over soles that never leave the floor.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class MockBus:
         clock: Clock,
         *,
         start: TickArray | None = None,
-        imu: ImuSpec | None = None,
+        imu_of: RobotBody | None = None,
     ) -> None:
         count = len(servos)
         self._clock = clock
@@ -59,7 +59,9 @@ class MockBus:
         self._velocity = np.zeros(count)  # (n,) [rad/s]
         self._torque = np.zeros(count, dtype=np.bool_)
         self._time = clock.now()
-        self._open, self._imu = False, imu
+        self._open, self._motion = False, None
+        if imu_of is not None and imu_of.profile.imu is not None:
+            self._motion = PlantedMotion(imu_of, lambda: self._map.to_radians(self._position), clock)
 
     def open(self) -> None:
         """Open the bus; torque is off."""
@@ -78,6 +80,10 @@ class MockBus:
         self._catch_up()
         self._map.check_goals(goals.ticks, where="mock bus, write")
         self._goal = goals.ticks.astype(np.float64)
+
+    def limit_drive(self, share: float) -> None:
+        """Do nothing: no load asks for drive. Raises BusError when closed."""
+        check_open(self._open, where="mock bus, limit_drive")
 
     def torque(self, on: bool) -> None:
         """Switch torque. The goal registers keep what they had, so goals come first. Raises BusError when closed."""
@@ -128,5 +134,5 @@ class MockBus:
             age=np.zeros(count),
             valid=np.ones(count, dtype=np.bool_),
             driven=self._torque.copy(),
-            imu=None if self._imu is None else still_sample(self._time),
+            imu=None if self._motion is None else sample_of(self._motion(), self._time),
         )

@@ -17,7 +17,7 @@ from hardware.dynamixel.opencr import OpenCrImu
 from hardware.dynamixel.opening import Opening, examine
 from hardware.dynamixel.readings import Readings, ReportedTorque
 from hardware.dynamixel.serial_port import BytePort
-from hardware.dynamixel.torque import Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
+from hardware.dynamixel.torque import BusDrive, Ready, check_still, off_everywhere, prepare, raise_drive, switch_on
 from hardware.errors import BusError, HardwareError
 from hardware.imu import FRESH, ImuDevice, ImuFault, ImuKind, ImuSample, ImuSpec
 from hardware.joint_map import JointMap, resolve_turns, turn_groups
@@ -136,6 +136,7 @@ class DynamixelBus:
         self._goals: TickArray | None = None
         self._only_read = False  # since the last goals that drive servos
         self._noisy_cycles = 0  # cycles
+        self._drives: Sequence[BusDrive] = ()  # of servos whose torque this bus has switched on
         self._state = BusState.CLOSED
 
     @property
@@ -186,6 +187,13 @@ class DynamixelBus:
         if self.imu is not None and self._state is BusState.POWERED:
             self.imu.post()
             self._only_read = False
+
+    def limit_drive(self, share: float) -> None:
+        """Limit the drive of all servos, in one packet a port. Raises BusError when closed, or when a port is gone."""
+        self._require_open("limit_drive")
+        self._finish_imu()
+        for drive in self._drives:
+            drive.limit(share)
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
@@ -307,7 +315,7 @@ class DynamixelBus:
         for line, own in zip(self.lines, goals, strict=True):
             check_still(line, own)
         self._state = BusState.POWERED
-        drives = switch_on(ready, goals)
+        self._drives = drives = switch_on(ready, goals)
         self._readings.drive[:] = ReportedTorque.ON
         raise_drive(self.lines, drives, self._watch_rise)
 

@@ -253,6 +253,12 @@ class BusDrive:
         for register, values in self._values(share):
             self._line.write_all(register, values.items())
 
+    def limit(self, share: float) -> None:
+        """Allow a share of the full drive, also of servos that carry the robot; no servo confirms. Raises BusError when
+        the port is gone."""
+        self._least = dict.fromkeys(self._least, 1)
+        self.send(share)
+
     def confirm(self, share: float) -> None:
         """Allow a share of the full drive, and read it back from all servos. Raises BusError."""
         for register, values in self._values(share):

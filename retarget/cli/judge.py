@@ -63,8 +63,10 @@ def judge(
 def show(found: Judgement) -> None:
     """Print the table, and the verdict below it."""
     beside = "" if found.performer is None else f" beside {found.performer}"
-    rows = f"{found.rows} rows at {found.rate_hz:g} Hz, {found.duration_s:.2f} s"
-    echo(f"{found.file} ({found.layout}) on {found.robot}{beside}: {rows}")
+    of = "the run, as it followed" if found.layout == "run" else "the file, all of it"
+    rows = f"{found.rows} rows at {found.rate_hz:g} Hz"
+    span = f"all lines from {found.from_s:.1f} to {found.from_s + found.duration_s:.1f} s of {of}"
+    echo(f"{found.file} ({found.layout}) on {found.robot}{beside}: {rows}, {span}")
     table = Table("", "", "", box=None, pad_edge=False, show_header=False)
     for line in found.lines:
         word = {True: "kept", False: "LOST", None: ""}[line.kept]

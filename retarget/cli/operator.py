@@ -179,8 +179,8 @@ class RunLines:
     later ones are counted; before, notes beyond `MOST_BEFORE` wait for the summary. verbose: all are printed.
     """
 
-    def __init__(self, *, verbose: bool = False) -> None:
-        self.verbose, self.moving = verbose, False
+    def __init__(self, *, verbose: bool = False, moving: bool = False) -> None:
+        self.verbose, self.moving = verbose, moving
         self.kept_back = 0
         """News that was counted."""
         self.said, self.later = list[str](), list[str]()
@@ -233,7 +233,6 @@ TORQUE_WORDS = {
     Torque.UNCONFIRMED: "torque is not confirmed to be off: cut the power by hand",
 }
 """What is said of the torque of a robot when its run has ended."""
-STILL_STANDS = "torque is on: the simulated robot stands"
 
 
 class Announcer(Observer):
@@ -275,12 +274,13 @@ class Announcer(Observer):
         with caught([], StopCause.SOURCE):  # a terminal that is lost for a moment is spoken to again
             self._notify(text)
 
-    def ended(self) -> str:
-        """What is said when the run has ended: of the torque, and the reason of a stop that was not said before."""
+    def say_end(self) -> None:
+        """Say of a run that has ended how torque is, where somebody may have to act on it: on real servos, and where it
+        should be off and is not; and the reason of a stop that was not said before."""
         machine, stop = self._machine, self._machine.guard.stop
-        stands = machine.supervisor.state is RunState.STANDING
-        torque = STILL_STANDS if stands else TORQUE_WORDS[machine.guard.torque]
-        return torque if stop is None or stop.reason == self.reason else f"{torque}: {stop.reason}"
+        if machine.waits or (machine.guard.torque is not Torque.OFF and machine.supervisor.over):
+            torque = TORQUE_WORDS[machine.guard.torque]
+            self._say(torque if stop is None or stop.reason == self.reason else f"{torque}: {stop.reason}")
 
 
 def _again(stop: Stop | None) -> str:

@@ -199,7 +199,7 @@ class CommandRun:
             announcer = Announcer(machine, operator.stop, may_topple=self.bench.may_topple, notify=self.lines.log)
             result = recorded.run(operator, [*looks, announcer])
             if recorded.has_bus:
-                log(announcer.ended())  # one of the last lines
+                announcer.say_end()
         return result
 
 
@@ -253,7 +253,7 @@ def finished(run: RunResult, outputs: Outputs, lines: RunLines | None = None) ->
         echo(f"written: {written.listed(every=outputs.verbose)}")
     for problem in written.problems:
         echo(f"error: {problem}", err=True)
-    look = written.first or outputs.record
+    look = written.first
     next_step = NEXT_STEP if look is None else f"{'Open' if look.suffix == '.html' else 'Look at'} {look}"
     echo(f"{sentence(run, report)}. {next_step}")
     return STOPPED if run.reason is not None or report.fallen or written.problems else DONE
@@ -270,12 +270,11 @@ NEXT_STEP = "--report DIR makes a page of it, --verbose prints every figure"
 
 
 def show_summary(run: RunResult, report: Report, lines: RunLines) -> None:
-    """Print what was played and what matters of it, in the room that is left; verbose: every figure. A note that ends
-    with the same reason as one that was printed before says nothing new."""
-    reasons = {text.rpartition(": ")[2] for text in lines.said}
-    later = (text.removeprefix("note: ") for text in lines.later)
-    notes = [note for note in dict.fromkeys((*later, *report.notes)) if note.rpartition(": ")[2] not in reasons]
-    echo(heading(report))
+    """Print what was played and what matters of it, in the room that is left, without notes that were printed before;
+    verbose: every figure."""
+    known = dict.fromkeys((*lines.later, *(f"note: {note}" for note in report.notes)))
+    notes = [text.removeprefix("note: ") for text in known if text not in lines.said]
+    echo(heading(run, report))
     if not lines.verbose:
         for line in remarks(run, report, notes, room=lines.room, kept_back=lines.kept_back):
             echo(line)
@@ -584,7 +583,7 @@ def _wait_until_engaged(operator: RunOperator, performer: LivePerformer, clock: 
 
 # The command.
 
-USUAL_OPTIONS = ("--robot", "--source", "--bus", "--speed", "--report", "--view", "--verbose")
+USUAL_OPTIONS = ("--robot", "--source", "--bus", "--speed", "--report", "--plots", "--animate", "--view", "--verbose")
 """Options that `--help` lists, with which it fits a screen of 80 by 24; `--help-all` lists all."""
 
 
@@ -593,8 +592,8 @@ class RunRequest:
     """The options of `retarget run`, typed or from a session file.
 
     Robot:
-        source FILE|ADDRESS: Motion file (AMC, BVH, C3D, GLB, VRMA, MVNX, NPZ, TRC), 'sample', or a live stream:
-            vmc://:39539, mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
+        source FILE|ADDRESS: Motion file (AMC BVH C3D GLB VRMA MVNX NPZ TRC), 'sample', or a live stream: vmc://:39539,
+            mvn://:9763, natnet://HOST, json://:14150, web://, replay://FILE.
         no_gate: Send goals unchecked; on simulated servos only.
 
     Results:
@@ -602,7 +601,7 @@ class RunRequest:
         best_likeness: Add the best likeness that the joints allow.
         save FILE.npz: Write every tick, for other tools.
         plots DIR: Write pictures.
-        animate FILE.webp|.gif|.mp4: Write performer and robot as they move.
+        animate FILE.webp: Write performer and robot moving (or .gif, .mp4).
         record FILE.mcap: Keep the run as it goes, for `retarget replay`.
         verbose: Print every figure, not the sentence alone.
     """

@@ -43,11 +43,12 @@ def view(
         from retarget.web.recorded import open_recorded, page_files
         from retarget.web.serving import serve_files
     inside = file / RUN_NAME
+    name = file.resolve().name
     file = inside if inside.is_file() else file
     run = open_recorded(file, body=body)
     for text in run.notes:
         note(f"{file}: {text}")
-    files = page_files(run, file.name)
+    files = page_files(run, name)
 
     def opened(address: str) -> None:
         echo(f"{file.name}: {len(run)} ticks. Open {address} ; Ctrl-C ends it")

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from retarget.errors import UsageError, suggest
-from retarget.live.advice import refusal
 
 # The network interfaces of this machine, and which of them leads to a computer.
 
@@ -73,16 +72,16 @@ def read_options(text: str, query: str, known: tuple[str, ...]) -> dict[str, Any
         name, _, value = part.partition("=")
         if name not in known:
             allowed = ", ".join(known)
-            raise bad_address(text, "unknown option", found=name, allowed=allowed, step=suggest(name, known))
+            raise bad_address(text, "unknown option", found=name, allowed=allowed, next_step=suggest(name, known))
         if name in options:
-            raise bad_address(text, "option given twice", name=name)
+            raise bad_address(text, f"the option '{name}' is given twice", next_step="Leave one out")
         allowed, read = _OPTIONS[name]
         try:
             options[name] = read(value)
         except ValueError:
             present = f": {listed_interfaces()}" if name == "interface" else ""
-            symptom = "option not read" if value else "option empty"
-            raise bad_address(text, symptom, found=value, name=name, allowed=allowed + present) from None
+            what = f"the option '{name}' cannot be {'read' if value else 'empty'}"
+            raise bad_address(text, what, found=value, allowed=allowed + present) from None
     return options
 
 
@@ -91,13 +90,14 @@ def address_number(text: str, host: str) -> IPv4Address:
     try:
         return IPv4Address("127.0.0.1" if host == "localhost" else host)
     except AddressValueError:
-        raise bad_address(text, "no computer", found=host, step=_intended(text)) from None
+        allowed, what = "an IPv4 address such as 192.168.1.5, or localhost", "this is no address of a computer"
+        raise bad_address(text, what, found=host, allowed=allowed, next_step=_intended(text)) from None
 
 
-def bad_address(text: str, symptom: str, *, found: str = "", **facts: str) -> UsageError:
+def bad_address(text: str, what: str, *, found: str = "", allowed: str = "", next_step: str = "") -> UsageError:
     """The error for a part of the address `text`; what came from outside is shortened and made printable."""
     where, found = (repr(part if len(part) <= 200 else part[:200] + "...")[1:-1] for part in (text, found))
-    return refusal(UsageError, f"address {symptom}", where or "an empty address", found=found, **facts)
+    return UsageError(what, where=where or "an empty address", found=found, allowed=allowed, next_step=next_step)
 
 
 def _networks(value: str) -> tuple[IPv4Network, ...]:
@@ -229,20 +229,22 @@ def parse_address(text: str) -> StreamAddress:
     """
     match = re.fullmatch(r"([A-Za-z][A-Za-z0-9+.-]*)://([^\x00-\x1f]*)", text)
     if match is None or len(text) > LONGEST:
-        raise bad_address(text, "no stream", step=_intended(text) or _for_example())
+        what, allowed = "this is no address of a stream", "SCHEME://[ADDRESS][:PORT][?OPTION=VALUE&...]"
+        raise bad_address(text, what, allowed=allowed, next_step=_intended(text) or _for_example())
     kind, rest = match[1].lower(), match[2]
     if kind not in KINDS:
         step = suggest(kind, KINDS) or _for_example()
-        raise bad_address(text, "unknown kind", found=match[1], allowed=", ".join(KINDS), step=step)
+        raise bad_address(text, "unknown kind of stream", found=match[1], allowed=", ".join(KINDS), next_step=step)
     place, asked, query = rest.rpartition("?") if "?" in rest else (rest, "", "")
     options = read_options(text, query, KINDS[kind].options) if asked else {}
     if kind == "replay":
         if not place:
-            raise bad_address(text, "without a file", allowed=KINDS[kind].example)
+            raise bad_address(text, "the file is missing", allowed=KINDS[kind].example)
         return StreamAddress(text, kind, path=Path(place), recorded=options.pop("kind", None), **options)
     host, port = _place(text, kind, place)
     if kind == "web" and host not in ("", "localhost", LOOPBACK):
-        raise bad_address(text, "of a page", found=host)
+        step = "Write web://, and add --listen for phones and headsets"
+        raise bad_address(text, "the page names its own addresses", found=host, allowed="web://[:PORT]", next_step=step)
     if kind == "natnet":
         return _natnet(text, host, port, options)
     return _listener(text, kind, host, port, options)
@@ -252,13 +254,16 @@ def _place(text: str, kind: str, place: str) -> tuple[str, int]:
     """Host ("" where none is given) and port of `HOST:PORT`."""
     host, colon, number = place.removesuffix("/").partition(":")
     if "[" in place or ":" in number:
-        raise bad_address(text, "of IPv6", found=place)
+        raise bad_address(text, "IPv6 is not supported", found=place, allowed="an IPv4 address, or none for loopback")
     default = KINDS[kind].port
     if not colon and default is not None:
         return host, default
     if re.fullmatch(r"[1-9][0-9]{0,4}", number, re.ASCII) is None or int(number) > 65_535:
-        symptom = "with a wrong port" if number else "without a port"
-        raise bad_address(text, symptom, found=number, example=KINDS[kind].example)
+        what, allowed = (
+            "this is no port" if number else "the port is missing",
+            f"1 to 65535, as in {KINDS[kind].example}",
+        )
+        raise bad_address(text, what, found=number, allowed=allowed)
     return host, int(number)
 
 
@@ -266,21 +271,30 @@ def _listener(text: str, kind: str, host: str, port: int, options: dict[str, Any
     """A port of this machine that the sender sends to."""
     allow, bind = options.get("allow"), address_number(text, host or LOOPBACK)
     if bind.is_multicast:
-        raise bad_address(text, "of a group", found=host)
+        raise bad_address(text, "a group cannot be listened on", found=host, allowed="an address of this machine")
     if allow is None and not bind.is_loopback:
         found = f"{bind}, which is more than this machine, and no list of who may send"
-        raise bad_address(text, "open to all", found=found, scheme=kind, bind=str(bind), port=str(port))
+        list_of_one = f"{kind}://{bind}:{port}?allow=192.168.1.20"
+        step = "Add ?allow= with the sender's address (allow=any only where every computer on the network is safe)"
+        raise bad_address(
+            text,
+            "others on the network could move the robot",
+            found=found,
+            allowed=f"{kind}://:{port} (this machine only), or with a list, such as {list_of_one}",
+            next_step=step,
+        )
     return StreamAddress(text, kind, str(bind), port, allow or (ANY_ADDRESS,))
 
 
 def _natnet(text: str, host: str, port: int, options: dict[str, Any]) -> StreamAddress:
     """Motive on the computer `host`. No other computer may send."""
     if not host:
-        raise bad_address(text, "without Motive", allowed=KINDS["natnet"].example)
+        what = "the address of the computer with Motive is missing"
+        raise bad_address(text, what, allowed=KINDS["natnet"].example)
     server = address_number(text, host)
     if server.is_multicast or server.is_unspecified:
         step = f"Write natnet://HOST?multicast={server}" if server.is_multicast else ""
-        raise bad_address(text, "of several", found=host, step=step)
+        raise bad_address(text, "this is not the address of one computer", found=host, next_step=step)
     addresses: dict[str, Any] = {name: str(options.pop(name)) for name in ("multicast", "interface") if name in options}
     interface = addresses.setdefault("interface", LOOPBACK if server.is_loopback else EVERYWHERE)
     group = addresses.get("multicast")

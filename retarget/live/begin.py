@@ -68,11 +68,18 @@ class LiveOptions:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.countdown <= LONGEST_COUNTDOWN_S:  # nor NaN
-            found = f"{self.countdown:g}"
-            raise refusal(UsageError, "countdown", "--countdown", found=found, most=LONGEST_COUNTDOWN_S)
+            found, allowed, step = (
+                f"{self.countdown:g}",
+                f"0 to {LONGEST_COUNTDOWN_S:g} s",
+                "Leave it out, or give some seconds",
+            )
+            raise UsageError(
+                "countdown out of range", where="--countdown", found=found, allowed=allowed, next_step=step
+            )
         low, high = LIVE_STATURE_M
         if self.stature is not None and not low <= self.stature <= high:
-            raise refusal(UsageError, "stature", "--stature", found=f"{self.stature:g}", low=low, high=high)
+            found, allowed = f"{self.stature:g}", f"{low:g} to {high:g} m"
+            raise UsageError("stature out of range", where="--stature", found=found, allowed=allowed)
 
 
 # The check of sides: raise your left arm to the front.

@@ -24,7 +24,7 @@ from retarget.human.stance import facing_of
 from retarget.live.advice import advice, refusal
 from retarget.live.rest_capture import Alignment
 from retarget.live.roles import Roles
-from retarget.live.sensor_validity import Debounce, Engagement, Repeats, SensorDebounce
+from retarget.live.sensor_validity import Debounce, Engagement, SensorDebounce
 from retarget.live.stream import LiveStream, StreamReading
 from retarget.live.stream_report import (
     MS,
@@ -179,7 +179,7 @@ class LivePerformer:
         self._approach = Debounce(good=True)
         self._optional = optional
         self._states = stream.read(clock.now()).states
-        self._used, self._holds = SensorDebounce(self._states), Repeats(1)
+        self._used = SensorDebounce(self._states)
         stream.validity.forget_recovered()
 
     @property
@@ -309,12 +309,9 @@ class LivePerformer:
         return followed
 
     def _report(self, goes_on: str, holds: str, *, good: bool) -> None:
-        """Say that the robot goes on, or holds; of holds that come again and again see `Repeats`. holds: with a place
-        for the reason."""
-        if self._holds.is_news([0], begins=not good):
-            late = " because ticks come late" if self._timing.behind else ""
-            text = goes_on if good else f"{holds.format(late)}{self._holds.count_text([0])}"
-            self._notify(News(text, goes_on if good else holds, is_due=not good))
+        """Say that the robot goes on, or holds. holds: with a place for the reason."""
+        late = " because ticks come late" if self._timing.behind else ""
+        self._notify(News(goes_on) if good else News(holds.format(late), holds, is_due=True))
 
     def _read(self, now: float) -> tuple[StreamReading, SensorSample]:
         """The reading of this tick, and the sample of its valid sensors in our world; reports what has changed."""

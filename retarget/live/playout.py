@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from retarget._solver import PoseFilter, PoseRing
 from retarget.arithmetic import exp
 from retarget.errors import UsageError, suggest
-from retarget.live.advice import refusal
 from retarget.sources.streams.stream_frame import Dropped
 from retarget.types import BoolArray, FloatArray, IntArray
 
@@ -181,7 +180,8 @@ def smoothing_delay(name: str, speed: float) -> float:
 def pose_filter(name: str, count: int) -> PoseFilter | None:
     """The filter of this name for `count` sensors; None for no smoothing. Raises UsageError for an unknown name."""
     if name not in SMOOTHINGS:
-        facts = {"allowed": ", ".join(SMOOTHINGS), "step": suggest(name, SMOOTHINGS)}
-        raise refusal(UsageError, "unknown smoothing", "--smoothing", found=repr(name[:80]), **facts)
+        allowed, step = ", ".join(SMOOTHINGS), suggest(name, SMOOTHINGS)
+        found = repr(name[:80])
+        raise UsageError("unknown smoothing", where="--smoothing", found=found, allowed=allowed, next_step=step)
     settings = SMOOTHINGS[name]
     return None if settings is None else PoseFilter(count, position=settings[0], orientation=settings[1])

@@ -14,7 +14,7 @@ from retarget._solver import SensorPlan
 from retarget.errors import Problem, UsageError, suggest
 from retarget.frames import REFLECT_POSITION, REFLECT_QUATERNION, SENSORS, mirrored_name
 from retarget.human.rest_pose import REQUIRED
-from retarget.live.advice import problem, refusal
+from retarget.live.advice import problem
 from retarget.schema.performer import Performer
 from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.sources.streams.mvn import MVN_JOINTS
@@ -184,8 +184,9 @@ def roles_of(performer: Performer, convention: str, *, where: str, mirrored: boo
     a partial file, only the sensors that measuring needs are refused.
     """
     if convention not in CONVENTIONS:
-        facts = {"allowed": ", ".join(CONVENTIONS), "step": suggest(convention, CONVENTIONS)}
-        raise refusal(UsageError, "unknown roles", where, found=repr(convention), **facts)
+        allowed, step = ", ".join(CONVENTIONS), suggest(convention, CONVENTIONS)
+        found = repr(convention)
+        raise UsageError("unknown convention of roles", where=where, found=found, allowed=allowed, next_step=step)
     known, places, problems, missing = CONVENTIONS[convention], list[PoseSource](), list[Problem](), list[str]()
     standing = {place.orientation: place.standing for place in known.values()}
     for name, sensor in performer.sensors.items():

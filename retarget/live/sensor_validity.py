@@ -57,7 +57,6 @@ class SensorValidity:
         self._states: StateArray = np.full(len(self.names), ValidityState.STALE, dtype=np.uint8)
         self._reported = self._states.copy()
         self._was_fresh = np.zeros(len(self.names), dtype=bool)
-        self._repeats = Repeats(len(self.names))
         self._now = 0.0
 
     def restart(self, limits: ValidityLimits) -> None:
@@ -98,7 +97,7 @@ class SensorValidity:
 
     def messages(self) -> list[News]:
         """What has changed since the last call, in sentences for the user, one for all sensors that changed alike. What
-        came and went between needs none; a sensor that drops out again and again is counted, see `Repeats`."""
+        came and went between needs none."""
         if self._states.tobytes() == self._reported.tobytes():
             return []
         alike: dict[tuple[ValidityState, ValidityState, bool], dict[str, float]] = {}
@@ -111,13 +110,8 @@ class SensorValidity:
         self._reported = self._states.copy()
         said = []
         for (before, after, resettled), sensors in alike.items():
-            rows = [self.names.index(name) for name in sensors]
-            is_lost = after is not ValidityState.FRESH
-            if not self._repeats.is_news(rows, begins=is_lost):
-                continue
-            text = change_text(before, after, max(sensors.values()), resettled=resettled)
-            text = f"{self._named(sensors)}: {text}{self._repeats.count_text(rows) if is_lost else ''}"
-            said.append(News(text, f"{self._named(sensors)}: {before.name} {after.name}"))
+            who, text = self._named(sensors), change_text(before, after, max(sensors.values()), resettled=resettled)
+            said.append(News(f"{who}: {text}", f"{who}: {before.name} {after.name}"))
         return said
 
     def _named(self, sensors: Collection[str]) -> str:
@@ -126,25 +120,6 @@ class SensorValidity:
     def forget_recovered(self) -> None:
         """No message about sensors that are fresh now."""
         self._reported[self._states == ValidityState.FRESH] = ValidityState.FRESH
-
-
-class Repeats:
-    """What comes and goes, by row: its first, tenth, hundredth ... beginning is said, with a count, and its end where
-    the beginning was. So a run of hours says little."""
-
-    def __init__(self, count: int) -> None:
-        self._times = np.zeros(count, dtype=int)
-
-    def is_news(self, rows: Sequence[int], *, begins: bool) -> bool:
-        """True if rows that begin are to be said; else if they end, and one of their beginnings was, or there was
-        none."""
-        self._times[[*rows]] += begins
-        return any(times in (0, 10 ** (len(str(times)) - 1)) for times in self._times[[*rows]].tolist())
-
-    def count_text(self, rows: Sequence[int]) -> str:
-        """How often rows began so far, in words; "" for the first time."""
-        times = int(self._times[[*rows]].max())
-        return f" ({times} times so far)" if times > 1 else ""
 
 
 # Whether something has been good for long enough to be used again.

@@ -1,7 +1,7 @@
 """The files that a command was asked to write: checked before anything moves, written when all is done."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -140,14 +140,16 @@ class Outputs:
             ("picture", self.plots, lambda path: write_plots(figures(), path)),
             ("animation", self.animate, lambda path: write_animation(run, path, watch=watch)),
         ]
-        files: list[tuple[str, Path]] = []
+        files = [("recording", path) for path in (self.record,) if path is not None and path.is_file()]
         problems: list[str] = []
         for what, path, write in tries:
             if path is None:
                 continue
             try:
                 made = write(path)
-            except (RefusedError, OSError) as error:
+            except RefusedError as error:
+                problems += [replace(one, where=f"{what} not written").render() for one in error.problems]
+            except OSError as error:
                 problems.append(f"{what} not written: {error}")
             except KeyboardInterrupt:
                 problems.append(f"{what} not written: interrupted")
@@ -184,5 +186,5 @@ class WrittenFiles:
     def first(self) -> Path | None:
         """The file to look at first: page, animation or picture of the poses, else any; None where there is none."""
         by_name = {path.name if what == "picture" else what: path for what, path in self.files}
-        known = (by_name.get(what) for what in ("page", "animation", "poses.png", "report", "run"))
+        known = (by_name.get(what) for what in ("page", "animation", "poses.png", "report", "run", "recording"))
         return next(filter(None, known), None)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from hardware.errors import counted, printable
 from retarget.pictures.animation import animation_of
-from retarget.report.findings import FOLLOWING, NOT_FOLLOWED, findings, moments
+from retarget.report.findings import FOLLOWING, NOT_FOLLOWED, findings, measured_words, moments
 from retarget.report.report import Report, Spread
 from retarget.run.run_result import RunResult
 from retarget.schema.files import make_folder, write_atomic
@@ -98,6 +98,7 @@ def page_html(run: RunResult, report: Report, *, figures: Mapping[str, Figure]) 
     return template("page.html").render(
         report=report,
         counted=counted,
+        measured=measured_words(run, report),
         verdict=next((finding for finding in found if finding.name == FOLLOWING), None),
         followed=[finding for finding in found if finding.name in FOLLOWED],
         limits=limits,

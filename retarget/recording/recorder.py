@@ -30,9 +30,9 @@ from retarget.recording.topics import SERVO_FIELDS, Topic, topics
 from retarget.run.loop import Observer, Tick
 from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
-from retarget.run.record import Record
+from retarget.run.record import Record, keep_imu
 from retarget.run.run_result import truth_names
-from retarget.run.table import STAGES, RunTable, Widths, keep_imu
+from retarget.run.table import STAGES, RunTable, Widths
 from retarget.run.tick import Machine, TickInput
 from retarget.schema.files import refuse_existing, remove
 from retarget.types import FloatArray, Notify, RunState
@@ -271,8 +271,6 @@ class Recorder:
             thread.close()
             if not observer.rows:
                 file.discard()  # it was refused, or stopped, before it made a tick
-            elif not self.failure:
-                self._notify(f"recording: {self._path}, {self._path.stat().st_size / 1e6:.1f} MB")
             elif self.failure != self._warned:
                 self._warned = ""
                 self._warn_of_failure()

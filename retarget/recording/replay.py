@@ -115,6 +115,9 @@ class RecordedInputs:
         if self._is_recorded and self._cycles.written[self._row] == Done.FAILED:
             raise BusError(self._text("bus write"))
 
+    def limit_drive(self, share: float) -> None:
+        """Do nothing: there is no drive to limit."""
+
     def torque(self, on: bool) -> None:
         """Do nothing: there is no torque to switch."""
 

@@ -1,7 +1,7 @@
 """What is known of a run, in words, as terminal and page show it: the figures of `findings.yaml`."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from retarget.run.record import Phase
 from retarget.run.run_result import CAPPED, RunResult
 from retarget.safety.clearance import TIGHTEN
 from retarget.schema.priorities import LimbTask
-from retarget.types import MM
+from retarget.types import MM, RunState
 
 FOLLOWING, NOT_FOLLOWED = "following", "not followed"
 """Names of lines that stand apart from the others."""
@@ -53,16 +53,21 @@ def findings(run: RunResult, report: Report) -> tuple[Finding, ...]:
 @dataclass(frozen=True)
 class FollowingVerdict:
     """Whether a robot follows. words: after its name. differs: what a person sees, in words. broken: it does not; None:
-    it does in part."""
+    it does in part. why: what holds it back, where that is known."""
 
     words: str
     differs: tuple[str, ...]
     broken: bool | None
+    why: str = ""
 
     @property
     def sentence(self) -> str:
-        """The verdict, and what differs."""
-        return f"{self.words}: {', '.join(self.differs)}" if self.differs else self.words
+        """The verdict, what differs, and why."""
+        return (
+            f"{self.words}: {', '.join(self.differs)}{f'; {self.why}' if self.why else ''}"
+            if self.differs
+            else self.words
+        )
 
 
 def side_words(name: str) -> str:
@@ -103,8 +108,16 @@ class RunFigures:
         for words, broken in (("does not follow", True), ("follows in part", None)):
             differs = [one for one, value in known if value is not None and value >= self._limit(one, broken)]
             if differs:
-                return FollowingVerdict(words, tuple(in_words(one["says"], self) for one in differs), broken)
+                why = self._why({one.get("limb", "") for one in differs})
+                return FollowingVerdict(words, tuple(in_words(one["says"], self) for one in differs), broken, why)
         return FollowingVerdict("follows", (), False)
+
+    def _why(self, limbs: Collection[str]) -> str:
+        """The pair for which most goals were refused, or the limit that holds back one of these limbs most often."""
+        pair, held = self.report.refused_pair, self.report.held_back
+        if pair is not None and (self.report.gated_frames or 0) > MOST_CHANGED * self.report.ticks:
+            return f"most goals refused for {pair.first} - {pair.second}"
+        return next((one.words for one in held if one.limb.split()[-1] in limbs), "")
 
     def _limit(self, of: Mapping[str, Any], broken: bool | None) -> float:
         """The limit of a difference that is seen, or with which it does not follow."""
@@ -196,6 +209,11 @@ class RunFigures:
             times += [counted(len(known) - MOST, "more time")] if len(known) > MOST else []
             said += [f"the performer {what} {', '.join(times)}: the robot {instead} instead"] if known else []
         return "; ".join(said)
+
+    @property
+    def held_back(self) -> str:
+        """The limbs that are held back, and by what."""
+        return "; ".join(one.words for one in self.report.held_back)
 
     @property
     def likeness(self) -> dict[str, str]:
@@ -378,6 +396,11 @@ class RunFigures:
         return self.report.penetrating_frames if seen is None else seen.self_contacts + seen.fixture_contacts
 
     @property
+    def still_stands(self) -> str:
+        """Why it still stands, with torque; "" where it does not."""
+        return self.run.standing if self.run.state == RunState.STANDING.value else ""
+
+    @property
     def near_falling_mm(self) -> float | None:
         """Least distance of the centre of pressure from the edge of the soles; without mass, of the centre of mass; 0
         beyond it."""
@@ -395,12 +418,13 @@ def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dic
 
 def latency_line(report: Report) -> str:
     """The path from the performer's hand to the robot's shafts, and the stages that take a millisecond; "" where
-    nothing is known."""
+    nothing is known. Each is a median, and medians of parts do not add up."""
     whole, stages = report.hand_to_shaft_ms, report.latency_ms or {}
     taken = ", ".join(f"{stage} {time.p50:.0f}" for stage, time in stages.items() if time.p50 >= 1.0)
     if whole is None:
         return taken and f"{taken} ms; from hand to shaft it is not known"
-    return f"{whole.p50:.0f} ms from hand to shaft (p99 {whole.p99:.0f}): {taken}"
+    stages_too = f"medians of its stages, which need not add up to it: {taken}; all others below 1"
+    return f"{whole.p50:.0f} ms from hand to shaft (median; p99 {whole.p99:.0f}); {stages_too}"
 
 
 def stream_line(live: LiveReport | None) -> str:
@@ -433,12 +457,18 @@ MOST_DIFFERENCES = 2
 """Differences that the sentence names, the first ones."""
 
 
-def heading(report: Report) -> str:
+def heading(run: RunResult, report: Report) -> str:
     """The line that says what was played on which robot."""
-    lasted = f", {report.duration_s:.1f} s from the first to the end" if report.frames else ""
+    return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {measured_words(run, report)}"
+
+
+def measured_words(run: RunResult, report: Report) -> str:
+    """The seconds, on the time of the run, that are compared with the performer, and those of all other figures."""
+    time, rows = run.record.time, run.record.following
+    followed = f" from {time[rows][0]:.1f} to {time[rows][-1]:.1f} s" if run.ticks_followed else ""
+    all_of_it = f", limits from {time[0]:.1f} to {time[-1]:.1f} s" if run.robot is not None and len(time) else ""
     speed = f", speed {report.speed:g}" if report.speed != 1.0 else ""
-    played = f"{counted(report.frames, 'frame')} followed{lasted}, at {report.rate_hz:g} Hz{speed}"
-    return f"{report.source} on {report.robot} by {' and '.join(report.priorities)}: {played}"
+    return f"{counted(report.frames, 'frame')} followed{followed}{all_of_it}, at {report.rate_hz:g} Hz{speed}"
 
 
 def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, kept_back: int = 0) -> list[str]:
@@ -474,9 +504,7 @@ def sentence(run: RunResult, report: Report) -> str:
     if verdict is not None:
         more = len(verdict.differs) - MOST_DIFFERENCES
         differs = [*verdict.differs[:MOST_DIFFERENCES], *([f"{more} more"] if more > 0 else [])]
-        pair = report.refused_pair
-        if pair is not None and (report.gated_frames or 0) > MOST_CHANGED * report.ticks:
-            differs.insert(0, f"most goals refused for {pair.first} - {pair.second}")
+        differs = [verdict.why, *differs] if verdict.why else differs
         words = verdict.words + (f" ({', '.join(differs)})" if differs else "")
     if report.stop.reason is not None:
         at = "".join(f" at {moment.time:.2f} s" for moment in moments(run) if moment.what == "Stopped")

@@ -108,6 +108,7 @@ class Judgement:
     performer: str | None
     rows: int
     rate_hz: float
+    from_s: float
     duration_s: float
     limits: dict[str, BeyondLimit]
     clearance: dict[str, Nearness]
@@ -155,6 +156,7 @@ def judge(
         performer=None if source is None else source.source,
         rows=len(motion),
         rate_hz=motion.rate_hz,
+        from_s=float(motion.time[0]),
         duration_s=float(motion.time[-1] - motion.time[0]),
         limits=beyond_limits(names, positions, limits, dt, tolerance=ROUND_OFF),
         clearance=_nearness(motion, robot, world),

@@ -14,6 +14,7 @@ from retarget.report.latency import latency_of
 from retarget.report.likeness import LEAN, best_angles, legs_away, limb_angles
 from retarget.report.motion_metrics import (
     LimitViolations,
+    held_back,
     in_blocks,
     in_named_blocks,
     jerk_p95,
@@ -152,6 +153,7 @@ def measure(run: RunResult) -> Report:
         steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
         imu=_imu(run),
         refused_pair=run.tally.refused_pair,
+        held_back=held_back(run),
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,
         latency_ms=None if latency is None else latency.stages,

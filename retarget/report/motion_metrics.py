@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TypeVar
 
 import numpy as np
@@ -12,6 +13,8 @@ from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.body import JointLimits
 from retarget.model.human import human_limits
 from retarget.model.robot import RobotBody
+from retarget.robot.arm_branches import chain_to_anchor
+from retarget.run.record import Record
 from retarget.run.run_result import RunResult
 from retarget.types import MM, BoolArray, FloatArray
 
@@ -187,6 +190,72 @@ def limit_use(run: RunResult) -> LimitUse:
         velocity=_nearest(names, fastest, limits.max_velocity),
         acceleration=_nearest(names, hardest, limits.max_acceleration),
     )
+
+
+@dataclass(frozen=True)
+class HeldBack:
+    """A limb that one limit holds back in most of the ticks that followed. limb: "left arm", ...; by: the joint that is
+    at a limit of its position, or the observer that is in contact; limit_deg: that limit, null of an observer; share:
+    of the ticks."""
+
+    limb: str
+    by: str
+    limit_deg: float | None
+    share: float
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        by = f"observer {self.by}" if self.limit_deg is None else f"{self.by} at its limit of {self.limit_deg:.0f}°"
+        return f"the {self.limb} is held back by {by} in {self.share:.0%} of ticks"
+
+
+HELD_BACK, AT_LIMIT = 0.5, 1e-3
+"""Share of the ticks from which on a limit holds a limb back, and rad from the limit at which a joint is at it."""
+BEYOND, NEARER_M = 0.1, 1e-3
+"""A joint at a limit holds back if so many rad more would bring landmarks nearer to where they are asked, by this much
+in all."""
+LIMBS = {"l_hand": "left arm", "r_hand": "right arm", "l_sole": "left leg", "r_sole": "right leg"}
+"""The landmark at the end of each limb."""
+
+
+def held_back(run: RunResult) -> tuple[HeldBack, ...]:
+    """The limit that holds back each limb of a robot most often, of limbs that one holds back in `HELD_BACK` of the
+    ticks that followed, the limb that is held back most often first."""
+    robot, sent, rows = run.robot, run.record.robot, run.record.following
+    if robot is None or sent is None or not run.ticks_followed:
+        return ()
+    body, found = robot.body, list[HeldBack]()
+    for landmark in (name for name in LIMBS if name in robot.profile.landmarks):
+        limb, chain = LIMBS[landmark], list(chain_to_anchor(robot, landmark))
+        tried = []
+        for column, joint in enumerate(robot.joint_map.joints):
+            if body.joint_index(joint) in chain:
+                tried += [HeldBack(limb, joint, *_at_limit(robot, sent, rows, column, sign)) for sign in (-1.0, 1.0)]
+        for column, name in enumerate(run.observer_names):
+            if run.observers is not None and run.observers.links[column] in body.joint_body[chain]:
+                share = float((sent.observer_modes[rows, column] == REACTIVE).mean())
+                tried.append(HeldBack(limb, name, None, share))
+        worst = max(tried, key=attrgetter("share"), default=None)
+        found += [worst] if worst is not None and worst.share >= HELD_BACK else []
+    return tuple(sorted(found, key=attrgetter("share"), reverse=True))
+
+
+def _at_limit(robot: RobotBody, sent: Record, rows: slice, column: int, sign: float) -> tuple[float, float]:
+    """A limit of a servo's joint, degrees, and the share of some rows in which it holds back. sign: -1 for the lower
+    limit, 1 for the upper one."""
+    limit = float((robot.limits.lower if sign < 0.0 else robot.limits.upper)[column])
+    at = sign * (limit - sent.goals[rows, column]) < AT_LIMIT
+    if at.mean() < HELD_BACK:
+        return float(np.rad2deg(limit)), 0.0
+    frames, asked = robot.landmark_frames(sent.landmark_names), sent.landmarks_asked[rows][at]
+
+    def off(by: float) -> FloatArray:
+        q = sent.q[rows][at]
+        q[:, robot.servo_columns[column]] += by
+        return np.asarray(np.linalg.norm(robot.points(q, frames) - asked, axis=2).sum(axis=1))
+
+    return float(np.rad2deg(limit)), float((off(0.0) - off(sign * BEYOND) > NEARER_M).sum() / len(at))
 
 
 def _nearest(names: tuple[str, ...], values: FloatArray, limits: FloatArray) -> Nearest | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from retarget.live.stream_report import LiveReport, TimePercentiles
-from retarget.report.motion_metrics import LimitViolations, ModeSwitches, PhysicsReport
+from retarget.report.motion_metrics import HeldBack, LimitViolations, ModeSwitches, PhysicsReport
 from retarget.run.run_result import RefusedPair
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.files import make_folder, write_atomic
@@ -247,6 +247,8 @@ class Report:
     """The links that came closest."""
     refused_pair: RefusedPair | None = None
     """Links, or link and obstacle, for which the gate refused goals in most ticks; null where it refused none."""
+    held_back: tuple[HeldBack, ...] = ()
+    """Limbs that a joint at its limit, or an observer in contact, holds back in most ticks, and which one."""
     deep: DeepReport
     """Overlaps of more than 1 mm, and the links of the other clearances."""
     observers: ObserversReport | None = None

@@ -115,9 +115,8 @@ class RunOptions:
     they are sent. physics: of the simulated mechanics. playback: of a recording.
 
     Robot:
-        robot NAME|PATH: Robot by name or path; or 'human' alone.
-        bus NAME|PORT: Where goals go: mock, emulator (talks as servos do), physics (can fall), physics+wire, none; real
-            servos: profile, a PORT, or module:Class.
+        robot NAME|PATH: By name or path; or 'human' alone.
+        bus NAME|PORT: mock, emulator, physics, physics+wire, none; real: profile, PORT, module:Class.
         performer NAME|FILE: The sensors: five (usual), five_head, three, six, ten, all, avatar, optitrack, web, ...,
             or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).

@@ -23,7 +23,7 @@ from retarget.model.robot import RobotBody
 
 _NAMED = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 METHODS = ("open", "read", "write", "torque", "close")
-"""The methods of a `ServoBus`."""
+"""The methods that a `ServoBus` needs. Without `limit_drive` its servos keep their full drive in a fall."""
 KINDS = {
     "position": "iu",
     "velocity": "f",
@@ -147,6 +147,12 @@ class OwnBus:
         """Send goals. Raises BusError."""
         with self._named("write"):
             self._bus.write(goals)
+
+    def limit_drive(self, share: float) -> None:
+        """Limit the drive, where the bus can. Raises BusError."""
+        limit = getattr(self._bus, "limit_drive", lambda share: None)
+        with self._named("limit_drive"):
+            limit(share)
 
     def torque(self, on: bool) -> None:
         """Switch torque. Raises BusError."""

@@ -39,6 +39,7 @@ from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.safety.standing import StandingCheck
+from retarget.safety.tipping import tip_watch_of
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
@@ -170,7 +171,8 @@ class Prepared:
             state=None if ending.state is None else ending.state.value,
             reason=ending.reason,
             wall_s=ending.wall_s,
-            notes=notes if machine is None else notes + machine.not_at_rest(ending.standing),
+            notes=notes if machine is None or ending.standing else notes + machine.not_at_rest(),
+            standing=ending.standing,
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
@@ -263,15 +265,14 @@ def prepare_for(
     follower, gate, end_plan = robot_part(
         robot, for_robot, human.human, options, scene, dt=dt, goes_to_rest=goes_to_rest, end_plan=end_plan
     )
-    of_follower = tuple(filter(None, (follower.note, end_plan.note)))
-    _say(filter(None, (follower.note,)), notify)
-    if end_plan.note:
-        notify(f"note: {end_plan.note}")  # it must be said: at the end somebody has to be there
-    real = not options.simulated
+    of_follower = tuple(filter(None, (follower.note,)))
+    _say(of_follower, notify)
+    real, watch = not options.simulated, tip_watch_of(robot, dt=dt)
+    if real and end_plan.why:  # it must be said: at the end somebody has to be there
+        notify(f"note: at the end it stands, with torque, until you hold it and switch torque off: {end_plan.why}")
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
-    guard = Guard(bus=bus, joint_map=robot.joint_map, limits=limits)
-    supervisor = supervisor or Supervisor()
-    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, waits=real, notify=notify)
+    guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
+    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch)
     prepared = replace(
         human,
         machine=machine,

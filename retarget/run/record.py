@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from hardware.clock import MonotonicClock
 from hardware.guard import CheckedGoal, Guard
+from hardware.imu import ImuSample
 from retarget.frames import SensorSample
 from retarget.human.samples import Samples
 from retarget.model.robot import RobotBody
-from retarget.run.table import OF_IMU, STAGES, RunTable, keep_imu
+from retarget.run.table import OF_IMU, STAGES, RunTable
 from retarget.types import FloatArray, HumanPosture, RobotPosture
 
 
@@ -251,3 +252,13 @@ class TickRecorder:
         begins = followed.start if followed.stop else np.count_nonzero(record.phase == Phase.APPROACH)
         record.time[:] = (np.arange(len(record)) - begins) * self._samples.dt
         return record, self._followed_at[1] - self._followed_at[0]
+
+
+def keep_imu(rows: RunTable, at: int, imu: ImuSample | None) -> None:
+    """Keep a measurement in a row."""
+    if imu is None:
+        rows.imu_time[at] = np.nan
+        return
+    rows.imu_time[at], rows.imu_valid[at], rows.imu_age[at] = imu.time, imu.valid, imu.age
+    rows.imu_orientation[at] = np.nan if imu.orientation is None else imu.orientation
+    rows.imu_angular_velocity[at], rows.imu_acceleration[at] = imu.angular_velocity, imu.acceleration

@@ -63,15 +63,8 @@ class EndPlan:
     keyframes: tuple[str, ...] = ("rest",)
     why: str = ""
 
-    @property
-    def note(self) -> str:
-        """A sentence for the operator before the run begins, "" where it ends at rest."""
-        if not self.why:
-            return ""
-        return f"at the end it stands, with torque, until you hold it and switch torque off: {self.why}"
 
-
-UNKNOWN = "it is not known to stay in posture `rest` without torque (stays_at_rest of its profile)"
+UNKNOWN = "its profile does not say that it stays_at_rest"
 ASKED_TO_STAND = "as --stand-at-end asks"
 
 

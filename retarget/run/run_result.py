@@ -109,8 +109,9 @@ class RunResult:
     """A run. Everything per tick has the rows of `record`.
 
     robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
-    the loop. stop: the guard's, None without one. scene: of the last stage's body; observers: of that body. physics:
-    what a simulation measured, None without one. live: the report of a stream, None for a file.
+    the loop. standing: why it stood at the end, "" where it did not. stop: the guard's, None without one. scene: of the
+    last stage's body; observers: of that body. physics: what a simulation measured, None without one. live: the report
+    of a stream, None for a file.
     """
 
     record: Record
@@ -121,6 +122,7 @@ class RunResult:
     state: str | None
     reason: str | None
     wall_s: float
+    standing: str = ""
     notes: tuple[str, ...] = field(default=())
     stop: Stop | None = None
     scene: SceneState | None = None

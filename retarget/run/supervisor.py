@@ -32,6 +32,8 @@ LONGEST_RETURN_S = 15.0
 """Longest return to stance; then the robot goes on from where it is."""
 LONGEST_TO_REST_S = 24.0
 """Longest way to rest from there; then the robot holds where it is."""
+LONGEST_FALL_S = 1.5
+"""Longest fall, from when it is recognised: then torque goes off."""
 LONGEST_STOP_S = 2.0 * LONGEST_BRAKE_S + LONGEST_RETURN_S + LONGEST_TO_REST_S
 """Longest stop as a whole: from then on the time limit of each of its states is over."""
 COMMANDED_S = 0.5
@@ -51,6 +53,7 @@ STATES: dict[RunState, StateRow] = {
     RunState.RETURN_TO_STANCE: StateRow("the return to stance", True, LONGEST_RETURN_S),
     RunState.GO_TO_REST: StateRow("the keyframes of the profile", True, LONGEST_TO_REST_S),
     RunState.STANDING: StateRow("nothing; holds until the operator switches torque off", True),
+    RunState.FALLING: StateRow("the fall posture, with little torque", True, LONGEST_FALL_S),
     RunState.OFF: StateRow("nothing"),
     RunState.FAULT: StateRow("nothing; a person looks at the reason"),
 }
@@ -61,6 +64,7 @@ class Event(Enum):
 
     RELEASED = "the operator, who holds the robot, switches torque off"
     TORQUE_OFF = "torque off is asked for, the bus is lost, or a tick fails and the robot cannot brake"
+    FALLS = "the robot tips over, and cannot come back"
     FAULT = "a fault of the robot is latched"
     STOP = "a stop is asked for or latched"
     FAILED = "the controller fails"
@@ -94,6 +98,7 @@ _S, _E, _C = RunState, Event, StopCategory
 _TORQUE_OFF = Transition(_S.FAULT, _C.TORQUE_OFF)
 _STOP = Transition(_S.STOPPING, _C.BRAKE_AND_TORQUE_OFF)
 _HOLD = Transition(_S.HOLD, _C.HOLD)
+_FALL = Transition(_S.FALLING, _C.BRAKE_AND_TORQUE_OFF)
 
 TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     # Without torque: a performer is waited for, measured and checked; a recording is ready at once.
@@ -110,6 +115,7 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
         for state in (_S.APPROACH, _S.FOLLOW, _S.HOLD)
         for event, transition in (
             (_E.TORQUE_OFF, _TORQUE_OFF),
+            (_E.FALLS, _FALL),
             (_E.FAULT, _STOP),
             (_E.STOP, _STOP),
             (_E.FAILED, _STOP),
@@ -125,6 +131,7 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.HOLD, _E.RESUME): Transition(_S.FOLLOW),
     # The robot stops, and goes to rest where it may.
     (_S.STOPPING, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.STOPPING, _E.FALLS): _FALL,
     (_S.STOPPING, _E.TIMEOUT): _TORQUE_OFF,
     (_S.STOPPING, _E.STANDS_ON_SOLES): Transition(_S.RETURN_TO_STANCE),
     (_S.STOPPING, _E.STANDS_ON_ITS_WAY): Transition(_S.GO_TO_REST),
@@ -132,12 +139,14 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     (_S.STOPPING, _E.STANDS): Transition(_S.OFF),
     (_S.STOPPING, _E.STANDS_WITH_FAULT): Transition(_S.FAULT),
     (_S.RETURN_TO_STANCE, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.RETURN_TO_STANCE, _E.FALLS): _FALL,
     (_S.RETURN_TO_STANCE, _E.FAULT): _STOP,
     (_S.RETURN_TO_STANCE, _E.FAILED): _STOP,
     (_S.RETURN_TO_STANCE, _E.TIMEOUT): _STOP,
     (_S.RETURN_TO_STANCE, _E.ARRIVED): Transition(_S.GO_TO_REST),
     (_S.RETURN_TO_STANCE, _E.ENDS_STANDING): Transition(_S.STANDING),
     (_S.GO_TO_REST, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.GO_TO_REST, _E.FALLS): _FALL,
     (_S.GO_TO_REST, _E.FAULT): _STOP,
     (_S.GO_TO_REST, _E.FAILED): Transition(_S.STANDING),
     (_S.GO_TO_REST, _E.TIMEOUT): Transition(_S.STANDING),
@@ -145,7 +154,11 @@ TRANSITIONS: dict[tuple[RunState, Event], Transition] = {
     # A robot that cannot go to rest keeps its torque until the operator, a servo or the bus says otherwise.
     (_S.STANDING, _E.RELEASED): Transition(_S.OFF),
     (_S.STANDING, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.STANDING, _E.FALLS): _FALL,
     (_S.STANDING, _E.FAULT): Transition(_S.FAULT, _C.BRAKE_AND_TORQUE_OFF),
+    # A robot that falls gives way, and lets go once it lies.
+    (_S.FALLING, _E.TORQUE_OFF): _TORQUE_OFF,
+    (_S.FALLING, _E.TIMEOUT): _TORQUE_OFF,
     (_S.OFF, _E.TORQUE_OFF): _TORQUE_OFF,
 }
 """All transitions. An event that a state has no row for changes nothing."""
@@ -186,10 +199,11 @@ class Situation:
 
     approached: whether the approach is over. arrived: whether the controller of the present state has arrived. stands:
     whether nothing is left to brake; straight: whether that is on the straight part of the approach. end: how the run
-    is to end.
+    is to end. falls: in what way it falls, "" where it does not.
     """
 
     hold_reason: str = ""
+    falls: str = ""
     approached: bool = False
     arrived: bool = False
     stands: bool = False
@@ -285,6 +299,8 @@ class Supervisor:
             yield Event.RELEASED
         if self._is_forced(operator) or guard.torque is not Torque.ON:
             yield Event.TORQUE_OFF
+        if situation.falls:
+            yield Event.FALLS
         if not guard.may_go_to_rest:
             yield Event.FAULT
         if operator.stop is not None or guard.stop is not None:
@@ -326,6 +342,11 @@ class Supervisor:
         if event is Event.TORQUE_OFF:
             if self._is_forced(operator):
                 guard.switch_off(StopCause.REQUESTED, FORCED_STOP)
+        elif event is Event.FALLS:
+            guard.latch(StopCause.FALLEN, situation.falls)
+            guard.give_way()
+        elif event is Event.TIMEOUT and self.state is RunState.FALLING:
+            guard.switch_off(StopCause.FALLEN, situation.falls)
         elif event is Event.STOP and operator.stop is not None:
             guard.latch(StopCause.REQUESTED, operator.stop)
         elif event is Event.NO_COMMAND:

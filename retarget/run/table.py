@@ -210,16 +210,6 @@ def _fields() -> dict[str, RunField]:
     return made
 
 
-def keep_imu(rows: RunTable, at: int, imu: ImuSample | None) -> None:
-    """Keep a measurement in a row."""
-    if imu is None:
-        rows.imu_time[at] = np.nan
-        return
-    rows.imu_time[at], rows.imu_valid[at], rows.imu_age[at] = imu.time, imu.valid, imu.age
-    rows.imu_orientation[at] = np.nan if imu.orientation is None else imu.orientation
-    rows.imu_angular_velocity[at], rows.imu_acceleration[at] = imu.angular_velocity, imu.acceleration
-
-
 def imu_of(rows: RunTable, at: int) -> ImuSample | None:
     """The measurement in a row."""
     time, orientation = float(rows.imu_time[at]), rows.imu_orientation[at].copy()

@@ -27,11 +27,11 @@ from retarget.run.rest_trajectory import EndPlan
 from retarget.run.run_result import RefusedPair
 from retarget.run.supervisor import AT_RISK, BUS_SILENT, End, OperatorInput, Situation, Supervisor
 from retarget.safety.gate import Gate
+from retarget.safety.tipping import TipWatch
 from retarget.types import Notify, RobotPosture, RunState
 
 TO_REST = (RunState.RETURN_TO_STANCE, RunState.GO_TO_REST)
 """States in which the robot brakes and waits while the bus is silent."""
-STANDS = "the run ends standing, with torque: {}"
 HOLDS_ON_ITS_WAY = "on its way to rest the robot holds, and tries again: {}"
 NOT_FOLLOWABLE = "the performer could not be followed ({})"
 """A hold reason; what is wrong with the performer, in a few words, is put in."""
@@ -112,7 +112,7 @@ class TickOutput:
 class Machine:
     """A robot that can run. clock: of the run, which its loop reads, and no tick. waits: a robot that stands at the end
     waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals: sent
-    instead of following."""
+    instead of following. tip_watch: of a robot that stands, and has an IMU."""
 
     robot: RobotBody
     follower: Follower
@@ -125,14 +125,12 @@ class Machine:
     waits: bool = True
     notify: Notify = lambda text: None
     goals: GoalsInstead | None = None
+    tip_watch: TipWatch | None = None
 
-    def not_at_rest(self, standing: str) -> tuple[str, ...]:
-        """A note about a robot on its soles whose run did not end at rest, though nothing was wrong with it. standing:
-        why it stood at the end, "" where it did not."""
+    def not_at_rest(self) -> tuple[str, ...]:
+        """A note about a robot on its soles whose torque went off elsewhere than at rest, though nothing was wrong with
+        it, and it did not stand at the end."""
         states, robot, state = self.guard.states, self.robot, self.supervisor.state
-        if standing:
-            until = ", until the operator switched torque off" if state is RunState.OFF else ""
-            return (f"it ended standing, with torque{until}: {standing}",)
         if states is None or state is not RunState.OFF or self.end_plan.end is End.BRAKED or not robot.stands:
             return ()
         off = np.abs(robot.joint_map.to_radians(states.position) - rest_joints(robot))
@@ -178,18 +176,18 @@ def step(machine: Machine, motion: RobotMotion, state: TickState, given: TickInp
     """The goal of a tick, and the state after it. Servos, gate, supervisor and controllers remember what they are
     given."""
     guard, supervisor = machine.guard, machine.supervisor
-    _look_at_servos(machine, state, given)
+    _look_at_servos(machine, motion, state, given)
     hold_reason, lost = _hold_reason(machine, motion, state, given)
     situation = _situation(machine, motion, state, hold_reason)
     run_state = supervisor.step(given.now, given.operator, given.performer, situation, guard)
-    state, news = _standing(machine, state)
+    state, news = _standing(machine, state), tuple[str, ...]()
     if supervisor.over:
-        return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost, news=news)
+        return TickOutput(replace(state, **_sampled(given)), run_state, lost=lost)
     wanted = _target(machine, motion, state, given)
     goal, target = motion.check(state.commanded, wanted)
     if run_state is RunState.GO_TO_REST and target is not None and not goal.passed:
         refused = machine.refused or "the gate refuses the goal"
-        news += () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
+        news = () if state.refused else (HOLDS_ON_ITS_WAY.format(refused),)
         state = replace(state, refused=refused)
     state = replace(state, commanded=motion.next(state.commanded, goal, target), **_sampled(given))
     motion.lead_from(state.commanded, wanted)
@@ -219,15 +217,15 @@ def brake(machine: Machine, motion: RobotMotion, state: TickState, given: TickIn
         if supervisor.state is before:  # a stop that goes on failing has its limits and its operator, too
             situation = _situation(machine, motion, state, "")
             supervisor.step(given.now, given.operator, PerformerInput(), situation, guard)
-    state, news = _standing(machine, replace(state, **_sampled(given)))
+    state = _standing(machine, replace(state, **_sampled(given)))
     if supervisor.over:
-        return TickOutput(state, supervisor.state, news=news)
+        return TickOutput(state, supervisor.state)
     assert guard.goal is not None, "the robot is armed"
     goal = machine.gate.brake(guard.goal)  # from what the servos have, whatever has failed
     state = replace(state, commanded=motion.next(state.commanded, goal, None))
     with caught([], StopCause.FILTER):  # a follower that fails does not keep the robot from braking
         motion.lead_from(state.commanded, None)
-    return TickOutput(state, supervisor.state, goal, news=news)
+    return TickOutput(state, supervisor.state, goal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +265,7 @@ def perform(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
     return TickDone(given, replace(output, news=news) if news else output, tried, times)
 
 
-def _look_at_servos(machine: Machine, state: TickState, given: TickInput) -> None:
+def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> None:
     """Latch what has failed, and what is wrong with the robot."""
     guard, clearance = machine.guard, machine.gate.clearance
     for failure in given.failures:
@@ -276,8 +274,11 @@ def _look_at_servos(machine: Machine, state: TickState, given: TickInput) -> Non
         guard.latch(*given.operator.fault)
     assert given.servos is not None, "servos that could not be read are a failure"
     guard.check(given.servos, given.now, given.idle)
+    joints, watch = machine.robot.joint_map.to_radians(given.servos.position), machine.tip_watch
     if clearance is not None:
-        clearance.measure(machine.robot.joint_map.to_radians(given.servos.position), state.commanded.joints)
+        clearance.measure(joints, state.commanded.joints)
+    if watch is not None and given.servos.imu is not None and not motion.on_approach:
+        watch.look(given.servos.imu, joints)
 
 
 def _sampled(given: TickInput) -> dict[str, Any]:
@@ -296,6 +297,8 @@ def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given:
         return NOT_FOLLOWABLE.format(performer.hold_reason), False
     if machine.guard.is_silent:
         return BUS_SILENT, False
+    if machine.tip_watch is not None and machine.tip_watch.hold_reason:
+        return machine.tip_watch.hold_reason, False
     if refused := motion.refused(state.commanded):
         return f"the gate refuses {refused}", False
     if run_state is RunState.FOLLOW and motion.follow.lost:
@@ -305,8 +308,10 @@ def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given:
 
 def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_reason: str) -> Situation:
     """What the robot has done so far."""
+    watch = machine.tip_watch
     return Situation(
         hold_reason=hold_reason,
+        falls="" if watch is None else watch.fall,
         approached=motion.approach.arrived,
         arrived=motion.has_arrived(machine.supervisor.state, state.commanded),
         stands=motion.stands(state.commanded),
@@ -318,6 +323,8 @@ def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_rea
 def _target(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> Target | None:
     """What the controller of the present state asks for; None: brake, or stand."""
     guard, run_state = machine.guard, machine.supervisor.state
+    if run_state is RunState.FALLING:
+        return motion.target(run_state, state.commanded, given.performer, speed_override=1.0)
     if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
         return motion.brake(run_state, state.commanded)
     if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:
@@ -326,11 +333,11 @@ def _target(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
     return motion.target(run_state, state.commanded, given.performer, speed_override=override)
 
 
-def _standing(machine: Machine, state: TickState) -> tuple[TickState, tuple[str, ...]]:
-    """The state that says why the robot stands at the end of the run, once it does, and the news of that."""
+def _standing(machine: Machine, state: TickState) -> TickState:
+    """The state that says why the robot stands at the end of the run, once it does."""
     if machine.supervisor.state is not RunState.STANDING or state.standing:
-        return state, ()
+        return state
     stop = machine.guard.stop
     failed = "" if stop is None else stop.reason
     why = machine.end_plan.why or f"it did not get to rest: {state.refused or failed}"
-    return replace(state, standing=why), (STANDS.format(why),)
+    return replace(state, standing=why)

@@ -30,7 +30,7 @@ from retarget.run.supervisor import OperatorInput
 from retarget.run.tick import Machine, TickInput
 from retarget.schema.performer import Performer
 from retarget.types import FloatArray, RunState
-from sim.buses import imu_stand_in, simulation_of
+from sim.buses import imu_stand_in, motion_of_shafts, simulation_of
 from sim.emulator.line import Line
 from sim.emulator.ports import EmulatedPort
 from sim.emulator.robot_lines import robot_lines
@@ -369,6 +369,8 @@ class Bench(Operator, Observer):
         made = DynamixelBus(robot.joint_map, buses, port, imu=imu, notify=self.trace.said.append)
         self._act_until(BEFORE_OPENING)
         if simulation is None:
+            if sensor is not None:
+                sensor.motion = motion_of_shafts(robot, self.lines, start, clock)
             return made
         drive_shafts(simulation, robot.joint_map.servos, self.lines, now=clock.now())
         self.witness = Witness(simulation)

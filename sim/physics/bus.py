@@ -58,6 +58,13 @@ class PhysicsBus:
         self.simulation.world.robot.joint_map.check_goals(ticks, where="physics bus, write")
         self.simulation.aim((ticks - self._zero) * self._tick_rad, self._now() + self._latency)
 
+    def limit_drive(self, share: float) -> None:
+        """Limit the drive of all servos. Raises BusError when closed."""
+        check_open(self._open, where="physics bus, limit_drive")
+        self._catch_up()
+        self.simulation.motors.tune(limit=np.full(len(self._servos), share))
+        self.simulation.switch(self.simulation.motors.driven)
+
     def torque(self, on: bool) -> None:
         """Switch torque; a servo with an alert stays off. It is acknowledged, so goals that are on their way take
         effect first. Raises BusError when closed."""
@@ -172,14 +179,19 @@ class SimulatedShafts:
         self._simulation.switch(driven.astype(np.bool_))
 
 
+def servos_on(lines: Mapping[str, Line], servos: Sequence[ServoSpec]) -> list[ServoBody]:
+    """The emulated servos on these lines, in servo order."""
+    return [
+        next(one for one in lines[servo.bus].devices if isinstance(one, ServoBody) and one.id == servo.id)
+        for servo in servos
+    ]
+
+
 def drive_shafts(
     simulation: Simulation, servos: Sequence[ServoSpec], lines: Mapping[str, Line], *, now: float
 ) -> SimulatedShafts:
     """Let a simulation turn the shafts of the emulated servos on these lines, from `now` on, s."""
-    emulated = [
-        next(one for one in lines[servo.bus].devices if isinstance(one, ServoBody) and one.id == servo.id)
-        for servo in servos
-    ]
+    emulated = servos_on(lines, servos)
     shafts = SimulatedShafts(simulation, [one.shaft for one in emulated], begun=now - simulation.time)
     for one in emulated:
         one.shaft.mechanics = shafts

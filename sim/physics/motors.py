@@ -325,9 +325,10 @@ class Motors:
         model.actuator_forcerange[self._motor, 1] = stall * self._limit
         model.actuator_biasprm[self._emf, 2] = -on * self._fall
 
-    def tune(self, *, proportional: FloatArray, limit: FloatArray) -> None:
-        """Set P gains (n,) 1/rad and most drives (n,); they hold from the next `power` on."""
-        self._proportional, self._limit = proportional, limit
+    def tune(self, *, limit: FloatArray, proportional: FloatArray | None = None) -> None:
+        """Set most drives (n,), and P gains (n,) 1/rad; None: those before. They hold from the next `power` on."""
+        self._limit = limit
+        self._proportional = self._proportional if proportional is None else proportional
 
     def command(self, data: Any, elapsed: float) -> None:
         """Hand the goals to the engine for the next `elapsed` s; the play of the gears and the I gain move on."""

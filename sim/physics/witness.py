@@ -274,6 +274,10 @@ class WitnessedBus:
         """Write to it. Raises BusError as it does."""
         self._bus.write(goals)
 
+    def limit_drive(self, share: float) -> None:
+        """Limit its drive. Raises BusError as it does."""
+        self._bus.limit_drive(share)
+
     def torque(self, on: bool) -> None:
         """Switch its torque. Raises BusError as it does."""
         try:

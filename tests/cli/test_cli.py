@@ -5,6 +5,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -30,6 +31,7 @@ from retarget.cli.controls import WORDS, Asked, ControlSocket, LiveStatus
 from retarget.cli.exit import DEFECT, DONE, INTERRUPTED, LEAST_MEMORY, REFUSED, STOPPED, exit_code_of
 from retarget.cli.run import USUAL_OPTIONS
 from retarget.cli.stop import sent
+from retarget.schema.catalogue import shipped_folder
 from retarget.sources.open import open_source
 
 
@@ -239,6 +241,19 @@ def test_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert len(out.splitlines()) <= 12 and "out/demo/report.json" in out
     said = out.splitlines()[-1]
     assert re.fullmatch(r"op3 follows: hands \d+ mm off, nothing touched, .* Open out/demo/report.html", said)
+
+
+def test_the_demo_of_another_robot_keeps_that_of_the_usual_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = open_source("sample")
+    monkeypatch.setattr("retarget.cli.demo.open_source", lambda name: whole.cut(0.0, 0.2))
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / "mine" / "robot.yaml"
+    shutil.copytree(shipped_folder() / "robots" / "poppy", own.parent)
+    for robot in ("op3", "poppy", own.parent, own):  # again: the same folder
+        assert demo("--robot", robot, "--bus", "none") == DONE
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"demo", "demo-poppy", "demo-mine"}
+    assert json.loads(Path("out/demo/report.json").read_text())["robot"] == "op3"
+    assert demo("--robot", "poppy", "--out", "out/demo") == REFUSED, "that is another's"
 
 
 # `retarget stop` from the command line: confirmed, not confirmed, no run.

@@ -9,24 +9,26 @@ import numpy as np
 import pytest
 
 from bus_rig import four_servos
+from hardware.clock import VirtualClock
 from hardware.guard_state import GuardLimits
 from hardware.servo_health import ServoWarnings, WatchedRow, watched
 from live_rig import LiveRig
 from messages import shows
+from recordings import mock_bus
 from retarget.cli import main
 from retarget.cli.controls import Asked
 from retarget.cli.exit import DONE, STOPPED, StopRequest
 from retarget.cli.operator import MOST_LINES, RunLines, RunOperator
-from retarget.cli.run import CommandRun, show_summary
+from retarget.cli.run import CommandRun, finished
 from retarget.human.samples import Playback
 from retarget.live.begin import LiveOptions
 from retarget.pictures.outputs import Outputs
-from retarget.report.measure import measure
 from retarget.run.options import RunOptions
 from retarget.run.prepare import performance_of
+from retarget.run.supervisor import OperatorInput
 from retarget.sources.open import open_source
 from retarget.sources.streams.raw_record import RawWriter
-from retarget.types import News
+from retarget.types import News, RunState
 from sim.faults.sender import FakeSender
 
 EACH_S, GAP_S = 2.0, 0.6
@@ -189,20 +191,42 @@ def test_every_key_has_its_answer(lines: RunLines, said: Printed) -> None:
     assert said() == ["paused", "going on"] * 2
 
 
-def test_that_it_ends_standing_is_said_after_other_notes(said: Printed, capsys: pytest.CaptureFixture[str]) -> None:
-    options = RunOptions(robot="op3", bus="emulator", stand_at_end=True, playback=Playback(end=0.1))
+@pytest.mark.parametrize("stand_at_end", [True, False])
+def test_that_it_ends_standing_is_said_once_in_the_last_line(
+    stand_at_end: bool, said: Printed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = RunOptions(robot="op3", bus="emulator", stand_at_end=stand_at_end, playback=Playback(end=0.1))
     command = CommandRun(options, Outputs(), recorded=True)
     for note in NOTES:
         command.lines.notify(News(f"note: {note}"))
     said()
     with command.prepared(performance_of(lambda: open_source("sample"), options.playback)) as prepared:
-        (line,) = said()
-        shows(line, "note", "at the end it stands, with torque")
         result = command.play(prepared, command.operator(prepared, StopRequest()))
-    capsys.readouterr()
-    show_summary(result, measure(result), command.lines)
-    notes = [text for text in capsys.readouterr().out.splitlines() if text.startswith("note: ")]
-    assert notes == [f"note: {NOTES[2]}"], "what was not said before"
+    assert not said(), "no servo of a simulation needs to be known without torque"
+    finished(result, Outputs(), command.lines)
+    _, note, last = capsys.readouterr().out.splitlines()
+    assert note == f"note: {NOTES[2]}", "what was not said before"
+    assert ("--stand-at-end" in last) is stand_at_end
+
+
+def test_on_real_servos_it_is_said_before_that_it_will_stand_and_at_the_end_that_torque_is_off(said: Printed) -> None:
+    options = RunOptions(robot="op3", bus="profile", stand_at_end=True, playback=Playback(end=0.1))
+    command = CommandRun(options, Outputs(), recorded=True)
+    command.clock, command.bench = VirtualClock(), Mock(make_bus=mock_bus, may_topple=False)
+    with command.prepared(performance_of(lambda: open_source("sample"), options.playback)) as prepared:
+        shows("\n".join(said()), "at the end it stands, with torque")
+        stop, machine = StopRequest(), prepared.machine
+        assert machine is not None
+
+        def ask(state: RunState | None) -> OperatorInput:
+            if state is RunState.STANDING:
+                stop.force("held")
+            return OperatorInput(stop.why or None, stop.torque_off)
+
+        command.play(prepared, Mock(ask=ask, stop=stop))
+    (reminder, last) = said()
+    shows(reminder, "torque is on: hold the robot")
+    assert last.startswith("torque is off")
 
 
 def test_a_second_attempt_counts_its_lines_anew_and_repeats_no_note(lines: RunLines, said: Printed) -> None:

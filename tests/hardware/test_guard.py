@@ -188,6 +188,17 @@ def test_a_suspension_is_named_where_simulated_servos_wait() -> None:
     assert not rig.guard.health.warnings.take_news()
 
 
+def test_a_servo_that_gives_way_in_a_fall_is_not_judged_for_it() -> None:
+    for yields in (False, True):
+        rig = Rig(MockFault(FaultKind.STUCK, first=5, cycles=1000), limits=GuardLimits(following_error=0.2))
+        rig.arm()
+        if yields:
+            rig.guard.give_way()
+        rig.run(100)
+        stop = rig.guard.stop
+        assert (stop is None) if yields else (stop is not None and stop.cause is StopCause.FOLLOWING_ERROR)
+
+
 def test_the_first_reason_stays_and_one_later_fault_is_added() -> None:
     rig = moving()
     rig.guard.latch(StopCause.REQUESTED, "space bar")

@@ -1,5 +1,6 @@
 """Bodies in pictures: the nearest is seen, and an animation shows performer and robot of a run as they move."""
 
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,7 +14,8 @@ from PIL import Image
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import load_body_text
-from retarget.model.meshes import LEFT, MIDDLE, RIGHT, rgb, solid_body
+from retarget.model.meshes import LEFT, MIDDLE, RIGHT, Mesh, rgb, shape_mesh, solid_body
+from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.pictures import solid
 from retarget.pictures.outputs import Outputs, WrittenFiles
@@ -55,6 +57,27 @@ def test_the_nearest_is_seen() -> None:
     assert orange > 0.9 * np.pi * 15.0**2 and grey > 2000, "the ball is a circle of 15 pixels"
     hidden, more = drawn((0.0, 0.0, 0.0, 1.0))
     assert hidden < 0.35 * orange and more > grey, "turned by half, the box stands before the ball"
+
+
+def test_an_open_surface_is_seen_from_both_sides_and_its_shadow_has_room() -> None:
+    """A box without its near side: its far one is seen from within, and what it casts ends inside the picture."""
+    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
+    box = shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3))
+    near = (box.vertices[box.faces][..., 0] > 0.0).all(axis=1)
+    cut = Mesh(box.vertices, box.faces[~near])
+    assert near.sum() == 2 and box.is_closed and not cut.is_closed
+    pixels = []
+    for mesh in (box, cut):
+        alone = replace(body, meshes=(mesh,), owners=body.owners[:1], colours=body.colours[:1])
+        postures = DrawnPostures(alone, body.poses(np.array([[0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0, 0.0]])), 1.0)
+        picture = Image.new("RGB", (300, 200), "white")
+        postures.draw(picture, 0, place=(100.0, 150.0), scale=150.0)
+        pixels.append(np.asarray(picture).min(axis=2))
+        right = 100 + round(150.0 * postures.shadow_end(0))
+        dark = np.flatnonzero((pixels[-1] < 252).any(axis=0))
+        assert right - 25 < dark.max() <= right < 300
+    seen = pixels[0][:130] < 200
+    assert seen.sum() > 2000 and (pixels[1][:130][seen] < 200).mean() > 0.97, "it is not seen through"
 
 
 def test_bones_are_drawn_where_both_ends_are_known() -> None:
@@ -117,18 +140,32 @@ def test_obstacles_are_seen_and_seen_through(run: RunResult) -> None:
 
 @pytest.mark.parametrize(("make", "kind"), [(webp, "WEBP"), (gif, "GIF")])
 def test_an_animation_has_every_picture(
-    make: Callable[[list[Image.Image]], bytes], kind: str, frames: list[Image.Image]
+    make: Callable[[list[Image.Image], int], bytes], kind: str, frames: list[Image.Image]
 ) -> None:
-    with Image.open(BytesIO(make(frames))) as image:
+    with Image.open(BytesIO(make(frames, len(frames)))) as image:
         assert image.format == kind and getattr(image, "n_frames", 1) == len(frames) and image.size == frames[0].size
         image.seek(len(frames) - 1)
         off = np.abs(np.asarray(image.convert("RGB")).astype(int) - np.asarray(frames[-1]))
         assert off.mean() < 3.0 and image.info["duration"] == 1000 / FPS
 
 
+def test_a_webp_is_encoded_while_it_is_drawn(frames: list[Image.Image]) -> None:
+    """No picture but the one that is drawn is kept, and progress is that of the file."""
+    drawn = list[weakref.ref[Image.Image]]()
+
+    def draw() -> Iterator[Image.Image]:
+        for frame in frames:
+            assert sum(one() is not None for one in drawn) <= 1
+            picture = frame.copy()
+            drawn.append(weakref.ref(picture))
+            yield picture
+
+    assert webp(draw(), len(frames)) == webp(frames, len(frames)) and len(drawn) == len(frames)
+
+
 def test_a_film_has_every_picture(frames: list[Image.Image]) -> None:
     av = pytest.importorskip("av", reason="PyAV is not installed: pip install av")
-    with av.open(BytesIO(mp4(frames))) as film:
+    with av.open(BytesIO(mp4(frames, len(frames)))) as film:
         shown = [picture.to_image() for picture in film.decode(video=0)]
         assert len(shown) == len(frames) and shown[0].size == frames[0].size
         assert film.streams.video[0].codec_context.name == "h264" and film.streams.video[0].average_rate == FPS
@@ -163,7 +200,7 @@ def test_an_animation_tells_how_far_it_is_and_can_be_ended(
             if done == ends_at:
                 raise KeyboardInterrupt
 
-        assert (what, total) == ("animation", len(moving(run)["performer"].poses))
+        assert (what, total) == (f"writing {outputs.animate}", len(moving(run)["performer"].poses))
         yield tell
 
     outputs = Outputs(animate=tmp_path / "run.webp", report=tmp_path / "report.json")
@@ -174,7 +211,7 @@ def test_an_animation_tells_how_far_it_is_and_can_be_ended(
     ends_at = 0
     told.clear()
     assert outputs.write(run, measure(run), watch=watch).problems == ()
-    assert told == [*range(1, len(moving(run)["performer"].poses) + 1)]
+    assert told == [*range(1, len(moving(run)["performer"].poses))], "with the last one the file is written"
 
 
 def test_files_in_one_folder_are_one_word(tmp_path: Path) -> None:

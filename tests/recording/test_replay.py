@@ -128,7 +128,8 @@ def test_what_the_imu_measured_is_measured_again(plain: Recorded) -> None:
     now, then = again.result.record, plain.result.record
     for name in OF_IMU:
         np.testing.assert_array_equal(getattr(now, name), getattr(then, name), name)
-    assert then.imu_orientation[-1].tolist() == [1.0, 0.0, 0.0, 0.0]
+    w, x, y, _ = then.imu_orientation[-1].tolist()
+    assert w > 0.99 and abs(y) > 0.01 and abs(x) < 1e-3  # at rest OP3 leans forward over flat soles
 
 
 def test_a_recording_without_an_imu_has_none(plain: Recorded) -> None:

@@ -13,10 +13,11 @@ from messages import shows
 from retarget.cli.operator import RunLines
 from retarget.cli.run import show_summary
 from retarget.frames import JointTracks, SensorFrames
+from retarget.model.observers import robot_observers
 from retarget.report.findings import findings, remarks, sentence
 from retarget.report.lines import Finding, in_words, lines_of
 from retarget.report.measure import measure
-from retarget.report.motion_metrics import limit_use
+from retarget.report.motion_metrics import REACTIVE, HeldBack, held_back, limit_use
 from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
 from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.run.options import RunOptions
@@ -109,8 +110,8 @@ def test_what_could_not_be_broken_has_no_verdict(run: RunResult, report: Report)
 BAD, LEGS, FINE = Spread(60.0, 80.0, 90.0), Spread(33.0, 50.0, 60.0), Spread(5.0, 9.0, 12.0)
 FOLLOWS: list[tuple[dict[str, Any], bool | None, str]] = [
     ({}, True, "follows"),
-    ({"hand_path_ratio": 0.6}, None, "follows in part: hands on 60% of their path"),
-    ({"hand_path_ratio": 0.1}, False, "does not follow: hands on 10% of their path"),
+    ({"hand_path_ratio": 0.6}, None, "follows in part: hands travel 0.60 times as far as asked"),
+    ({"hand_path_ratio": 0.1}, False, "does not follow: hands travel 0.10 times as far as asked"),
     ({"fallen": True}, False, "does not follow: it fell"),
     ({"trunk_lean_deg": Spread(6.0, 30.0, 68.0)}, None, "follows in part: its trunk 30° off (p95)"),
     (
@@ -359,10 +360,50 @@ def test_the_pair_that_the_gate_refused_most_is_named_with_what_to_do(run: RunRe
     assert not any("MP_BACK_R" in one for one in remarks(run, replace(changed, gated_frames=1), (), room=6)), "no harm"
     assert "MP_BACK_R" not in sentence(run, replace(changed, gated_frames=1))
     most = replace(changed, gated_frames=report.ticks - 1)
-    shows(sentence(run, most), "most goals refused for MP_BACK_R - MP_ARM_HIGH_R")
+    differs = replace(most, hands_away_s={"l_hand": 0.1, "r_hand": 1.2})
+    shows(sentence(run, differs), "most goals refused for MP_BACK_R - MP_ARM_HIGH_R")
     wall = replace(changed, refused_pair=replace(PAIR, second="wall", obstacle=True))
     assert "ignore_pairs" not in of("gate", run, wall).measured, "an obstacle is there"
     assert "refused" not in of("gate", run, replace(changed, gated_frames=0)).measured
+
+
+def test_the_limit_that_holds_a_limb_back_is_named_where_that_limb_differs(run: RunResult, report: Report) -> None:
+    alike = replace(report, likeness_deg={"upper_arms": FINE}, likeness_recorded_deg=None, legs_away_s=None)
+    alike = replace(alike, reachable_hands_mm=None, hands_away_s=None, hand_path_ratio=1.0, pelvis_height_mm=None)
+    held = replace(alike, held_back=(HeldBack("left arm", "l_sho_pitch", 10.0, 0.82),))
+    away = replace(held, hands_away_s={"l_hand": 1.2, "r_hand": 0.1})
+    said = "the left arm is held back by l_sho_pitch at its limit of 10° in 82% of ticks"
+    assert said in sentence(run, away) and said in of("following", run, away).measured
+    assert of("held back", run, held).measured == said and said not in sentence(run, held), "it follows all the same"
+    legs = replace(held, likeness_deg={"thighs": BAD})
+    assert said not in sentence(run, legs), "arms hinder no leg"
+
+
+def test_a_joint_at_its_limit_holds_back_where_going_on_would_bring_the_hand_nearer(run: RunResult) -> None:
+    """An elbow is at its upper limit in three quarters of the ticks, and the hand is asked beyond it, or not."""
+    robot, sent = run.robot, run.record.robot
+    assert robot is not None and sent is not None and held_back(run) == ()
+    rows, column = run.record.following, robot.joint_map.joints.index("l_el")
+    goals, q = sent.goals.copy(), sent.q.copy()
+    at = np.arange(rows.start, rows.stop - (rows.stop - rows.start) // 4)
+    goals[at, column] = q[at, robot.servo_columns[column]] = robot.limits.upper[column]
+    asked = sent.landmarks_asked.copy()
+    for by, expected in ((0.3, ["l_el"]), (-0.3, [])):
+        beyond = q.copy()
+        beyond[at, robot.servo_columns[column]] += by
+        asked[at] = robot.points(beyond[at], robot.landmark_frames(sent.landmark_names))
+        found = held_back(replace(run, record=replace(run.record, goals=goals, q=q, landmarks_asked=asked)))
+        assert [(one.limb, one.by) for one in found] == [("left arm", name) for name in expected]
+        assert all(one.share == pytest.approx(0.75, abs=0.02) for one in found), [one.share for one in found]
+
+
+def test_an_observer_in_contact_holds_back_its_limb(run: RunResult) -> None:
+    assert run.robot is not None
+    observers = robot_observers(run.robot)
+    modes = np.zeros((len(run.record), len(observers.names)), dtype=np.uint8)
+    modes[:, observers.names.index("r_forearm")] = REACTIVE
+    (found,) = held_back(replace(run, observers=observers, record=replace(run.record, observer_modes=modes)))
+    assert found.words == "the right arm is held back by observer r_forearm in 100% of ticks"
 
 
 # A table of lines: a figure that is not known leaves the sentence out.

@@ -65,7 +65,10 @@ def test_the_summary_names_the_stages_also_where_the_whole_way_is_not_known(run:
         latency_ms={"arrival": TimePercentiles(13.8, 26.8), "bus": TimePercentiles(0.4, 0.9)},
         hand_to_shaft_ms=TimePercentiles(96.3, 138.8),
     )
-    assert latency_line(report) == "96 ms from hand to shaft (p99 139): arrival 14"
+    assert latency_line(report) == (
+        "96 ms from hand to shaft (median; p99 139); medians of its stages, which need not add up to it: arrival 14; "
+        "all others below 1"
+    )
     assert latency_line(replace(report, hand_to_shaft_ms=None)) == "arrival 14 ms; from hand to shaft it is not known"
     assert latency_line(replace(report, hand_to_shaft_ms=None, latency_ms=None)) == ""
 

@@ -82,10 +82,10 @@ def test_the_profile_says_which_robots_stay_at_rest(name: str) -> None:
 def test_a_robot_of_which_nothing_is_known_ends_standing_unless_told_otherwise() -> None:
     robot = load_robot("toddlerbot")
     plan = planned(robot)
-    assert plan.end is End.STANDING and "stays_at_rest" in plan.note
+    assert plan.end is End.STANDING and "stays_at_rest" in plan.why
     assert planned(robot, replace(OPTIONS, torque_off_at_end=True)).end is End.AT_REST
     stands = planned(load_robot("op3"), replace(OPTIONS, stand_at_end=True))
-    assert stands.end is End.STANDING and "--stand-at-end" in stands.note
+    assert stands.end is End.STANDING and "--stand-at-end" in stands.why
     with refuses(UsageError, where="--stand-at-end", found="--torque-off-at-end"):
         RunOptions(robot="op3", stand_at_end=True, torque_off_at_end=True)
 

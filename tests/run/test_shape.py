@@ -11,10 +11,12 @@ from retarget.run.loop import Loop
 from retarget.types import RunState
 from sim.faults.bench import Bench
 from sim.faults.sender import FakeSender
+from sim.imu import STILL
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST_MODULES = 49
-"""With the check of standing and the governor of the stop; a tick in which a stop begins plants the root."""
+MOST_MODULES = 52
+"""With the check of standing, the governor of the stop, and three modules of the IMU: sample, board and tipping; a tick
+in which a stop begins plants the root."""
 RECEIVER = {"retarget/live/receivers.py"}
 """What the simulated sender of the test stands for."""
 MOST_ATTRIBUTES = 15
@@ -46,6 +48,7 @@ def test_a_tick_passes_few_modules(monkeypatch: pytest.MonkeyPatch) -> None:
             sys.setprofile(None)
 
     monkeypatch.setattr(Loop, "tick", profiled)
+    monkeypatch.setattr("sim.imu.PlantedMotion.__call__", lambda motion: STILL)  # what an emulated IMU works out
     bench = Bench(FakeSender(), duration=1.0)
     trace = bench.run()
     ours = {

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from guard_rig import Rig
 from hardware.clock import VirtualClock
-from hardware.guard import Guard, Torque
+from hardware.guard import YIELDING, Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from messages import shows
 from retarget.human.samples import PerformerInput
@@ -20,6 +20,7 @@ from retarget.run.supervisor import (
     BUS_SILENT,
     COMMANDED_S,
     LONGEST_BRAKE_S,
+    LONGEST_FALL_S,
     LONGEST_HOLD_S,
     LONGEST_RETURN_S,
     LONGEST_STOP_S,
@@ -101,9 +102,31 @@ def test_a_robot_that_stops_never_follows_again() -> None:
         RunState.RETURN_TO_STANCE,
         RunState.GO_TO_REST,
         RunState.STANDING,
+        RunState.FALLING,
         RunState.OFF,
         RunState.FAULT,
     }
+    assert {row.to for (state, _), row in TRANSITIONS.items() if state is RunState.FALLING} == {RunState.FAULT}
+
+
+FALLS = Situation(approached=True, falls="the robot falls")
+
+
+@pytest.mark.parametrize(
+    "state", [state for state, row in STATES.items() if row.torque and state is not RunState.FALLING]
+)
+def test_a_robot_that_falls_gives_way_and_lets_go_once_it_lies(state: RunState) -> None:
+    """Whatever it does, and whatever else is wrong."""
+    supervisor, rig = running(state=state)
+    rig.guard.latch(StopCause.TEMPERATURE, "hot")
+    assert step(supervisor, 1.0, FALLS, rig.guard, STOP) is RunState.FALLING
+    assert rig.bus.drives == [YIELDING] and rig.bus.torque_on
+    assert rig.guard.stop is not None and rig.guard.stop.reason == "hot, then: the robot falls"
+    for now in (1.1, 1.0 + LONGEST_FALL_S):
+        assert step(supervisor, now, FALLS, rig.guard, STOP) is RunState.FALLING
+    assert step(supervisor, 1.1 + LONGEST_FALL_S, FALLS, rig.guard, STOP) is RunState.FAULT
+    assert rig.bus.drives == [YIELDING]
+    assert rig.bus.calls[-1] == "torque off"
 
 
 def test_every_state_in_which_the_robot_neither_follows_nor_stands_has_a_time_limit() -> None:

@@ -11,8 +11,8 @@ from hardware.arrays import BoolArray, TickArray
 from hardware.bus import ServoGoals, ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError, describe
-from hardware.imu import ImuSpec
 from hardware.servo import ServoSpec
+from retarget.model.robot import RobotBody
 from sim.mock_bus import ALERT_BIT, MockBus
 from sim.servo_model import AMBIENT, IDLE_CURRENT
 
@@ -65,9 +65,9 @@ class FaultyBus(MockBus):
         start: TickArray | None = None,
         lag: float | None = None,
         faults: Sequence[MockFault] = (),
-        imu: ImuSpec | None = None,
+        imu_of: RobotBody | None = None,
     ) -> None:
-        super().__init__(servos, clock, start=start, imu=imu)
+        super().__init__(servos, clock, start=start, imu_of=imu_of)
         if lag is not None:
             self._lag = np.full(len(servos), lag)
         models = [servo.model for servo in servos]

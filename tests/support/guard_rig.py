@@ -25,12 +25,17 @@ class Recorder(FaultyBus):
     def __init__(self, clock: VirtualClock, faults: tuple[MockFault, ...]) -> None:
         super().__init__(MAP.servos, clock, start=START, faults=faults)
         self.calls: list[str] = []
+        self.drives: list[float] = []
         self.goals: list[FloatArray] = []
 
     def write(self, goals: ServoGoals) -> None:
         self.calls.append("write")
         super().write(goals)
         self.goals.append(MAP.to_radians(goals.ticks))
+
+    def limit_drive(self, share: float) -> None:
+        super().limit_drive(share)
+        self.drives.append(share)
 
     def torque(self, on: bool) -> None:
         self.calls.append("torque on" if on else "torque off")

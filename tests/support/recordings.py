@@ -70,8 +70,8 @@ def performer(seconds: float = SECONDS) -> Callable[[], SensorFrames]:
 
 def mock_bus(robot: RobotBody, clock: Clock, *, faults: tuple[MockFault, ...] = ()) -> ServoBus:
     stand = robot.posture(robot.profile.postures.stand)[robot.servo_columns]
-    start, imu = robot.joint_map.to_ticks(stand), robot.profile.imu_spec()
-    return FaultyBus(robot.joint_map.servos, clock, start=start, faults=faults, imu=imu)
+    start = robot.joint_map.to_ticks(stand)
+    return FaultyBus(robot.joint_map.servos, clock, start=start, faults=faults, imu_of=robot)
 
 
 def record(

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import ssl
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,6 +17,7 @@ import pytest
 
 from followers import dimensions, op3, performer
 from hardware.clock import MonotonicClock
+from hardware.imu import from_roll_pitch_yaw
 from retarget.cli.controls import Asked
 from retarget.cli.web.control import HELD_S, PageControl, directions
 from retarget.errors import ConfigError
@@ -363,6 +365,8 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
                 reason=np.array(reason, dtype=np.object_),
                 landmarks_asked=asked,
                 sensors=sensors,
+                imu_orientation=np.array(from_roll_pitch_yaw(math.radians(-3.0), math.radians(8.0), 1.0)),
+                imu_valid=np.array(reason == ""),
             )
 
         def clipped(time: float, q: FloatArray) -> list[str]:
@@ -374,8 +378,11 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         # A hand that comes is late; one that has stood still for half a second is out of reach.
         assert [clipped(0.1, late), *(clipped(time, goal) for time in (0.4, 0.6, 0.8))] == [[], [], [], []]
         assert clipped(1.0, goal) == ["left hand 12 cm out of reach"]
+        one.feed._send(row(1.05, goal))
+        assert anna.hear("state")["imu"] == "tilted 8° forward, 3° left"
         one.feed._send(row(1.1, goal, "holding", "l_wrist: lost"))
         state = anna.hear("state")
+        assert state["imu"] == "no IMU"
         assert (state["state"], state["why"]) == ("holding", "l_wrist: lost")
         assert state["sensors"] == {"head": True, "l_wrist": False}
         assert state["latency_ms"] == {"page to goal": 9.0}

@@ -11,10 +11,10 @@ from lerobot.utils.decorators import check_if_not_connected
 from hardware.clock import MonotonicClock
 from lerobot_robot_retarget.config_performer import RetargetPerformerConfig
 from lerobot_robot_retarget.device import RetargetDevice
-from retarget.cli.application import FileOptions, log
+from retarget.cli.application import FileOptions
 from retarget.cli.controls import Control, Oversight, Pedal, open_dead_man
 from retarget.cli.exit import StopRequest
-from retarget.cli.operator import RunOperator
+from retarget.cli.operator import RunLines, RunOperator
 from retarget.cli.run import StreamOptions
 from retarget.cli.web.control import PAGE, PageControl, opened_web
 from retarget.errors import UsageError
@@ -36,7 +36,7 @@ class PerformerSource:
 
     def __init__(self, config: RetargetPerformerConfig) -> None:
         """Raises UsageError for options that do not go together."""
-        self.config, self.stack = config, ExitStack()
+        self.config, self.stack, self.notify = config, ExitStack(), RunLines(moving=True).notify
         self.playback = Playback(speed=config.speed, loop=config.loop, mirror=config.mirror)
         self.address: StreamAddress | None = None
         self.begins: LiveOptions | None = None
@@ -76,9 +76,9 @@ class PerformerSource:
         looks = [look]
         if address.kind == "web":
             config, dead_man = self.config, self.config.dead_man == PAGE
-            web = opened_web(address, config.profile, listen=config.listen, dead_man=dead_man, notify=log)
+            web = opened_web(address, config.profile, listen=config.listen, dead_man=dead_man, notify=self.notify)
             self._feed, self._receiver = self.stack.enter_context(web)
-            control = PageControl(self._feed, log)
+            control = PageControl(self._feed, self.notify)
             self._controls.append(control)
             looks.append(control.look)
         elif self.config.dead_man is not None:
@@ -94,7 +94,7 @@ class PerformerSource:
             clock=MonotonicClock(),
             rate_hz=live_rate_hz(robot),
             where=address.text,
-            notify=log,
+            notify=self.notify,
             look=lambda: [one() for one in looks],
             has_deadlines=False,
         )
@@ -103,7 +103,7 @@ class PerformerSource:
         """Who may hold the performer."""
         dead_man = self.config.dead_man is not None
         return RunOperator(
-            prepared, StopRequest(), page=self._feed, controls=self._controls, dead_man=dead_man, notify=log
+            prepared, StopRequest(), page=self._feed, controls=self._controls, dead_man=dead_man, notify=self.notify
         )
 
     def close(self) -> None:
@@ -132,7 +132,9 @@ class RetargetPerformer(RetargetDevice, Teleoperator):
             scene=config.scene,
             playback=source.playback,
         )
-        wiring = PerformerWiring(perform=source.perform, operator=source.operator, close=source.close, notify=log)
+        wiring = PerformerWiring(
+            perform=source.perform, operator=source.operator, close=source.close, notify=source.notify
+        )
         self._device: PerformerDevice = PerformerDevice(
             options, wiring, delay_s=0.0 if source.address else config.delay_s
         )

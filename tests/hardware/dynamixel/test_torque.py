@@ -124,6 +124,30 @@ def test_a_servo_that_started_anew_is_counted_anew_before_it_is_armed_again() ->
     assert rig.shafts()[1] == pytest.approx(FAR, abs=2) or rig.shafts()[1] % TURN == pytest.approx(FAR % TURN, abs=2)
 
 
+@pytest.mark.parametrize(
+    ("protocol", "model", "by_current", "drive"),
+    [
+        (2, "XM430-W350", False, "goal_pwm"),
+        (2, "XM430-W350", True, "goal_current"),
+        (1, "MX-28", False, "torque_limit"),
+    ],
+)
+def test_a_robot_that_falls_gives_way(protocol: int, model: str, by_current: bool, drive: str) -> None:
+    """Also a servo that carried the robot; and torque that comes on again is whole."""
+    servos = specs(2, model)
+    if by_current:
+        servos = [replace(one, mode=ServoMode.CURRENT_BASED_POSITION, current_limit=2.0) for one in servos]
+    rig = BusRig(servos, buses=[bus_of(servos, protocol=protocol)]).ready(torque=True)
+    full, other = rig.shown(drive)
+    rig.bus.limit_drive(0.3)
+    rig.tick()
+    assert rig.shown(drive) == [round(0.3 * full)] * 2 and full == other
+    assert rig.shown("torque_enable") == [1, 1]
+    rig.bus.torque(False)
+    rig.bus.torque(True)
+    assert rig.shown(drive) == [full] * 2
+
+
 @pytest.mark.parametrize(("protocol", "model"), [(2, "XM430-W350"), (1, "MX-28")])
 def test_a_robot_left_half_powered_is_brought_to_its_profile(
     protocol: int, model: str, monkeypatch: pytest.MonkeyPatch
