@@ -251,8 +251,7 @@ def prepare_for(
     whose performer is waited for and measured first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
-    performer = load_performer(options.performer_name)
-    robot = _robot_of(options, robot)
+    performer, robot = load_performer(options.performer_name), _robot_of(options, robot)
     for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
     of_robot = () if robot is None else (*robot.body.notes, *on_priorities)
@@ -295,7 +294,7 @@ def prepare_for(
 
 
 def _robot_of(options: RunOptions, robot: RobotBody | None) -> RobotBody | None:
-    """The robot of a run, None for a human alone, with the currents that the options allow. robot: instead of theirs."""
+    """The robot of a run, None for a human alone, with the currents that the options allow. robot: given instead."""
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
     return robot if robot is None or options.max_force is None else with_max_force(robot, options.max_force)
