@@ -188,7 +188,7 @@ def run_against(wall: float | None, watcher: Watcher, *, friction: float = 1.0) 
     scene = None
     if wall is not None:
         wall_ahead = {"shape": {"box": box}, "at": {"pos": (wall, 0.0, 0.35)}}
-        scene = Scene.model_validate({"name": "wall", "description": "", "obstacles": {"wall": wall_ahead}})
+        scene = Scene.model_validate({"name": "wall", "description": "A wall", "obstacles": {"wall": wall_ahead}})
 
     def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
         watcher.simulation = simulation_of(robot, start=posture_ticks(robot), scene=scene)
