@@ -34,7 +34,7 @@ LEAST_HEIGHT = 0.02
 """Lowest centre of mass over the edge, m, of a robot that lies."""
 
 
-class Balance(Enum):
+class TipState(Enum):
     """How a robot on its soles is, as far as it is known."""
 
     STANDS = "stands"
@@ -44,8 +44,8 @@ class Balance(Enum):
 
 
 HOLDS = {
-    Balance.TIPS: "the robot tips: its flattest sole is {:.0f} degrees off the floor",
-    Balance.UNKNOWN: "the IMU measures nothing valid: a fall would not be seen",
+    TipState.TIPS: "the robot tips: its flattest sole is {:.0f} degrees off the floor",
+    TipState.UNKNOWN: "the IMU measures nothing valid: a fall would not be seen",
 }
 """Reasons to hold."""
 FALL = "the robot falls: its soles tip by {:.0f} degrees, and it cannot catch itself"
@@ -64,22 +64,22 @@ class TipWatch:
         self._flat = [as_vector(np.asarray(rotated(as_quat(sole.quat), (0.0, 0.0, 1.0)))) for sole in robot.soles]
         self._q, self._columns, self._dt = robot.posture(robot.profile.postures.stand), robot.servo_columns, dt
         self._beyond, self._silent, self._stood = Dwell(), Dwell(), Dwell(STANDS_S)
-        self._balance, self.tilt = Balance.STANDS, 0.0
+        self._state, self.tilt = TipState.STANDS, 0.0
 
-    def look(self, imu: ImuSample, joints: FloatArray) -> Balance:
-        """The balance now. imu: of this tick; joints (n,): measured, rad, servo order. A fall stays a fall."""
-        if self._balance is not Balance.FALLS:
+    def look(self, imu: ImuSample, joints: FloatArray) -> TipState:
+        """The state now. imu: of this tick; joints (n,): measured, rad, servo order. A fall stays a fall."""
+        if self._state is not TipState.FALLS:
             found = self._look(imu, joints)
-            stood = self._stood.step(self._dt, holds=found is Balance.STANDS)
-            if found is not Balance.STANDS or stood > STANDS_S:
-                self._balance = found
-        return self._balance
+            stood = self._stood.step(self._dt, holds=found is TipState.STANDS)
+            if found is not TipState.STANDS or stood > STANDS_S:
+                self._state = found
+        return self._state
 
-    def _look(self, imu: ImuSample, joints: FloatArray) -> Balance:
+    def _look(self, imu: ImuSample, joints: FloatArray) -> TipState:
         """What this tick alone says, or, for a moment, what the last valid measurement said."""
         silent = self._silent.step(self._dt, holds=not imu.valid)
         if not imu.valid or imu.orientation is None:
-            return Balance.UNKNOWN if silent > UNKNOWN_S else self._balance
+            return TipState.UNKNOWN if silent > UNKNOWN_S else self._state
         self._q[self._columns] = joints
         corners, turns, mass = self._probe.read(self._q)
         link, *soles = turns
@@ -93,18 +93,18 @@ class TipWatch:
         turn = rotated(as_quat(imu.orientation), as_vector(imu.angular_velocity))
         beyond = tips and self._is_beyond(up, to_world, corners, as_vector(mass), turn)
         if self._beyond.step(self._dt, holds=beyond) > FALLS_S:
-            return Balance.FALLS
-        return Balance.TIPS if tips else Balance.STANDS
+            return TipState.FALLS
+        return TipState.TIPS if tips else TipState.STANDS
 
     @property
     def hold_reason(self) -> str:
         """Why the robot is to hold, "" where it need not."""
-        return HOLDS.get(self._balance, "").format(degrees(self.tilt))
+        return HOLDS.get(self._state, "").format(degrees(self.tilt))
 
     @property
     def fall(self) -> str:
         """How it falls, "" where it does not."""
-        return FALL.format(degrees(self.tilt)) if self._balance is Balance.FALLS else ""
+        return FALL.format(degrees(self.tilt)) if self._state is TipState.FALLS else ""
 
     def _is_beyond(self, up: Vector, to_world: Quat, corners: FloatArray, mass: Vector, turn: Vector) -> bool:
         """Whether the capture point is beyond the edge about which the robot turns. up: normal of the sole, which leans

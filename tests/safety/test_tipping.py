@@ -15,7 +15,7 @@ from retarget import rotations
 from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import RobotBody
-from retarget.safety.tipping import FALLS_S, STANDS_S, TIPS, UNKNOWN_S, Balance, TipWatch
+from retarget.safety.tipping import FALLS_S, STANDS_S, TIPS, UNKNOWN_S, TipState, TipWatch
 from retarget.types import FloatArray
 
 DT = 0.008
@@ -47,7 +47,7 @@ def sample_of(robot: RobotBody, q: FloatArray, turn: FloatArray, speed: FloatArr
     )
 
 
-def looked(watch: TipWatch, samples: Iterable[ImuSample], joints: FloatArray) -> Balance:
+def looked(watch: TipWatch, samples: Iterable[ImuSample], joints: FloatArray) -> TipState:
     for sample in samples:
         balance = watch.look(sample, joints)
     return balance
@@ -63,7 +63,7 @@ def test_what_bends_over_flat_soles_does_not_tip(seed: int, heading: float) -> N
     yaw = rotations.from_axis_angle([0.0, 0.0, 1.0], heading)
     watch = TipWatch(robot, dt=DT)
     sample = sample_of(robot, planted(robot, joints), yaw, np.zeros(3))
-    assert looked(watch, [sample] * 20, joints) is Balance.STANDS and watch.tilt < 1e-6
+    assert looked(watch, [sample] * 20, joints) is TipState.STANDS and watch.tilt < 1e-6
 
 
 @settings(max_examples=30)
@@ -81,7 +81,7 @@ def test_one_flat_sole_carries(robot: RobotBody) -> None:
     joints = q[robot.servo_columns].copy()
     joints[robot.joint_map.joints.index("l_ank_roll")] += 0.3
     watch = TipWatch(robot, dt=DT)
-    assert watch.look(sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), joints) is Balance.STANDS
+    assert watch.look(sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), joints) is TipState.STANDS
     assert watch.tilt < 1e-6
 
 
@@ -91,11 +91,11 @@ def test_a_robot_that_tips_is_followed_again_once_it_has_stood(robot: RobotBody)
     flat = sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), still)
     tilted = sample_of(robot, q, rotations.from_axis_angle([0.0, 1.0, 0.0], 1.2 * TIPS), still)
     watch = TipWatch(robot, dt=DT)
-    assert looked(watch, [flat], joints) is Balance.STANDS and not watch.hold_reason
-    assert looked(watch, [tilted] * 40, joints) is Balance.TIPS and "tips" in watch.hold_reason and not watch.fall
+    assert looked(watch, [flat], joints) is TipState.STANDS and not watch.hold_reason
+    assert looked(watch, [tilted] * 40, joints) is TipState.TIPS and "tips" in watch.hold_reason and not watch.fall
     ticks = round(STANDS_S / DT)
-    assert looked(watch, [flat] * (ticks - 2), joints) is Balance.TIPS
-    assert looked(watch, [flat] * 4, joints) is Balance.STANDS
+    assert looked(watch, [flat] * (ticks - 2), joints) is TipState.TIPS
+    assert looked(watch, [flat] * 4, joints) is TipState.STANDS
 
 
 def test_nothing_is_known_without_the_imu(robot: RobotBody) -> None:
@@ -104,8 +104,8 @@ def test_nothing_is_known_without_the_imu(robot: RobotBody) -> None:
     flat = sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     lost = replace(flat, valid=False)
     watch, ticks = TipWatch(robot, dt=DT), round(UNKNOWN_S / DT)
-    assert looked(watch, [flat, *[lost] * (ticks - 1), flat, *[lost] * (ticks - 1)], joints) is Balance.STANDS
-    assert looked(watch, [lost] * 3, joints) is Balance.UNKNOWN and "IMU" in watch.hold_reason
+    assert looked(watch, [flat, *[lost] * (ticks - 1), flat, *[lost] * (ticks - 1)], joints) is TipState.STANDS
+    assert looked(watch, [lost] * 3, joints) is TipState.UNKNOWN and "IMU" in watch.hold_reason
 
 
 def pendulum(robot: RobotBody, q: FloatArray, way: float) -> tuple[FloatArray, float, float]:
@@ -139,7 +139,7 @@ def test_falls_are_those_of_a_pendulum(way: float, tilt: float, rate: float) -> 
     sample = sample_of(robot, q, turn, rate * axis)
     watch = TipWatch(robot, dt=DT)
     found = looked(watch, [sample] * (round(FALLS_S / DT) + 3), q[robot.servo_columns])
-    assert (found is Balance.FALLS) == (over > 0.0), (degrees(tilt), rate, over)
+    assert (found is TipState.FALLS) == (over > 0.0), (degrees(tilt), rate, over)
 
 
 def test_a_fall_stays_one_and_no_single_sample_makes_it(robot: RobotBody) -> None:
@@ -148,6 +148,6 @@ def test_a_fall_stays_one_and_no_single_sample_makes_it(robot: RobotBody) -> Non
     falling = sample_of(robot, q, rotations.from_axis_angle([0.0, 1.0, 0.0], radians(30.0)), np.array([0.0, 2.0, 0.0]))
     flat = sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     watch = TipWatch(robot, dt=DT)
-    assert looked(watch, [flat, falling, flat, falling, flat], joints) is not Balance.FALLS
-    assert looked(watch, [falling] * 4, joints) is Balance.FALLS and "30 degrees" in watch.fall
-    assert looked(watch, [flat] * 200, joints) is Balance.FALLS
+    assert looked(watch, [flat, falling, flat, falling, flat], joints) is not TipState.FALLS
+    assert looked(watch, [falling] * 4, joints) is TipState.FALLS and "30 degrees" in watch.fall
+    assert looked(watch, [flat] * 200, joints) is TipState.FALLS
