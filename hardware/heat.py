@@ -15,8 +15,7 @@ import numpy as np
 from hardware.arrays import BoolArray, FloatArray
 
 THERMAL_S = 300.0
-"""[s] Time constant of a servo's case: that of the simulated ones, and of XM430 servos that cool down to within some
-degrees in ten minutes."""
+"""[s] Time constant of a servo's case: that of the simulated ones. No maker states it, and none was measured."""
 RATE_S = 60.0
 """[s] Over which a rate is taken: the register has steps of one degree."""
 EVERY_S = 1.0

@@ -430,8 +430,6 @@ def rest_joints(robot: RobotBody) -> FloatArray:
     return robot.posture(robot.profile.postures.rest)[robot.servo_columns]
 
 
-FALL_JERK_S = 0.02
-"""Time, s, in which a robot that falls reaches its full acceleration."""
 REST_WITHIN_S = 1.9
 """Longest duration of a move from one keyframe to the next, where the servos can."""
 
@@ -483,25 +481,6 @@ class GoToRest(Controller):
         if self._move is None or not self._keyframes:
             return None
         return self._move.towards(self._keyframes[0], commanded, speed_override=0.0)
-
-
-class FallPosture(Controller):
-    """Moves to the posture in which a robot meets the floor, as fast as its joints may, from whatever they do."""
-
-    def __init__(self, robot: RobotBody, *, dt: float) -> None:
-        servos = robot.joint_map
-        self._goal = robot.posture(robot.profile.postures.fall or robot.profile.postures.attractor)[robot.servo_columns]
-        most = servos.max_acceleration
-        self._moves = TrajectoryGenerator(servos.max_velocity, most, most / FALL_JERK_S, dt=dt)
-        self._last: Target | None = None
-        self._dt = dt
-
-    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target:
-        """The target of the next tick, from where the robot was commanded to if something else has moved it."""
-        if commanded.target is not self._last:
-            self._moves.reset(commanded.joints, commanded.goal.displacement / self._dt)
-        self._last = Target(self._moves.step(self._goal, speed_override))
-        return self._last
 
 
 def require_finite(posture: RobotPosture) -> RobotPosture:
@@ -556,7 +535,7 @@ class RobotMotion:
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, dt=dt),
             RunState.GO_TO_REST: self._to_rest,
             RunState.STANDING: stop,
-            RunState.FALLING: FallPosture(robot, dt=dt),
+            RunState.FALLING: stop,
         }
         self._state = RunState.OFF  # of the last target
 

@@ -330,8 +330,6 @@ def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_rea
 def _target(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> Target | None:
     """What the controller of the present state asks for; None: brake, or stand."""
     guard, run_state = machine.guard, machine.supervisor.state
-    if run_state is RunState.FALLING:
-        return motion.target(run_state, state.commanded, given.performer, speed_override=1.0)
     if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
         return motion.brake(run_state, state.commanded)
     if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:
