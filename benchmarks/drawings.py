@@ -19,7 +19,6 @@ from retarget.model.human_dimensions import POINTS, kind_of, proportional_dimens
 from retarget.model.meshes import (
     LEFT,
     MIDDLE,
-    OBSTACLE,
     RIGHT,
     Mesh,
     SolidBody,
@@ -32,7 +31,7 @@ from retarget.model.meshes import (
 )
 from retarget.model.observers import placed, robot_observers
 from retarget.model.robot import RobotBody, load_robot
-from retarget.model.scene_state import SceneState, obstacle_meshes, obstacle_poses
+from retarget.model.scene_state import SceneState, obstacle_poses
 from retarget.pictures.solid import HUMAN_BONES, DrawnPostures, feet_of, pictures, project, robot_postures
 from retarget.run.options import RunOptions
 from retarget.run.prepare import prepare
@@ -304,7 +303,7 @@ def observer() -> Image.Image:
     for title, run in runs.items():
         value = float(far[title][tick])
         words = f"{title}: {abs(value):.0f} mm {'inside it' if value < 0 else 'off it'}"
-        shown[words] = _at_table(run, run.record.following.start + tick, scene)
+        shown[words] = robot_postures(replace(run, scene=scene), [run.record.following.start + tick])
     run = runs["table in the scene"]
     time = run.record.time[run.record.following]
     above, below = _side_by_side(shown), _curves(time - time[0], far, tick)
@@ -332,17 +331,3 @@ def _curves(time: FloatArray, far: Mapping[str, FloatArray], tick: int) -> Image
     made = BytesIO()
     figure.savefig(made, format="png")
     return Image.open(made).convert("RGB")
-
-
-def _at_table(run: RunResult, tick: int, scene: SceneState) -> DrawnPostures:
-    """The robot at a tick, with the obstacles."""
-    drawn, robot = robot_postures(run, [tick]), run.robot
-    assert robot is not None and run.moved_q is not None
-    names = tuple(robot.profile.frames)
-    feet = feet_of(robot.points(run.moved_q[[tick]], names), names)[0, 0]
-    meshes, poses = obstacle_meshes(scene.shapes), obstacle_poses(scene.shapes, scene.at_rest(0.0))
-    poses = np.column_stack([(poses[:, :3] - feet) / drawn.size, poses[:, 3:]])
-    solid = replace(drawn.solid, meshes=(*drawn.solid.meshes, *meshes),
-                    owners=np.append(drawn.solid.owners, drawn.poses.shape[1] + np.arange(len(meshes))),
-                    colours=np.vstack([drawn.solid.colours, np.tile(rgb(OBSTACLE), (len(meshes), 1))]))  # fmt: skip
-    return replace(drawn, solid=solid, poses=np.concatenate([drawn.poses, poses[None]], axis=1))

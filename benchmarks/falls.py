@@ -1,7 +1,8 @@
 """`python -m benchmarks.falls`: how long before its trunk meets the floor a fall of a robot with mass is recognised.
 
 Each seed draws a push of 0.2 s from any side at any time of the motion; --push 0 0 plays the motion alone, where every
-recognised fall is a false one. A robot whose profile has no IMU gets a BNO08x on its first link.
+recognised fall is a false one. --vary draws masses, friction and stiffness by the seed, too. A robot whose profile has
+no IMU gets a BNO08x on its first link.
 `--keep FILE` keeps each run as it ends, a line of JSON, and goes on from what it holds.
 """
 
@@ -34,8 +35,8 @@ from retarget.run.options import PhysicsOptions, RunOptions
 from retarget.run.prepare import performance_of, prepare_for
 from retarget.schema.profile_parts import Imu
 from retarget.types import RunState
-from sim.buses import physics_bus, simulation_of
-from sim.physics.perturbation import Push
+from sim.buses import DRAWN, physics_bus, simulation_of
+from sim.physics.perturbation import Push, combined, drawn
 from sim.physics.witness import WitnessedBus
 
 PUSH_S = 0.2
@@ -46,13 +47,15 @@ ASKED_S, ASKED = 0.15, 0.95
 
 @dataclass(frozen=True)
 class Case:
-    """One run. source: a file, or SYNTHETIC; force: of the push, N, lowest and highest; 0: none."""
+    """One run. source: a file, or SYNTHETIC; force: of the push, N, lowest and highest; 0: none. varied: the body is
+    not quite the one of the plan."""
 
     robot: str
     source: str
     end: float
     force: tuple[float, float]
     seed: int
+    varied: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,8 @@ def run_case(case: Case) -> list[Outcome]:
     def make_bus(robot: RobotBody, clock: Clock) -> ServoBus:
         posture = robot.profile.postures.rest
         begins = robot.joint_map.to_ticks(robot.posture(posture)[robot.servo_columns])
-        simulation = simulation_of(robot, start=begins, seed=case.seed)
+        kinds = [drawn(kind, case.seed, within=(0, 0)) for kind in DRAWN] if case.varied else []
+        simulation = simulation_of(robot, start=begins, seed=case.seed, perturbation=combined(kinds))
         if case.force[1] > 0.0:
             simulation.push(Push((force * math.cos(way), force * math.sin(way), 0.0), start, PUSH_S))
         buses.append(physics_bus(simulation, clock))
@@ -154,13 +158,14 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", default=["op3", "wolfgang"], help="by name or path")
     parser.add_argument("--sources", nargs="+", default=[usual], help=f"motion files, or {SYNTHETIC}")
     parser.add_argument("--push", nargs=2, type=float, default=(10.0, 60.0), help="lowest and highest force, N")
+    parser.add_argument("--vary", action="store_true", help="draw the body by the seed")
     parser.add_argument("--end", type=float, default=4.0, help="end at this time of the motion, s")
     parser.add_argument("--seeds", type=int, default=50, help="runs of each robot and motion")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--keep", type=Path, help="file for every run; runs that are in it are not made again")
     asked = parser.parse_args()
     cases = [
-        Case(robot, source, asked.end, tuple(asked.push), seed)
+        Case(robot, source, asked.end, tuple(asked.push), seed, asked.vary)
         for robot in asked.robots
         for source in asked.sources
         for seed in range(asked.seeds)

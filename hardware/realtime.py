@@ -1,16 +1,14 @@
-"""Scheduling of the tick thread: real-time priority and a core of its own (Linux). Also names of other processes.
+"""Scheduling of the tick thread: real-time priority and a core of its own (Linux).
 
 Memory is not locked (mlockall): a tick allocates next to nothing, and a robot's computer should not swap at all.
 """
 
-import itertools
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 
-from hardware.errors import HardwareError, printable
+from hardware.errors import HardwareError
 
 USUAL_PRIORITY = 40
 """Priority of SCHED_FIFO, 1 to 99: below the kernel's interrupt threads (50 on PREEMPT_RT), which bring what a tick
@@ -78,49 +76,3 @@ def _set_priority(priority: int) -> None:
         ) from error
     except OSError as error:
         raise HardwareError(f"no real-time priority here: {error.strerror or error}", where="--realtime") from error
-
-
-# Other processes of this machine, as far as this user may see them (Linux).
-
-PROCESSES = Path("/proc")
-LONGEST = 90
-"""Characters of a command line that are shown."""
-
-
-def named_process(number: int | str, processes: Path = PROCESSES) -> str:
-    """Describe a process as a person knows it: `process 12 (retarget servo monitor --robot op3)`, its number alone
-    where its command is not known. The interpreter of a script and the folders of both are left out."""
-    text = _command(processes / str(number))
-    return f"process {number} ({text})" if text else f"process {number}"
-
-
-MOST_PROCESSES = MOST_SOCKETS = 100_000
-"""Bounds of a search."""
-
-
-def port_holder(port: int, processes: Path = PROCESSES) -> str:
-    """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
-    wanted, found = set[str](), list[str]()
-    for table in ("udp", "udp6"):
-        with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
-            for line in itertools.islice(lines, 1, MOST_SOCKETS):
-                words = line.split()  # the columns `local_address` and `inode`
-                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
-                    wanted.add(f"socket:[{words[9]}]")
-    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
-        with suppress(OSError):
-            if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
-                found.append(named_process(process.name, processes))
-    return ", ".join(sorted(found)) or "another process"
-
-
-def _command(process: Path) -> str:
-    try:
-        words = (process / "cmdline").read_text(encoding="utf-8", errors="replace").rstrip("\0").split("\0")
-        if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
-            del words[0]
-        words[0] = Path(words[0]).name or (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
-    text = printable(" ".join(words), one_line=True)
-    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

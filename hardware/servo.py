@@ -4,7 +4,7 @@ A new Dynamixel model is two rows of data from the maker's e-Manual: one of `_MO
 of the connector, no-load speed in rpm, stall torque in N m at a voltage, A per step of its current register or
 None), and one of `dynamixel/tables/models.tsv` (number, firmwares, modes, baud family, layers of the control table,
 whose registers are in `registers.tsv`). `FIRST` in `tests/hardware/dynamixel/test_control_table.py` has its first
-values, typed from the manual a second time. A row of `sim/physics/motors.yaml` has a published identification;
+values, typed from the manual a second time. A row of `motors.yaml` has a published identification;
 without it friction is derived.
 """
 

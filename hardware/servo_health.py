@@ -14,6 +14,7 @@ from hardware.arrays import BoolArray, FloatArray, TickArray
 from hardware.bus import UNREAD_AFTER_S, ServoStates, alert_names
 from hardware.errors import BusError, GuardError, HardwareError
 from hardware.guard_state import GuardLimits, StopCategory, StopCause
+from hardware.heat import HeatForecast
 from hardware.joint_map import JointMap
 from hardware.servo import ServoSpec
 
@@ -390,6 +391,8 @@ class BusHealth:
         return max(ages, default=(0.0, ""))
 
 
+HEAT_SHOWN_S, HEAT_SAID_S = 3600.0, 300.0
+"""[s] Times until a servo is warm, from which on they are shown, and said once."""
 CHECK_BUS = "Check power, wiring and the bus of the profile, or whether the host is too busy"
 
 
@@ -412,6 +415,9 @@ class ServoHealth:
         self._expected = ExpectedRange(np.array(limits.lag or (0.0,) * count))
         self._levels = ServoLevels([row.stop for row in self._rows], [row.patience for row in self._rows], count)
         self.warnings = ServoWarnings(joint_map.servos, self._rows, limits.slow_share)
+        warm = limits.warn_temperature if np.isfinite(limits.warn_temperature) else limits.max_temperature
+        self._heat = HeatForecast(warm, ~self._limbs)
+        self._heat_said = False
         self._seen = np.zeros((len(self._rows), count))
         self._reported = np.zeros(self._seen.shape, dtype=np.bool_)  # limited values that were known at least once
         self._zeros = np.zeros(count)
@@ -421,6 +427,8 @@ class ServoHealth:
         """The fault for which the robot must stop or hold, the gravest first; or None. sent (n,): goal ticks of the
         last tick. held (n,): rad, where these goals hold the joints under their load; None: at the goals.
         """
+        if self._heat.look(states.time, states.temperature):
+            self._say_heat()
         silence = self.buses.silence(states)
         if silence is not None and silence.category is StopCategory.TORQUE_OFF:
             return silence
@@ -442,6 +450,23 @@ class ServoHealth:
             reason = f"servo of a limb {row.text.format(*row.stop)} {names}"
             return ServoFault(StopCategory.BRAKE_AND_TORQUE_OFF, StopCause.LIMB_LOST, reason)
         return next(self._faults(wrong), silence)
+
+    @property
+    def heat_words(self) -> str:
+        """The servo of those that carry the robot that will be warm first, in words; "" where none will for an hour."""
+        first = self._heat.soonest
+        if first is None or not first.left < HEAT_SHOWN_S:
+            return ""
+        joint, minutes = self._joint_map.joints[first.column], max(round(first.left / 60.0), 1)
+        when = f"in about {minutes} min" if first.left else "now"
+        return f"{joint} {first.temperature:.0f} °C, warm ({first.warns_at:g} °C) {when}"
+
+    def _say_heat(self) -> None:
+        """Say once that a servo will be warm soon."""
+        first = self._heat.soonest
+        if first is not None and 0.0 < first.left < HEAT_SAID_S and not self._heat_said:
+            self._heat_said = True
+            self.warnings.add(f"warning: {self.heat_words}, if it goes on so: let it sit for a while")
 
     def refuse_unhealthy(self, states: ServoStates) -> None:
         """Raise for servos that cannot be armed: BusError when none answers, GuardError with all that is wrong."""

@@ -6,12 +6,13 @@ numbered from 0, the world. Arrays are float64 and C-contiguous; bad shapes, NaN
 ValueError. The GIL is released while solving.
 """
 
-from typing import Literal, TypeAlias, final, overload
+from typing import Literal, TypeAlias, TypeVar, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
+Number = TypeVar("Number", float, Floats)
 Played: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_], Floats, NDArray[np.int8], Floats]
 
 @final
@@ -548,44 +549,23 @@ def shape_gaps_at_least(
 
 # Arithmetic with the same bits on every machine; see `retarget.arithmetic`.
 
-@overload
-def sin(x: float) -> float: ...
-@overload
-def sin(x: Floats) -> Floats:
+def sin(x: Number) -> Number:
     """Sine of rad, of a number or of every number of an array."""
 
-@overload
-def cos(x: float) -> float: ...
-@overload
-def cos(x: Floats) -> Floats:
+def cos(x: Number) -> Number:
     """Cosine of rad."""
 
-@overload
-def arcsin(x: float) -> float: ...
-@overload
-def arcsin(x: Floats) -> Floats:
+def arcsin(x: Number) -> Number:
     """rad; NaN beyond -1 and 1."""
 
-@overload
-def arccos(x: float) -> float: ...
-@overload
-def arccos(x: Floats) -> Floats:
+def arccos(x: Number) -> Number:
     """rad; NaN beyond -1 and 1."""
 
-@overload
-def exp(x: float) -> float: ...
-@overload
-def exp(x: Floats) -> Floats: ...
-@overload
-def expm1(x: float) -> float: ...
-@overload
-def expm1(x: Floats) -> Floats:
+def exp(x: Number) -> Number: ...
+def expm1(x: Number) -> Number:
     """exp(x) - 1, exact near 0."""
 
-@overload
-def log(x: float) -> float: ...
-@overload
-def log(x: Floats) -> Floats:
+def log(x: Number) -> Number:
     """Natural logarithm."""
 
 @overload

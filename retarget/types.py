@@ -50,9 +50,9 @@ class RunState(Enum):
     RETURN_TO_STANCE = "return to stance"
     GO_TO_REST = "go to rest"
     STANDING = "standing"
-    FALLING = "falling"
     OFF = "off"
     FAULT = "fault"
+    FALLING = "falling"
 
 
 class Carrying(Enum):

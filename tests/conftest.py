@@ -1,5 +1,6 @@
 """Fixtures for every test: where recorded data lies, and reproducible hypothesis runs."""
 
+import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,12 @@ ROOT = Path(__file__).resolve().parent.parent
 # Same examples on every machine and in every run; no deadline, because a shared machine may stall.
 settings.register_profile("repeatable", derandomize=True, deadline=None, print_blob=True, max_examples=50)
 settings.load_profile("repeatable")
+
+
+def pytest_collection_finish() -> None:
+    """All tests stay until the end: the collector of garbage need not look at them again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -27,26 +28,32 @@ ALLOWED = {
     "retarget/cli": {"retarget", "hardware", "sim"},
 }
 """Imports run one way; only the command line and tests use sim."""
-BELOW: dict[str, set[str]] = {
-    "schema": set(),
-    "model": {"schema"},
-    "ik": {"schema", "model"},
-    "human": {"schema", "model", "ik"},
-    "robot": {"schema", "model", "ik", "human"},
-    "safety": {"schema", "model", "ik"},
-    "sources": {"schema", "model"},
-    "live": {"schema", "model", "ik", "human", "sources"},
-}
-"""Folders of `retarget` that a folder may import, beside itself and what lies flat in `retarget`."""
-BELOW["run"] = {*BELOW, "run"}
-BELOW["recording"] = {*BELOW["run"], "recording"}
-BELOW["report"] = {*BELOW["recording"], "recording"}
-BELOW["pictures"] = {*BELOW["report"], "report"}
-BELOW["web"] = {*BELOW["pictures"], "pictures"}
-BELOW["setup"] = {*BELOW["web"], "web"}
-BELOW["lerobot"] = {*BELOW["run"], "run"}
-BELOW["batch"] = {*BELOW["setup"], "setup"}
-BELOW["cli"] = {*BELOW["batch"], "batch"}
+ARROWS = """
+schema <- model <- ik <- human <- robot
+                   ik <- safety
+          model <- sources <- live
+                     human <- live
+{robot, safety, live} <- run <- recording <- report <- pictures <- web <- setup <- batch <- cli
+                         run <- lerobot
+"""
+"""A folder of `retarget` may import those to its left, beside itself and what lies flat in `retarget`."""
+
+
+def below(arrows: str) -> dict[str, set[str]]:
+    """The folders to the left of each, near and far."""
+    beside: dict[str, set[str]] = {}
+    for line in arrows.strip().splitlines():
+        steps = [set(re.findall(r"\w+", step)) for step in line.split("<-")]
+        for left, right in pairwise(steps):
+            for folder in right:
+                beside.setdefault(folder, set()).update(left)
+    found: dict[str, set[str]] = {}
+    for folder in TopologicalSorter(beside).static_order():  # those to the left come first
+        found[folder] = set().union(*({left} | found[left] for left in beside.get(folder, set())))
+    return found
+
+
+BELOW = below(ARROWS)
 
 
 @cache

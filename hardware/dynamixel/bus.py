@@ -189,20 +189,24 @@ class DynamixelBus:
             self._only_read = False
 
     def limit_drive(self, share: float) -> None:
-        """Limit the drive of all servos, in one packet a port. Raises BusError when closed, or when a port is gone."""
+        """Limit the drive of the servos that have torque, in a packet a port. Raises BusError when closed, or when a
+        port is gone."""
         self._require_open("limit_drive")
         self._finish_imu()
+        driven = self._readings.driven
         for drive in self._drives:
-            drive.limit(share)
+            drive.limit(share, driven)
 
     def torque(self, on: bool) -> None:
         """Switch the torque of all servos; on, it rises within half a second. Raises BusError, see `ServoBus`."""
         self._require_open("torque")
-        self._finish_imu()
         self._only_read = False
         if not on:
+            with suppress(BusError):  # its port may be gone; the servos' torque comes first
+                self._finish_imu()
             self._torque_off()
             return
+        self._finish_imu()
         try:
             self._torque_on()
         except BaseException:

@@ -19,7 +19,7 @@ from serial.tools.list_ports import comports
 
 from hardware.clock import Clock
 from hardware.errors import BusError
-from hardware.realtime import MOST_PROCESSES, PROCESSES, named_process
+from hardware.processes import MOST_PROCESSES, PROCESSES, named_process
 
 # How long a USB adapter keeps what has arrived: the latency timer of an FTDI chip, in the kernel's own files.
 

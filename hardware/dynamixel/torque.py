@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from hardware.arrays import BoolArray
 from hardware.dynamixel.checks import alert_text
 from hardware.dynamixel.control_table import Register
 from hardware.dynamixel.cyclic import BusLine
@@ -253,11 +254,14 @@ class BusDrive:
         for register, values in self._values(share):
             self._line.write_all(register, values.items())
 
-    def limit(self, share: float) -> None:
-        """Allow a share of the full drive, also of servos that carry the robot; no servo confirms. Raises BusError when
-        the port is gone."""
+    def limit(self, share: float, driven: BoolArray) -> None:
+        """Allow a share of the full drive, also to servos that carry the robot; no servo confirms. driven (n,): those
+        with torque, in servo order; others may have switched themselves off by this register. Raises BusError when the
+        port is gone."""
         self._least = dict.fromkeys(self._least, 1)
-        self.send(share)
+        for register, values in self._values(share):
+            own = {one: value for one, value in values.items() if driven[self._line.index_of[one]]}
+            self._line.write_all(register, own.items())
 
     def confirm(self, share: float) -> None:
         """Allow a share of the full drive, and read it back from all servos. Raises BusError."""

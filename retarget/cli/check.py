@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 
 import typer
@@ -18,6 +19,7 @@ from retarget.robot.balance import heaviest_loads
 from retarget.run.options import RunOptions, name_with_mass
 from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
 from retarget.run.trial import try_approach, try_robot
+from retarget.safety.contact import felt_servos
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
 from retarget.schema.performer import load_performer
@@ -110,8 +112,7 @@ def _robot(path: Path) -> str:
     for bus in ("mock", "profile"):  # without mass, and with it
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
     try_approach(robot)
-    models = [servo.model for servo in profile.servos.values()]
-    layouts = profile.layouts()
+    models, layouts = [servo.model for servo in profile.servos.values()], profile.layouts()
     buses = [_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()]
     facts = {
         "body": f"{profile.body_path.name}, root {profile.root}",
@@ -124,6 +125,7 @@ def _robot(path: Path) -> str:
         "observers": f"{len(observers.names)}, {len(observers.pairs)} pairs of them checked",
         "not checked": _not_checked(observers.dropped),
         "feet": ", ".join(profile.feet) or "none",
+        "presses": _contacts(robot),
     }
     if margin is not None:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
@@ -176,6 +178,14 @@ def _stiffness(robot: RobotBody) -> str:
         gains = "" if servo.gains.position_p is None else f" at P {servo.gains.position_p}"
         found[f"{name}{gains} {one.nominal:.3g} (range {one.lowest:.3g} to {one.highest:.3g})"] = None
     return ", ".join(found) + " N m/rad"
+
+
+def _contacts(robot: RobotBody) -> str:
+    """Which joints notice that they press against something."""
+    felt = felt_servos(robot)
+    if not felt.any():
+        return "not noticed: no servo beside those that carry it measures a current"
+    return f"noticed by {', '.join(compress(robot.joint_map.joints, felt))}"
 
 
 def _calibration(robot: RobotBody) -> str:

@@ -123,12 +123,15 @@ class RunOperator(Operator):
             return "paused: holding"
         if status.state == RunState.APPROACH.value:
             return "approaching the performer"
+        if status.state == RunState.HOLD.value:
+            return "holding"
         return "following" if status.followed else "holding"
 
     def state_and_reason(self) -> tuple[str, str]:
         """The present state of a live run, in a few words, and why the performer is not followed, "" where he is."""
         words, stop = self.words(), self.status().stop
-        return words, stop or (self._performer.hold_reason if words == "holding" else "")
+        held = self._performer.hold_reason or ("" if self._machine is None else self._machine.supervisor.hold_reason)
+        return words, stop or (held if words == "holding" else "")
 
     @property
     def _performer(self) -> Clutched:

@@ -18,7 +18,7 @@ from retarget.run.loop import Observer, RowObserver
 from retarget.run.options import SERVOLESS, RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.run_result import Extras
-from retarget.types import FloatArray, Notify
+from retarget.types import FloatArray, Notify, RunState
 from retarget.web.feed import STATE_WORDS, PageSetup, Settings, ViewFeed, needing_websockets, open_feed
 
 
@@ -43,11 +43,12 @@ def view(
         from retarget.web.recorded import open_recorded, page_files
         from retarget.web.serving import serve_files
     inside = file / RUN_NAME
+    name = file.resolve().name
     file = inside if inside.is_file() else file
     run = open_recorded(file, body=body)
     for text in run.notes:
         note(f"{file}: {text}")
-    files = page_files(run, file.name)
+    files = page_files(run, name)
 
     def opened(address: str) -> None:
         echo(f"{file.name}: {len(run)} ticks. Open {address} ; Ctrl-C ends it")
@@ -131,7 +132,9 @@ def _extras(
             return "stopped" if supervisor.over else "stopping", stop.reason
         if over.is_set() or not supervisor.torque:
             return "ended", ""
-        return (STATE_WORDS.get(supervisor.state, supervisor.state.value), "") if words is None else words()
+        known = (STATE_WORDS.get(supervisor.state, supervisor.state.value), "") if words is None else words()
+        held = supervisor.hold_reason if supervisor.state is RunState.HOLD else ""
+        return known[0], known[1] or held or machine.guard.health.heat_words
 
     def current() -> FloatArray | None:
         states = machine.guard.states

@@ -4,15 +4,17 @@ Polls never block, and arrivals are the kernel's times. All errors of opening na
 """
 
 import errno
+import itertools
 import socket
 import struct
 from contextlib import suppress
 from dataclasses import replace
 from math import fsum
 from operator import attrgetter
+from pathlib import Path
 
 from hardware.clock import wall_to_monotonic
-from hardware.realtime import port_holder
+from hardware.processes import MOST_PROCESSES, PROCESSES, named_process
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, StreamAddress, interface_towards, listed_interfaces
 from retarget.live.admission import MOST_BYTES_PER_POLL, MOST_PER_POLL, Datagram, Source
@@ -84,6 +86,26 @@ def not_bound(address: StreamAddress, error: OSError) -> InputError:
         return refusal(InputError, "port forbidden", address.text, port=address.port)
     found = f"{address.bind}:{address.port}: {error.strerror or error}"
     return refusal(InputError, "port unusable", address.text, found=found)
+
+
+MOST_SOCKETS = 100_000
+"""Bound of a search among sockets."""
+
+
+def port_holder(port: int, processes: Path = PROCESSES) -> str:
+    """The processes that listen on the UDP `port` (IPv4 or IPv6): "process 12 (retarget run)", or "another process"."""
+    wanted, found = set[str](), list[str]()
+    for table in ("udp", "udp6"):
+        with suppress(OSError), (processes / "net" / table).open(encoding="ascii", errors="replace") as lines:
+            for line in itertools.islice(lines, 1, MOST_SOCKETS):
+                words = line.split()  # the columns `local_address` and `inode`
+                if len(words) > 9 and words[1].endswith(f":{port:04X}"):
+                    wanted.add(f"socket:[{words[9]}]")
+    for process in itertools.islice(processes.glob("[0-9]*"), MOST_PROCESSES) if wanted else ():
+        with suppress(OSError):
+            if any(str(link.readlink()) in wanted for link in (process / "fd").iterdir()):
+                found.append(named_process(process.name, processes))
+    return ", ".join(sorted(found)) or "another process"
 
 
 def _not_joined(address: StreamAddress, group: str, interface: str, error: OSError) -> InputError:

@@ -17,8 +17,8 @@ from retarget.errors import InputError, Problem, RefusedError
 
 MEMORY = 1_000_000_000
 """Most memory, bytes, that compiling a body may take, beyond what the process has: ten times what large meshes take."""
-CPU_S = 10
-"""Most time of a processor, s: a robot with large meshes takes 1 to 2 s on a laptop, and five times that on a small
+CPU_S = 30
+"""Most time of a processor, s: a robot whose meshes have 400,000 triangles takes 6 s, and five times that on a small
 board."""
 PATIENCE_S = 120.0
 """Most time, s, that the child may take on a busy machine."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import count, repeat
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,15 @@ class Mesh:
 
     vertices: FloatArray
     faces: IntArray
+
+    @cached_property
+    def is_closed(self) -> bool:
+        """True if the surface has no border, so that none of it is seen from behind."""
+        _, place = np.unique(self.vertices, axis=0, return_inverse=True)
+        corners = place.reshape(-1)[self.faces]
+        sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
+        there, back = (np.sort(begin * len(place) + end) for begin, end in (sides.T, sides.T[::-1]))
+        return bool((there == back).all())
 
     def placed(self, position: FloatArray, quat: FloatArray) -> "Mesh":
         """The same in the frame in which its own is at position (3,) m and turned by quat (4,) wxyz."""

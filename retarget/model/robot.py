@@ -1,9 +1,10 @@
 """A robot as a run needs it: its profile, held against its body file; its kinematic tree and its servos, and where its
 frames are in a posture."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
+from hashlib import sha256
 from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -79,6 +80,14 @@ class RobotBody:
         return self.body.solver_body()
 
     @cached_property
+    def content(self) -> bytes:
+        """A digest of all that its profile and its body say: the same for the same robot, loaded again."""
+        digest = sha256(f"{self.floats} {self.profile!r}".encode())
+        for part in _content(self.body):
+            digest.update(part)
+        return digest.digest()
+
+    @cached_property
     def solid(self) -> SolidBody:
         """What is drawn of it."""
         return solid_body(self.body, self.frame_links)
@@ -124,6 +133,22 @@ class RobotBody:
     def landmark_frames(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """The frames that follow these landmarks."""
         return tuple(self.profile.landmarks[name].frame for name in names)
+
+
+def _content(value: object) -> Iterator[bytes]:
+    """All numbers and names of a body, but where it was read from and what was noted then."""
+    if isinstance(value, np.ndarray):
+        yield f"{value.dtype} {value.shape} ".encode() + value.tobytes()
+    elif isinstance(value, tuple):
+        yield f"{len(value)} ".encode()
+        for one in value:
+            yield from _content(one)
+    elif is_dataclass(value):
+        for field in fields(value):
+            if field.name not in {"source", "notes"}:
+                yield from _content(getattr(value, field.name))
+    else:
+        yield f"{value!r} ".encode()
 
 
 def load_profile(path_or_name: str | Path) -> RobotProfile:

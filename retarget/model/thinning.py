@@ -2,16 +2,18 @@
 surface is round.
 
 Thinned by edge collapse with quadric error metrics (Garland and Heckbert, Surface Simplification Using Quadric Error
-Metrics, SIGGRAPH 1997, sections 3 to 6), many edges at a time: those that are the cheapest at both of their ends.
+Metrics, SIGGRAPH 1997, sections 3 to 6), many edges at a time: those that are the cheapest at both of their ends, and
+leave the surface one that is whole (link condition of Dey, Edelsbrunner, Guha and Nekhayev, Topology Preserving Edge
+Contraction, Publications de l'Institut Mathematique 66, 1999): walls of a thin shell do not become one another.
 """
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from retarget.types import BoolArray, FloatArray, IntArray
 
-DENSE, AT_FIRST = 6_000, 12
+DENSE, AT_FIRST = 12_000, 30
 """A mesh of more triangles than that, or than so many times what is left, is put on a grid first, which is quick."""
 SAME = 1e-5
 """Corners within this share of a mesh's size are one."""
@@ -25,7 +27,7 @@ CHEAPEST = 0.5
 """Share of the edges of which those collapse at once that do not meet."""
 SLOW, LAST = 0.01, 2.0
 """Where a round takes away less than this share of the faces, edges that are not so cheap may collapse too, and beyond
-all of them also those that turn a face over: sheets that lie on each other have no others."""
+all of them also those that turn a face over or pinch the surface: sheets that lie on each other have no others."""
 TRIES = 2
 """Other edges are chosen so often where those chosen would turn a face over."""
 TURNED = 0.2
@@ -43,11 +45,11 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
     points, place = _merged((triangles - low).reshape(-1, 3) / size, SAME)
     faces, cells = _real(place.reshape(-1, 3)), 3.0 * DENSE**0.5
     while len(faces) > DENSE:  # so fine that the middles of cells will do
-        points, place = _merged(points, 1.0 / cells)
+        points, place = _merged(points, 1.0 / cells, _octants(points, faces))
         faces, cells = _real(place[faces]), cells / 1.5
     quadrics, cells = _quadrics(points, faces), 2.0 * most**0.5
     while len(faces) > AT_FIRST * most:
-        middle, place = _merged(points, 1.0 / cells)
+        middle, place = _merged(points, 1.0 / cells, _octants(points, faces))
         if len(fewer := _real(place[faces])) <= AT_FIRST * most:
             quadrics, faces = _summed(quadrics.reshape(-1, 16), place, len(middle)).reshape(-1, 4, 4), fewer
             points = _nearest(quadrics, middle)
@@ -61,12 +63,19 @@ def thinned(triangles: FloatArray, most: int) -> FloatArray:
     return np.asarray(low + size * points[faces])
 
 
-def _merged(points: FloatArray, cell: float) -> tuple[FloatArray, IntArray]:
-    """The middles (p, 3) of the points in each cell of a grid, and which of these each point is in."""
+def _merged(points: FloatArray, cell: float, kind: IntArray | int = 0) -> tuple[FloatArray, IntArray]:
+    """The middles (p, 3) of the points of a kind, 0 to 7, in each cell of a grid, and which of these each is in."""
     number = np.round(points / cell).astype(np.int64) + 1
-    _, place = np.unique((number[:, 0] * 2**21 + number[:, 1]) * 2**21 + number[:, 2], return_inverse=True)
+    cells = (number[:, 0] * 2**20 + number[:, 1]) * 2**20 + number[:, 2]
+    _, place = np.unique(cells * 8 + kind, return_inverse=True)
     count = int(place.max(initial=-1)) + 1
     return _summed(points, place, count) / np.bincount(place, minlength=count)[:, None], place
+
+
+def _octants(points: FloatArray, faces: IntArray) -> IntArray:
+    """Which way the surface looks at each point (p,), 0 to 7: the two sides of a thin wall are not one."""
+    normals = np.tile(_normals(points, faces), (3, 1))
+    return np.asarray((_summed(normals, faces.T.ravel(), len(points)) > 0.0) @ np.array([1, 2, 4]))
 
 
 def _summed(values: FloatArray, place: IntArray, count: int) -> FloatArray:
@@ -133,7 +142,7 @@ def _collapsed(
     points: FloatArray, faces: IntArray, quadrics: FloatArray, most: int, *, share: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """The same with at most so many edges made points, out of the cheapest share of them."""
-    edges = _edges(faces)[0]
+    edges, count, _ = _edges(faces)
     both = quadrics[edges[:, 0]] + quadrics[edges[:, 1]]
     target = _nearest(both, points[edges].mean(axis=1))
     whole = np.column_stack([target, np.ones(len(target))])
@@ -147,15 +156,29 @@ def _collapsed(
         for end in range(2):
             np.minimum.at(least, edges[:, end], rank)
         chosen = (least[edges] == rank[:, None]).all(axis=1) & (rank <= share * len(edges))
-        turning = chosen & (share < 1.0) & _turning(points, faces, edges, target, chosen)
-        chosen &= ~turning
-        rank[turning] = len(edges)  # and stands in the way of no other
+        if share < 1.0:
+            wrong = chosen & _turning(points, faces, edges, target, chosen)
+            wrong[chosen] |= _pinching(len(points), edges, count, chosen)
+            chosen &= ~wrong
+            rank[wrong] = len(edges)  # and stand in the way of no other
     pick = np.flatnonzero(chosen)
     pick = pick[np.argsort(rank[pick])][:most]
     stays, goes = edges[pick].T
     moved, summed, names = points.copy(), quadrics.copy(), np.arange(len(points))
     moved[stays], summed[stays], names[goes] = target[pick], both[pick], stays
     return moved, _real(names[faces]), summed
+
+
+def _pinching(points: int, edges: IntArray, count: IntArray, chosen: BoolArray) -> BoolArray:
+    """Which of the chosen edges, with so many faces each, would join what is apart if they became points: those whose
+    ends have other neighbours in common than the corners of their faces, or that cross from border to border."""
+    sides = np.concatenate([edges, edges[:, ::-1]])
+    meets = csr_array((np.ones(len(sides), dtype=np.int32), (sides[:, 0], sides[:, 1])), shape=(points, points))
+    border = np.zeros(points, dtype=bool)
+    border[edges[count == 1].ravel()] = True
+    edges, count = edges[chosen], count[chosen]
+    common = meets[edges[:, 0]].multiply(meets[edges[:, 1]]).sum(axis=1)
+    return np.asarray((np.ravel(common) != count) | ((count > 1) & border[edges].all(axis=1)))
 
 
 def _turning(points: FloatArray, faces: IntArray, edges: IntArray, target: FloatArray, chosen: BoolArray) -> BoolArray:

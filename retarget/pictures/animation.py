@@ -116,12 +116,12 @@ def figure(
     layers: Sequence[str],
     goal: FloatArray | None = None,
     scene: tuple[Sequence[Mesh], FloatArray] | None = None,
-    observers: tuple[Sequence[Mesh], FloatArray] | None = None,
+    observers: tuple[Sequence[Mesh], FloatArray, FloatArray] | None = None,
 ) -> dict[str, Any]:
     """A body with what is shown about it, see `Figure` of `figure.js`: poses and goal (T, links, 7); marks (T, k, 3),
     measured of a performer, or asked of a robot; obstacles and observers, their meshes and poses (T, o, 7), of
-    obstacles also (1, o, 7). layers: what else can be hidden. centre (T, 2): where the view looks. height, reach m:
-    what it must show."""
+    obstacles also (1, o, 7), of observers also the nearest points (T, 2, 3) m of two. layers: what else can be hidden.
+    centre (T, 2): where the view looks. height, reach m: what it must show."""
     boxes = np.array([[mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] for mesh in solid.meshes])
     corners = np.stack([boxes[:, [x, y, z], range(3)] for x in (0, 1) for y in (0, 1) for z in (0, 1)], axis=1)
     some = poses[:: math.ceil(len(poses) / MOST_ROWS)]
@@ -142,6 +142,7 @@ def figure(
         made["scene"] = packed_poses(scene[1], np.zeros((1, 2))) | {"body": shapes_json(scene[0], OBSTACLE)}
     if observers is not None:
         made["observers"] = packed_poses(observers[1], centre) | {"body": shapes_json(observers[0], OBSERVER)}
+        made["near"] = packed(observers[2])
     return made | {"layers": [*layers, *(name for name in ("goal", "scene", "observers") if name in made)]}
 
 

@@ -1,7 +1,7 @@
 // Bodies as solids and lines in WebGL 2, for reports, the pages of a run and the ghost in a headset.
 //
 //   const scene = Bodies.on(canvas);               // null where there is no WebGL 2: a sentence stands in its place
-//   scene.add("robot", body, { offset, yaw, scale, alpha });
+//   scene.add("robot", body, { offset, yaw, scale, alpha, rim });  // rim: it fades where it faces the viewer
 //   scene.pose("robot", poses);                    // Float32Array, x y z qw qx qy qz for each link; null hides
 //   scene.lines("soles", points, { colour, width, over });  // m, x y z x y z for each line; [] hides
 //   scene.clear();                                 // of a canvas, whose size it follows; in a headset the caller does it
@@ -35,17 +35,18 @@ void main() {
   gl_Position = projection * vec4(seen, 1.0);
 }`, `
 uniform vec4 colour;
-uniform float flattened;
+uniform float flattened, rim;
 in vec3 outward, inView, seen;
 in float height;
 out vec4 shown;
 void main() {
-  vec3 normal = normalize(outward), eye = normalize(seen);
+  vec3 normal = normalize(gl_FrontFacing ? outward : -outward), eye = normalize(seen); // from behind, through an opening
   float lit = max(dot(normal, vec3(${LIGHT})), 0.0), facing = abs(dot(normalize(inView), eye));
   vec3 light = mix(vec3(0.66, 0.64, 0.63), vec3(0.80, 0.81, 0.83), 0.5 + 0.5 * normal.z) + 0.27 * lit; // floor, sky, sun
   vec3 gloss = vec3(0.10 * pow(facing, 24.0));
+  float alpha = colour.a * mix(1.0, pow(1.0 - facing, 2.0), rim);
   shown = flattened > 0.0 ? vec4(1.0 - 0.8 * clamp(height / flattened, 0.0, 1.0)) // what is high casts a faint shadow
-    : vec4(min(colour.rgb * light * (0.80 + 0.24 * facing) + gloss, 1.0) * colour.a, colour.a);
+    : vec4(min(colour.rgb * light * (0.80 + 0.24 * facing) + gloss, 1.0) * alpha, alpha);
 }`];
 
 // The floor's shadow: a picture of what the bodies cast on a square, drawn out of focus.
@@ -146,10 +147,10 @@ export class Bodies {
     return null;
   }
 
-  add(name, body, { offset = [0, 0, 0], yaw = 0, scale = 1, alpha = 1 } = {}) {
+  add(name, body, { offset = [0, 0, 0], yaw = 0, scale = 1, alpha = 1, rim = false } = {}) {
     const [c, s] = [scale * Math.cos(yaw), scale * Math.sin(yaw)];
     const place = Float32Array.of(c, s, 0, 0, -s, c, 0, 0, 0, 0, scale, 0, ...offset, 1);
-    this.#bodies.set(name, this.#load({ body, place, alpha, poses: null }));
+    this.#bodies.set(name, this.#load({ body, place, alpha, rim, poses: null }));
   }
 
   pose(name, poses) { if (this.#bodies.has(name)) this.#bodies.get(name).poses = poses; }
@@ -282,9 +283,10 @@ export class Bodies {
     return { texture, frame };
   }
 
-  #drawBody({ array, parts, place, alpha, poses }, view, projection, flattened = 0) {
+  #drawBody({ array, parts, place, alpha, rim, poses }, view, projection, flattened = 0) {
     const gl = this.gl, u = this.#use(this.#solid, array, multiply(view, place), projection);
     gl.uniform1f(u.flattened, flattened);
+    gl.uniform1f(u.rim, Number(rim));
     for (const { link, colour, from, count } of parts) {
       const [x, y, z, qw, qx, qy, qz] = poses.subarray(7 * link, 7 * link + 7);
       if (!(Math.hypot(qw, qx, qy, qz) > 0.5 && Number.isFinite(x))) continue; // not known

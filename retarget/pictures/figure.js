@@ -26,11 +26,11 @@ const LAYERS = {
   servos: "crosses: sensors of the performer",
   asked: "crosses: where hands, feet and head are asked to be",
   pass: "centre of mass over the soles; red: outside",
-  observers: "observer that acts",
+  observers: "rims: observers that act; line: the nearest two",
   scene: "obstacle",
 };
 const SHADES = { goal: "line", asked: "ink", observers: "gated" }; // of a layer whose name is no colour
-const GHOSTS = { goal: 0.35, scene: 0.5, observers: 0.35 }; // bodies that are seen through
+const GHOSTS = { goal: 0.35, scene: 0.5, observers: 0.9 }; // bodies that are seen through, of observers only the rim
 const FIXED = ["left", "right"];
 const hidden = new Set();
 
@@ -63,10 +63,10 @@ export class Figure {
   meet(about) {
     this.about = about;
     this.scene?.add("body", about.body);
-    for (const [name, alpha] of Object.entries(GHOSTS)) if (about[name]) this.scene?.add(name, about[name], { alpha });
+    for (const [name, alpha] of Object.entries(GHOSTS)) if (about[name]) this.scene?.add(name, about[name], { alpha, rim: name === "observers" });
   }
 
-  // frame: {poses, at [x, y: where the view looks], and what is known of: goal, scene, observers (poses), marks, corners,
+  // frame: {poses, at [x, y: where the view looks], and what is known of: goal, scene, observers (poses), near (two points), marks, corners,
   // com, margin, recorded (ends of lines)}. In the viewport that is set; plain: without floor and marks.
   draw(frame, { azimuth, elevation }, aspect, plain = false) {
     const { scene, about: { height, reach, layers, sizes } } = this, [x, y] = frame.at, size = 0.02 * height;
@@ -74,6 +74,8 @@ export class Figure {
     scene.shadow = { at: [x, y], half: 1.3 * Math.max(reach, height) };
     scene.pose("body", frame.poses);
     for (const name in GHOSTS) scene.pose(name, seen(name) ? frame[name] : null);
+    const near = seen("observers") && Number.isFinite(frame.near?.[0]) ? frame.near : [];
+    scene.lines("near", [...near, ...crosses(near, 0.5 * size)], { colour: rgb("gated"), width: 3, over: true });
     scene.lines("recorded", frame.recorded || [], { colour: rgb("ink"), width: 1, over: true });
     scene.lines("floor", plain ? [] : grid(this.cell, reach, x, y), { colour: rgb("line"), width: 1 });
     scene.lines("marks", !plain && frame.marks && !hidden.has(marks) ? crosses(frame.marks, size) : [], { colour: rgb(SHADES[marks] || marks), width: 2, over: true });

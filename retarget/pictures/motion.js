@@ -21,7 +21,7 @@ function unpacked(about, ...names) {
 const recorded = unpacked(data.recorded, "points"), ground = unpacked(data.ground, "corners", "com", "margin");
 const joints = unpacked(data.joints, "goal", "servo", "temperature", "current");
 const figures = ["performer", "robot"].filter((name) => data[name]).map((name) => {
-  const about = { ...unpacked(data[name], "marks", "centre"), name, sizes: name === "robot" && ground?.sizes };
+  const about = { ...unpacked(data[name], "marks", "centre", "near"), name, sizes: name === "robot" && ground?.sizes };
   for (const one of ["poses", "goal", "observers", "scene"])
     if (about[one]) about[one] = { ...about[one], numbers: unpack(about[one].numbers, Int16Array) };
   return about;
@@ -47,7 +47,7 @@ function edges({ points, edges }, at) {
 
 // A figure in a row, see `Figure.draw`.
 function frame(figure, at) {
-  const centre = part(figure.centre, at), found = { at: centre, marks: part(figure.marks, at), recorded: recorded && edges(recorded, at) };
+  const centre = part(figure.centre, at), found = { at: centre, marks: part(figure.marks, at), near: figure.near && part(figure.near, at), recorded: recorded && edges(recorded, at) };
   for (const name of ["poses", "goal", "observers", "scene"]) if (figure[name]) found[name] = posed(figure[name], at, name === "scene" ? [0, 0] : centre);
   return figure.sizes ? { ...found, ...standing(at) } : found;
 }

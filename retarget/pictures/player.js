@@ -64,7 +64,7 @@ function startFilm() {
   film.paint = () => paintFilm(sheet.getContext("2d"), shown);
   film.ondataavailable = ({ data }) => parts.push(data);
   film.onstop = () => {
-    const name = document.title.replace(/\.\w+$/, "") + (mimeType.startsWith("video/mp4") ? ".mp4" : ".webm");
+    const name = document.title.replace(/\.\w+$/, "").replace(": ", "-") + (mimeType.startsWith("video/mp4") ? ".mp4" : ".webm");
     const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob(parts, { type: mimeType })), download: name });
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 60000);

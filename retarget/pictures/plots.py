@@ -17,7 +17,7 @@ from PIL import Image
 from retarget.errors import UsageError
 from retarget.ik.support_polygon import convex_hull, plant
 from retarget.model.meshes import MIDDLE, SIDES
-from retarget.pictures.solid import SHADE, SHARPER, feet_of, performer_postures, robot_postures
+from retarget.pictures.solid import SHARPER, feet_of, performer_postures, robot_postures
 from retarget.report import motion_metrics
 from retarget.report.likeness import ARMS, LEAN, limb_angles
 from retarget.report.measure import travel
@@ -94,7 +94,9 @@ def plot_poses(run: RunResult) -> Figure | None:
     extents = np.array([[body.extent(pose) for pose in range(len(ticks))] for body in bodies])  # (lines, poses, 4)
     left, right = extents[..., 0].min(axis=0), extents[..., 1].max(axis=0)
     ends = np.cumsum(right - left + GAP)
-    across, places = float(ends[-1]) + SHADE, ends - right
+    places = ends - right
+    shadows = [place + body.shadow_end(pose) for body in bodies for pose, place in enumerate(places.tolist())]
+    across = max(float(ends[-1]), *shadows)
     inches = min(WIDTH / across, MOST_PER_HEIGHT)
     lines = extents[..., 3].max(axis=1) - extents[..., 2].min(axis=1) + GAP
     lines[0] += LABEL / inches

@@ -63,8 +63,10 @@ THIN, MARGIN = 0.010, 0.03
 """Thickness of a recorded bone, and room beside a body, in its heights."""
 NEAR = 1.5
 """Obstacles that are farther away than this, in heights, get no room in a picture."""
-FLOOR, SHADOW_PX, DARK = 0.9, 160, 52
-"""Half the side of the floor on which shadows fall, in heights, its pixels across, and how dark they are of 255."""
+BLUR, SHADOW_PX, DARK = 0.036, 160, 52
+"""How far a shadow is out of focus, in heights, its pixels across, and how dark it is of 255."""
+FADED, FARTHEST = 3.0, 4.0
+"""Where a shadow is no more, in BLUR beyond what casts it, and half the floor on which shadows fall, in heights."""
 COARSE = 4
 """Pixels of a picture to one of a shadow, which is out of focus anyway."""
 
@@ -88,10 +90,13 @@ class DrawnPostures:
 
     @cached_property
     def _surface(self) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-        """Of all meshes: vertices (v, 3) in their links, in heights, normals (v, 3), owners (v,) and faces (f, 3)."""
-        meshes = self.solid.meshes
+        """Of all meshes: vertices (v, 3) in their links, in heights, normals (v, 3), owners (v,) and faces (f, 3). An
+        open mesh is there twice, seen from either side."""
+        known = [(number, mesh) for number, mesh in enumerate(self.solid.meshes)]
+        known += [(number, Mesh(mesh.vertices, mesh.faces[:, ::-1])) for number, mesh in known if not mesh.is_closed]
+        numbers, meshes = zip(*known, strict=True)
         vertices = np.concatenate([mesh.vertices for mesh in meshes]) / self.size
-        owner = np.repeat(np.arange(len(meshes)), [len(mesh.vertices) for mesh in meshes])
+        owner = np.repeat(numbers, [len(mesh.vertices) for mesh in meshes])
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         faces = np.concatenate([mesh.faces + begin for mesh, begin in zip(meshes, first[:-1], strict=True)])
         across = np.cross(*(vertices[faces[:, corner]] - vertices[faces[:, 0]] for corner in (1, 2)))
@@ -117,6 +122,11 @@ class DrawnPostures:
         across, up, _ = project(np.concatenate(shown))
         low, high = np.nanmin([across, up], axis=1) - MARGIN, np.nanmax([across, up], axis=1) + MARGIN
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+    def shadow_end(self, pose: int) -> float:
+        """How far to the right the shadow of one posture reaches in the picture: the light comes from the left."""
+        across, _, _ = project(np.pad(_fallen(self.points(pose)), ((0, 0), (0, 1))))
+        return float(across.max()) + FADED * BLUR
 
     def draw(self, picture: Image.Image, pose: int, *, place: tuple[float, float], scale: float) -> None:
         """Draw one posture with its origin at `place`, pixels across and down. scale: pixels to a height."""
@@ -145,19 +155,26 @@ class DrawnPostures:
             picture.paste(Image.blend(picture, whole, 0.5))
 
 
+def _fallen(points: FloatArray) -> FloatArray:
+    """Where the shadows of points (..., 3) are on the floor (..., 2)."""
+    return np.asarray(points[..., :2] - points[..., 2:] * LIGHT[:2] / LIGHT[2])
+
+
 def _cast(picture: Image.Image, corners: FloatArray, place: tuple[float, float], scale: float) -> None:
     """Darken the floor by what facets (f, 3, 3) cast on it, out of focus."""
-    fallen = corners[..., :2] - corners[..., 2:] * LIGHT[:2] / LIGHT[2]
+    fallen = _fallen(corners)
     fallen = fallen[_areas(fallen) > 0.0]  # what faces the light casts it all
+    floor = min(float(np.abs(fallen).max(initial=0.0)) + FADED * BLUR, FARTHEST)  # half its side
+    to_px = 0.5 * SHADOW_PX / floor
     dark = np.zeros(SHADOW_PX * SHADOW_PX, dtype=np.uint8)
-    spans = _spans(0.5 * SHADOW_PX * (1.0 + fallen / FLOOR), (SHADOW_PX, SHADOW_PX))
+    spans = _spans(to_px * (floor + fallen), (SHADOW_PX, SHADOW_PX))
     dark[_pixels(spans.line * SHADOW_PX + spans.begin, spans.count)] = DARK
-    mask = Image.fromarray(dark.reshape(SHADOW_PX, SHADOW_PX)).filter(ImageFilter.GaussianBlur(0.02 * SHADOW_PX))
+    mask = Image.fromarray(dark.reshape(SHADOW_PX, SHADOW_PX)).filter(ImageFilter.GaussianBlur(BLUR * to_px))
     # The floor's x and y as they are seen, and where pixels of the picture, by COARSE of them, are on the floor.
     across, up, _ = project(np.eye(2, 3))
-    half = COARSE * np.ceil(scale * FLOOR * np.abs([across, up]).sum(axis=1) / COARSE).astype(int)
+    half = COARSE * np.ceil(scale * floor * np.abs([across, up]).sum(axis=1) / COARSE).astype(int)
     low = np.round(place).astype(int) - half
-    back = np.linalg.inv(scale * np.array([across, -up])) * 0.5 * SHADOW_PX / FLOOR
+    back = np.linalg.inv(scale * np.array([across, -up])) * to_px
     begin = back @ (low - np.array(place)) + 0.5 * SHADOW_PX
     lies = [value for row, first in zip(back, begin, strict=True) for value in (*(COARSE * row), float(first))]
     size = (2 * int(half[0]), 2 * int(half[1]))
@@ -339,8 +356,8 @@ LONGEST_S = 60.0
 """What an animation shows of a run at most: a longer file is not sent to anybody."""
 HEIGHT = 540
 """Pixels of an animation from top to bottom, about."""
-GAP, TITLE, SHADE = 0.05, 0.12, 0.12
-"""Between bodies, above them, and to the right of the last one, for its shadow, in heights."""
+GAP, TITLE = 0.05, 0.12
+"""Between bodies, and above them, in heights."""
 SHARPER = 2
 """Pixels drawn to one shown."""
 QUALITY = 80
@@ -366,9 +383,10 @@ def pictures(shown: Mapping[str, DrawnPostures], *, width: int | None = None) ->
     ends = np.cumsum(right - left + GAP)
     places = ends - right
     floor, top = float(extents[..., 2].min()), float(extents[..., 3].max()) + TITLE
-    ends[-1] += SHADE
-    across = width or HEIGHT * float(ends[-1]) / (top - floor)
-    scale = across / float(ends[-1])  # pixels to a height
+    shadows = [max(body.shadow_end(pose) for pose in range(count)) for body in shown.values()]
+    end = max(float(ends[-1]), *(places + shadows).tolist())
+    across = width or HEIGHT * end / (top - floor)
+    scale = across / end  # pixels to a height
     size = [2 * round(0.5 * pixels) for pixels in (across, scale * (top - floor))]  # even: H.264 has it so
     for pose in range(count):
         picture = Image.new("RGB", (SHARPER * size[0], SHARPER * size[1]), "white")

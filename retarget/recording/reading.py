@@ -32,6 +32,7 @@ from retarget.recording.mcap_writer import METADATA, MOST_RECORDS, require_mcap
 from retarget.recording.npz import MAX_BYTES, refuse_no_file
 from retarget.recording.session import FORMAT, Session
 from retarget.recording.topics import (
+    CONTACT,
     GOALS,
     HUMAN_POSTURE,
     IMU,
@@ -359,7 +360,7 @@ def _cycles(recording: Recording) -> RunTable:
     if cycles.tick[asked].max() >= session.ticks:
         raise ValueError("more ticks than its session has")
     cycles.q_servos[:], cycles.human_q[:], cycles.truth[:] = np.nan, np.nan, np.nan
-    for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH, IMU} & set(recording.topics):
+    for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH, IMU, CONTACT} & set(recording.topics):
         at, known = _places(cycles, recording.topics[topic])
         for name, own in message_fields(topic).items():
             cycles.known[own][at] = recording.topics[topic].rows[name][known]

@@ -147,7 +147,8 @@ class CycleObserver(Observer):
         if torque is not self._logged[1]:
             self.say("bus", f"torque {torque.value}")
         if state is not self._logged[2]:
-            self.say("run", state.value)
+            held = f": {machine.supervisor.hold_reason}" if state is RunState.HOLD else ""
+            self.say("run", state.value + held)
         self._logged = (stop, torque, state)
 
     def _keep_row(self, rows: RunTable, at: int, record: Record, row: int) -> None:
@@ -161,6 +162,7 @@ class CycleObserver(Observer):
             own[: modes.size] = modes[: own.size]
         if self._machine is None or record.robot is None:
             return
+        rows.unexplained[at] = record.unexplained[row]
         robot, body = record.robot, self._machine.robot
         q, names = robot.q[row], tuple(body.profile.landmarks)
         rows.q_servos[at], rows.q_rest[at] = q[body.servo_columns], np.delete(q, body.servo_columns)

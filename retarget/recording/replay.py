@@ -168,11 +168,13 @@ class RecordedInputs:
     def _servos(self) -> ServoStates:
         cycles, row = self._cycles, self._row
         states = {name: getattr(cycles, name)[row].copy() for name in SERVO_FIELDS}
+        moved = np.zeros_like(states["position"])  # beside where the servos were
         if self.sent and self._last_goal[row] >= 0:
-            states["position"] += self.sent[-1][1] - cycles.goal_ticks[self._last_goal[row]]
+            moved = self.sent[-1][1] - cycles.goal_ticks[self._last_goal[row]]
         time = float(cycles.bus_time[row]) - self._clock_lead
         retries, error_rate = int(cycles.retries[row]), float(cycles.error_rate[row])
-        imu = imu_of(cycles, row)
+        states["position"] += moved
+        imu = None if moved.any() else imu_of(cycles, row)  # of another posture it says nothing
         if imu is not None:
             imu = replace(imu, time=imu.time - self._clock_lead)
         return ServoStates(**states, time=time, retries=retries, error_rate=error_rate, imu=imu)

@@ -12,11 +12,12 @@ from retarget.model.robot import RobotBody
 from retarget.recording.cdr import CdrLayout, Given, layout_of
 from retarget.recording.cycles import Done
 from retarget.run.table import EVERY_S, FIELDS, RunTable, Widths, message_fields
+from retarget.safety.contact import felt_servos
 from retarget.types import FloatArray
 
 SENSORS, JOINTS, GOALS, SERVOS, TICK = "/sensors", "/joint_states", "/goals", "/servos", "/tick"
 LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", "/human/posture", "/tf"
-EVENTS, TRUTH, IMU = "/events", "/truth", "/imu"
+EVENTS, TRUTH, IMU, CONTACT = "/events", "/truth", "/imu", "/contact"
 WORLD, POSTURE, JOINT_STATE = "world", "retarget_msgs/msg/Posture", "sensor_msgs/msg/JointState"
 STEP = 2.0**-16
 """Step, m or rad, to which such numbers are rounded: 15 um. Most of their bytes are then zeros."""
@@ -107,7 +108,7 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         fields(GOALS, JOINT_STATE, names, kept(GOALS), **of_joints),
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
-        *_imu_topics(robot),
+        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT))),
     ]
     made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
@@ -127,6 +128,14 @@ def _imu_topics(robot: RobotBody) -> list[Topic]:
 
     imu, message = robot.profile.imu, "retarget_msgs/msg/Imu"
     return [] if imu is None else [_topic(IMU, message, (), _has_imu, values, {"frame_id": imu.link})]
+
+
+def _contact_topics(robot: RobotBody, which: Which) -> list[Topic]:
+    """The torques that inverse dynamics does not explain; no topic of a robot whose servos measure no current."""
+    names = robot.joint_map.joints
+    given: dict[str, Any] = {"frame_id": "", "name": names, "effort": len(names)}
+    values = lambda cycles: {"effort": cycles.unexplained}  # noqa: E731
+    return [_topic(CONTACT, JOINT_STATE, names, which, values, given)] if felt_servos(robot).any() else []
 
 
 def _oriented(cycles: RunTable) -> NDArray[np.bool_]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hardware.guard_state import StopCause
+from hardware.heat import HeatForecast
 from retarget import rotations
 from retarget.human.samples import Clip
 from retarget.report import motion_metrics, tracking
@@ -26,6 +27,7 @@ from retarget.report.motion_metrics import (
 from retarget.report.report import (
     BothMoved,
     BusReport,
+    HeatReport,
     ImuReport,
     ObserversReport,
     Percentiles,
@@ -38,6 +40,7 @@ from retarget.report.report import (
 )
 from retarget.report.tracking import ReferenceMotion, hands_from_shoulders, reachable_hands, top_level_error
 from retarget.report.unfollowed import unfollowed_of
+from retarget.run.prepare import limbs_of
 from retarget.run.record import CYCLE
 from retarget.run.run_result import RunResult
 from retarget.schema.priorities import LimbTask
@@ -94,7 +97,25 @@ def bus_report(run: RunResult) -> BusReport | None:
         retries=int(sent.retries.max(initial=0)),
         hottest=_extreme(run, sent.temperature),
         lowest_voltage=_extreme(run, -sent.voltage, sign=-1.0),
+        warms=_warms(run),
     )
+
+
+def _warms(run: RunResult) -> HeatReport | None:
+    """How the servos that carry the robot will warm, if it goes on so; None where that is not known."""
+    sent, robot = run.record.robot, run.robot
+    assert sent is not None and robot is not None, "a bus has a robot"
+    safety = robot.profile.safety
+    limbs = np.array(limbs_of(robot) or (False,) * len(robot.joint_map))
+    forecast = HeatForecast(safety.temperature_warn_c or safety.temperature_c, ~limbs)
+    for time, temperature in zip(sent.bus_time.tolist(), sent.temperature, strict=True):
+        forecast.look(time, temperature)
+    first = forecast.soonest
+    if first is None:
+        return None
+    left = first.left / 60.0 if np.isfinite(first.left) else None
+    joint = robot.joint_map.joints[first.column]
+    return HeatReport(joint, first.temperature, first.warns_at, first.per_minute, left)
 
 
 def percentiles(seconds: FloatArray, scale: float) -> Percentiles:
@@ -153,6 +174,7 @@ def measure(run: RunResult) -> Report:
         steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
         imu=_imu(run),
         refused_pair=run.tally.refused_pair,
+        presses=run.tally.presses,
         held_back=held_back(run),
         robot="human" if run.robot is None else run.robot.profile.name,
         live=run.live,

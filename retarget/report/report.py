@@ -9,6 +9,7 @@ from typing import Any
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import HeldBack, LimitViolations, ModeSwitches, PhysicsReport
 from retarget.run.run_result import RefusedPair
+from retarget.safety.contact import Presses
 from retarget.schema.catalogue import HUMAN
 from retarget.schema.files import make_folder, write_atomic
 
@@ -61,12 +62,26 @@ class ServoExtreme:
 
 
 @dataclass(frozen=True)
+class HeatReport:
+    """The servo of those that carry the robot that will be warm first, at the end of the run, if it went on so.
+
+    temperature, at: degrees Celsius, and from which on it warns; per_minute: degrees; left_min: null where it stays
+    cooler."""
+
+    joint: str
+    temperature: float
+    at: float
+    per_minute: float
+    left_min: float | None
+
+
+@dataclass(frozen=True)
 class BusReport:
     """rate_hz: ticks per second, measured on the bus's clock, null where it was not. cycle_ms: wall time of a tick.
 
     faults: servos silent or alarmed, and a bus that died. longest_period_ms: between two ticks, on the bus's clock;
     missed_ticks: deadlines that passed without one. retries: requests that had to be repeated. hottest degrees Celsius,
-    lowest_voltage V, null where no servo reported one.
+    lowest_voltage V, null where no servo reported one. warms: of those that carry the robot, null in the first minute.
     """
 
     rate_hz: float | None
@@ -77,6 +92,7 @@ class BusReport:
     retries: int
     hottest: ServoExtreme | None
     lowest_voltage: ServoExtreme | None
+    warms: HeatReport | None = None
 
 
 @dataclass(frozen=True)
@@ -247,6 +263,8 @@ class Report:
     """The links that came closest."""
     refused_pair: RefusedPair | None = None
     """Links, or link and obstacle, for which the gate refused goals in most ticks; null where it refused none."""
+    presses: Presses | None = None
+    """Times that the robot held because it pressed against something, and the greatest press; null: it did not."""
     held_back: tuple[HeldBack, ...] = ()
     """Limbs that a joint at its limit, or an observer in contact, holds back in most ticks, and which one."""
     deep: DeepReport

@@ -10,7 +10,7 @@ lean that is asked too far costs no more than that lean.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -114,22 +114,31 @@ def _towards(leans: list[float], x: float, y: float) -> float:
 
 
 def robot_envelope(robot: RobotBody, limits: JointLimits, *, edges: FloatArray, margin: float | None) -> Envelope:
-    """The envelope of a robot in posture `stand`, its limbs apart by `margin` m; measured once and kept.
+    """The envelope of a robot in posture `stand`, its limbs apart by `margin` m; measured once for
+    all robots of the same content.
 
     limits, edges: of `measure_envelope`.
     """
     joints = [(float(low), float(high)) for low, high in zip(limits.lower, limits.upper, strict=True)]
-    return _measured(robot, tuple(joints), tuple(map(tuple, edges.tolist())), margin)
+    return _measured(_Same(robot.content, robot), tuple(joints), tuple(map(tuple, edges.tolist())), margin)
 
 
-@lru_cache(maxsize=16)
+@dataclass(frozen=True)
+class _Same:
+    """A robot, equal to any other of its content."""
+
+    content: bytes
+    robot: RobotBody = field(compare=False)
+
+
+@lru_cache(maxsize=32)
 def _measured(
-    robot: RobotBody,
+    same: _Same,
     joints: tuple[tuple[float, float], ...],
     edges: tuple[tuple[float, ...], ...],
     margin: float | None,
 ) -> Envelope:
-    lower, upper = np.array(joints).T.copy()
+    robot, (lower, upper) = same.robot, np.array(joints).T.copy()
     free = np.full_like(lower, np.inf)
     apart = robot_observers(robot).with_margin(margin).for_solver(robot.body)
     stance = plant(robot, robot.profile.postures.stand)

@@ -651,7 +651,7 @@ def robot_limbs(robot: RobotBody) -> dict[str, Limb]:
 def robot_postures(robot: RobotBody, stance: Stance) -> dict[str, FloatArray]:
     """The postures (nq,) of the profile, m, wxyz and rad, by name, with the root where the robot stands."""
     postures = {}
-    for name, angles in robot.profile.postures.model_dump(exclude={"to_rest", "stays_at_rest", "fall"}).items():
+    for name, angles in robot.profile.postures.model_dump(exclude={"to_rest", "stays_at_rest"}).items():
         q = robot.posture(angles)
         free = 7 if robot.profile.root == "free" else 0
         q[:free] = stance.q[:free]

@@ -22,6 +22,7 @@ from retarget.ik.whole_body_stop import StopPath
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
+from retarget.safety.contact import Press, way_back
 from retarget.safety.gate import Gate
 from retarget.safety.governor import CommandGovernor
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
@@ -374,15 +375,25 @@ class GoalsInstead:
 
 class ComeToRest(Controller):
     """Leaves the robot to the stop that was verified last; on the straight part of the approach it brakes more gently,
-    along its line. Then the robot stands."""
+    along its line. Then the robot stands. A limb that presses brakes harder, and goes back to where it was when the
+    press was found, which is a part of the stop: pressed, None where nothing presses."""
 
-    def __init__(self, follower: Follower, approach: Approach, *, dt: float) -> None:
-        self._follower, self._approach, self._dt = follower, approach, dt
+    def __init__(self, robot: RobotBody, follower: Follower, approach: Approach, gate: Gate, *, dt: float) -> None:
+        self._robot, self._follower, self._approach, self._dt = robot, follower, approach, dt
+        self._standing = gate.standing
+        self.pressed: Press | None = None
 
     def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target | None:
         """The target of a robot that stands, which is the one to which it was commanded, or that brakes on its line;
         None: the gate follows the stop."""
         self._follower.pass_time(self._dt)
+        if self.pressed is not None and self._standing is not None:
+            path = way_back(self.pressed, commanded.goal, self._robot.joint_map, dt=self._dt)
+            if path is not None:
+                stop, soles = commanded.target.stop, (True,) * len(self._robot.soles)
+                postures = self._standing.postures(path, commanded.standing)
+                stop = StopPath(postures, soles if stop is None else stop.contact)
+                return Target(path[0], postures[0], stop)
         if commanded.stands:  # where it got by a part of a goal, the stop from there would lead on
             return commanded.target if commanded.target.stop is None else replace(commanded.target, stop=None)
         return self._approach.brake(commanded) if self._approach.part is ApproachPart.STRAIGHT else None
@@ -419,8 +430,6 @@ def rest_joints(robot: RobotBody) -> FloatArray:
     return robot.posture(robot.profile.postures.rest)[robot.servo_columns]
 
 
-FALL_JERK_S = 0.02
-"""Time, s, in which a robot that falls reaches its full acceleration."""
 REST_WITHIN_S = 1.9
 """Longest duration of a move from one keyframe to the next, where the servos can."""
 
@@ -474,25 +483,6 @@ class GoToRest(Controller):
         return self._move.towards(self._keyframes[0], commanded, speed_override=0.0)
 
 
-class FallPosture(Controller):
-    """Moves to the posture in which a robot meets the floor, as fast as its joints may, from whatever they do."""
-
-    def __init__(self, robot: RobotBody, *, dt: float) -> None:
-        servos = robot.joint_map
-        self._goal = robot.posture(robot.profile.postures.fall or robot.profile.postures.attractor)[robot.servo_columns]
-        most = servos.max_acceleration
-        self._moves = TrajectoryGenerator(servos.max_velocity, most, most / FALL_JERK_S, dt=dt)
-        self._last: Target | None = None
-        self._dt = dt
-
-    def target(self, commanded: Commanded, performer: PerformerInput, *, speed_override: float) -> Target:
-        """The target of the next tick, from where the robot was commanded to if something else has moved it."""
-        if commanded.target is not self._last:
-            self._moves.reset(commanded.joints, commanded.goal.displacement / self._dt)
-        self._last = Target(self._moves.step(self._goal, speed_override))
-        return self._last
-
-
 def require_finite(posture: RobotPosture) -> RobotPosture:
     """The posture, if it is finite. Raises RetargetError before the robot has torque."""
     if not np.isfinite(posture.q).all():
@@ -532,7 +522,7 @@ class RobotMotion:
         self.approach = Approach(robot, follower, human, dt=dt, goal=None if goals is None else goals.first)
         self.follow = Follow(reconstructor, follower, human, dt=dt, motion_dt=motion_dt, slow=slow)
         self._instead = goals
-        stop = ComeToRest(follower, self.approach, dt=dt)
+        self._stop = stop = ComeToRest(robot, follower, self.approach, gate, dt=dt)
         standing = gate.standing
         self._governor = None if standing is None else CommandGovernor(robot, gate, standing, standing_dofs(robot))
         keyframes = robot.profile.postures.to_rest if keyframes is None else keyframes
@@ -545,9 +535,13 @@ class RobotMotion:
             RunState.RETURN_TO_STANCE: ReturnToStance(robot, follower, dt=dt),
             RunState.GO_TO_REST: self._to_rest,
             RunState.STANDING: stop,
-            RunState.FALLING: FallPosture(robot, dt=dt),
+            RunState.FALLING: stop,
         }
         self._state = RunState.OFF  # of the last target
+
+    def give_way(self, pressed: Press | None) -> None:
+        """Let the limb of a press give way while the robot holds; None: nothing presses."""
+        self._stop.pressed = pressed
 
     @property
     def on_approach(self) -> bool:

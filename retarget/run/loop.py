@@ -306,6 +306,7 @@ class Loop:
             asked=output.target is not None or (state in STOPS and not given.failed),
             gated=output.gated,
             followed=output.followed,
+            unexplained=None if self._machine.contact is None else self._machine.contact.unexplained,
         )
         costs = None if output.followed is None else motion.follow.costs
         recorder.keep_times(done.times | _times_of(given, costs))
@@ -329,6 +330,7 @@ class Loop:
         if not machine.supervisor.take(Event.READY, now()):
             raise GuardError("a run begins once", where="run", found=machine.supervisor.state.value)
         present = machine.guard.present()
+        self._look_for_imu()
         self._recorder.started(present)
         commanded = self._motion.begin(present)
         machine.guard.arm(commanded.goal)
@@ -338,6 +340,17 @@ class Loop:
         show(self._observers, lambda observer: observer.armed(given, commanded.goal))
         machine.supervisor.take(Event.ARMED, now())
         self._inputs.restart()
+
+    def _look_for_imu(self) -> None:
+        """Raises GuardError where a robot that stands has an IMU that measures nothing."""
+        machine, states = self._machine, self._machine.guard.states
+        if machine.tip_watch is None or states is None:
+            return
+        if states.imu is None:
+            machine.notify("warning: this bus reads no IMU: a fall is not seen")
+        elif not states.imu.valid:
+            then = "Check it with `retarget doctor --tilt`, or take `imu` out of the profile"
+            raise GuardError("the IMU measures nothing valid, so a fall would not be seen", where="arming", then=then)
 
     def _give_up(self, error: BaseException) -> None:
         """Stop and switch torque off after an interrupt or an error outside of a tick. Raises TorqueError from it where

@@ -1,7 +1,7 @@
 """Options of a run, checked before any file is opened, and the priority files that they mean."""
 
 from dataclasses import dataclass, field
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import get_args
 
@@ -121,6 +121,7 @@ class RunOptions:
             or a file.
         priorities NAME|FILE: Priority file of the robot (of 'human': its own).
         scene NAME|FILE: The scene: table, wall, ..., or a file.
+        max_force N: The hands press with so many N at most beyond what carries the arms, stretched.
         allow_contact: Begin also where the body touches the scene.
         stand_at_end: End standing, with torque.
         torque_off_at_end: End at rest, even if it topples there.
@@ -149,6 +150,7 @@ class RunOptions:
     legs: Legs | None = None
     gate: bool = True
     scene: str | None = None
+    max_force: float | None = None
     allow_contact: bool = False
     stand_at_end: bool = False
     torque_off_at_end: bool = False
@@ -167,6 +169,8 @@ class RunOptions:
         if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
             allowed = f"1 to {MAX_ITERATIONS}"
             raise UsageError("impossible number of iterations", where="--n-ik", found=self.iterations, allowed=allowed)
+        if self.max_force is not None and not 0.0 < self.max_force < inf:
+            raise UsageError("impossible force", where="--max-force", found=self.max_force, allowed="above 0 N")
         if self.is_human:
             self._check_human()
         bus = f"--bus {self.bus}"
@@ -199,6 +203,8 @@ class RunOptions:
         if self.bus not in SERVOLESS:
             found = f"{robot}, --bus {self.bus}"
             raise UsageError("a human has no servos", where="--bus", found=found, allowed="none, or no --bus")
+        if self.max_force is not None:
+            raise UsageError("a human's hands are not limited", where="--max-force", found=robot)
         if not self.gate:
             raise UsageError("there is no gate to leave out", where="--no-gate", found=robot)
 

@@ -18,6 +18,7 @@ import numpy as np
 from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock
 from hardware.errors import BusError, RetargetError
+from hardware.imu import ImuSample
 from retarget.errors import UsageError, suggest
 from retarget.model.robot import RobotBody
 
@@ -141,6 +142,8 @@ class OwnBus:
                 found = f"{values.dtype} {values.shape}" if isinstance(values, np.ndarray) else type(values).__name__
                 kind = {"iu": "integers", "f": "floats", "b": "booleans"}[kinds]
                 raise self._error("read", f"{name} is {found}", f"an array of {kind}, ({self._servos},)")
+        if not isinstance(states.imu, ImuSample | None):
+            raise self._error("read", f"imu is {type(states.imu).__name__}", "hardware.imu.ImuSample or None")
         return states
 
     def write(self, goals: ServoGoals) -> None:

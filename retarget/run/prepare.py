@@ -37,6 +37,8 @@ from retarget.run.run_result import CAPPED, RunResult, RunSetup, RunTally
 from retarget.run.supervisor import Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
+from retarget.safety.contact import ContactDetector
+from retarget.safety.force_limit import with_max_force
 from retarget.safety.gate import Gate, PassThroughGate
 from retarget.safety.standing import StandingCheck
 from retarget.safety.tipping import tip_watch_of
@@ -179,6 +181,7 @@ class Prepared:
             tally=RunTally(
                 steps=None if self.steps is None else replace(self.steps),
                 refused_pair=None if machine is None else machine.refused_pair,
+                presses=None if machine is None or machine.contact is None else machine.contact.presses,
             ),
         )
 
@@ -248,9 +251,7 @@ def prepare_for(
     whose performer is waited for and measured first; None: a new one.
     Raises RetargetError for what cannot be used.
     """
-    performer = load_performer(options.performer_name)
-    if robot is None and not options.is_human:
-        robot = load_robot(options.robot, root=options.root)
+    performer, robot = load_performer(options.performer_name), _robot_of(options, robot)
     for_human, for_robot, on_priorities = stage_priorities(robot, options)
     scene = scene_of(robot, options)
     of_robot = () if robot is None else (*robot.body.notes, *on_priorities)
@@ -272,7 +273,10 @@ def prepare_for(
         notify(f"note: at the end it stands, with torque, until you hold it and switch torque off: {end_plan.why}")
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
     guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
-    machine = Machine(robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch)
+    contact = ContactDetector(robot, dt=dt) if options.has_mass else None  # without mass no torque is needed
+    machine = Machine(
+        robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch, contact=contact
+    )
     prepared = replace(
         human,
         machine=machine,
@@ -287,6 +291,13 @@ def prepare_for(
     )
     with _open(bus, guard):
         yield prepared
+
+
+def _robot_of(options: RunOptions, robot: RobotBody | None) -> RobotBody | None:
+    """The robot of a run, None for a human alone, with the currents that the options allow. robot: given instead."""
+    if robot is None and not options.is_human:
+        robot = load_robot(options.robot, root=options.root)
+    return robot if robot is None or options.max_force is None else with_max_force(robot, options.max_force)
 
 
 @contextmanager

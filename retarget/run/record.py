@@ -32,7 +32,7 @@ PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 KEPT = (
     *("time", "phase", "gated", "no_command", "cost", *STAGES, "sensors", "human_q", "human_joints"),
     *("human_observer_modes", "balance_error", "q", "goals", "goal_ticks", "landmarks_asked", "observer_modes"),
-    *("bus_time", "present", "faults", "voltage", "temperature", "retries", *OF_IMU),
+    *("bus_time", "present", "faults", "voltage", "current", "temperature", "unexplained", "retries", *OF_IMU),
 )
 """The fields that the record of a run has."""
 
@@ -211,9 +211,11 @@ class TickRecorder:
         asked: bool,
         gated: bool,
         followed: RobotPosture | None,
+        unexplained: FloatArray | None = None,
     ) -> None:
         """Keep what was sent: posture q (nq,), m, wxyz and rad, and goal. asked: whether there was a target, or
-        the robot was to stop; gated: whether the gate refused what was asked; followed: for the performer."""
+        the robot was to stop; gated: whether the gate refused what was asked; followed: for the performer.
+        unexplained (n,): N m, of the contact detector."""
         record, robot, row, states = self.record, self._robot, self._rows.row, guard.states
         assert robot is not None and states is not None and guard.sent is not None, "a goal was written"
         record.q[row], record.goals[row], record.goal_ticks[row] = q, goal.joints, guard.sent
@@ -224,6 +226,9 @@ class TickRecorder:
         record.bus_time[row], record.retries[row] = states.time, states.retries
         record.present[row] = robot.joint_map.to_radians(states.position)
         record.temperature[row], record.voltage[row] = states.temperature, states.voltage
+        record.current[row] = states.current
+        if unexplained is not None:
+            record.unexplained[row] = unexplained
         record.faults[row] = np.count_nonzero(~states.valid | (states.alert != 0))
         keep_imu(record, row, states.imu)
 

@@ -16,6 +16,7 @@ from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.step_plan import StepTally
 from retarget.run.record import Record
+from retarget.safety.contact import Presses
 from retarget.schema.performer import Performer
 from retarget.schema.priorities import Priorities
 from retarget.types import FloatArray
@@ -86,10 +87,11 @@ CAPPED = "linear solves took too many steps and were ended: they keep all limits
 @dataclass(frozen=True)
 class RunTally:
     """What was counted in a run. steps: None for a robot that makes none; refused_pair: None where the gate refused no
-    goal for one."""
+    goal for one; presses: None where the robot pressed against nothing."""
 
     steps: StepTally | None = None
     refused_pair: RefusedPair | None = None
+    presses: Presses | None = None
 
 
 @dataclass(frozen=True, eq=False)

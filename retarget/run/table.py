@@ -22,7 +22,7 @@ Widths = Mapping[str, int]
 READINGS = 8
 """Readings of the clock that are kept of a cycle: it takes five at most."""
 EVERY_S = {"/landmarks": 0.04, "/truth": 0.04} | dict.fromkeys(
-    ("/human/joints", "/human/posture", "/joint_states", "/tf"), 0.08
+    ("/human/joints", "/human/posture", "/joint_states", "/tf", "/contact"), 0.08
 )
 """Time, s, between two messages of a topic that is there to be looked at, and can be computed again from the rest."""
 
@@ -141,6 +141,14 @@ class RunTable:
     voltage: FloatArray = _field("V", "its voltage", "servos", topic="/servos")
     temperature: FloatArray = _field("deg C", "its temperature", "servos", topic="/servos")
     age: FloatArray = _field("s", "age of its answer", "servos", topic="/servos")
+    unexplained: FloatArray = _field(
+        "N m",
+        "torque that its joint does not need, see `ContactDetector`; NaN: not known",
+        "servos",
+        topic="/contact.effort",
+        npz="unexplained_torque",
+        fill=np.nan,
+    )
     error: ModeArray = _field("", "its error bits", "servos", topic="/servos")
     alert: ModeArray = _field("", "its alert bits", "servos", topic="/servos")
     valid: BoolArray = _field("", "it answered", "servos", topic="/servos")

@@ -26,6 +26,7 @@ from retarget.run.controllers import Commanded, GoalsInstead, RobotMotion, Targe
 from retarget.run.rest_trajectory import EndPlan
 from retarget.run.run_result import RefusedPair
 from retarget.run.supervisor import AT_RISK, BUS_SILENT, End, OperatorInput, Situation, Supervisor
+from retarget.safety.contact import ContactDetector
 from retarget.safety.gate import Gate
 from retarget.safety.tipping import TipWatch
 from retarget.types import Notify, RobotPosture, RunState
@@ -112,7 +113,7 @@ class TickOutput:
 class Machine:
     """A robot that can run. clock: of the run, which its loop reads, and no tick. waits: a robot that stands at the end
     waits for the operator to switch its torque off. notify: receives the news of a run, a sentence each. goals: sent
-    instead of following. tip_watch: of a robot that stands, and has an IMU."""
+    instead of following. tip_watch: of a robot that stands, and has an IMU. contact: of a robot with mass."""
 
     robot: RobotBody
     follower: Follower
@@ -125,6 +126,7 @@ class Machine:
     waits: bool = True
     notify: Notify = lambda text: None
     goals: GoalsInstead | None = None
+    contact: ContactDetector | None = None
     tip_watch: TipWatch | None = None
 
     def not_at_rest(self) -> tuple[str, ...]:
@@ -261,7 +263,8 @@ def perform(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
         cannot, output = failures[0], None
         supervisor.fail(given.now, cannot.reason, cannot.cause, guard, may_brake=False)
     output = output or TickOutput(state, supervisor.state)
-    news = (*guard.health.warnings.take_news(), *supervisor.take_news(), *output.news)
+    pressing = () if machine.contact is None else machine.contact.take_news()
+    news = (*guard.health.warnings.take_news(), *supervisor.take_news(), *pressing, *output.news)
     return TickDone(given, replace(output, news=news) if news else output, tried, times)
 
 
@@ -279,6 +282,8 @@ def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, giv
         clearance.measure(joints, state.commanded.joints)
     if watch is not None and given.servos.imu is not None and not motion.on_approach:
         watch.look(given.servos.imu, joints)
+    if machine.contact is not None:
+        machine.contact.look(given.servos, joints, state.commanded.standing)
 
 
 def _sampled(given: TickInput) -> dict[str, Any]:
@@ -299,6 +304,8 @@ def _hold_reason(machine: Machine, motion: RobotMotion, state: TickState, given:
         return BUS_SILENT, False
     if machine.tip_watch is not None and machine.tip_watch.hold_reason:
         return machine.tip_watch.hold_reason, False
+    if machine.contact is not None and machine.contact.pressed is not None:
+        return machine.contact.pressed.text, False
     if refused := motion.refused(state.commanded):
         return f"the gate refuses {refused}", False
     if run_state is RunState.FOLLOW and motion.follow.lost:
@@ -323,12 +330,12 @@ def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_rea
 def _target(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> Target | None:
     """What the controller of the present state asks for; None: brake, or stand."""
     guard, run_state = machine.guard, machine.supervisor.state
-    if run_state is RunState.FALLING:
-        return motion.target(run_state, state.commanded, given.performer, speed_override=1.0)
     if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
         return motion.brake(run_state, state.commanded)
     if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:
         machine.follower.set_contact_state(None if guard.states is None else guard.states.soles)
+    pressed = None if machine.contact is None or run_state is not RunState.HOLD else machine.contact.pressed
+    motion.give_way(pressed)
     override = guard.health.warnings.speed_override
     return motion.target(run_state, state.commanded, given.performer, speed_override=override)
 

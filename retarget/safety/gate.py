@@ -116,8 +116,12 @@ class Gate:
         """The goal for a target posture, rad (n,), after the goal sent last; None: it is refused, or there is none.
         stop: how the robot stops from there. standing (nq,): as the robot stands, where more than limits is checked."""
         target = _finite(last, target)
-        if target is None:
-            return None
+        return None if target is None else self._judged(last, target, stop, standing)
+
+    def _judged(
+        self, last: CheckedGoal, target: FloatArray, stop: StopPath | None, standing: FloatArray | None
+    ) -> CheckedGoal | None:
+        """The goal for a finite target, see `check`."""
         # First the limits, which cost microseconds, then soles and balance, then the sweep, which costs most.
         goal, compensated = target, None
         if self._compensation is not None:
@@ -189,19 +193,10 @@ class PassThroughGate(Gate):
     """A gate without limits: every finite goal passes. For servos that do not exist, to see what a gate would have held
     back. It still brakes within the servos' accelerations."""
 
-    def check(
-        self,
-        last: CheckedGoal,
-        target: FloatArray | None,
-        *,
-        stop: StopPath | None = None,
-        standing: FloatArray | None = None,
-    ) -> CheckedGoal | None:
-        """The goal for a target posture, rad (n,), with its planner's stop; None: it is not finite, or there is
-        none."""
-        target = _finite(last, target)
-        if target is None:
-            return None
+    def _judged(
+        self, last: CheckedGoal, target: FloatArray, stop: StopPath | None, standing: FloatArray | None
+    ) -> CheckedGoal:
+        """The goal for a finite target, with its planner's stop."""
         displacement = target - last.joints
         if stop is None or self.standing is None:
             rows = self._braking.stop(target, displacement)

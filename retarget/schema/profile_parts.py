@@ -289,8 +289,6 @@ class Postures(Schema):
     """[rad] In which torque goes off at the end of a run."""
     attractor: Posture
     """[rad] To which free joints are drawn."""
-    fall: Posture | None = None
-    """[rad] In which a robot that falls meets the floor; absent: `attractor`."""
     to_rest: Annotated[
         tuple[Literal["neutral", "stand", "rest", "attractor"], ...], Field(min_length=1, max_length=3)
     ] = ("rest",)

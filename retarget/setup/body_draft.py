@@ -14,7 +14,7 @@ from retarget.errors import InputError
 from retarget.model.body import geoms_of
 from retarget.model.body_file import check_numbers, engine, refusal
 from retarget.model.compile_limits import try_in_child
-from retarget.model.meshes import link_looks
+from retarget.model.meshes import Mesh, link_looks
 from retarget.model.scene_shapes import ShapeKind
 from retarget.setup.robot_file import MeshFiles, ReadyUrdf, Source, listed, missing_meshes, ready_urdf
 from retarget.setup.shape_fit import NAME, LinkShape, fitted_shapes
@@ -30,13 +30,17 @@ MuJoCo takes, and decimals, m, of their places."""
 _THIN = re.compile(r"mesh volume is too small: (\S+)")
 
 
+Looks = dict[tuple[str, tuple[float, float, float] | None], Mesh]
+"""By the name of a link and a colour, what is seen of it."""
+
+
 @dataclass(frozen=True, eq=False)
 class BodyDraft:
     """spec, model: `mujoco.MjSpec` and `mujoco.MjModel` of the source, meshes and all, with the names of the body that
     is written. content: that body, MJCF. shapes: of its links, which stand for meshes there. notes: what was changed,
     for the user. limits: joint -> what was changed of its limits. speeds: joint -> rad/s that the file states. welded:
     True if its torso is fixed to a link `world`. hints: names of the meshes, which may tell servos. too_large: meshes
-    that are in another unit, in words, else empty."""
+    that are in another unit, in words, else empty. looks: for pictures, see `_looks`."""
 
     spec: Any
     model: Any
@@ -48,6 +52,7 @@ class BodyDraft:
     welded: bool = False
     hints: tuple[str, ...] = ()
     too_large: str = ""
+    looks: Looks = field(default_factory=dict)
 
 
 def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
@@ -63,23 +68,23 @@ def draft_body(source: Source, *, no_meshes: bool = False) -> BodyDraft:
 
 def _drafted(source: Source, *, no_meshes: bool) -> BodyDraft:
     try:
-        return _read_and_written(source, no_meshes=no_meshes, looks=True)
+        return _read_and_written(source, no_meshes=no_meshes, sees=True)
     except InputError as error:
         if source.root.find("link/visual") is None:
             raise
         # What is only seen refuses no body.
-        draft = _read_and_written(source, no_meshes=no_meshes, looks=False)
+        draft = _read_and_written(source, no_meshes=no_meshes, sees=False)
         return replace(draft, notes=(*draft.notes, f"its <visual> meshes are left out: {error.problems[0].what}"))
 
 
-def _read_and_written(source: Source, *, no_meshes: bool, looks: bool) -> BodyDraft:
-    """The draft; looks: with the <visual> shapes of links that have others to collide with."""
+def _read_and_written(source: Source, *, no_meshes: bool, sees: bool) -> BodyDraft:
+    """The draft; sees: with the <visual> shapes of links that have others to collide with."""
     mujoco = engine()
     meshes, spec = MeshFiles(source.path, leaves_out=no_meshes), None
     ready = ReadyUrdf("", [])
     try:
         if source.kind == "urdf":
-            ready = ready_urdf(source, meshes, no_meshes=no_meshes, looks=looks)
+            ready = ready_urdf(source, meshes, no_meshes=no_meshes, looks=sees)
             spec = mujoco.MjSpec.from_string(ready.text)
             for joint in spec.joints:  # MuJoCo keeps no difference between no limits and limits that it drops
                 joint.limited = joint.name in ready.limited
@@ -99,7 +104,8 @@ def _read_and_written(source: Source, *, no_meshes: bool, looks: bool) -> BodyDr
         model = _compiled(spec)
         check_numbers(model, source=str(source.path))
         shapes = fitted_shapes(model, source=str(source.path))
-        written = _written(spec, model, shapes, notes)
+        looks = _looks(spec, model, shapes, notes)
+        written = _written(spec, model, shapes, looks)
         return BodyDraft(
             spec,
             model,
@@ -111,6 +117,7 @@ def _read_and_written(source: Source, *, no_meshes: bool, looks: bool) -> BodyDr
             ready.welded,
             hints=tuple(meshes.names.values()),
             too_large=_far_too_large(model, meshes),
+            looks=looks,
         )
     except (ValueError, RuntimeError) as error:
         raise refusal(str(source.path), type(error)(meshes.in_words(str(error))), spec) from error
@@ -123,7 +130,7 @@ def facing_x(body: BodyDraft, forward: FloatArray) -> BodyDraft:
         base.pos = rotations.rotate(turn, base.pos)
         base.quat = rotations.multiply(turn, base.quat)
     model, notes = _compiled(body.spec), list(body.notes)
-    content = _written(body.spec, model, body.shapes, [])
+    content = _written(body.spec, model, body.shapes, body.looks)
     notes.append("the body is turned about the vertical, to face along x")
     return replace(body, model=model, content=content, notes=tuple(notes))
 
@@ -161,18 +168,31 @@ def _strip(spec: Any) -> None:
         spec.delete(texture)
 
 
-def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[str]) -> bytes:
-    """MJCF of the same joints and masses; one simple shape stands for all those of a link that has a mesh, but for
-    looking at."""
-    mujoco = engine()
-    spec, mesh = spec.copy(), mujoco.mjtGeom.mjGEOM_MESH
+def _looks(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[str]) -> Looks:
+    """The meshes of links that have one, coarser, one for each colour, for pictures alone."""
+    mesh = engine().mjtGeom.mjGEOM_MESH
     meshed = {shape.link_name for shape in shapes if shape.around_mesh}
-    looks = {
+    shown = {
         body.name
         for body in spec.bodies[1:]
         for geom in body.geoms
         if body.name in meshed or (geom.type == mesh and not _collides(geom))
     }
+    if shown - meshed:
+        notes.append(f"pictures keep the visual meshes of {len(shown - meshed)} links, coarser")
+    if meshed:
+        notes.append(f"meshes of {len(meshed)} links are capsules and boxes around them; pictures keep them, coarser")
+    links = {model.body(name).id: name for name in shown}
+    found = link_looks(geoms_of(model), links, most=MOST_LOOKS) if links else {}
+    return {(links[link], colour): mesh for (link, colour), mesh in found.items()}
+
+
+def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], looks: Looks) -> bytes:
+    """MJCF of the same joints and masses; one simple shape stands for all those of a link that has a mesh, but for
+    looking at."""
+    mujoco = engine()
+    spec, mesh = spec.copy(), mujoco.mjtGeom.mjGEOM_MESH
+    meshed = {shape.link_name for shape in shapes if shape.around_mesh}
     for body in spec.bodies[1:]:
         number = model.body(body.name).id
         body.explicitinertial = True
@@ -190,12 +210,7 @@ def _written(spec: Any, model: Any, shapes: tuple[LinkShape, ...], notes: list[s
             spec.body(shape.link_name).add_geom(name=f"{shape.link_name}_shell", type=kind, **place)
     for part in list(spec.meshes):
         spec.delete(part)
-    if looks:
-        _add_looks(spec, model, {model.body(name).id: name for name in looks})
-    if looks - meshed:
-        notes.append(f"pictures keep the visual meshes of {len(looks - meshed)} links, coarser")
-    if meshed:
-        notes.append(f"meshes of {len(meshed)} links are capsules and boxes around them; pictures keep them, coarser")
+    _add_looks(spec, looks)
     spec.meshdir, spec.texturedir = "", ""
     spec.compile()
     return str(spec.to_xml()).encode()
@@ -205,18 +220,19 @@ def _collides(geom: Any) -> bool:
     return bool(geom.contype or geom.conaffinity)
 
 
-def _add_looks(spec: Any, model: Any, links: dict[int, str]) -> None:
-    """Give links, by their numbers in the model, their meshes back, coarser, one for each colour, for pictures alone:
-    they collide with nothing and weigh nothing."""
+def _add_looks(spec: Any, looks: Looks) -> None:
+    """Give links what is seen of them: it collides with nothing and weighs nothing."""
+    if not looks:
+        return
     mujoco = engine()
     spec.compiler.discardvisual = False  # of a URDF
-    numbers = dict.fromkeys(links, 0)
-    for (link, colour), mesh in link_looks(geoms_of(model), links, most=MOST_LOOKS).items():
+    numbers = dict.fromkeys((link for link, _ in looks), 0)
+    for (link, colour), mesh in looks.items():
         places, corner = np.unique(mesh.vertices.round(LOOK_DECIMALS), axis=0, return_inverse=True)
         if len(places) < LEAST_VERTICES:
             continue
         numbers[link] += 1
-        name = f"{links[link]}_look{numbers[link] if numbers[link] > 1 else ''}"
+        name = f"{link}_look{numbers[link] if numbers[link] > 1 else ''}"
         spec.add_mesh(
             name=name,
             uservert=places.ravel(),
@@ -224,7 +240,7 @@ def _add_looks(spec: Any, model: Any, links: dict[int, str]) -> None:
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
         kind = mujoco.mjtGeom.mjGEOM_MESH
-        look = spec.body(links[link]).add_geom(name=name, type=kind, meshname=name, contype=0, conaffinity=0, group=2)
+        look = spec.body(link).add_geom(name=name, type=kind, meshname=name, contype=0, conaffinity=0, group=2)
         if colour is not None:
             look.rgba = (*colour, 1.0)
 

@@ -20,7 +20,8 @@ import retarget
 from hardware.clock import Clock, thread_cpu
 from hardware.dynamixel import serial_port
 from hardware.errors import HardwareError, printable
-from hardware.realtime import HOW_TO_PERMIT, PROCESSES, USUAL_PRIORITY, Scheduling, refuse_scheduling
+from hardware.processes import PROCESSES
+from hardware.realtime import HOW_TO_PERMIT, USUAL_PRIORITY, Scheduling, refuse_scheduling
 from retarget.errors import Problem
 from retarget.live.receivers import RECEIVE_BUFFER
 from retarget.schema import strict_yaml

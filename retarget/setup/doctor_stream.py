@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 
 from hardware.clock import Clock
-from hardware.realtime import port_holder
 from retarget.errors import InputError
 from retarget.live.address import EVERYWHERE, KINDS, StreamAddress, for_others, local_interfaces
 from retarget.live.admission import NEW_SOCKETS, NOT_ALLOWED, SECOND_SOURCE
 from retarget.live.begin import HUMAN_RATE_HZ
 from retarget.live.open_stream import open_stream, stream_kinds
 from retarget.live.raw_recording import recorded_kind
-from retarget.live.receivers import NatnetReceiver
+from retarget.live.receivers import NatnetReceiver, port_holder
 from retarget.live.roles import CONVENTIONS
 from retarget.live.stream import MOST_DECODED
 from retarget.live.stream_report import advice_for, natnet_problems

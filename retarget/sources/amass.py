@@ -91,7 +91,7 @@ def smpl_frames(file: ArrayFile, options: ReadOptions) -> SensorFrames:
         unit=1.0,
         rate=_rate(file) if options.rate is None else check_rate(options.rate, "--rate"),
         source=file.source,
-        up=options.up,
+        options=ReadOptions(up=options.up),
         notes=(*file.notes, *notes),
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError, suggest
 from retarget.frames import SensorFrames
-from retarget.sources.canonical import CMU_METRES, canonical_frames, named_unit
+from retarget.sources.canonical import CMU_METRES, canonical_frames
 from retarget.sources.files import (
     AS_WRITTEN,
     ReadOptions,
@@ -247,11 +247,10 @@ def read_amc(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     return canonical_frames(
         asf.tree,
         pose_of(asf, values, degrees=degrees),
-        unit=CMU_METRES if options.unit is None and is_cmu else named_unit(options.unit),
+        unit=CMU_METRES if is_cmu else None,
         rate=check_rate(rate, "--rate"),
         source=str(path),
-        stature=options.stature,
-        up=options.up,
+        options=options,
         notes=notes,
     )
 

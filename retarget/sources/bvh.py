@@ -16,7 +16,7 @@ import numpy as np
 
 from retarget.errors import InputError, UsageError, suggest
 from retarget.frames import SensorFrames
-from retarget.sources.canonical import canonical_frames, named_unit
+from retarget.sources.canonical import canonical_frames
 from retarget.sources.files import (
     AS_WRITTEN,
     ReadOptions,
@@ -206,11 +206,10 @@ def read_bvh(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     return canonical_frames(
         tree,
         posed(tree, channels, values),
-        unit=named_unit(options.unit),
+        unit=None,
         rate=motion.rate_hz,
         source=str(path),
-        stature=options.stature,
-        up=options.up,
+        options=options,
         notes=(*motion.notes, *lost, *notes),
     )
 

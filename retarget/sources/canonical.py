@@ -14,7 +14,7 @@ from retarget.frames import stature as stature_of
 from retarget.model.human_dimensions import PARENTS, POINTS, proportional_dimensions
 from retarget.model.rest_skeleton import limb_turns
 from retarget.sources.axes import world_axes
-from retarget.sources.files import frame_times, lost_notes
+from retarget.sources.files import AS_WRITTEN, ReadOptions, frame_times, lost_notes
 from retarget.sources.rest_skeleton import find_rest_skeleton, segment_joint
 from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
@@ -77,20 +77,20 @@ def canonical_frames(
     unit: float | None,
     rate: float,
     source: str,
-    stature: float | None = None,
-    up: FloatArray | None = None,
+    options: ReadOptions = AS_WRITTEN,
     notes: tuple[str, ...] = (),
 ) -> SensorFrames:
     """Sensors, joints and rest skeleton of a tree in motion.
 
-    pose: of every frame, in the file's axes and units. unit: metres of one, None to guess it from the size of the body.
-    stature: m, of the performer, and up (3,): the up axis, if the user says them; a stature gives the unit. Raises
-    InputError if the tree is no human.
+    pose: of every frame, in the file's axes and units. unit: metres of one where the user names none; None: it is
+    guessed from the size of the body. options: their unit, up axis and stature are used; a stature gives the unit.
+    Raises InputError if the tree is no human.
     """
-    rest = find_rest_skeleton(tree, pose, up=up, rate=rate, where=source)
+    rest = find_rest_skeleton(tree, pose, up=options.up, rate=rate, where=source)
     height, unit_note = stature_of(rest.skeleton), ""
-    if stature is not None and height:
-        unit = stature / height
+    unit = named_unit(options.unit) or unit
+    if options.stature is not None and height:
+        unit = options.stature / height
     elif unit is None:
         unit, unit_note = choose_unit(height, where=source)
     names = tuple(name for name in JOINTS if name in rest.joints)

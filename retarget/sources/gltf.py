@@ -23,7 +23,7 @@ from retarget.arithmetic import dot, matmul, norms
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
 from retarget.sources.bvh import MAX_DEPTH, MAX_JOINTS
-from retarget.sources.canonical import canonical_frames, named_unit
+from retarget.sources.canonical import canonical_frames
 from retarget.sources.files import (
     AS_WRITTEN,
     MAX_FILE_BYTES,
@@ -542,10 +542,9 @@ def read_gltf(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     return canonical_frames(
         tree,
         JointPoses(pose.position, turned),
-        unit=named_unit(options.unit) or 1.0,
+        unit=1.0,
         rate=rate,
         source=str(path),
-        stature=options.stature,
-        up=options.up,
+        options=options,
         notes=(*notes, *moved_notes),
     )

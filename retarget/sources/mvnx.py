@@ -16,7 +16,7 @@ import numpy as np
 from retarget import rotations
 from retarget.errors import InputError
 from retarget.frames import SensorFrames
-from retarget.sources.canonical import canonical_frames, named_unit
+from retarget.sources.canonical import canonical_frames
 from retarget.sources.files import (
     AS_WRITTEN,
     MAX_FRAMES,
@@ -94,11 +94,10 @@ def read_mvnx(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
     return canonical_frames(
         tree,
         pose,
-        unit=named_unit(options.unit) or 1.0,
+        unit=1.0,
         rate=rate,
         source=str(path),
-        stature=options.stature,
-        up=options.up,
+        options=options,
         notes=notes,
     )
 

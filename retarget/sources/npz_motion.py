@@ -237,11 +237,10 @@ def _read_kimodo(file: ArrayFile, options: ReadOptions) -> SensorFrames:
     return canonical_frames(
         tree,
         pose,
-        unit=named_unit(options.unit) or 1.0,
+        unit=1.0,
         rate=rate,
         source=file.source,
-        stature=options.stature,
-        up=options.up,
+        options=options,
         notes=notes,
     )
 

@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ SERVER = "retarget.web.server"
 """The module that serves the page."""
 SHOWN = (
     *("human_q", "sensors", "q", "present", "landmarks_asked", "landmarks_reached", "observer_modes", "temperature"),
-    *("current", "truth", "doing", "reason"),
+    *("current", "truth", "doing", "reason", "imu_orientation", "imu_valid"),
 )
 """The fields of a row that a page shows, besides its time, obstacles and latency."""
 STATE_WORDS = {
@@ -64,9 +65,9 @@ MOST_WORDS = 1024
 @dataclass(frozen=True)
 class Settings:
     """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
-    for any. robot: its name. performs: a browser may be the performer, and pause the robot; else it looks on, and can
-    only stop it. dead_man: the robot moves only while it is held. poses: number of the socket to the run for poses, -1:
-    none."""
+    for any. robot: name or file of its profile. performs: a browser may be the performer, and pause the robot; else it
+    looks on, and can only stop it. dead_man: the robot moves only while it is held. poses: number of the socket to the
+    run for poses, -1: none."""
 
     listen: bool
     port: int
@@ -111,7 +112,7 @@ def packed(message: PageSetup | RunTable | Note | str) -> bytes:
     arrays = {name: value for name, value in known.items() if isinstance(value, np.ndarray) and value.dtype != object}
     kinds = {name: (value.dtype.str, value.shape) for name, value in arrays.items()}
     words = {name: value for name, value in known.items() if name not in arrays}
-    head = json.dumps([words, kinds], default=np.ndarray.tolist).encode()
+    head = json.dumps([words, kinds], default=methodcaller("tolist")).encode()
     return b"".join([ROW, head, b"\n", *(value.tobytes() for value in arrays.values())])
 
 

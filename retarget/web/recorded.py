@@ -27,7 +27,7 @@ from retarget.run.table import RunTable
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray
 from retarget.web.feed import SHOWN, STATE_WORDS
-from retarget.web.shown import Cast, joint_tracks, moved, observer_poses, present
+from retarget.web.shown import Cast, joint_tracks, moved, observers_at, present
 
 WORDS = {STATES_OF_RUN[state]: words for state, words in STATE_WORDS.items()}
 PHASE_WORDS = ("approaching", "following", "stopping")
@@ -60,9 +60,10 @@ KEPT_FIELDS = ("time", "phase", "gated", *SHOWN)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShownRun(RunTable):
-    """A recorded run, as a page shows it. notes: what is missing."""
+    """A recorded run, as a page shows it. robot: its name. notes: what is missing."""
 
     cast: Cast
+    robot: str
     notes: tuple[str, ...] = ()
 
 
@@ -96,7 +97,8 @@ def open_recorded(path: Path, *, body: Path | None = None) -> ShownRun:
         doing = [WORDS.get(state, words) for state, words in zip(run.state.tolist(), doing, strict=True)]
     known["doing"] = np.array(doing, dtype=np.object_)
     known["reason"] = np.where(known["doing"] == "following", "", run.reason if "reason" in run else "")
-    return ShownRun(**known, cast=cast, notes=tuple(dict.fromkeys((*run.notes, *notes))))
+    name = run.robot if profile is None else profile.profile.name
+    return ShownRun(**known, cast=cast, robot=name, notes=tuple(dict.fromkeys((*run.notes, *notes))))
 
 
 def _profile(body: Path) -> RobotBody | None:
@@ -113,9 +115,10 @@ MOST_ROWS = 40_000
 """Rows of a page at most, some 70 MB: five minutes at 125 Hz; a longer run is shown more coarsely."""
 
 
-def page_files(run: ShownRun, title: str) -> dict[str, bytes]:
-    """The page of a run, "", and what it loads, by their places."""
+def page_files(run: ShownRun, name: str) -> dict[str, bytes]:
+    """The page of a run, "", and what it loads, by their places. name: of the recording."""
     tracks = bytearray()
+    title = f"{run.robot}: {name}"
     html = template("view.html").render(title=title, animation=_lifted(_animation(run), tracks))
     script = player_script('await (await fetch("tracks")).arrayBuffer()')
     styles = {name: (FOLDER / name).read_bytes() for name in ("base.css", "page.css")}
@@ -181,17 +184,16 @@ def _robot(run: ShownRun, q: FloatArray) -> dict[str, Any]:
     cast = run.cast
     assert cast.robot is not None
     marks = run.landmarks_asked if "landmarks_asked" in run else np.zeros((len(run), 0, 3))
+    acts = "observer_modes" in run and cast.profile is not None
     made = figure(
-        "robot" if cast.profile is None else cast.profile.profile.name,
+        run.robot,
         cast.robot,
         cast.robot.poses(present(cast, run, q)),
         goal=cast.robot.poses(run.q),
         marks=marks,
         layers=("asked", "pass"),
         scene=_obstacles(run),
-        observers=(cast.observer_meshes, observer_poses(cast, run))
-        if "observer_modes" in run and cast.profile
-        else None,
+        observers=(cast.observer_meshes, *observers_at(cast, run)) if acts else None,
     )
     return made | {"caption": "as simulated" if "truth" in run else "as its servos report it"}
 

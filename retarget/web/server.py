@@ -42,7 +42,9 @@ from retarget.model.meshes import solid_body
 from retarget.model.robot import load_robot
 from retarget.model.scene_shapes import scene_shapes
 from retarget.model.scene_state import obstacle_meshes
+from retarget.rotations import conjugate, rotate
 from retarget.run.table import RunTable
+from retarget.schema.profile import read_profile
 from retarget.schema.scene import load_scene
 from retarget.sources.streams.stream_frame import MAX_DATAGRAM
 from retarget.types import FloatArray, RunState
@@ -185,7 +187,7 @@ class PageServer:
         settings = self.settings
         welcome = {
             "hear": "welcome",
-            "robot": settings.robot,
+            "robot": robot_words(settings.robot),
             "performs": settings.performs,
             "runtime": runtime_folder() is not None,
             "dead_man": settings.dead_man,
@@ -351,6 +353,12 @@ class PageServer:
         state = {"time": round(float(row.time), 3), "state": row.doing, "why": row.reason, "sensors": known}
         if "latency" in row:
             state["latency_ms"] = {"page to goal": round(0.5 * self._round_trip_ms + 1e3 * float(row.latency), 1)}
+        if "imu_valid" in row and np.isfinite(row.imu_orientation).all():
+            up = rotate(conjugate(row.imu_orientation), [0.0, 0.0, 1.0])
+            right, forward = np.degrees(np.arctan2([up[1], -up[0]], up[2]))
+            ways = ("back" if forward < 0.0 else "forward", "left" if right < 0.0 else "right")
+            tilted = f"tilted {abs(forward):.0f}° {ways[0]}, {abs(right):.0f}° {ways[1]}"
+            state["imu"] = tilted if row.imu_valid else "no IMU"
         return state | {"clipped": [*self._clipped(cast, row)]}
 
     def _clipped(self, cast: Cast, row: RunTable) -> Iterator[str]:
@@ -454,6 +462,14 @@ def packed_state(state: dict[str, Any], tracks: Iterable[FloatArray]) -> bytes:
     text = json.dumps(state).encode()
     text += b" " * (-len(text) % 4)
     return struct.pack("<I", len(text)) + text + b"".join(one.astype("<f4").tobytes() for one in tracks)
+
+
+def robot_words(robot: str) -> str:
+    """The name of a robot of which the name or the file of its profile is given."""
+    try:
+        return read_profile(robot).name
+    except RetargetError:  # which the run says, or it is a human
+        return robot
 
 
 def cast_of(setup: PageSetup) -> Cast:

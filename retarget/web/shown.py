@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from retarget import _solver
 from retarget.model.meshes import OBSERVER, OBSTACLE, Mesh, SolidBody, shape_mesh, shapes_json
-from retarget.model.observers import Observers, robot_observers
+from retarget.model.observers import Observers, placed, robot_observers
 from retarget.model.robot import RobotBody
 from retarget.report.motion_metrics import Standing, standing_of
 from retarget.rotations import multiply, rotate
@@ -105,13 +106,14 @@ def standing(cast: Cast, q: FloatArray) -> Standing | None:
     return standing_of(cast.profile, q) if cast.profile is not None and cast.profile.stands else None
 
 
-def observer_poses(cast: Cast, rows: RunTable) -> FloatArray:
-    """Where the robot's observers are, (T, o, 7); NaN: it does not act."""
+def observers_at(cast: Cast, rows: RunTable) -> tuple[FloatArray, FloatArray]:
+    """Where the robot's observers are, (T, o, 7), NaN: it does not act; and the nearest points (T, 2, 3) m of the two
+    links that are nearest to each other, of the pairs in which one acts."""
     known = cast.observers
     assert known is not None and cast.robot is not None
-    found = np.full((len(rows), len(known.names), 7), np.nan)
+    found, near = np.full((len(rows), len(known.names), 7), np.nan), np.full((len(rows), 2, 3), np.nan)
     if "observer_modes" not in rows or rows.observer_modes.shape[1] != len(known.names):
-        return found
+        return found, near
     modes = rows.observer_modes > 0
     for row in np.flatnonzero(modes.any(axis=1)).tolist():
         acts = modes[row]
@@ -119,7 +121,21 @@ def observer_poses(cast: Cast, rows: RunTable) -> FloatArray:
         place, turn = places[known.links[acts]], turns[known.links[acts]]
         found[row, acts, :3] = place + rotate(turn, known.positions[acts])
         found[row, acts, 3:] = multiply(turn, known.quats[acts])
-    return found
+        near[row] = nearest_points(known, acts, *placed(cast.robot.body, known, rows.q[row]))
+    return found, near
+
+
+def nearest_points(known: Observers, acts: BoolArray, places: FloatArray, turns: FloatArray) -> FloatArray:
+    """The nearest points (2, 3) m of the pair of observers at places (o, 3) m and turns (o, 4) wxyz that is nearest to
+    each other, of those in which one acts (o,); NaN where none is within reach of the other."""
+    pairs = known.pairs[acts[known.pairs].any(axis=1)]
+    a, b = (np.ascontiguousarray(column) for column in pairs.T)
+    sides = ((known.kinds[one], known.sizes[one], places[one], turns[one]) for one in (a, b))
+    distance, *ends, _ = _solver.shape_distances(*next(sides), *next(sides))
+    distance[distance > np.maximum(known.influence[a], known.influence[b])] = np.inf
+    if not np.isfinite(distance).any():
+        return np.full((2, 3), np.nan)
+    return np.array([end[np.argmin(distance)] for end in ends])
 
 
 def joint_tracks(cast: Cast, rows: RunTable) -> dict[str, FloatArray]:
@@ -159,5 +175,5 @@ def live_tracks(cast: Cast, row: RunTable) -> dict[str, FloatArray]:
     if (stand := standing(cast, q)) is not None:
         found |= {"robot.corners": stand.corners, "robot.com": stand.com, "robot.margin": stand.margin}
     if cast.observers is not None:
-        found["robot.observers"] = observer_poses(cast, rows)
+        found["robot.observers"], found["robot.near"] = observers_at(cast, rows)
     return found | {f"joints.{name}": values for name, values in joint_tracks(cast, rows).items()}

@@ -160,6 +160,9 @@ class Device:
     def sense(self, ailment: Ailment | None, now: float) -> None:
         """Let its IMU have a fault; None: it works."""
 
+    def hold_current(self, stuck: bool, now: float) -> None:
+        """Show the same current from now on, or the true one again."""
+
     def jam(self, stuck: bool, now: float) -> None:
         """Block the shaft, or free it: a blocked servo stalls before its goal, and overloads after a while."""
 

@@ -150,6 +150,7 @@ _EFFECTS: dict[FaultKind, Callable[[Device, float | None, float], None]] = {
     FaultKind.OVER_TEMPERATURE: lambda device, value, now: device.heat(value, now),
     FaultKind.UNDER_VOLTAGE: lambda device, value, now: device.supply(value, now),
     FaultKind.OVERLOAD: lambda device, value, now: device.jam(value is not None, now),
+    FaultKind.CURRENT_STUCK: lambda device, value, now: device.hold_current(value is not None, now),
     FaultKind.IMU_FROZEN: lambda device, value, now: device.sense(None if value is None else Ailment.FROZEN, now),
     FaultKind.IMU_SWAPPED: lambda device, value, now: device.sense(None if value is None else Ailment.SWAPPED, now),
     FaultKind.IMU_SPIKES: lambda device, value, now: device.sense(None if value is None else Ailment.SPIKES, now),

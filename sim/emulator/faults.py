@@ -52,6 +52,8 @@ class FaultKind(Enum):
     """It shows x and y with the wrong sign."""
     IMU_SPIKES = "imu_spikes"
     """Now and then it shows numbers beyond its range."""
+    CURRENT_STUCK = "current_stuck"
+    """The current that a servo shows does not change."""
 
 
 class Direction(Enum):
@@ -138,9 +140,9 @@ class Fault(Schema):
         return within and self.start <= time < self.end
 
 
-IMU_KINDS = frozenset((FaultKind.IMU_FROZEN, FaultKind.IMU_SWAPPED, FaultKind.IMU_SPIKES))
-"""Faults of an IMU that answers."""
-RANDOM_KINDS = tuple(kind for kind in FaultKind if kind not in IMU_KINDS)
+MEASURED_KINDS = frozenset((FaultKind.IMU_FROZEN, FaultKind.IMU_SWAPPED, FaultKind.IMU_SPIKES, FaultKind.CURRENT_STUCK))
+"""Faults of what a device measures, which answers."""
+RANDOM_KINDS = tuple(kind for kind in FaultKind if kind not in MEASURED_KINDS)
 """Kinds that random faults are drawn from: those that every line can have."""
 RATES = (1e-3, 1e-1)
 """Shares of bytes that a random fault damages, drawn evenly by their logarithms."""

@@ -86,9 +86,9 @@ class ServoElectrics:
         self._velocity = 0.0
         self._overload.held = 0.0
 
-    def advance(self, now: float, velocity: float, *, effort: float, torque: bool) -> None:
+    def advance(self, now: float, velocity: float, *, effort: float, torque: bool, motor: float | None = None) -> None:
         """Move on to `now` (s), where the shaft turns at `velocity` tick/s and the motor holds `effort` of its stall
-        torque. Call it no more often than every WINDOW."""
+        torque. motor: its current, A, signed, where that is known. Call it no more often than every WINDOW."""
         elapsed = now - self.time
         if elapsed <= 0.0:
             return
@@ -99,8 +99,9 @@ class ServoElectrics:
         drive = SPEED_CURRENT * share + INERTIA / TORQUE_PER_AMPERE * gain / elapsed + LARGEST_CURRENT * abs(effort)
         if share > STILL:
             drive += FRICTION_CURRENT
+        drive = drive if motor is None else abs(motor)
         current = IDLE_CURRENT + (min(drive, LARGEST_CURRENT) if torque else 0.0)
-        self.direction = -1.0 if (effort or velocity) < 0.0 else 1.0
+        self.direction = -1.0 if (motor or effort or velocity) < 0.0 else 1.0
         if current != self.current:
             self.draw(current)
         final = AMBIENT + HEAT_PER_AMPERE2 * current * current

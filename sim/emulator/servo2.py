@@ -79,6 +79,7 @@ class EmulatedServo(ServoBody):
         self._encoder = Encoder(self.memory, self.shaft)
         self._speed_unit = (table["present_velocity"].scale or 1.0) / model.tick_rad  # [tick/s]
         self._current_unit = (table["present_current"].scale or 1.0) if table.has("present_current") else 1.0  # [A]
+        self._current_stuck = False
         self._latched = 0  # Hardware Error Status
         self._alert = 0
         self._threshold = 0.0  # [tick/s] of moving
@@ -163,7 +164,14 @@ class EmulatedServo(ServoBody):
             "present_input_voltage": 10.0 * electrics.voltage,
             "present_temperature": electrics.warmth,
         }
+        if self._current_stuck:
+            del values["present_current"]
         self.show_values(values)
+
+    def hold_current(self, stuck: bool, now: float) -> None:
+        """Show the same current from now on, or the true one again."""
+        self.catch_up(now)
+        self._current_stuck = stuck
 
     def answer(self, error: int = 0, data: bytes = b"") -> Answer:
         """Return an answer with the alert bit as it stands."""

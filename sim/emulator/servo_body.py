@@ -100,7 +100,8 @@ class ServoBody(Device):
         if self._awake_at == inf:
             self.electrics.time = now
             return
-        self.electrics.advance(now, shaft.velocity, effort=shaft.effort(), torque=shaft.torque)
+        motor = None if shaft.mechanics is None else shaft.mechanics.current(shaft)
+        self.electrics.advance(now, shaft.velocity, effort=shaft.effort(), torque=shaft.torque, motor=motor)
         self.check()
 
     def reboot(self, now: float) -> None:

@@ -167,6 +167,9 @@ class Mechanics(Protocol):
     def effort(self, shaft: "Shaft") -> float:
         """Return the torque of the motor as a share of its stall torque, signed."""
 
+    def current(self, shaft: "Shaft") -> float:
+        """Return the current of the motor, A, signed."""
+
 
 class Shaft:
     """Position of the shaft, and its goal. `top`: no-load speed in tick/s at full drive.

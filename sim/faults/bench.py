@@ -38,6 +38,7 @@ from sim.emulator.servo2 import EmulatedServo
 from sim.faults.sender import FakeSender, Poses
 from sim.faults.wire_checker import READS, Sent, packets, torque_off, written
 from sim.physics.bus import drive_shafts
+from sim.physics.simulation import Simulation
 from sim.physics.witness import Witness, WitnessedBus
 
 # The trace of a live run with faults.
@@ -204,6 +205,9 @@ class Bench(Operator, Observer):
         self.recording: SensorFrames | None = None
         self.mass = mass
         self.witness: Witness | None = None
+        self.simulation: Simulation | None = None
+        self.presses = False
+        """Whether something presses against the robot, so that it gives way in a hold."""
         self._duration, self._seed, self._performer, self._gate = duration, seed, performer, gate
         self._due: list[tuple[float, Callable[[], object]]] = []
 
@@ -353,6 +357,7 @@ class Bench(Operator, Observer):
         self.robot = robot
         buses = robot.profile.bus_specs()
         imu, simulation = robot.profile.imu_spec(), simulation_of(robot, start=start) if self.mass else None
+        self.simulation = simulation
         sensor = None if imu is None else imu_stand_in(imu, simulation, seed=self._seed)
         self.lines = robot_lines(
             robot.joint_map.servos, buses, start=start, now=clock.now(), seed=self._seed, powered=True, imu=sensor

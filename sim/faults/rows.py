@@ -23,6 +23,7 @@ from sim.emulator.faults import Fault, FaultKind
 from sim.faults import sender
 from sim.faults.bench import BEFORE_ARMING, Bench
 from sim.faults.sender import encoded
+from sim.physics.perturbation import Push
 
 HELD_S = 0.150
 """Longest time from silence of the stream to the hold, s."""
@@ -273,6 +274,14 @@ def _slip(bench: Bench, device: int, by: float) -> None:
     servo.shaft.position += by / servo.servo_model.tick_rad
 
 
+def _press(bench: Bench, frame: str, force: tuple[float, float, float], seconds: float) -> None:
+    """Press against a point of the robot, N."""
+    simulation = bench.simulation
+    assert simulation is not None, "a robot with mass"
+    bench.presses = True
+    simulation.push(Push(force, simulation.time, seconds, frame))
+
+
 def _register(bench: Bench, device: int, name: str, value: int) -> None:
     """Replace a servo by one with another register value."""
     servo = bench.servo(device)
@@ -313,6 +322,7 @@ ACTS: dict[str, Act] = {
     "reset": _reset,
     "overload": lambda bench, device: bench.servo(device).overload(bench.clock.now()),
     "slip": _slip,
+    "press": _press,
     "register": _register,
 }
 ARMED_ACTS: dict[str, Act] = {

@@ -164,6 +164,12 @@ class SimulatedShafts:
         simulation = self._simulation
         return float(simulation.motors.torque(simulation.data)[row] / self._stall[row])
 
+    def current(self, shaft: Shaft) -> float:
+        """Return the current of the motor, A, signed."""
+        simulation = self._simulation
+        torque, driven = simulation.motors.torque(simulation.data), simulation.motors.driven
+        return float(simulation.electrics.current(torque, driven)[self._row[id(shaft)]])
+
     def _take_settings(self) -> None:
         """Take torque, gain and drive limit from the registers."""
         settings = tuple(

@@ -12,20 +12,17 @@ torque has neither actuator: its motor is open. Coupled servos pull a tendon eac
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hardware.arrays import BoolArray, ByteArray, FloatArray
 from hardware.bus import ServoAlert
 from hardware.dynamixel.control_table import find_table
+from hardware.motors import DriveNumbers
 from hardware.servo import (
     FULL_PWM,
     Layout,
-    ServoModel,
     ServoSpec,
     full_drive_error,
     integral_rate,
@@ -75,108 +72,6 @@ def position_loop(servo: ServoSpec) -> PositionLoop:
 def gain_missing(servo: ServoSpec) -> bool:
     """Whether the profile does not have the P gain of this servo."""
     return servo.gains.position_p is None and find_table(servo.model.name, servo.protocol).p_gain is not None
-
-
-# Measured motors and gears of servos, one row per model in `motors.yaml`. Values without a measurement are derived, as
-# their source says.
-#
-# All at the output shaft, N m, rad, A, V. The motor is the usual one: u = R i + kt w, torque = kt i. So at supply V it
-# stalls at kt V / R and turns no faster than V / kt.
-
-ARC_MINUTE = 2.908882e-4  # [rad]
-BACKLASH = 15.0 * ARC_MINUTE
-"""Play between the output shaft and its gears, e-Manual of the X540 series; taken for every model without a value."""
-
-FRICTION_SHARE, ARMATURE_SHARE = 0.025, 0.003
-"""Shares of the stall torque (the latter in s^2): the middle of the identified values, for models without one."""
-
-
-@dataclass(frozen=True)
-class DriveNumbers:
-    """torque_constant kt N m/A (V s/rad), resistance ohm, armature kg m^2, friction (Coulomb) N m, viscous N m s/rad,
-    backlash rad, most_torque N m that the motor gives at any speed, temperature_limit degrees Celsius at which it
-    switches itself off. source: where each comes from."""
-
-    torque_constant: float
-    resistance: float
-    armature: float
-    friction: float
-    viscous: float
-    backlash: float
-    most_torque: float
-    temperature_limit: float
-    source: str
-
-    def stall_torque(self, voltage: float) -> float:
-        """Stall torque, N m, at full drive and `voltage` V."""
-        return self.torque_constant * voltage / self.resistance
-
-    @property
-    def back_emf(self) -> float:
-        """Torque lost per speed to the voltage that the motor generates, N m s/rad."""
-        return self.torque_constant**2 / self.resistance
-
-
-@dataclass(frozen=True)
-class _Identified:
-    """armature kg m^2, friction N m, viscous N m s/rad; most_torque N m, motor (kt, R), None: the maker's numbers.
-    line: rad/s up to which it gives most_torque, and (rad/s, N m) of a point beyond; None: the motor's."""
-
-    armature: float
-    friction: float
-    viscous: float
-    source: str
-    most_torque: float | None = None
-    motor: tuple[float, float] | None = None
-    line: tuple[float, float, float] | None = None
-
-
-MEASURED = Path(__file__).with_name("motors.yaml")
-
-
-@cache
-def _identified() -> dict[str, _Identified]:
-    """The measured models, by name."""
-    rows = yaml.safe_load(MEASURED.read_text(encoding="utf-8"))
-    return {model: _Identified(**row) for model, row in rows.items()}
-
-
-def drive_numbers(model: ServoModel) -> DriveNumbers:
-    """The numbers of a model, by identification where there is one."""
-    known = _identified().get(model.name)
-    if known is None:
-        share = model.stall_torque
-        known = _Identified(ARMATURE_SHARE * share, FRICTION_SHARE * share, 0.0, "derived from stall torque and speed")
-    kt, resistance = known.motor or _motor_of_line(model, known)
-    return DriveNumbers(
-        torque_constant=kt,
-        resistance=resistance,
-        armature=known.armature,
-        friction=known.friction,
-        viscous=known.viscous,
-        backlash=BACKLASH,
-        most_torque=known.most_torque or kt * model.voltage / resistance,
-        temperature_limit=float(find_table(model.name, max(model.protocols))["temperature_limit"].initial or 80),
-        source=known.source,
-    )
-
-
-def _motor_of_line(model: ServoModel, known: _Identified) -> tuple[float, float]:
-    """kt and R of the motor whose torque falls with speed along the identified line, or faster, so that it turns no
-    faster than its maker says. Without a line it stalls at the maker's torque.
-
-    Torque at full drive is kt V / R - (kt^2 / R) x speed; friction, and viscous x speed, come off it.
-    """
-    first, torque, fall = 0.0, model.stall_torque, 0.0
-    if known.line is not None and known.most_torque is not None:
-        first, speed, left = known.line
-        torque = known.most_torque
-        fall = (torque - left) / (speed - first)
-    top = model.no_load_speed
-    fall = max(fall, (torque - known.friction - known.viscous * top) / (top - first))
-    stall = torque + fall * first
-    kt = model.voltage * fall / stall
-    return kt, kt * model.voltage / stall
 
 
 MOTOR, BACK_EMF, SHAFT = "physics_motor_", "physics_emf_", "physics_shaft_"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hardware.motors import drive_numbers
 from hardware.servo import loop_stiffness
 from retarget.errors import ConfigError
 from retarget.ik.gravity_torque import GRAVITY
@@ -18,7 +19,7 @@ from retarget.model.robot import RobotBody
 from retarget.schema.scene import HERE, Pose, Scene
 from retarget.types import FloatArray
 from sim.physics.ground import FIXTURE, FLOOR, add_fixtures, add_floor, add_soles, sort_shapes
-from sim.physics.motors import Drive, add_motors, drive_numbers, position_loop
+from sim.physics.motors import Drive, add_motors, position_loop
 from sim.physics.mount import Mount, Support, add_hand, add_rope, check_gains, check_masses, check_mount
 from sim.physics.perturbation import Perturbation
 

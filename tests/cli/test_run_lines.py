@@ -103,13 +103,16 @@ def test_a_replay(printed: Callable[..., list[str]]) -> None:
 def test_a_stream_that_drops_out_again_and_again(count: int, tmp_path: Path, printed: Callable[..., list[str]]) -> None:
     source = dropping_out(tmp_path / "gaps.raw", count)
     robot = "op3" if count < 100 else "human"  # whose run takes a third of the time
-    words = ("run", "--robot", robot, "--source", source, "--countdown", "1")
-    lines = printed(*words)
+    lines = printed("run", "--robot", robot, "--source", source, "--countdown", "1")
     assert len(lines) <= MOST_LINES, "\n".join(lines)
     assert sum(line.startswith(HOLDS) for line in lines) == 1
     shows(next(line for line in lines if line.startswith("held ")), f"{count} times", "--verbose")
-    verbose = printed(*words, "--verbose")
-    assert sum(line.startswith(HOLDS) for line in verbose) > 1
+
+
+def test_with_verbose_a_hold_is_said_again(tmp_path: Path, printed: Callable[..., list[str]]) -> None:
+    source = dropping_out(tmp_path / "gaps.raw", 12)
+    lines = printed("run", "--robot", "human", "--source", source, "--countdown", "1", "--verbose")
+    assert sum(line.startswith(HOLDS) for line in lines) > 1
 
 
 def test_a_stream_that_is_silent_again_and_again_is_said_why_once(

@@ -146,7 +146,7 @@ def test_the_page_saves_what_it_shows_as_a_video(browser: Any, tmp_path: Path) -
             with page.expect_download(timeout=120000) as saved:
                 page.select_option("#speed", "0.1")
                 page.click("#film")
-            assert saved.value.suggested_filename in ("run.mp4", "run.webm")
+            assert saved.value.suggested_filename in ("op3-run.mp4", "op3-run.webm")
             saved.value.save_as(tmp_path / "film")
         assert (tmp_path / "film").stat().st_size > 5000
     finally:

@@ -355,7 +355,7 @@ def refuse() -> None:
     ("work", "facts"),
     [
         (take_memory, "1000 MB"),
-        (take_time, "10 s of a processor"),
+        (take_time, "30 s of a processor"),
         (refuse, ("a:1", "a:2")),
         (partial(signal.raise_signal, signal.SIGTERM), "(-15)"),
         (partial(os._exit, 5), "(5)"),

@@ -14,7 +14,8 @@ from PIL import Image
 from messages import refuses
 from retarget.errors import ConfigError, UsageError
 from retarget.model.body import load_body_text
-from retarget.model.meshes import LEFT, MIDDLE, RIGHT, rgb, solid_body
+from retarget.model.meshes import LEFT, MIDDLE, RIGHT, Mesh, rgb, shape_mesh, solid_body
+from retarget.model.scene_shapes import ShapeKind
 from retarget.model.scene_state import SceneState
 from retarget.pictures import solid
 from retarget.pictures.outputs import Outputs, WrittenFiles
@@ -56,6 +57,27 @@ def test_the_nearest_is_seen() -> None:
     assert orange > 0.9 * np.pi * 15.0**2 and grey > 2000, "the ball is a circle of 15 pixels"
     hidden, more = drawn((0.0, 0.0, 0.0, 1.0))
     assert hidden < 0.35 * orange and more > grey, "turned by half, the box stands before the ball"
+
+
+def test_an_open_surface_is_seen_from_both_sides_and_its_shadow_has_room() -> None:
+    """A box without its near side: its far one is seen from within, and what it casts ends inside the picture."""
+    body = solid_body(load_body_text(TWO, source="test"), {"base": 1, "l_ball": 2})
+    box = shape_mesh(ShapeKind.BOX, (0.1, 0.2, 0.3))
+    near = (box.vertices[box.faces][..., 0] > 0.0).all(axis=1)
+    cut = Mesh(box.vertices, box.faces[~near])
+    assert near.sum() == 2 and box.is_closed and not cut.is_closed
+    pixels = []
+    for mesh in (box, cut):
+        alone = replace(body, meshes=(mesh,), owners=body.owners[:1], colours=body.colours[:1])
+        postures = DrawnPostures(alone, body.poses(np.array([[0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0, 0.0]])), 1.0)
+        picture = Image.new("RGB", (300, 200), "white")
+        postures.draw(picture, 0, place=(100.0, 150.0), scale=150.0)
+        pixels.append(np.asarray(picture).min(axis=2))
+        right = 100 + round(150.0 * postures.shadow_end(0))
+        dark = np.flatnonzero((pixels[-1] < 252).any(axis=0))
+        assert right - 25 < dark.max() <= right < 300
+    seen = pixels[0][:130] < 200
+    assert seen.sum() > 2000 and (pixels[1][:130][seen] < 200).mean() > 0.97, "it is not seen through"
 
 
 def test_bones_are_drawn_where_both_ends_are_known() -> None:

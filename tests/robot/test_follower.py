@@ -396,6 +396,16 @@ def test_an_envelope_is_measured_once_for_a_robot_and_anew_for_other_limits() ->
     shallow = replace(limits, upper=np.where(np.arange(robot.body.nv) == knee, 0.5, limits.upper))
     assert robot_envelope(robot, shallow, edges=edges, margin=None).lowest > found.lowest + 0.02
     assert robot_envelope(robot, limits, edges=stance.edges(0.02), margin=None) is not found
+    # The same robot, loaded again; and others, one of which differs in a shape, one in a posture, one in its body.
+    assert robot_envelope(load_robot("op3"), limits, edges=edges, margin=None) is found
+    postures = robot.profile.postures.model_copy(update={"stand": robot.profile.postures.stand | {"l_knee": 0.5}})
+    heavier = replace(robot.body, mass=1.01 * robot.body.mass)
+    others = (
+        with_a_belly(),
+        replace(robot, profile=robot.profile.model_copy(update={"postures": postures})),
+        replace(robot, body=heavier),
+    )
+    assert len({one.content for one in (robot, load_robot("op3"), load_robot("wolfgang"), *others)}) == 5
 
 
 def with_a_belly() -> RobotBody:

@@ -213,7 +213,7 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     present = stand() - 0.3
     driven = Driven(present=present)
     approach = approaching(driven)
-    stop = ComeToRest(driven.follower, approach, dt=DT)
+    stop = ComeToRest(op3(), driven.follower, approach, driven.gate, dt=DT)
     for _ in range(60):
         driven.take(approach.target(driven.commanded, PerformerInput(), speed_override=1.0))
     while not driven.commanded.stands:

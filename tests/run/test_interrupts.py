@@ -444,7 +444,7 @@ def test_a_robot_that_cannot_go_to_rest_keeps_its_torque_until_the_operator_has_
         return check(last, target, standing=standing) if asked <= 50 else None
 
     monkeypatch.setattr(rig.gate, "check", walled)
-    stands_s = 60.0 if waits else STOOD_S
+    stands_s = 10.0 * STOOD_S if waits else STOOD_S
 
     def held() -> bool:
         supervisor = rig.supervisor

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 
 from guard_rig import Rig
 from hardware.clock import VirtualClock
+from hardware.errors import BusError
 from hardware.guard import YIELDING, Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from messages import shows
+from planted import failing
 from retarget.human.samples import PerformerInput
 from retarget.run.supervisor import (
     AT_RISK,
@@ -112,9 +114,7 @@ def test_a_robot_that_stops_never_follows_again() -> None:
 FALLS = Situation(approached=True, falls="the robot falls")
 
 
-@pytest.mark.parametrize(
-    "state", [state for state, row in STATES.items() if row.torque and state is not RunState.FALLING]
-)
+@pytest.mark.parametrize("state", [state for state, event in TRANSITIONS if event is Event.FALLS])
 def test_a_robot_that_falls_gives_way_and_lets_go_once_it_lies(state: RunState) -> None:
     """Whatever it does, and whatever else is wrong."""
     supervisor, rig = running(state=state)
@@ -127,6 +127,23 @@ def test_a_robot_that_falls_gives_way_and_lets_go_once_it_lies(state: RunState) 
     assert step(supervisor, 1.1 + LONGEST_FALL_S, FALLS, rig.guard, STOP) is RunState.FAULT
     assert rig.bus.drives == [YIELDING]
     assert rig.bus.calls[-1] == "torque off"
+
+
+def test_a_long_stop_makes_no_fall_shorter() -> None:
+    supervisor, rig = running()
+    assert supervisor.take(Event.STOP, 0.0)
+    late = LONGEST_STOP_S - 0.5
+    supervisor.state, supervisor.since = RunState.GO_TO_REST, late - 1.0
+    for now in (late, late + 0.9 * LONGEST_FALL_S):
+        assert step(supervisor, now, FALLS, rig.guard) is RunState.FALLING
+
+
+def test_a_robot_whose_drive_cannot_be_limited_loses_its_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    supervisor, rig = running()
+    monkeypatch.setattr(rig.bus, "limit_drive", failing(rig.bus.limit_drive, BusError("gone"), [1]))
+    assert step(supervisor, 1.0, FALLS, rig.guard) is RunState.FALLING
+    assert rig.bus.calls[-1] == "torque off" and rig.guard.torque is Torque.OFF
+    assert step(supervisor, 1.1, FALLS, rig.guard) is RunState.FAULT
 
 
 def test_every_state_in_which_the_robot_neither_follows_nor_stands_has_a_time_limit() -> None:

@@ -3,10 +3,11 @@
 from collections.abc import Iterable
 from dataclasses import replace
 from math import cos, degrees, pi, radians, sin, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from followers import op3
@@ -15,7 +16,7 @@ from retarget import rotations
 from retarget.ik.base_pose import plant_root
 from retarget.ik.support_polygon import plant
 from retarget.model.robot import RobotBody
-from retarget.safety.tipping import FALLS_S, STANDS_S, TIPS, UNKNOWN_S, Balance, TipWatch
+from retarget.safety.tipping import FALLS_S, STANDS_S, TIPS, UNKNOWN_S, TipState, TipWatch
 from retarget.types import FloatArray
 
 DT = 0.008
@@ -47,10 +48,24 @@ def sample_of(robot: RobotBody, q: FloatArray, turn: FloatArray, speed: FloatArr
     )
 
 
-def looked(watch: TipWatch, samples: Iterable[ImuSample], joints: FloatArray) -> Balance:
-    for sample in samples:
-        balance = watch.look(sample, joints)
-    return balance
+STILL, UPRIGHT = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+
+
+class Watched:
+    """A watch that is handed measurements, a tick apart. It begins on a level floor."""
+
+    def __init__(self, robot: RobotBody, joints: FloatArray | None = None, floor: FloatArray = UPRIGHT) -> None:
+        self.watch, self.time = TipWatch(robot, dt=DT), 0.0
+        q = planted(robot, joints)
+        self.joints = q[robot.servo_columns]
+        self.flat = sample_of(robot, q, floor, STILL)
+        self.look([self.flat])
+
+    def look(self, samples: Iterable[ImuSample], joints: FloatArray | None = None) -> TipState:
+        for sample in samples:
+            self.time += DT
+            state = self.watch.look(replace(sample, time=self.time), self.joints if joints is None else joints)
+        return state
 
 
 @settings(max_examples=30)
@@ -61,51 +76,87 @@ def test_what_bends_over_flat_soles_does_not_tip(seed: int, heading: float) -> N
     servos, draw = robot.joint_map, np.random.default_rng(seed)
     joints = draw.uniform(servos.lower, servos.upper)
     yaw = rotations.from_axis_angle([0.0, 0.0, 1.0], heading)
-    watch = TipWatch(robot, dt=DT)
-    sample = sample_of(robot, planted(robot, joints), yaw, np.zeros(3))
-    assert looked(watch, [sample] * 20, joints) is Balance.STANDS and watch.tilt < 1e-6
+    watched, q = Watched(robot), planted(robot, joints)
+    links, corners = robot.sole_corners
+    assume(robot.kinematics.points(q[None], links, corners)[0, :, 2].min() > -1e-6)  # else it stands on the other foot
+    sample = sample_of(robot, q, yaw, STILL)
+    assert watched.look([sample] * 20, joints) is TipState.STANDS and watched.watch.tilt < 1e-6
 
 
 @settings(max_examples=30)
 @given(st.floats(0.0, 2.0 * pi), st.floats(0.0, 0.5))
 def test_the_tilt_is_that_of_the_soles(way: float, tilt: float) -> None:
     robot = op3()
-    watch, q = TipWatch(robot, dt=DT), planted(robot)
+    watched = Watched(robot)
     turn = rotations.from_axis_angle([cos(way), sin(way), 0.0], tilt)
-    watch.look(sample_of(robot, q, turn, np.zeros(3)), q[robot.servo_columns])
-    assert watch.tilt == pytest.approx(tilt, abs=1e-6)
+    watched.look([sample_of(robot, planted(robot), turn, STILL)])
+    assert watched.watch.tilt == pytest.approx(tilt, abs=1e-6)
 
 
-def test_one_flat_sole_carries(robot: RobotBody) -> None:
-    q = planted(robot)
-    joints = q[robot.servo_columns].copy()
-    joints[robot.joint_map.joints.index("l_ank_roll")] += 0.3
-    watch = TipWatch(robot, dt=DT)
-    assert watch.look(sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), joints) is Balance.STANDS
-    assert watch.tilt < 1e-6
+@pytest.mark.parametrize("slope", [0.0, 5.5, 8.0])
+@pytest.mark.parametrize("speed", [1.0, 3.0])
+def test_a_robot_that_bows_on_a_slope_does_not_tip(robot: RobotBody, slope: float, speed: float) -> None:
+    """Its trunk turns and its mass moves, over soles that lie on the floor."""
+    floor = rotations.from_axis_angle([0.0, 1.0, 0.0], radians(slope))
+    watched, names = Watched(robot, floor=floor), robot.joint_map.joints
+    begin, bowed = watched.joints, watched.flat
+    for k in range(1, 40):
+        joints = begin.copy()
+        joints[names.index("l_hip_pitch")] -= speed * DT * k
+        joints[names.index("r_hip_pitch")] += speed * DT * k
+        now = sample_of(robot, planted(robot, joints), floor, STILL)
+        assert now.orientation is not None and bowed.orientation is not None
+        turned = rotations.log(rotations.multiply(rotations.conjugate(bowed.orientation), now.orientation)) / DT
+        assert watched.look([replace(now, angular_velocity=turned)], joints) is TipState.STANDS
+        bowed = now
+
+
+def test_bowing_makes_no_fall_of_a_robot_that_leans_with_its_soles(robot: RobotBody) -> None:
+    """Soles 5.5 degrees off the floor, which do not turn: it tips, and only where the mass goes counts."""
+    watched, names = Watched(robot), robot.joint_map.joints
+    lean = rotations.from_axis_angle([0.0, 1.0, 0.0], radians(5.5))
+    begin, bowed = watched.joints, sample_of(robot, planted(robot), lean, STILL)
+    watched.look([bowed] * 5)
+    for k in range(1, 12):
+        joints = begin.copy()
+        joints[names.index("l_hip_pitch")] -= 0.5 * DT * k
+        joints[names.index("r_hip_pitch")] += 0.5 * DT * k
+        now = sample_of(robot, planted(robot, joints), lean, STILL)
+        assert now.orientation is not None and bowed.orientation is not None
+        turned = rotations.log(rotations.multiply(rotations.conjugate(bowed.orientation), now.orientation)) / DT
+        assert watched.look([replace(now, angular_velocity=turned)], joints) is TipState.TIPS
+        bowed = now
+
+
+def test_the_lower_sole_carries(robot: RobotBody) -> None:
+    """A foot that is lifted may turn as it likes; the one below it may not."""
+    watched, names = Watched(robot), robot.joint_map.joints
+    lifted = watched.joints.copy()
+    for joint, angle in (("l_hip_pitch", -0.5), ("l_knee", 1.0), ("l_ank_pitch", 0.5), ("l_ank_roll", 0.3)):
+        lifted[names.index(joint)] += angle
+    assert watched.look([watched.flat] * 20, lifted) is TipState.STANDS and watched.watch.tilt < 1e-6
+    tilted = sample_of(robot, planted(robot), rotations.from_axis_angle([1.0, 0.0, 0.0], -0.2), STILL)
+    assert watched.look([tilted] * 5, lifted) is not TipState.STANDS
+    assert watched.watch.tilt == pytest.approx(0.2, abs=1e-6)
 
 
 def test_a_robot_that_tips_is_followed_again_once_it_has_stood(robot: RobotBody) -> None:
-    q = planted(robot)
-    joints, still = q[robot.servo_columns], np.zeros(3)
-    flat = sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), still)
-    tilted = sample_of(robot, q, rotations.from_axis_angle([0.0, 1.0, 0.0], 1.2 * TIPS), still)
-    watch = TipWatch(robot, dt=DT)
-    assert looked(watch, [flat], joints) is Balance.STANDS and not watch.hold_reason
-    assert looked(watch, [tilted] * 40, joints) is Balance.TIPS and "tips" in watch.hold_reason and not watch.fall
+    watched = Watched(robot)
+    flat, watch = watched.flat, watched.watch
+    tilted = sample_of(robot, planted(robot), rotations.from_axis_angle([0.0, 1.0, 0.0], 1.2 * TIPS), STILL)
+    assert watched.look([flat]) is TipState.STANDS and not watch.hold_reason
+    assert watched.look([tilted] * 40) is TipState.TIPS and "tips" in watch.hold_reason and not watch.fall
     ticks = round(STANDS_S / DT)
-    assert looked(watch, [flat] * (ticks - 2), joints) is Balance.TIPS
-    assert looked(watch, [flat] * 4, joints) is Balance.STANDS
+    assert watched.look([flat] * (ticks - 2)) is TipState.TIPS
+    assert watched.look([flat] * 4) is TipState.STANDS
 
 
-def test_nothing_is_known_without_the_imu(robot: RobotBody) -> None:
-    q = planted(robot)
-    joints = q[robot.servo_columns]
-    flat = sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    lost = replace(flat, valid=False)
-    watch, ticks = TipWatch(robot, dt=DT), round(UNKNOWN_S / DT)
-    assert looked(watch, [flat, *[lost] * (ticks - 1), flat, *[lost] * (ticks - 1)], joints) is Balance.STANDS
-    assert looked(watch, [lost] * 3, joints) is Balance.UNKNOWN and "IMU" in watch.hold_reason
+@pytest.mark.parametrize("what", [{"valid": False}, {"orientation": None}, {"orientation": np.full(4, np.nan)}])
+def test_nothing_is_known_without_the_imu(robot: RobotBody, what: dict[str, Any]) -> None:
+    watched, ticks = Watched(robot), round(UNKNOWN_S / DT)
+    flat, lost = watched.flat, replace(watched.flat, **what)
+    assert watched.look([flat, *[lost] * (ticks - 1), flat, *[lost] * (ticks - 1)]) is TipState.STANDS
+    assert watched.look([lost] * 3) is TipState.UNKNOWN and "IMU" in watched.watch.hold_reason
 
 
 def pendulum(robot: RobotBody, q: FloatArray, way: float) -> tuple[FloatArray, float, float]:
@@ -135,19 +186,19 @@ def test_falls_are_those_of_a_pendulum(way: float, tilt: float, rate: float) -> 
     over = rate * abs(rate) - needed
     if abs(over) < 0.5 + 0.3 * abs(needed):
         return
-    turn = rotations.from_axis_angle(axis, tilt)
-    sample = sample_of(robot, q, turn, rate * axis)
-    watch = TipWatch(robot, dt=DT)
-    found = looked(watch, [sample] * (round(FALLS_S / DT) + 3), q[robot.servo_columns])
-    assert (found is Balance.FALLS) == (over > 0.0), (degrees(tilt), rate, over)
+    sample = sample_of(robot, q, rotations.from_axis_angle(axis, tilt), rate * axis)
+    found = Watched(robot).look([sample] * (round(FALLS_S / DT) + 3))
+    assert (found is TipState.FALLS) == (over > 0.0), (degrees(tilt), rate, over)
 
 
 def test_a_fall_stays_one_and_no_single_sample_makes_it(robot: RobotBody) -> None:
-    q = planted(robot)
-    joints = q[robot.servo_columns]
-    falling = sample_of(robot, q, rotations.from_axis_angle([0.0, 1.0, 0.0], radians(30.0)), np.array([0.0, 2.0, 0.0]))
-    flat = sample_of(robot, q, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    watch = TipWatch(robot, dt=DT)
-    assert looked(watch, [flat, falling, flat, falling, flat], joints) is not Balance.FALLS
-    assert looked(watch, [falling] * 4, joints) is Balance.FALLS and "30 degrees" in watch.fall
-    assert looked(watch, [flat] * 200, joints) is Balance.FALLS
+    watched = Watched(robot)
+    flat = watched.flat
+    over = rotations.from_axis_angle([0.0, 1.0, 0.0], radians(30.0))
+    falling = sample_of(robot, planted(robot), over, np.array([0.0, 2.0, 0.0]))
+    assert watched.look([flat, falling, flat, falling, flat]) is not TipState.FALLS
+    at = watched.time
+    for _ in range(10):  # the same measurement, again and again
+        assert watched.watch.look(replace(falling, time=at), watched.joints) is not TipState.FALLS
+    assert watched.look([falling] * 4) is TipState.FALLS and "30 degrees" in watched.watch.fall
+    assert watched.look([flat] * 200) is TipState.FALLS

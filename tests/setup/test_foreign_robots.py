@@ -58,9 +58,10 @@ def test_all_that_fixed_joints_hold_to_a_sole_is_the_sole(studded: Imported) -> 
     assert standing == {f"{side}{part}" for side in "pq" for part in ("5", "_plate", *(f"_stud{n}" for n in range(4)))}
 
 
-def test_a_robot_on_studs_follows_the_demo(studded: Imported, tmp_path: Path) -> None:
-    assert code_of("demo", tmp_path / "demo", "--robot", studded.folder, "--bus", "mock") == 0
-    report = json.loads((tmp_path / "demo" / "report.json").read_text())
+def test_a_robot_on_studs_follows_the_sample(studded: Imported, tmp_path: Path) -> None:
+    words = ("--source", "sample", "--end", "4", "--report", tmp_path / "report.json")
+    assert code_of("run", "--robot", studded.folder, *words) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
     assert report["frames"] > 100 and report["stop"]["reason"] is None
     assert report["penetrating_frames"] == 0, "soles touch the ground, whatever link they are on"
 

@@ -19,7 +19,7 @@ from retarget.model.robot import load_robot
 from retarget.safety.gate import Gate
 from sim.buses import WITH_MASS, emulated_bus, physics_wire_bus, simulation_of
 from sim.emulator.fault_state import EVERY_KIND
-from sim.emulator.faults import IMU_KINDS
+from sim.emulator.faults import MEASURED_KINDS
 from sim.emulator.faults import FaultKind as LineFault
 from sim.emulator.shaft import Shaft
 from sim.physics.bus import SimulatedShafts
@@ -160,7 +160,7 @@ def test_a_fault_that_mechanics_cannot_play_is_refused_before_anything_moves(tmp
 @pytest.mark.parametrize("mass", [pytest.param(True, marks=pytest.mark.long), False])
 def test_every_fault_that_a_bus_takes_changes_something(tmp_path: Path, mass: bool) -> None:
     healthy = seen_through(tmp_path, None, mass=mass)
-    kinds = (WITH_MASS if mass else EVERY_KIND) - IMU_KINDS  # tests/hardware/dynamixel/test_opencr.py
+    kinds = (WITH_MASS if mass else EVERY_KIND) - MEASURED_KINDS  # tests/hardware/dynamixel/test_opencr.py
     unseen = [kind for kind in kinds if seen_through(tmp_path, kind, mass=mass) == healthy]
     assert unseen == [LineFault.ECHO], "the driver takes its own bytes away"
 

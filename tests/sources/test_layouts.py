@@ -359,13 +359,13 @@ def test_arrays_of_something_else_are_refused_with_their_names(tmp_path: Path) -
 def test_an_array_that_unpacks_to_too_much_is_not_unpacked(tmp_path: Path) -> None:
     header = BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**6, 156)})
-    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("trans.npy", b"")
         with archive.open("poses.npy", "w", force_zip64=True) as stream:
             stream.write(header.getvalue())
-            for _ in range(600):
+            for _ in range(300):
                 stream.write(bytes(2**20))
-    assert (tmp_path / "a.npz").stat().st_size < 2**20
+    assert (tmp_path / "a.npz").stat().st_size < 2 * 2**20
     with refuses(InputError, allowed=256 * 2**20):
         open_source(tmp_path / "a.npz")
 

@@ -13,6 +13,7 @@ from retarget.human.calibration import calibrate
 from retarget.model.human import build_human
 from retarget.sources.axes import UP_AXES
 from retarget.sources.canonical import canonical_frames
+from retarget.sources.files import ReadOptions
 from retarget.sources.rest_skeleton import canonical_joints, true_offsets
 from retarget.sources.skeletons import Channel, JointPoses, JointTree, joints_by_shape, posed
 from rigs import along, body, carried, differences, in_axes, moved, rest_turned
@@ -77,7 +78,7 @@ def test_a_tree_that_stands_in_no_frame_is_refused() -> None:
     position = rotations.rotate(lying, pose.position) + np.array([0.0, 0.1, 0.0])
     fallen = JointPoses(position, rotations.multiply(lying, pose.orientation))
     with refuses(InputError, where="here", next_step="T-pose"):
-        canonical_frames(tree, fallen, unit=1.0, rate=30.0, source="here", up=UP_AXES["y"])
+        canonical_frames(tree, fallen, unit=1.0, rate=30.0, source="here", options=ReadOptions(up=UP_AXES["y"]))
     swapped = tuple(
         name.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
         if "Arm" in name or "Hand" in name

@@ -113,7 +113,7 @@ class Shown:
     def __init__(self, run: ShownRun) -> None:
         self.files = page_files(run, "a <b>run</b>")
         html = self.files[""].decode()
-        assert "<b>run</b>" not in html
+        assert "<b>run</b>" not in html and f"<h1>{run.robot}: a &lt;b&gt;run&lt;/b&gt;</h1>" in html
         self.data: Any = json.loads(html.split('id="motion">')[1].split("</script>")[0])
 
     def numbers(self, place: list[int], kind: str) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -2,10 +2,12 @@
 
 import hashlib
 import json
+import math
 import ssl
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
@@ -16,6 +18,7 @@ import pytest
 
 from followers import dimensions, op3, performer
 from hardware.clock import MonotonicClock
+from hardware.imu import from_roll_pitch_yaw
 from retarget.cli.controls import Asked
 from retarget.cli.web.control import HELD_S, PageControl, directions
 from retarget.errors import ConfigError
@@ -333,6 +336,30 @@ def test_a_new_trouble_of_a_page_is_said_once(shared: Page) -> None:
     assert [said["rtt_ms"] for said in shared.control.health if "rtt_ms" in said] == [3.0] * 3
 
 
+def shown_row(
+    time: float,
+    q: FloatArray,
+    doing: str = "following",
+    reason: str = "",
+    *,
+    asked: FloatArray,
+    sensors: FloatArray,
+) -> RunTable:
+    """A tick, as a run hands it to its page; the IMU is not valid where there is a reason."""
+    return RunTable(
+        time=np.array(time),
+        latency=np.array(0.007),
+        human_q=build_human(dimensions(performer())).body.qpos0,
+        q=q,
+        doing=np.array(doing, dtype=np.object_),
+        reason=np.array(reason, dtype=np.object_),
+        landmarks_asked=asked,
+        sensors=sensors,
+        imu_orientation=np.array(from_roll_pitch_yaw(math.radians(-3.0), math.radians(8.0), 1.0)),
+        imu_valid=np.array(reason == ""),
+    )
+
+
 @pytest.mark.long
 def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
     robot = op3()
@@ -353,17 +380,7 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         one.told("here")
         one.until(lambda: not [*one.control.poll(0.0)] and one.control.health)
 
-        def row(time: float, q: FloatArray, doing: str = "following", reason: str = "") -> RunTable:
-            return RunTable(
-                time=np.array(time),
-                latency=np.array(0.007),
-                human_q=build_human(dimensions(performer())).body.qpos0,
-                q=q,
-                doing=np.array(doing, dtype=np.object_),
-                reason=np.array(reason, dtype=np.object_),
-                landmarks_asked=asked,
-                sensors=sensors,
-            )
+        row = partial(shown_row, asked=asked, sensors=sensors)
 
         def clipped(time: float, q: FloatArray) -> list[str]:
             one.feed._send(row(time, q))
@@ -374,15 +391,19 @@ def test_robot_and_performer_are_shown_as_the_run_has_them() -> None:
         # A hand that comes is late; one that has stood still for half a second is out of reach.
         assert [clipped(0.1, late), *(clipped(time, goal) for time in (0.4, 0.6, 0.8))] == [[], [], [], []]
         assert clipped(1.0, goal) == ["left hand 12 cm out of reach"]
+        one.feed._send(row(1.05, goal))
+        assert anna.hear("state")["imu"] == "tilted 8° forward, 3° left"
         one.feed._send(row(1.1, goal, "holding", "l_wrist: lost"))
         state = anna.hear("state")
+        assert state["imu"] == "no IMU"
         assert (state["state"], state["why"]) == ("holding", "l_wrist: lost")
         assert state["sensors"] == {"head": True, "l_wrist": False}
         assert state["latency_ms"] == {"page to goal": 9.0}
         assert state["clipped"] == []
         for who in ("human", "robot"):
             poses = state["tracks"][f"{who}.poses"]
-            assert len(poses) == 7 * len(scene[who]["body"]["meshes"]) and np.isfinite(poses).all()
+            links = {mesh["link"] for mesh in scene[who]["body"]["meshes"]}
+            assert len(poses) == 7 * len(links) and np.isfinite(poses).all()
         np.testing.assert_array_equal(state["tracks"]["human.marks"], sensors.ravel().astype("f4"))
 
 

@@ -11,7 +11,7 @@ from recordings import record, recorded
 from retarget.run.run_result import RunResult
 from retarget.types import FloatArray
 from retarget.web.recorded import open_recorded
-from retarget.web.shown import joint_tracks, moved, observer_poses, present
+from retarget.web.shown import joint_tracks, moved, observers_at, present
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def test_every_tick_is_as_it_was(path: Path, run: RunResult) -> None:
     np.testing.assert_allclose(present(seen.cast, seen, seen.q)[:, columns], sent.present, atol=1e-9)
     np.testing.assert_array_equal(seen.temperature[:, order], sent.temperature)
     assert seen.current.min() > 0.01 and seen.cast.sensors == run.sensors
-    acts = np.isfinite(observer_poses(seen.cast, seen)).all(axis=2)
+    acts = np.isfinite(observers_at(seen.cast, seen)[0]).all(axis=2)
     np.testing.assert_array_equal(acts, sent.observer_modes > 0)
     for row in range(0, len(seen), 7):
         of = np.abs(run.record.human_q[: row + 1] - seen.human_q[row]).max(axis=1)

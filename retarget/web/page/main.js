@@ -196,7 +196,8 @@ function list(id, rows) {
 
 function numbers() {
   const parts = Object.entries(page.run?.latency_ms || {}).map(([name, ms]) => `${name} ${ms.toFixed(0)} ms`);
-  if (link.round_ms !== null) parts.push(`there and back ${link.round_ms.toFixed(0)} ms`);
+  if (page.run?.imu) parts.push(page.run.imu);
+  if (link.round_ms !== null) parts.push(`network ${link.round_ms.toFixed(0)} ms, to the run and back`);
   if (camera.state === CAMERA.RUNNING) parts.push(`${camera.fps.toFixed(0)} pictures a second`, `${camera.took_ms.toFixed(0)} ms to find you`);
   if (page.view === "headset") parts.push(`${headset.fps} poses a second`);
   return parts.join("  ·  ");

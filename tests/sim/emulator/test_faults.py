@@ -12,7 +12,7 @@ from messages import shows
 from retarget.errors import ConfigError
 from sim.emulator import fault_state
 from sim.emulator.fault_state import FaultPlan, FaultState, load_fault_plan, obey
-from sim.emulator.faults import IMU_KINDS, DelayedBytes, Direction, Fault, FaultKind, Unit, mangled, random_faults
+from sim.emulator.faults import MEASURED_KINDS, DelayedBytes, Direction, Fault, FaultKind, Unit, mangled, random_faults
 
 PACKET = bytes(range(40))
 PING, STATUS = protocol2.ping(1), protocol2.status(1, 0, b"\x06\x04\x26")
@@ -30,7 +30,7 @@ def test_a_plan_follows_from_its_seed() -> None:
     assert plans == [random_faults(seed, range(1, 21), 60.0) for seed in range(50)]
     assert len(set(plans)) == 50
     faults = [fault for plan in plans for fault in plan]
-    assert {fault.kind for fault in faults} == set(FaultKind) - IMU_KINDS
+    assert {fault.kind for fault in faults} == set(FaultKind) - MEASURED_KINDS
     for fault in faults:
         assert 0.0 <= fault.start <= fault.end <= 60.0 and fault.end - fault.start <= 12.0
         assert set(fault.ids) <= set(range(1, 21))

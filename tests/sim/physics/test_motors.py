@@ -9,6 +9,7 @@ import pytest
 
 from bus_rig import waist_servos
 from hardware.bus import ServoAlert
+from hardware.motors import drive_numbers
 from hardware.servo import SERVO_MODELS, ServoGains, ServoSpec, find_model, loop_lag, loop_stiffness
 from physics_rig import op3
 from sim.physics.motors import (
@@ -18,7 +19,6 @@ from sim.physics.motors import (
     Motors,
     PositionLoop,
     add_motors,
-    drive_numbers,
     position_loop,
 )
 from sim.physics.world import robot_drives

@@ -1,0 +1,75 @@
+"""Heat of the servos that carry a robot: how long until the first of them warns, if it goes on as now.
+
+A servo under a steady load warms as a first-order lag with the time constant tau of its case:
+
+    T(t) = T_end - (T_end - T) exp(-t / tau),    T_end = T + tau dT/dt
+
+so the time until W is tau ln((T_end - T) / (T_end - W)), and it never comes where T_end is below W.
+"""
+
+from dataclasses import dataclass
+from math import exp, inf, log
+
+import numpy as np
+
+from hardware.arrays import BoolArray, FloatArray
+
+THERMAL_S = 300.0
+"""[s] Time constant of a servo's case: that of the simulated ones. No maker states it, and none was measured."""
+RATE_S = 60.0
+"""[s] Over which a rate is taken: the register has steps of one degree."""
+EVERY_S = 1.0
+"""[s] Between two looks: a motor warms by a degree in three."""
+
+
+@dataclass(frozen=True)
+class HeatLeft:
+    """The servo that warns first. column: in servo order; temperature, warns_at: degrees Celsius now, and from which on
+    it warns; per_minute: degrees Celsius; left: s until then, inf: it stays cooler."""
+
+    column: int
+    temperature: float
+    warns_at: float
+    per_minute: float
+    left: float
+
+
+class HeatForecast:
+    """Looks at temperatures (n,) now and then. soonest: None before RATE_S, and where nothing is known."""
+
+    def __init__(self, warns_at: float, servos: BoolArray | None = None) -> None:
+        """warns_at: degrees Celsius. servos (n,): those that count; None: all."""
+        self._warns_at, self._servos = warns_at, servos
+        self._begun = self._seen = -inf
+        self._slow: FloatArray | None = None
+        self.soonest: HeatLeft | None = None
+
+    def look(self, time: float, temperature: FloatArray) -> bool:
+        """Look at temperatures (n,) degrees Celsius, NaN: not known, at a time, s. Return whether it was due."""
+        if time - self._seen < EVERY_S or not np.isfinite(self._warns_at):
+            return False
+        elapsed, self._seen = time - self._seen, time
+        known = np.where(np.isfinite(temperature), temperature, np.nan)
+        if self._slow is None:
+            self._slow, self._begun = known, time
+        slow = np.where(np.isnan(self._slow), known, self._slow)
+        self._slow = slow + (1.0 - exp(-min(elapsed, 10.0 * RATE_S) / RATE_S)) * (known - slow)
+        if time - self._begun >= RATE_S:
+            self.soonest = self._first(known, (known - self._slow) / RATE_S)
+        return True
+
+    def _first(self, temperature: FloatArray, rate: FloatArray) -> HeatLeft | None:
+        found: list[HeatLeft] = []
+        for column, (now, per_s) in enumerate(zip(temperature.tolist(), rate.tolist(), strict=True)):
+            if np.isnan(per_s) or (self._servos is not None and not self._servos[column]):
+                continue
+            found.append(HeatLeft(column, now, self._warns_at, 60.0 * per_s, time_left(now, per_s, self._warns_at)))
+        return min(found, key=lambda one: (one.left, -one.temperature), default=None)
+
+
+def time_left(temperature: float, rate: float, warns_at: float) -> float:
+    """Time, s, until a servo of a temperature, degrees Celsius, that warms at a rate, K/s, is at another one."""
+    if temperature >= warns_at:
+        return 0.0
+    end = temperature + THERMAL_S * rate
+    return THERMAL_S * log((end - temperature) / (end - warns_at)) if end > warns_at else inf

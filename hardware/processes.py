@@ -1,0 +1,32 @@
+"""Other processes of this machine, as far as this user may see them (Linux)."""
+
+from pathlib import Path
+
+from hardware.errors import printable
+
+PROCESSES = Path("/proc")
+LONGEST = 90
+"""Characters of a command line that are shown."""
+
+
+def named_process(number: int | str, processes: Path = PROCESSES) -> str:
+    """Describe a process as a person knows it: `process 12 (retarget servo monitor --robot op3)`, its number alone
+    where its command is not known. The interpreter of a script and the folders of both are left out."""
+    text = _command(processes / str(number))
+    return f"process {number} ({text})" if text else f"process {number}"
+
+
+MOST_PROCESSES = 100_000
+"""Bound of a search among processes."""
+
+
+def _command(process: Path) -> str:
+    try:
+        words = (process / "cmdline").read_text(encoding="utf-8", errors="replace").rstrip("\0").split("\0")
+        if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
+            del words[0]
+        words[0] = Path(words[0]).name or (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+    text = printable(" ".join(words), one_line=True)
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

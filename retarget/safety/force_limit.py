@@ -1,0 +1,112 @@
+"""A limit of the force of the hands: the current that each servo of an arm may draw.
+
+A joint that gives the torque t presses with t / r at a hand that is r from its axis. Its servo may draw the current of
+
+    t = (largest gravity torque) + (largest r) N
+
+so a hand of an arm that reaches as far as it can presses with N newtons beyond what carries the arm, and with more
+where the arm is bent. Servos bound it themselves, in the mode of a position whose current is bounded (e-Manual,
+Operating Mode 5 and Goal Current), so it holds whatever this program does. The arms are slower, too: what accelerates
+them is a share of that torque, and with more speed they would fall behind their goals.
+"""
+
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+
+from hardware.joint_map import JointMap
+from hardware.motors import drive_numbers
+from hardware.servo import ServoMode, ServoSpec
+from retarget.arithmetic import norms
+from retarget.errors import UsageError
+from retarget.ik.gravity_torque import GRAVITY
+from retarget.model.robot import RobotBody
+from retarget.rotations import as_vector
+from retarget.safety.contact import FRICTION, measures_current
+from retarget.types import FloatArray
+
+HANDS = ("l_hand", "r_hand")
+"""Landmarks of the hands."""
+SAMPLES = 300
+"""Postures, drawn evenly within the limits of the joints, in which weights and levers are looked for."""
+MOTION_SHARE, BEHIND_RAD = 0.4, 0.15
+"""Share of the torque beyond gravity that accelerates an arm: friction takes its part. With it an arm at its greatest
+speed v is v^2 / 2 a rad behind its goal: this far at most, less than half of what the guard allows."""
+SPARE = 2.0
+"""Times the greatest friction that an arm must be able to give, or it would hardly move."""
+OPTION = "--max-force"
+
+
+def with_max_force(robot: RobotBody, force: float) -> RobotBody:
+    """The robot whose arms draw no more current than a force of each hand, N, needs. Raises UsageError where its servos
+    cannot limit a current, and for a force with which its arms could not overcome their friction."""
+    columns = _arms(robot)
+    gravity, levers = _loads(robot, columns)
+    servos = robot.joint_map.servos
+    numbers = [drive_numbers(servos[column].model) for column in columns]
+    friction = FRICTION * np.array([servos[at].gear * one.friction for at, one in zip(columns, numbers, strict=True)])
+    least = SPARE * friction / levers  # [N]
+    if force < least.max():
+        weakest = servos[columns[int(least.argmax())]].joint
+        raise UsageError(
+            "the arms could not overcome their friction",
+            where=OPTION,
+            found=f"{force:g} N",
+            allowed=f"{np.ceil(least.max()):g} N or more ({weakest} needs it)",
+        )
+    changed = list(servos)
+    for column, held, pressing, one in zip(columns, gravity, force * levers, numbers, strict=True):
+        servo = servos[column]
+        most = float(held + pressing) / (servo.gear * one.torque_constant)
+        acceleration = MOTION_SHARE * float(pressing) / (servo.gear * servo.gear * one.armature)
+        changed[column] = replace(
+            servo,
+            mode=ServoMode.CURRENT_BASED_POSITION,
+            current_limit=most if servo.current_limit is None else min(most, servo.current_limit),
+            max_velocity=min(servo.max_velocity, sqrt(2.0 * acceleration * BEHIND_RAD)),
+        )
+    return replace(robot, joint_map=JointMap(changed))
+
+
+def _arms(robot: RobotBody) -> list[int]:
+    """Columns of the servos of the arms, in servo order. Raises UsageError where there are none, or they cannot."""
+    frames = [robot.profile.landmarks[name].frame for name in HANDS if name in robot.profile.landmarks]
+    ends = [foot.frame for foot in robot.profile.feet.values()]
+    trunk = {link for frame in ends for link in robot.body.chain_to_root(robot.frame(frame).body)}
+    arms = {link for frame in frames for link in robot.body.chain_to_root(robot.frame(frame).body)} - trunk
+    columns = [column for column, servo in enumerate(robot.joint_map.servos) if _link(robot, servo) in arms]
+    if not columns:
+        raise UsageError("the robot has no arms", where=OPTION, found=f"{robot.profile.name}, no l_hand or r_hand")
+    unfit = [servo for servo in map(robot.joint_map.servos.__getitem__, columns) if not measures_current(servo)]
+    if unfit:
+        named = ", ".join(f"{servo.joint} ({servo.model.name})" for servo in unfit)
+        raise UsageError(
+            "servos that cannot limit their current",
+            where=OPTION,
+            found=named,
+            allowed="models with a current register, on a bus with protocol 2.0, that turn one joint",
+            next_step="Leave it out",
+        )
+    return columns
+
+
+def _link(robot: RobotBody, servo: ServoSpec) -> int:
+    return int(robot.body.joint_body[robot.body.joint_index(servo.joint)])
+
+
+def _loads(robot: RobotBody, columns: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Largest gravity torque (m,) N m of each joint of an upright robot, and its largest lever (m,) m to a hand."""
+    servos, chance = robot.joint_map, np.random.default_rng(0)
+    dofs = [robot.body.dof_index(servos.servos[column].joint) for column in columns]
+    hands = [robot.frame(robot.profile.landmarks[name].frame) for name in HANDS if name in robot.profile.landmarks]
+    q, gravity, levers = robot.posture(robot.profile.postures.stand), np.zeros(len(dofs)), np.zeros(len(dofs))
+    for _ in range(SAMPLES):
+        joints = chance.uniform(servos.lower, servos.upper)
+        q[robot.servo_columns[columns]] = joints[columns]
+        weight = GRAVITY * robot.body.total_mass * robot.kinematics.centre_of_mass_jacobian(q)[2, dofs]
+        gravity = np.maximum(gravity, np.abs(weight))
+        for hand in hands:
+            jacobian = robot.kinematics.frame_jacobian(q, hand.body, as_vector(hand.position))
+            levers = np.maximum(levers, norms(np.ascontiguousarray(jacobian[:3, dofs].T)))
+    return gravity, levers
