@@ -28,6 +28,7 @@ from benchmarks.walking_pattern import Gait, Request, Walk
 from hardware.bus import ServoGoals
 from hardware.clock import VirtualClock
 from hardware.imu import ImuSample
+from hardware.motors import drive_numbers
 from hardware.servo import loop_lag, loop_stiffness
 from retarget._solver import Braking
 from retarget.model.body_file import engine
@@ -36,7 +37,7 @@ from retarget.types import FloatArray
 from sim.imu import ImuErrors, ImuStandIn, SensedMotion
 from sim.physics.bus import PhysicsBus
 from sim.physics.imu import LinkMotion
-from sim.physics.motors import HEAT_PER_WATT, drive_numbers
+from sim.physics.motors import HEAT_PER_WATT
 from sim.physics.mount import RELEASE_S, mount_of
 from sim.physics.perturbation import NOMINAL, Push
 from sim.physics.simulation import Simulation

@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.table import print_table
 from benchmarks.walking import SETTLED_S, STOP_S, Case, Walker
+from hardware.motors import drive_numbers
 from retarget.model.robot import RobotBody, load_robot
 from retarget.types import FloatArray
-from sim.physics.motors import drive_numbers
 from sim.physics.mount import mount_of
 from sim.physics.perturbation import NOMINAL
 from sim.physics.world import World, build_world
