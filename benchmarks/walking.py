@@ -390,7 +390,7 @@ PUSH_S = 0.1
 """Duration of a push."""
 
 
-REQUESTS = {
+REQUESTS: dict[str, dict[str, float]] = {
     "in place": {},
     "0.05 m/s": {"forward": 0.05},
     "0.10 m/s": {"forward": 0.10},
@@ -437,6 +437,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs=2, default=(100, 110), help="first, and one after the last")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--keep", type=Path, help="file for every run; runs that are in it are not made again")
+    parser.add_argument("--requests", nargs="+", choices=list(REQUESTS), default=list(REQUESTS), help="rows")
     parser.add_argument("--set", nargs="*", default=(), help="other values of a case, as ticks=56")
     asked = parser.parse_args()
     kinds = {name: type(value) for name, value in vars(Case()).items()}
@@ -446,6 +447,7 @@ def main() -> None:
     cases = {
         name: [Case(**{**usual, **request, "seed": seed}) for seed in range(*asked.seeds)]
         for name, request in REQUESTS.items()
+        if name in asked.requests
     }
     every = [case for group in cases.values() for case in group]
     found = run_cases(every, run_case, Outcome, jobs=asked.jobs, keep=asked.keep)
