@@ -15,6 +15,7 @@ import argparse
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,12 @@ from hardware.servo import loop_lag, loop_stiffness
 from retarget._solver import Braking
 from retarget.model.body_file import engine
 from retarget.model.robot import RobotBody, load_robot
+from retarget.run.options import RunOptions
+from retarget.run.prepare import prepare
+from retarget.sources.open import open_source
 from retarget.types import FloatArray
 from sim.imu import ImuErrors, ImuStandIn, SensedMotion
+from sim.mock_bus import mock_bus
 from sim.physics.bus import PhysicsBus
 from sim.physics.imu import LinkMotion
 from sim.physics.motors import HEAT_PER_WATT
@@ -70,9 +75,10 @@ FULL = 0.97
 class Case:
     """One run of `seconds`. forward, left m/s, turn rad/s: asked. ticks, double, lift, height, width: of `Gait`.
     acceleration: limit of all joints, rad/s^2; 0: the profile's, -1: `servo_accelerations`; on: what it holds, the
-    planned "posture" or the whole "goal". arms: size of their swing, rad. stiffness, planned: of the servos, and in the
-    plan, as shares of the profile's. push: N s on the trunk, from a side that the seed says. armature: of all joints,
-    kg m^2, 0: the model's, which is the plan's too. gains: of feedback, as "tilt=0.3 zmp=1"."""
+    planned "posture" or the whole "goal". arms: size of their swing, rad; performer: a file that they follow instead.
+    stiffness, planned: of the servos, and in the plan, as shares of the profile's. push: N s on the trunk, from a side
+    that the seed says. armature: of all joints, kg m^2, 0: the model's, which is the plan's too. gains: of feedback,
+    as "tilt=0.3 zmp=1"."""
 
     forward: float = 0.0
     left: float = 0.0
@@ -87,6 +93,7 @@ class Case:
     acceleration: float = 0.0
     on: str = "posture"
     arms: float = 0.3
+    performer: str = ""
     stiffness: float = 1.0
     planned: float = 1.0
     push: float = 0.0
@@ -184,20 +191,36 @@ ARM_SWING = (
 
 
 class Arms:
-    """Arms and a head that move as by another's will."""
+    """Arms and a head that move as by another's will: swinging, or as in a recording of a performer."""
 
-    def __init__(self, robot: RobotBody, size: float) -> None:
+    def __init__(self, robot: RobotBody, case: Case) -> None:
         self._joints = robot.joint_map.joints
         self._neutral = robot.posture(robot.profile.postures.neutral)[robot.servo_columns]
-        self._size = size
+        self._size, self._rate = case.arms, robot.profile.safety.rate_hz
+        self._path = followed_arms(case.performer) if case.performer else None
 
     def __call__(self, t: float) -> FloatArray:
         """Joints (n,) rad at t s after the first torque."""
         found = self._neutral.copy()
-        grown = self._size * min(max(t - SETTLED_S, 0.0) / 2.0, 1.0)
+        share = min(max(t - SETTLED_S, 0.0) / 2.0, 1.0)
+        if self._path is not None:
+            # To its end and back again, so that nothing jumps.
+            tick, last = round(max(t - SETTLED_S, 0.0) * self._rate), len(self._path) - 1
+            found += share * (self._path[last - abs(tick % (2 * last) - last)] - found)
+            return found
         for name, size, hertz, phase in ARM_SWING:
-            found[self._joints.index(name)] += grown * size * math.sin(2.0 * math.pi * hertz * t + phase)
+            found[self._joints.index(name)] += share * self._size * size * math.sin(2.0 * math.pi * hertz * t + phase)
         return found
+
+
+@cache
+def followed_arms(source: str) -> FloatArray:
+    """Joints (T, n) rad of an OP3 that stands and follows a recording on mock servos, tick by tick."""
+    options = RunOptions(robot="op3")
+    with prepare(lambda: open_source(source), options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        run = prepared.run()
+    assert run.moved_q is not None and run.robot is not None, "a run has a robot that moved"
+    return np.asarray(run.moved_q[:, run.robot.servo_columns])
 
 
 class Walker:
@@ -213,7 +236,7 @@ class Walker:
         gains: dict[str, Any] = {name: float(value) for name, value in (one.split("=") for one in case.gains.split())}
         self.body = WalkingBody(robot, model, height=case.height)
         self.walk, self.feedback = Walk(gait), Feedback(gait, Gains(**gains), weight=self.body.weight)
-        self._case, self._arms = case, Arms(robot, case.arms)
+        self._case, self._arms = case, Arms(robot, case)
         self.stiffness = case.planned * np.array([loop_stiffness(servo) for servo in servos])
         self.lag = np.array([loop_lag(servo) for servo in servos])
         self._armature = np.array([drive_numbers(servo.model).armature for servo in servos])

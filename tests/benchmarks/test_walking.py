@@ -6,9 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.walking import Case, run_case
+from benchmarks.walking import Case, run_case, servo_accelerations
 from benchmarks.walking_body import WalkingBody
 from benchmarks.walking_feedback import Gains, GoalLimits, ankle_torques, turns_against, zmp_shift
+from benchmarks.walking_fit import needs
 from benchmarks.walking_legs import CHAIN, leg_angles, leg_of
 from benchmarks.walking_pattern import LEFT, Gait, Moment, Request, Walk, displacement, rotated
 from retarget import rotations
@@ -171,6 +172,19 @@ def test_goals_keep_their_limits_and_catch_up(seed: int) -> None:
     assert np.abs(np.diff(goals, axis=0)).max() <= 4.5 * dt + 1e-9
     assert np.abs(np.diff(goals, 2, axis=0)).max() <= 40.0 * dt**2 + 1e-9
     np.testing.assert_allclose(goals[-1], asked[-1], atol=1e-6)
+
+
+def test_slow_low_steps_fit_the_limits_of_the_profile() -> None:
+    """The usual gait keeps speed and acceleration of the profile and the torque of its servos at 0.1 m/s; high and quick
+    steps do not, and 0.2 m/s is beyond the servos' speed."""
+    robot = load_robot("op3")
+    world = build_world(robot, np.zeros(len(robot.joint_map.joints)), mount=mount_of(robot), perturbation=NOMINAL)
+    most, fastest = robot.limits.max_acceleration.min(), robot.limits.max_velocity.min()
+    assert (servo_accelerations(robot, world.model) > most).all()
+    usual = needs(robot, world, Case(forward=0.1))
+    assert usual.acceleration < most and usual.speed < fastest and usual.torque < 1.0
+    assert needs(robot, world, Case(ticks=41, double=6, lift=0.03)).acceleration > most
+    assert needs(robot, world, Case(forward=0.2)).speed > fastest
 
 
 def test_it_walks_in_place() -> None:
