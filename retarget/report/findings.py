@@ -398,7 +398,7 @@ class RunFigures:
     @property
     def still_stands(self) -> str:
         """Why it still stands, with torque; "" where it does not."""
-        return self.run.standing if self.run.state == RunState.STANDING.value else ""
+        return self.run.tally.standing if self.run.state == RunState.STANDING.value else ""
 
     @property
     def near_falling_mm(self) -> float | None:
