@@ -61,11 +61,13 @@ class Case:
 @dataclass(frozen=True)
 class Outcome:
     """What happened, s on the run's time: when a fall was recognised, and when anything but soles and hands met the
-    floor; None: never. most_tilt_deg: of the least tilted sole until then, or in the whole run."""
+    floor; None: never, it lies on its hands. fell: as the simulation sees it. most_tilt_deg: of the least tilted sole
+    until a fall was recognised, or in the whole run."""
 
     seed: int
     recognised: float | None
     landed: float | None
+    fell: bool
     most_tilt_deg: float
 
 
@@ -120,7 +122,8 @@ def run_case(case: Case) -> list[Outcome]:
     ) as prepared:
         record = FallRecord(buses[0])
         prepared.run(RunOperator(prepared, StopRequest()), [record])
-    return [Outcome(case.seed, record.recognised, record.landed, math.degrees(record.most_tilt))]
+    fell = buses[0].witness.fall is not None
+    return [Outcome(case.seed, record.recognised, record.landed, fell, math.degrees(record.most_tilt))]
 
 
 def with_imu(robot: RobotBody) -> RobotBody:
@@ -133,10 +136,10 @@ def with_imu(robot: RobotBody) -> RobotBody:
 
 def row(name: str, found: list[Outcome]) -> list[str]:
     """The row of one robot and motion."""
-    fell = [one for one in found if one.landed is not None]
-    leads = [one.landed - one.recognised for one in fell if one.landed is not None and one.recognised is not None]
+    fell, stood = ([one for one in found if one.fell is fell] for fell in (True, False))
+    seen = [(one.recognised, math.inf if one.landed is None else one.landed) for one in fell]
+    leads = [landed - recognised for recognised, landed in seen if recognised is not None]
     early = sum(lead >= ASKED_S for lead in leads)
-    stood = [one for one in found if one.landed is None]
     false = [str(one.seed) for one in stood if one.recognised is not None]
     return [
         name,

@@ -92,6 +92,10 @@ class CyclicImu:
                 self._notify(f"the IMU {fault.value}: nothing is known of the robot's tilt meanwhile")
         return sample
 
+    def rest(self) -> None:
+        """It is not asked for a while: that it has nothing new is no fault."""
+        self._asked, self._since = False, np.inf
+
     def close(self) -> None:
         """Close its own port."""
         if self.port is not None:
@@ -206,7 +210,9 @@ class DynamixelBus:
                 self._finish_imu()
             self._torque_off()
             return
-        self._finish_imu()
+        if self.imu is not None:
+            self.imu.finish()
+            self.imu.rest()
         try:
             self._torque_on()
         except BaseException:

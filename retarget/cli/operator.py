@@ -228,7 +228,7 @@ class RunLines:
 REMINDER_S = 30.0
 """Time, s, between two reminders of a robot that stands with torque at the end of its run: its servos get warm."""
 TORQUE_OFF_COMMAND = "retarget stop --torque-off, where there is a control socket"
-TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Once more switches it off"
+TOO_SOON = "pressed again too soon, as a held key repeats: torque stays on. Wait a second, then press once more"
 HOLD_IT = "hold the robot before torque goes off: at rest it may go down without torque"
 TORQUE_WORDS = {
     Torque.OFF: "torque is off",

@@ -373,8 +373,10 @@ class RunFigures:
 
     @property
     def ended_early(self) -> bool:
-        """True if the run did not go on to its end."""
-        return self.report.stop.reason is not None
+        """True if something other than a person ended the run before its end."""
+        stop = self.run.stop
+        by_person = self.robot is None or (stop is not None and stop.cause is StopCause.REQUESTED)
+        return self.report.stop.reason is not None and not by_person
 
     # What only the sentence says.
 
@@ -393,12 +395,14 @@ class RunFigures:
     def touching_ticks(self) -> int | None:
         """Ticks in which something touched that should not; of a simulated body, in the simulation."""
         seen = self.report.physics
-        return self.report.penetrating_frames if seen is None else seen.self_contacts + seen.fixture_contacts
+        if seen is None:
+            return self.report.penetrating_frames
+        return None if seen.fallen else seen.self_contacts + seen.fixture_contacts  # what lies touches the floor
 
     @property
     def still_stands(self) -> str:
         """Why it still stands, with torque; "" where it does not."""
-        return self.run.standing if self.run.state == RunState.STANDING.value else ""
+        return self.run.tally.standing if self.run.state == RunState.STANDING.value else ""
 
     @property
     def near_falling_mm(self) -> float | None:
@@ -406,7 +410,8 @@ class RunFigures:
         beyond it."""
         seen, stands = self.report.physics, self.robot is not None and self.robot.stands
         margin = self.report.com_margin_mm if seen is None else seen.min_zmp_margin_mm
-        return None if margin is None or not stands else max(margin, 0.0)
+        fell = seen is not None and seen.fallen
+        return None if margin is None or fell or not stands else max(margin, 0.0)
 
 
 def _most(values: Mapping[str, Any] | None, size: Callable[[Any], float]) -> dict[str, Any] | None:
@@ -466,9 +471,9 @@ def measured_words(run: RunResult, report: Report) -> str:
     """The seconds, on the time of the run, that are compared with the performer, and those of all other figures."""
     time, rows = run.record.time, run.record.following
     followed = f" from {time[rows][0]:.1f} to {time[rows][-1]:.1f} s" if run.ticks_followed else ""
-    all_of_it = f", limits from {time[0]:.1f} to {time[-1]:.1f} s" if run.robot is not None and len(time) else ""
+    whole = f", limits checked over all {time[-1] - time[0]:.0f} s" if run.robot is not None and len(time) else ""
     speed = f", speed {report.speed:g}" if report.speed != 1.0 else ""
-    return f"{counted(report.frames, 'frame')} followed{followed}{all_of_it}, at {report.rate_hz:g} Hz{speed}"
+    return f"{counted(report.frames, 'frame')} followed{followed}{whole}, at {report.rate_hz:g} Hz{speed}"
 
 
 def remarks(run: RunResult, report: Report, notes: Sequence[str], *, room: int, kept_back: int = 0) -> list[str]:
@@ -506,21 +511,27 @@ def sentence(run: RunResult, report: Report) -> str:
         differs = [*verdict.differs[:MOST_DIFFERENCES], *([f"{more} more"] if more > 0 else [])]
         differs = [verdict.why, *differs] if verdict.why else differs
         words = verdict.words + (f" ({', '.join(differs)})" if differs else "")
-    if report.stop.reason is not None:
-        at = "".join(f" at {moment.time:.2f} s" for moment in moments(run) if moment.what == "Stopped")
-        stopped = f"{whose} stopped{at} ({report.stop.reason})"
+    ends = moments(run)
+    if ends:
+        said = [f"{end.what.lower()} at {end.time:.2f} s" + f" ({end.text})" * (end.what == STOPPED) for end in ends]
+        whose = f"{whose} {' and '.join(said)}"
         if not run.ticks_followed:
-            return f"{stopped} before it followed"
-        whose = f"{stopped}; until then it"
+            return f"{whose} before it followed"
+        if any(end.what == FELL for end in ends):
+            return f"{whose}; until then {figures}" if figures else whose
+        whose += "; until then it"
     return f"{whose} {words}" + (f": {figures}" if figures and run.ticks_followed else "")
 
 
 # The moments at which a run went wrong, on the time of the run: what stopped it, and a fall.
 
 
+STOPPED, FELL = "Stopped", "Fell"
+
+
 @dataclass(frozen=True)
 class Moment:
-    """what: "Stopped" or "Fell". time: s on the run's time. text: why, in words. more: what else there is to say."""
+    """what: STOPPED or FELL. time: s on the run's time. text: why, in words. more: what else there is to say."""
 
     what: str
     time: float
@@ -542,8 +553,8 @@ def moments(run: RunResult) -> tuple[Moment, ...]:
             said.append(f"Cause, as the guard latched it: {stop.cause.value}.")
             said += [f"The braking was ended by: {stop.then.value}."] if stop.then else []
             said += ["Not every servo confirmed that its torque is off."] if stop.powered else []
-        found.append(Moment("Stopped", float(run.record.time[row]), run.reason, tuple(said)))
+        found.append(Moment(STOPPED, float(run.record.time[row]), run.reason, tuple(said)))
     fall = None if run.physics is None else run.physics.fall
     if fall is not None:
-        found.append(Moment("Fell", fall.time, fall.how))
+        found.append(Moment(FELL, fall.time, fall.how))
     return tuple(sorted(found, key=lambda moment: moment.time))

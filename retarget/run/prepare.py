@@ -174,7 +174,6 @@ class Prepared:
             reason=ending.reason,
             wall_s=ending.wall_s,
             notes=notes if machine is None or ending.standing else notes + machine.not_at_rest(),
-            standing=ending.standing,
             stop=None if machine is None else machine.guard.stop,
             scene=self.scene,
             observers=self.observers,
@@ -182,6 +181,7 @@ class Prepared:
                 steps=None if self.steps is None else replace(self.steps),
                 refused_pair=None if machine is None else machine.refused_pair,
                 presses=None if machine is None or machine.contact is None else machine.contact.presses,
+                standing=ending.standing,
             ),
         )
 

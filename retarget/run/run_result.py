@@ -86,12 +86,14 @@ CAPPED = "linear solves took too many steps and were ended: they keep all limits
 
 @dataclass(frozen=True)
 class RunTally:
-    """What was counted in a run. steps: None for a robot that makes none; refused_pair: None where the gate refused no
-    goal for one; presses: None where the robot pressed against nothing."""
+    """What its machine saw in a run. steps: None for a robot that makes none; refused_pair: None where the gate refused
+    no goal for one; presses: None where the robot pressed against nothing. standing: why it stood at the end, "" where
+    it did not."""
 
     steps: StepTally | None = None
     refused_pair: RefusedPair | None = None
     presses: Presses | None = None
+    standing: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +113,7 @@ class RunResult:
     """A run. Everything per tick has the rows of `record`.
 
     robot: None where only the human was reconstructed. state, reason: how the run ended (see `StopReport`). wall_s: of
-    the loop. standing: why it stood at the end, "" where it did not. stop: the guard's, None without one. scene: of the
+    the loop. stop: the guard's, None without one. scene: of the
     last stage's body; observers: of that body. physics: what a simulation measured, None without one. live: the report
     of a stream, None for a file.
     """
@@ -124,7 +126,6 @@ class RunResult:
     state: str | None
     reason: str | None
     wall_s: float
-    standing: str = ""
     notes: tuple[str, ...] = field(default=())
     stop: Stop | None = None
     scene: SceneState | None = None

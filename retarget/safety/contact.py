@@ -297,8 +297,10 @@ class ContactDetector:
 
     def _give_up(self, stuck: BoolArray) -> None:
         """Say which currents (m,) are not believed from now on."""
-        self._news += [STUCK.format(self._servos[row].joint) for row in np.flatnonzero(stuck)]
-        self._busy = self._busy or bool(stuck.any())
+        if stuck.any():
+            names = ", ".join(self._servos[row].joint for row in np.flatnonzero(stuck))
+            self._news.append(News(STUCK.format(names), kind=STUCK))
+            self._busy = True
 
     def _judge(
         self, joints: FloatArray, current: FloatArray, rest: FloatArray, most: FloatArray, share: FloatArray
