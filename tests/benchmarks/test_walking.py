@@ -175,8 +175,8 @@ def test_goals_keep_their_limits_and_catch_up(seed: int) -> None:
 
 
 def test_slow_low_steps_fit_the_limits_of_the_profile() -> None:
-    """The usual gait keeps speed and acceleration of the profile and the torque of its servos at 0.1 m/s; high and quick
-    steps do not, and 0.2 m/s is beyond the servos' speed."""
+    """The usual gait keeps the profile's speed and acceleration and its servos' torque at 0.1 m/s; high and quick steps
+    do not, and 0.2 m/s is beyond the servos' speed."""
     robot = load_robot("op3")
     world = build_world(robot, np.zeros(len(robot.joint_map.joints)), mount=mount_of(robot), perturbation=NOMINAL)
     most, fastest = robot.limits.max_acceleration.min(), robot.limits.max_velocity.min()
