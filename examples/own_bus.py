@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from hardware.bus import ServoGoals, ServoStates
+from hardware.bus import ServoBus, ServoGoals, ServoStates
 from hardware.clock import Clock, VirtualClock
 from retarget import RunOptions, measure, open_source
 from retarget.model.robot import RobotBody
 from retarget.run.prepare import prepare
 
 
-class MyBus:
+class MyBus(ServoBus):
     """Put the maker's SDK where these servos are at their goals at once. Arrays (n,), in the profile's order."""
 
     def __init__(self, robot: RobotBody, clock: Clock) -> None:
@@ -25,9 +25,6 @@ class MyBus:
 
     def write(self, goals: ServoGoals) -> None:  # the guard alone calls it, with what the gate has passed
         self._ticks = goals.ticks if self._on else self._ticks
-
-    def limit_drive(self, share: float) -> None:  # of a robot that falls; may be left out
-        pass
 
     def torque(self, on: bool) -> None:  # raise BusError where a servo does not confirm
         self._on = on

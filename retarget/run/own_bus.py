@@ -24,7 +24,7 @@ from retarget.model.robot import RobotBody
 
 _NAMED = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 METHODS = ("open", "read", "write", "torque", "close")
-"""The methods that a `ServoBus` needs. Without `limit_drive` its servos keep their full drive in a fall."""
+"""The methods that a bus needs. Without `limit_drive` its servos keep their full drive in a fall."""
 KINDS = {
     "position": "iu",
     "velocity": "f",
