@@ -5,8 +5,9 @@ them walk a robot with mass, whose masses, friction, IMU, delay and play are dra
 
 Measured 2026-11-30 with the usual gait (0.576 s a step, 64 ms of it on both feet, 10 mm high), moving arms, start and
 stop in each run, links that collide; posture within 4.5 rad/s and 40 rad/s^2; seeds from 100 on were not tuned on. What
-is reached is a mean, all else the worst of the runs. Held back: share of ticks in which a limit held a joint back; strained: in which a
-servo gave all that it has. Knee: RMS torque, and where its temperature would end by the model of physics.
+is reached is a mean, all else the worst of the runs. Held back: share of ticks in which a limit held a joint back;
+strained: in which a servo gave all that it has. Knee: RMS torque, and where its temperature would end by the model of
+physics.
 
 | request | stood | reached | slip mm a step | sway deg | rad/s | held back % | strained % | knee N m, C |
 |--|--|--|--|--|--|--|--|--|
@@ -26,16 +27,17 @@ servo gave all that it has. Knee: RMS torque, and where its temperature would en
 
 Beside it: 21 m at 0.15 m/s in one run; moving requests 5/5; arms that follow 02_01, 02_05, 02_10 and 49_18, at 0, 0.10
 and 0.15 m/s: 11/12, for a forearm met a thigh that no observer kept it from. Where all joints brake in proportion at
-any time, as the gate's stop does, the robot stays up: 36/36. At most 0.25 rad of following error, 0.15 sustained (one run).
+any time, as the gate's stop does, the robot stays up: 36/36. At 0.15 m/s goals are at most 0.25 rad from their shafts,
+and 0.15 for 0.2 s (one run).
 
 What binds (`benchmarks.walking_fit`): in place and at low speed the acceleration of knees, which grows with the height
-of a step over the square of its time; at 0.15 m/s that of knees and hip pitch (52 rad/s^2); at 0.20 m/s their speed, 5.4
-rad/s, and 4.7 at the lowest steps tried, with three times the torque that is left there. With 60 rad/s^2 and 0.45 to
-0.51 s a step 0.18 m/s stood (3 runs), with 47 it fell. The servos' own data give hips 47, knees 55, ankles 61 rad/s^2
+of a step over the square of its time; at 0.15 m/s that of knees and hip pitch (52 rad/s^2); at 0.20 m/s their speed,
+5.4 rad/s, and 4.7 at the lowest steps tried, with three times the torque that is left there. With 60 rad/s^2 and 0.45
+to 0.51 s a step 0.18 m/s stood (2 runs), with the servos' own limits it fell. Their data give hips 47, knees 55, ankles 61 rad/s^2
 (`servo_accelerations`: 2.95 N m by ToddlerBot's identification, armature 0.045 kg m^2 by Haarnoja et al., Science
 Robotics 2024). ToddlerBot's files have an armature of 0.0025, with which hips could do 167: one number to measure.
 
-Torque ahead of time moves goals at 145 to 250 rad/s^2, which is no motion of the shaft: limits belong to the posture,
+Torque ahead of time moves goals at 145 to 196 rad/s^2, which is no motion of the shaft: limits belong to the posture,
 and its offset, 0.31 rad at most here, needs bounds of its own.
 """
 
