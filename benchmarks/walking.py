@@ -33,9 +33,10 @@ and 0.15 for 0.2 s (one run).
 What binds (`benchmarks.walking_fit`): in place and at low speed the acceleration of knees, which grows with the height
 of a step over the square of its time; at 0.15 m/s that of knees and hip pitch (52 rad/s^2); at 0.20 m/s their speed,
 5.4 rad/s, and 4.7 at the lowest steps tried, with three times the torque that is left there. With 60 rad/s^2 and 0.45
-to 0.51 s a step 0.18 m/s stood (2 runs), with the servos' own limits it fell. Their data give hips 47, knees 55, ankles 61 rad/s^2
-(`servo_accelerations`: 2.95 N m by ToddlerBot's identification, armature 0.045 kg m^2 by Haarnoja et al., Science
-Robotics 2024). ToddlerBot's files have an armature of 0.0025, with which hips could do 167: one number to measure.
+to 0.51 s a step 0.18 m/s stood (2 runs), with what the servos can do it fell: by their data hips can do 47, knees 55,
+ankles 61 rad/s^2 (`servo_accelerations`: 2.95 N m by ToddlerBot's identification, armature 0.045 kg m^2 by Haarnoja et
+al., Science Robotics 2024). ToddlerBot's files have an armature of 0.0025, with which hips could do 167: one number to
+measure.
 
 Torque ahead of time moves goals at 145 to 196 rad/s^2, which is no motion of the shaft: limits belong to the posture,
 and its offset, 0.31 rad at most here, needs bounds of its own.
