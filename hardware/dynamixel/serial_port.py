@@ -99,7 +99,7 @@ def no_such_port(path: str) -> BusError:
         "no such port",
         where=path or "an empty path",
         allowed=_existing(),
-        then="Check the cable, the power and the path",
+        then="Check the cable, the power and the path; without servos: --bus emulator",
     )
 
 

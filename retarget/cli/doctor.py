@@ -131,6 +131,9 @@ def _tilt(robot: str | None) -> list[DoctorFinding]:
 
     if robot is None:
         raise UsageError("whose IMU is not known", where="--tilt", allowed="--tilt with --robot NAME")
+    lacking = [finding for finding in _ports(None, robot) if finding.level is FindingLevel.FIX]
+    if lacking:
+        return lacking
     where, clock = Where(robot=robot), MonotonicClock()
     places = find_places(where, clock=clock)
 
