@@ -23,6 +23,7 @@ from retarget.run.options import RunOptions, perturbation_of
 from retarget.run.own_bus import OwnBus, is_own, own_bus_class
 from retarget.run.run_result import RunResult
 from retarget.run.tick import Machine
+from retarget.safety.force_limit import with_max_force
 from retarget.schema.scene import load_scene
 from retarget.types import FloatArray, News, Notify, RunState
 
@@ -175,6 +176,7 @@ class PhysicsBench:
 
         if asked.root is not None:  # it follows with the root of its mount, and still has soles
             robot = load_robot(options.robot)
+            robot = robot if options.max_force is None else with_max_force(robot, options.max_force)
         self._robot = robot
         mount = self._mount(robot)
         if mount.support.value == "floor":

@@ -19,7 +19,7 @@ from retarget.robot.balance import heaviest_loads
 from retarget.run.options import RunOptions, name_with_mass
 from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
 from retarget.run.trial import try_approach, try_robot
-from retarget.safety.contact import felt_servos
+from retarget.safety.contact import SLOWEST_HZ, felt_servos
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
 from retarget.schema.performer import load_performer
@@ -184,7 +184,7 @@ def _contacts(robot: RobotBody) -> str:
     """Which joints notice that they press against something."""
     felt = felt_servos(robot)
     if not felt.any():
-        return "not noticed: no servo beside those that carry it measures a current"
+        return f"not noticed: no servo beside those that carry it measures a current {SLOWEST_HZ:g} times a second"
     return f"noticed by {', '.join(compress(robot.joint_map.joints, felt))}"
 
 

@@ -24,7 +24,7 @@ FORMAT: Final = 3
 
 OPTIONS = (
     *("robot", "bus", "performer", "priorities", "iterations", "parts", "steps", "legs"),
-    *("gate", "scene", "allow_contact"),
+    *("gate", "scene", "allow_contact", "max_force"),
 )
 OF_PHYSICS = ("mount", "hook", "seed", "perturbations")
 """Fields of a session that are those of `RunOptions` and of `PhysicsOptions`."""
@@ -72,6 +72,7 @@ class Session(_Strict):
     gate: bool
     scene: str | None
     allow_contact: bool
+    max_force: Annotated[float, Field(gt=0.0)] | None = None
     mount: str | None
     hook: str | None
     seed: int

@@ -273,7 +273,7 @@ def prepare_for(
         notify(f"note: at the end it stands, with torque, until you hold it and switch torque off: {end_plan.why}")
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)
     guard, supervisor = Guard(bus=bus, joint_map=robot.joint_map, limits=limits), supervisor or Supervisor()
-    contact = ContactDetector(robot, dt=dt) if options.has_mass else None  # without mass no torque is needed
+    contact = contact_detector(robot, options, dt=dt)
     machine = Machine(
         robot, follower, gate, guard, supervisor, clock, dt, end_plan, real, notify, tip_watch=watch, contact=contact
     )
@@ -298,6 +298,12 @@ def _robot_of(options: RunOptions, robot: RobotBody | None) -> RobotBody | None:
     if robot is None and not options.is_human:
         robot = load_robot(options.robot, root=options.root)
     return robot if robot is None or options.max_force is None else with_max_force(robot, options.max_force)
+
+
+def contact_detector(robot: RobotBody, options: RunOptions, *, dt: float) -> ContactDetector | None:
+    """What notices presses; None: nothing is to, or the robot has no mass, and no torque is needed."""
+    felt = options.has_mass and robot.profile.safety.holds_when_pressed
+    return ContactDetector(robot, dt=dt) if felt else None
 
 
 @contextmanager

@@ -283,7 +283,8 @@ def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, giv
     if watch is not None and given.servos.imu is not None and not motion.on_approach:
         watch.look(given.servos.imu, joints)
     if machine.contact is not None:
-        machine.contact.look(given.servos, joints, state.commanded.standing)
+        moves = machine.supervisor.state in AT_RISK
+        machine.contact.look(given.servos, joints, state.commanded.standing, moves=moves)
 
 
 def _sampled(given: TickInput) -> dict[str, Any]:

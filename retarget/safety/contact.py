@@ -36,6 +36,8 @@ GRAVITY_SHARE, INERTIA_SHARE = 0.3, 0.5
 published inertias of a rotor by a factor of two."""
 SMOOTH_S = 0.02
 """[s] Time constant of each of two low passes: less, and the step of an encoder is an acceleration."""
+SLOWEST_HZ = 100.0
+"""Fewer ticks do not show how a joint accelerates between two goals: at 50 Hz its inertia looks like a press."""
 SUSTAINED_S = 0.08
 """[s] A press at its bound lasts this long before the robot holds, one of twice as much half as long: a joint that
 runs into its stop is at rest by then."""
@@ -114,7 +116,9 @@ def way_back(pressed: Press, last: CheckedGoal, servos: JointMap, *, dt: float) 
 
 def felt_servos(robot: RobotBody) -> BoolArray:
     """Mask (n,), in servo order, of the servos whose contacts are seen: they measure a current, turn one joint alone,
-    and carry neither a sole nor a hook by which the robot hangs."""
+    and carry neither a sole nor a hook by which the robot hangs. None on a robot of less than SLOWEST_HZ."""
+    if robot.profile.safety.rate_hz < SLOWEST_HZ:
+        return np.zeros(len(robot.joint_map), dtype=np.bool_)
     held = [foot.frame for foot in robot.profile.feet.values()] if robot.stands else []
     held += ["hook"] if robot.profile.root == "suspended" and "hook" in robot.profile.frames else []
     carrying = {link for frame in held for link in robot.body.chain_to_root(robot.frame(frame).body)}
@@ -191,7 +195,7 @@ class _InverseDynamics:
         self, states: ServoStates, joints: FloatArray, q: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """The currents (m,) A of a tick, the torques (m,) N m that are not explained, and their bounds (m,). joints
-        (n,): rad; q (nq,): as commanded. None in the first tick, and where a current is not known."""
+        (n,): rad; q (nq,): as commanded. None until a current is known."""
         columns, dt, gain = self.columns, self._dt, self._dt / (SMOOTH_S + self._dt)
         force = np.array(self._upright.force(states.imu, q))
         self.q[self._robot.servo_columns] = joints
@@ -199,10 +203,11 @@ class _InverseDynamics:
         jacobian = self._robot.kinematics.centre_of_mass_jacobian(self.q)
         gravity = matmul(force, jacobian)[self._dofs]
         current = states.current[columns]
-        seen = np.array([joints[columns], self.constant * current - gravity])
-        if not self.ticks or not np.isfinite(seen.sum()):
+        known = np.isfinite(current)  # of a servo that measures none for a while nothing is said
+        seen = np.array([joints[columns], np.where(known, self.constant * current - gravity, 0.0)])
+        if not self.ticks:
             self._one, self._two, self._velocity = seen.copy(), seen.copy(), np.zeros(len(columns))
-            self.ticks = int(np.isfinite(seen.sum()))
+            self.ticks = int(known.any())
             return None
         self._one += gain * (seen - self._one)
         moved = gain * (self._one - self._two)
@@ -211,7 +216,7 @@ class _InverseDynamics:
         inertial = self._armature / dt * (velocity - self._velocity)
         self._velocity = velocity
         self.ticks += 1
-        rest = self._two[1] - self._viscous * velocity - inertial
+        rest = np.where(known, self._two[1] - self._viscous * velocity - inertial, 0.0)
         return current, rest, self.base + GRAVITY_SHARE * np.abs(gravity) + INERTIA_SHARE * np.abs(inertial)
 
 
@@ -278,13 +283,17 @@ class ContactDetector:
         news, self._news = tuple(self._news), []
         return news
 
-    def look(self, states: ServoStates, joints: FloatArray, q: FloatArray) -> None:
+    def look(self, states: ServoStates, joints: FloatArray, q: FloatArray, *, moves: bool = True) -> None:
         """Look at the states of a tick. joints (n,): rad, where they are; q (nq,): the posture to which the robot was
-        commanded, whose root counts where no IMU says how the robot is turned."""
+        commanded, whose root counts where no IMU says how the robot is turned. moves: with the performer; else nothing
+        is judged."""
         if not self._servos:
             return
         seen = self._dynamics.look(states, joints, q)
         self.unexplained[self._dynamics.columns] = np.nan if seen is None else seen[1]
+        if not moves:
+            self.pressed, self._beyond, self._busy = None, np.zeros(len(self._servos)), False
+            return
         if seen is None or self._dynamics.ticks * self._dt < BEGUN_S:
             return
         current, rest, most = seen

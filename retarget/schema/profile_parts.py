@@ -344,6 +344,9 @@ class Safety(Schema):
     """[s] Greatest age of a servo's state, and of a goal since the start of its tick. Beyond it: stop."""
     freshness_warn: Positive | None = None
     """[s] From here on: a warning."""
+    holds_when_pressed: bool = True
+    """Whether the robot holds where currents show that an arm or a head presses; false of one that carries a load that
+    the body file does not know."""
     speed_caps: SpeedCaps = SpeedCaps()
     """Shares of each servo's max_velocity, kept by stages and gate."""
     temperature_c: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
