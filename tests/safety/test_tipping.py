@@ -119,8 +119,8 @@ def test_bowing_makes_no_fall_of_a_robot_that_leans_with_its_soles(robot: RobotB
     watched.look([bowed] * 5)
     for k in range(1, 12):
         joints = begin.copy()
-        joints[names.index("l_hip_pitch")] -= 0.5 * DT * k
-        joints[names.index("r_hip_pitch")] += 0.5 * DT * k
+        joints[names.index("l_hip_pitch")] -= 1.2 * DT * k
+        joints[names.index("r_hip_pitch")] += 1.2 * DT * k
         now = sample_of(robot, planted(robot, joints), lean, STILL)
         assert now.orientation is not None and bowed.orientation is not None
         turned = rotations.log(rotations.multiply(rotations.conjugate(bowed.orientation), now.orientation)) / DT
