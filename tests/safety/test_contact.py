@@ -22,6 +22,7 @@ from retarget.run.run_result import RunResult
 from retarget.safety.contact import (
     BEGUN_S,
     CLEAR_S,
+    SLOWEST_HZ,
     STUCK,
     SUSTAINED_S,
     ContactDetector,
@@ -134,6 +135,38 @@ def test_without_a_current_nothing_presses() -> None:
     unknown = replace(still(), current=np.full(20, np.nan))
     assert look(detector, iter(lambda: unknown, None), 1.0) is None
     assert look(detector, pressing(1.0), BEGUN_S + 0.3) is not None
+
+
+def without(states: Iterator[ServoStates], joint: str) -> Iterator[ServoStates]:
+    """The same states without the current of one joint."""
+    for one in states:
+        current = one.current.copy()
+        current[op3().joint_map.joints.index(joint)] = np.nan
+        yield replace(one, current=current)
+
+
+def test_a_current_that_is_not_known_says_nothing_of_its_own_joint_alone() -> None:
+    detector = begun()
+    assert look(detector, without(pressing(1.0), "l_el"), 1.0) is None
+    assert look(detector, without(pressing(1.0), "head_pan"), 1.0) is not None
+    joints = op3().joint_map.to_radians(still().position)
+    states = without(pressing(1.0), "l_el")
+    for _ in range(round(1.0 / DT)):
+        detector.look(next(states), joints, standing())
+    assert detector.pressed is None, "a press whose current is gone is over"
+
+
+def test_nothing_is_judged_on_the_way_to_rest() -> None:
+    detector, states = begun(), pressing(1.0)
+    joints = op3().joint_map.to_radians(still().position)
+    for _ in range(round(1.0 / DT)):
+        detector.look(next(states), joints, standing(), moves=False)
+    assert detector.pressed is None and not detector.take_news()
+
+
+def test_a_robot_of_few_ticks_is_not_watched() -> None:
+    assert load_robot("toddlerbot").profile.safety.rate_hz < SLOWEST_HZ
+    assert not felt_servos(load_robot("toddlerbot")).any()
 
 
 def test_the_way_back_brakes_within_the_limits_and_ends_where_the_limb_was() -> None:
