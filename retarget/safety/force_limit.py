@@ -17,13 +17,13 @@ import numpy as np
 
 from hardware.joint_map import JointMap
 from hardware.motors import drive_numbers
-from hardware.servo import ServoMode, ServoSpec
+from hardware.servo import ServoMode
 from retarget.arithmetic import norms
 from retarget.errors import UsageError
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.robot import RobotBody
 from retarget.rotations import as_vector
-from retarget.safety.contact import FRICTION, measures_current
+from retarget.safety.contact import FRICTION, link_of, measures_current
 from retarget.types import FloatArray
 
 HANDS = ("l_hand", "r_hand")
@@ -75,7 +75,7 @@ def _arms(robot: RobotBody) -> list[int]:
     ends = [foot.frame for foot in robot.profile.feet.values()]
     trunk = {link for frame in ends for link in robot.body.chain_to_root(robot.frame(frame).body)}
     arms = {link for frame in frames for link in robot.body.chain_to_root(robot.frame(frame).body)} - trunk
-    columns = [column for column, servo in enumerate(robot.joint_map.servos) if _link(robot, servo) in arms]
+    columns = [column for column, servo in enumerate(robot.joint_map.servos) if link_of(robot, servo) in arms]
     if not columns:
         raise UsageError("the robot has no arms", where=OPTION, found=f"{robot.profile.name}, no l_hand or r_hand")
     unfit = [servo for servo in map(robot.joint_map.servos.__getitem__, columns) if not measures_current(servo)]
@@ -89,10 +89,6 @@ def _arms(robot: RobotBody) -> list[int]:
             next_step="Leave it out",
         )
     return columns
-
-
-def _link(robot: RobotBody, servo: ServoSpec) -> int:
-    return int(robot.body.joint_body[robot.body.joint_index(servo.joint)])
 
 
 def _loads(robot: RobotBody, columns: list[int]) -> tuple[FloatArray, FloatArray]:

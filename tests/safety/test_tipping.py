@@ -93,39 +93,37 @@ def test_the_tilt_is_that_of_the_soles(way: float, tilt: float) -> None:
     assert watched.watch.tilt == pytest.approx(tilt, abs=1e-6)
 
 
+def bow(robot: RobotBody, watched: Watched, lean: FloatArray, *, speed: float, ticks: int) -> set[TipState]:
+    """The states while the hips bow the trunk at a speed, rad/s, over soles that lie turned by `lean`, wxyz."""
+    names, begin, states = robot.joint_map.joints, watched.joints, set[TipState]()
+    bowed = sample_of(robot, planted(robot), lean, STILL)
+    for k in range(1, ticks):
+        joints = begin.copy()
+        joints[names.index("l_hip_pitch")] -= speed * DT * k
+        joints[names.index("r_hip_pitch")] += speed * DT * k
+        now = sample_of(robot, planted(robot, joints), lean, STILL)
+        assert now.orientation is not None and bowed.orientation is not None
+        turned = rotations.log(rotations.multiply(rotations.conjugate(bowed.orientation), now.orientation)) / DT
+        states.add(watched.look([replace(now, angular_velocity=turned)], joints))
+        bowed = now
+    return states
+
+
 @pytest.mark.parametrize("slope", [0.0, 5.5, 8.0])
 @pytest.mark.parametrize("speed", [1.0, 3.0])
 def test_a_robot_that_bows_on_a_slope_does_not_tip(robot: RobotBody, slope: float, speed: float) -> None:
     """Its trunk turns and its mass moves, over soles that lie on the floor."""
     floor = rotations.from_axis_angle([0.0, 1.0, 0.0], radians(slope))
-    watched, names = Watched(robot, floor=floor), robot.joint_map.joints
-    begin, bowed = watched.joints, watched.flat
-    for k in range(1, 40):
-        joints = begin.copy()
-        joints[names.index("l_hip_pitch")] -= speed * DT * k
-        joints[names.index("r_hip_pitch")] += speed * DT * k
-        now = sample_of(robot, planted(robot, joints), floor, STILL)
-        assert now.orientation is not None and bowed.orientation is not None
-        turned = rotations.log(rotations.multiply(rotations.conjugate(bowed.orientation), now.orientation)) / DT
-        assert watched.look([replace(now, angular_velocity=turned)], joints) is TipState.STANDS
-        bowed = now
+    watched = Watched(robot, floor=floor)
+    assert bow(robot, watched, floor, speed=speed, ticks=40) == {TipState.STANDS}
 
 
 def test_bowing_makes_no_fall_of_a_robot_that_leans_with_its_soles(robot: RobotBody) -> None:
     """Soles 5.5 degrees off the floor, which do not turn: it tips, and only where the mass goes counts."""
-    watched, names = Watched(robot), robot.joint_map.joints
+    watched = Watched(robot)
     lean = rotations.from_axis_angle([0.0, 1.0, 0.0], radians(5.5))
-    begin, bowed = watched.joints, sample_of(robot, planted(robot), lean, STILL)
-    watched.look([bowed] * 5)
-    for k in range(1, 12):
-        joints = begin.copy()
-        joints[names.index("l_hip_pitch")] -= 1.2 * DT * k
-        joints[names.index("r_hip_pitch")] += 1.2 * DT * k
-        now = sample_of(robot, planted(robot, joints), lean, STILL)
-        assert now.orientation is not None and bowed.orientation is not None
-        turned = rotations.log(rotations.multiply(rotations.conjugate(bowed.orientation), now.orientation)) / DT
-        assert watched.look([replace(now, angular_velocity=turned)], joints) is TipState.TIPS
-        bowed = now
+    watched.look([sample_of(robot, planted(robot), lean, STILL)] * 5)
+    assert bow(robot, watched, lean, speed=1.2, ticks=12) == {TipState.TIPS}
 
 
 def test_the_lower_sole_carries(robot: RobotBody) -> None:
