@@ -86,6 +86,12 @@ class ArmBranches:
         for arm in self._arms:
             arm.reset(q)
 
+    def release(self, hierarchy: Hierarchy, targets: FloatArray) -> bool:
+        """Lead no arm in a tick whose hands go to places, and not by the lines of arms. Returns False, as `step`."""
+        hierarchy.reset_posture(targets)
+        self.restart()
+        return False
+
     def step(
         self,
         hierarchy: Hierarchy,

@@ -43,6 +43,7 @@ from retarget.robot.landmarks import (
 )
 from retarget.robot.step_plan import stepping_priorities, swinging_frames
 from retarget.robot.stepping import Stepping, reaching_aside
+from retarget.robot.strategies import REACH, Strategies, arms_alone, strategies_of
 from retarget.schema.priorities import Priorities
 from retarget.types import BoolArray, Carrying, FloatArray, RobotPosture
 
@@ -183,6 +184,8 @@ class Follower:
         steps = legs_move and priorities.steps == "shift"
         soles = tuple(sole.frame.name for sole in stance.soles)
         priorities = stepping_priorities(priorities, soles) if steps else priorities
+        chooses = bool(priorities.strategies) and legs_move and not steps and not robot.floats
+        priorities = priorities if chooses else arms_alone(priorities)
         balance = StandingBalance(priorities, stance) if soles else None
         edges = balance.edges if legs_move and balance else None
         self.observers = robot_observers(robot)
@@ -211,6 +214,12 @@ class Follower:
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)
+        self.strategies: Strategies | None = None
+        """How hands get to places that the arms do not reach; None: by the arms alone."""
+        if chooses and envelope is not None and balance is not None:
+            build = partial(self._hierarchy_of, limits=limits.unhurried, **REACH)
+            at, strength = self.landmark_map.standing, self._soles.strength
+            self.strategies = strategies_of(robot, priorities, stance, build, at, balance, strength, envelope)
         self._motion = AskedMotion(
             robot,
             self.hierarchy,
@@ -267,6 +276,8 @@ class Follower:
         self.landmark_map.restart()
         self._motion.restart()
         self._arms.restart()
+        if self.strategies is not None:
+            self.strategies.restart()
         self._rest, self._settled_s, self._speed = Dwell(), 0.0, 1.0
         self.scene_obstacles.restart()
         self._targets = standing_targets(self.hierarchy, self.stance)
@@ -274,7 +285,7 @@ class Follower:
         if self.steps is not None:
             self.steps.restart()
         self._reached = self._reader.read(self._q)
-        return self._posture(self.landmark_map.ask(human, 0.0))
+        return self._posture(self._ask(human, 0.0))
 
     def settle(self, human: "HumanPosture", dt: float) -> RobotPosture | None:
         """Return the next posture (nq,) on the way from `start` to what a performer who stands still asks for; None:
@@ -283,7 +294,7 @@ class Follower:
             self.scene_obstacles.begin()
             return None
         before = self._q
-        posture = self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt)
+        posture = self._follow(replace(self._ask(human, dt), carrying=Carrying.BOTH), dt)
         own = dt * self._speed
         self._rest.step(own, holds=float(np.abs(self._q - before).max()) < RESTING_SPEED * own)
         self._settled_s += dt
@@ -291,7 +302,12 @@ class Follower:
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
-        return self._follow(self.landmark_map.ask(human, dt), dt)
+        return self._follow(self._ask(human, dt), dt)
+
+    def _ask(self, human: "HumanPosture", dt: float) -> AskedLandmarks:
+        """What a posture asks of the robot, `dt` s after the one before."""
+        asked = self.landmark_map.ask(human, dt)
+        return asked if self.strategies is None else self.strategies.places(asked)
 
     def _follow(self, asked: AskedLandmarks, dt: float) -> RobotPosture:
         """The posture after the next `dt` s, on the way to what is asked."""
@@ -325,10 +341,16 @@ class Follower:
             self._motion.ask_nothing(targets)
             is_led = True
         else:
+            asked = asked if self.strategies is None else self.strategies.choose(asked, dt)
             self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
-            is_led = self._arms.step(
-                hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached, speed_override=self._speed
-            )
+            if self.strategies is None or self.strategies.is_arm_alone:
+                is_led = self._arms.step(
+                    hierarchy, targets, q, dt, limbs=asked.limbs, reached=self._reached, speed_override=self._speed
+                )
+            else:
+                is_led = self._arms.release(hierarchy, targets)
+            if self.strategies is not None:
+                self.strategies.weigh(hierarchy, targets)
         for sole in asked.soles:
             hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)
             hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))

@@ -283,6 +283,7 @@ class AskedLandmarks:
     apart: Vector = (0.0, 0.0, 0.0)
     carrying: Carrying = Carrying.BOTH
     soles: tuple["AskedSole", ...] = ()
+    whole: tuple[Vector, Quat] = ((0.0, 0.0, 0.0), NO_TURN)
 
     def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
         """The same for a body that is led aside and up, m: its pelvis by all of that, all others by a share of the way
@@ -427,7 +428,7 @@ class LandmarkMap:
             across = hypot(left_x, left_y) or inf
             aside = (left_x / across, left_y / across)
             return self._asked_free(self._free, limbs, seen, gaze, aside=aside, carrying=human.carrying, dt=dt)
-        pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
+        pelvis, whole = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
@@ -445,7 +446,8 @@ class LandmarkMap:
                 landmarks.append(plus(plus(pelvis, rotated(trunk, mark.carried)), limb))
         if self._feet_apart is not None:
             self._feet_apart.ask(landmarks)
-        return AskedLandmarks(landmarks, self._of_limbs(limbs, trunk), trunk, gaze, apart, human.carrying)
+        lines = self._of_limbs(limbs, trunk)
+        return AskedLandmarks(landmarks, lines, trunk, gaze, apart, human.carrying, whole=(whole, seen))
 
     def _asked_free(
         self,
@@ -496,20 +498,21 @@ class LandmarkMap:
 
     def _pelvis_asked(
         self, limbs: list[Vector], legs: list[Vector], apart: Vector, carrying: Carrying, seen: Quat, dt: float
-    ) -> Vector:
+    ) -> tuple[Vector, Vector]:
         """The pelvis over the planted ankles, on legs as long as the one that bears the performer, no lower than the
-        robot gets, and no higher than it leans from as its trunk is seen to. legs: lines from hips to ankles; apart:
-        the left ankle from the right one; m, scaled as a leg."""
+        robot gets, and no higher than it leans from as its trunk is seen to; and without these bounds. legs: lines from
+        hips to ankles; apart: the left ankle from the right one; m, scaled as a leg."""
         if self._envelope is None or self._pelvis is None:
-            return (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
+            place = (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
+            return place, place
         limb = limbs[self._pelvis]
         if self._over_feet is not None:
             limb = self._over_feet.step(limb, legs, apart, carrying, dt)
-        x, y, z = plus(plus(self._feet, limb), self._marks[self._pelvis].offset)
+        x, y, z = whole = plus(plus(self._feet, limb), self._marks[self._pelvis].offset)
         ahead, aside, up = rotated(seen, UP)
         z = min(z, self._envelope.highest_for(arctan2(hypot(ahead, aside), up), ahead, aside))
         low, high = self._envelope.lowest, self._envelope.highest
-        return x, y, high - soft_cap(high - z, high - low, CROUCH_KNEE)
+        return (x, y, high - soft_cap(high - z, high - low, CROUCH_KNEE)), whole
 
     def _trunk_asked(self, seen: Quat, height: float) -> Quat:
         """The trunk as seen on the performer, leaning no further than the robot can with its pelvis at `height`."""

@@ -358,6 +358,9 @@ class Priorities(Schema):
     steps: Steps | None = None
     """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
     of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
+    strategies: Annotated[tuple[Literal["trunk", "crouch"], ...], Field(max_length=2)] = ()
+    """How a robot on its soles gets its hands to places that its arms alone do not reach (see
+    `retarget.robot.strategies`); absent: not at all."""
     servo_lead: Annotated[NotNegative, Field(le=2.0)] = 0.0
     """What carries nothing (arms and head, all of a robot that hangs) aims ahead of the asked motion by this share of
     the lag of its servos."""
@@ -461,6 +464,10 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
                 if not unknown and "head" not in task.by:
                     found, step = listed(task.by), "Add head"
                     problems.append(document.problem(here, "the head has no share", found=found, next_step=step))
+    by_place = {name for *_, task in priorities.tasks() if isinstance(task, PositionTask) for name in task.of}
+    if priorities.strategies and (missing := {"l_hand", "r_hand", "pelvis"} - by_place):
+        found, step = f"no position task of {listed(sorted(missing))}", "Add it, as hands_first has it"
+        problems.append(document.problem(("strategies",), "strategies need tasks", found=found, next_step=step))
     if priorities.levels and not any(level.tasks for level in priorities.levels):
         problems.append(document.problem(("levels",), "no level has a task", allowed="at least one task"))
     return problems

@@ -1,0 +1,334 @@
+"""Reachability map: which hand places a robot on its soles reaches by its arm, with its trunk, and by a crouch.
+
+A place is relative to where the robot stands: the middle of its soles, x forward, m. The map is measured by the robot's
+own hierarchy, without rates: soles, balance, strength, limits and self collision are those of following. From the
+stance it goes from node to node of a grid, each from the posture of a neighbour that was reached, as far as it gets:
+once with the trunk asked as it stands (the arm), and once for each of some heights of the pelvis with the trunk free.
+
+For each node the field holds the distance to the edge of what was reached, m, negative inside. Outside it is the
+distance to the nearest place that a hand got to; inside, how far away the nearest place is that none got to. Between
+nodes it is interpolated. A map is measured once, and kept in the cache.
+"""
+
+import zipfile
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from retarget.arithmetic import norms
+from retarget.errors import InputError, UsageError
+from retarget.ik.hierarchy import Hierarchy
+from retarget.ik.support_polygon import Stance
+from retarget.ik.tasks import SlotKind
+from retarget.model.robot import HEAD, TRUNK, RobotBody
+from retarget.robot.balance import StandingBalance, StandingStrength
+from retarget.robot.crouch_envelope import LEAST_CROUCH_M, Envelope
+from retarget.robot.landmarks import PELVIS, AskedLandmarks, RobotReader, limb_names, standing_targets
+from retarget.rotations import Vector
+from retarget.schema.arrays import open_arrays
+from retarget.schema.catalogue import cache_folder
+from retarget.schema.files import make_folder, write_stream
+from retarget.schema.priorities import Priorities
+from retarget.types import BoolArray, FloatArray, Watch, unwatched
+
+HANDS = ("l_hand", "r_hand")
+"""Landmarks of which the map is."""
+NODES = 5
+"""Nodes of the grid in the length of an arm."""
+HEIGHTS = 5
+"""Heights of the pelvis, from the lowest of the crouch envelope to that of the stance."""
+CLOSE_M, KEPT = 0.004, 0.002
+"""A place is reached that a hand gets so near to (m), with the tasks of higher levels no farther off (m, rad)."""
+REACH: Mapping[str, Any] = {"iterations": 6, "damping": 0.5}
+"""Of the solver, in a frame."""
+FRAMES, PROGRESS_M = 4, 0.001
+"""Frames for a place, fewer once one brings less than so many m or the place is reached."""
+TRIES = 3
+"""Neighbours from which a place is tried: the arm of each may be in another branch."""
+FREED = 0.1
+"""Weight of the trunk, as a share, where it is free to lean and twist for a hand."""
+FORMAT = b"reach 1"
+"""Changes whenever maps that were measured before no longer hold."""
+MOST_BYTES = 1 << 26
+FAR_M = 1.0
+"""Distance where nothing is reached at all."""
+
+Node = tuple[int, int, int]
+
+
+def free_trunk(hierarchy: Hierarchy, targets: FloatArray, share: float) -> None:
+    """Ask the hands for places in the world by this share (0 to 1), else by the lines of their arms, and let the trunk
+    go as much for them."""
+    for name in HANDS:
+        hierarchy.weigh(targets, SlotKind.LIMB, name, 1.0 - share)
+        hierarchy.weigh(targets, SlotKind.POSITION, name, share)
+    for kind in (SlotKind.LIMB, SlotKind.ORIENTATION):
+        hierarchy.weigh(targets, kind, TRUNK, 1.0 + share * (FREED - 1.0))
+
+
+class HandReach:
+    """The map of one hand. low (3,): place of the first node; spacing: between nodes; field (x, y, z, 1 + h + 3):
+    distances to the edge of what the arm reaches and of what is reached at each of h heights, and the line to the
+    nearest place that is reached at any, all m."""
+
+    def __init__(self, low: FloatArray, spacing: float, field: FloatArray) -> None:
+        self.low, self.spacing, self.field = low, spacing, field
+        sizes = field.shape[:3]
+        strides = np.array([sizes[1] * sizes[2], sizes[2], 1])
+        self._corners = (np.array(list(product((0, 1), repeat=3))) * strides).sum(axis=1)
+        self._ends = (low + spacing * (np.array(sizes) - 1)).tolist()
+        self._axes = list(zip(low.tolist(), strides.tolist(), [size - 2 for size in sizes], strict=True))
+        self._flat = np.ascontiguousarray(field.reshape(-1, field.shape[3]))
+
+    def inside(self, place: Sequence[float]) -> Vector:
+        """The nearest place, m, that the grid covers."""
+        x, y, z = (min(max(v, axis[0]), end) for v, axis, end in zip(place, self._axes, self._ends, strict=True))
+        return x, y, z
+
+    def at(self, place: Vector) -> list[float]:
+        """The field at a place inside, m: between the nodes at the corners of its cell."""
+        start, shares = 0, list[tuple[float, float]]()
+        for v, (low, stride, last) in zip(place, self._axes, strict=True):
+            along = (v - low) / self.spacing
+            node = min(int(along), last)
+            start += stride * node
+            shares.append((1.0 - along + node, along - node))
+        (a, b), (c, d), (e, f) = shares
+        weights = np.array([a * c * e, a * c * f, a * d * e, a * d * f, b * c * e, b * c * f, b * d * e, b * d * f])
+        found: list[float] = (weights[:, None] * self._flat[self._corners + start]).sum(axis=0).tolist()
+        return found
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Places (x, y, z, 3) of the nodes, m."""
+        return np.asarray(self.low + self.spacing * np.moveaxis(np.indices(self.field.shape[:3]), 0, -1))
+
+
+@dataclass(frozen=True, eq=False)
+class ReachMap:
+    """hands: in the order of HANDS. heights: of the pelvis, m, rising."""
+
+    hands: tuple[HandReach, ...]
+    heights: tuple[float, ...]
+
+
+# Measuring.
+
+
+class ReachProbe:
+    """Moves the hands of one robot on its soles as far as they get, without rates."""
+
+    def __init__(
+        self,
+        robot: RobotBody,
+        stance: Stance,
+        hierarchy: Hierarchy,
+        standing: AskedLandmarks,
+        balance: StandingBalance,
+        strength: StandingStrength | None,
+        envelope: Envelope,
+    ) -> None:
+        """hierarchy: without rates, as REACH has it. standing: the landmarks of the stance."""
+        self._hierarchy, self._stance, self._balance, self._strength = hierarchy, stance, balance, strength
+        self._reader, marks = RobotReader(robot, stance), robot.profile.landmarks
+        self._rows = {name: list(marks).index(name) for name in (*HANDS, PELVIS)}
+        self._shoulders = {name: stance.points[marks[name].anchor[0]] for name in HANDS}
+        self.spacing = marks[HANDS[0]].robot_length / NODES
+        self._pelvis = standing.landmarks[self._rows[PELVIS]]
+        highest = max(self._pelvis[2], envelope.lowest + LEAST_CROUCH_M)
+        self.heights = tuple(np.linspace(envelope.lowest, highest, HEIGHTS).tolist())
+        first = next(index for index, slot in enumerate(hierarchy.slots) if slot.name in HANDS)
+        watched = (SlotKind.PREVENTIVE, SlotKind.PREVIOUS)
+        self._kept = [index for index, slot in enumerate(hierarchy.slots[:first]) if slot.kind not in watched]
+        self._standing = targets = standing_targets(hierarchy, stance)
+        soles = {sole.frame.name for sole in stance.soles}
+        for name, place in zip(marks, standing.landmarks, strict=True):
+            if name not in soles:
+                hierarchy.set_position(targets, name, np.array(place))
+        for name, line in zip(limb_names(robot.profile), standing.limbs, strict=True):
+            _, slots = hierarchy.position_slots([name], SlotKind.LIMB)
+            targets[slots] = (1.0, *line)
+        hierarchy.set_orientation(targets, TRUNK, np.array(self._reader.trunk_at_stance))
+        hierarchy.set_look_at(targets, HEAD, 1e3 * np.array(standing.gaze))
+
+    def measure(self, watch: Watch = unwatched) -> ReachMap:
+        """Measure the map; seconds to a minute."""
+        hands = []
+        with watch("reachability map", len(HANDS) * (1 + HEIGHTS)) as done:
+            for number, hand in enumerate(HANDS):
+                layers = []
+                for layer, height in enumerate((None, *self.heights)):
+                    layers.append(self._flood(hand, height))
+                    done(number * (1 + HEIGHTS) + layer + 1)
+                hands.append(_hand_reach(layers, self.spacing))
+        return ReachMap(tuple(hands), self.heights)
+
+    def _flood(self, hand: str, height: float | None) -> "_Layer":
+        """What a hand reaches with the pelvis at a height, m; None: by the arm, as the robot stands."""
+        layer, row = _Layer({}, []), self._rows[hand]
+        targets, by_place = self._standing.copy(), height is not None
+        free_trunk(self._hierarchy, targets, float(by_place))
+        for name in HANDS:  # the other hand is asked nothing
+            self._hierarchy.weigh(targets, SlotKind.LIMB, name, 0.0)
+            self._hierarchy.weigh(targets, SlotKind.POSITION, name, 0.0)
+        if height is not None:
+            self._hierarchy.set_position(targets, PELVIS, np.array([*self._pelvis[:2], height]))
+        start, at = self._go(targets, self._stance.q, row, None)
+        _, slots = self._hierarchy.position_slots([hand], SlotKind.POSITION if by_place else SlotKind.LIMB)
+        begin = np.zeros(3) if by_place else self._shoulders[hand]
+        queue = deque((node, start) for node in _around(at, self.spacing))
+        tries: Counter[Node] = Counter()
+        while queue:
+            node, q = queue.popleft()
+            if layer.reached.get(node, False) or tries[node] >= TRIES:
+                continue
+            tries[node] += 1
+            place = self.spacing * np.array(node)
+            targets[slots] = (1.0, *(place - begin).tolist())
+            end, at = self._go(targets, q, row, place, height)
+            layer.reached[node] = bool(norms(at - place) < CLOSE_M)
+            if np.isfinite(at).all():
+                layer.places.append(at)
+            if layer.reached[node]:
+                queue.extend((near, end) for near in _neighbours(node) if not layer.reached.get(near, False))
+        return layer
+
+    def _go(
+        self, targets: FloatArray, q: FloatArray, row: int, place: FloatArray | None, height: float | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Go on from posture q (nq,). Returns the posture at the end, and where the landmark of a row is, (3,) m; NaN
+        where a task of a higher level, or the height of the pelvis, is missed. place: where it is to be, m."""
+        solver, last = self._hierarchy.solver, np.inf
+        solver.reset(q)
+        now = self._reader.read(q)
+        for _ in range(FRAMES):
+            spaces = self._balance.spaces(now.centre_of_mass, np.zeros(3), 1.0)
+            self._hierarchy.set_support(targets, spaces)
+            if self._strength is not None:
+                self._strength.aim(self._hierarchy, targets, q, now.centre_of_mass, 1.0)
+            q = solver.frame(targets, 1.0)
+            now = self._reader.read(q)
+            missed = 1.0 if place is None else float(norms(now.points[row] - place))
+            if missed < CLOSE_M or abs(last - missed) < PROGRESS_M < abs(1.0 - missed):
+                break
+            last = missed
+        kept = np.nanmax(solver.task_errors[self._kept]) < KEPT
+        if height is not None and place is not None:
+            kept &= abs(now.points[self._rows[PELVIS], 2] - height) < CLOSE_M
+        return q, now.points[row] if kept else np.full(3, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """Nodes that were tried, and whether each was reached; places (3,) m at which the hand ended."""
+
+    reached: dict[Node, bool]
+    places: list[FloatArray]
+
+
+def _around(place: FloatArray, spacing: float) -> list[Node]:
+    """The nodes at the corners of the cell that a place (3,) m is in, the nearest first."""
+    first = np.floor(place / spacing).astype(int)
+    nodes = [(x, y, max(z, 0)) for x, y, z in (first + np.indices((2, 2, 2)).reshape(3, -1).T).tolist()]
+    return sorted(set(nodes), key=lambda node: float(norms(spacing * np.array(node) - place)))
+
+
+def _neighbours(node: Node) -> list[Node]:
+    """The nodes beside a node, none of them below the ground."""
+    x, y, z = node
+    near = [(x - 1, y, z), (x + 1, y, z), (x, y - 1, z), (x, y + 1, z), (x, y, z - 1), (x, y, z + 1)]
+    return [one for one in near if one[2] >= 0]
+
+
+def _hand_reach(layers: Sequence[_Layer], spacing: float) -> HandReach:
+    """The map of a hand, from the layers of the arm and of all heights."""
+    tried = np.array(sorted({node for layer in layers for node in layer.reached}))
+    low, size = tried.min(axis=0), tried.max(axis=0) - tried.min(axis=0) + 1
+    nodes = (low + np.moveaxis(np.indices(size), 0, -1)).reshape(-1, 3)
+    index = {node: row for row, node in enumerate(map(tuple, nodes.tolist()))}
+    field = np.zeros((len(nodes), len(layers) + 3))
+    masks = []
+    for column, layer in enumerate(layers):
+        was_tried, reached = np.zeros((2, len(nodes)), dtype=np.bool_)
+        for node, there in layer.reached.items():
+            was_tried[index[node]], reached[index[node]] = True, there
+        masks.append(reached)
+        field[:, column], _ = _distances(spacing * nodes, reached, was_tried & ~reached, layer.places, spacing)
+    anywhere, places = np.any(masks[1:], axis=0), [place for layer in layers[1:] for place in layer.places]
+    _, field[:, -3:] = _distances(spacing * nodes, anywhere, ~anywhere, places, spacing)
+    return HandReach(spacing * low, spacing, np.round(field, 5).reshape(*size, -1))
+
+
+def _distances(
+    nodes: FloatArray, reached: BoolArray, missed: BoolArray, places: Sequence[FloatArray], spacing: float
+) -> tuple[FloatArray, FloatArray]:
+    """Distances (n,) of nodes (n, 3) to the edge, and lines (n, 3) to the nearest place of a hand; zero for those that
+    are reached."""
+    distance, line = np.full(len(nodes), FAR_M), np.zeros((len(nodes), 3))
+    if places:
+        ends = np.array(places)
+        for row in np.flatnonzero(~reached).tolist():
+            gaps = ends - nodes[row]
+            length = norms(gaps)
+            nearest = int(length.argmin())
+            distance[row], line[row] = length[nearest], gaps[nearest]
+    # No hand got nearer to a missed node than its distance: so the edge is outside of that ball.
+    balls, radii = nodes[missed], distance[missed]
+    for row in np.flatnonzero(reached).tolist():
+        depth = (norms(balls - nodes[row]) - radii).min() if len(balls) else np.inf
+        distance[row] = -min(max(float(depth), 0.0), 2.0 * spacing)
+    return distance, line
+
+
+# Kept in the cache: arrays alone, under a name that says of which robot and of which priorities they are.
+
+
+def map_path(robot: RobotBody, priorities: Priorities) -> Path:
+    """Where the map of a robot with these priorities is kept."""
+    digest = sha256(FORMAT + robot.content + priorities.model_dump_json().encode()).hexdigest()
+    return cache_folder() / "reach" / f"{robot.profile.name}-{digest[:24]}.npz"
+
+
+def save_map(found: ReachMap, path: Path) -> None:
+    """Write a map, whole or not at all. Raises UsageError with the system's reason."""
+    arrays = {"heights": np.array(found.heights)}
+    for name, hand in zip(HANDS, found.hands, strict=True):
+        arrays |= {f"{name}_low": hand.low, f"{name}_spacing": np.array(hand.spacing), f"{name}_field": hand.field}
+    make_folder(path.parent, option="cache")
+    write_stream(path, lambda stream: np.savez_compressed(stream, allow_pickle=False, **arrays), option="cache")
+
+
+def load_map(path: Path) -> ReachMap | None:
+    """Read a map; None where there is none, or one that is damaged."""
+    with suppress(InputError, KeyError, zipfile.BadZipFile):
+        read = open_arrays(path, lambda names: names, max_bytes=MOST_BYTES, advice="Delete it")
+        heights = read.floats("heights", HEIGHTS)
+        hands = tuple(
+            HandReach(
+                read.floats(f"{name}_low", 3),
+                float(read.floats(f"{name}_spacing")),
+                read.floats(f"{name}_field", None, None, None, 1 + HEIGHTS + 3),
+            )
+            for name in HANDS
+        )
+        if all(min(hand.field.shape[:3]) >= 2 and hand.spacing > 0.0 for hand in hands):
+            return ReachMap(hands, tuple(heights.tolist()))
+    return None
+
+
+def reach_map(robot: RobotBody, priorities: Priorities, probe: Callable[[], ReachProbe]) -> ReachMap:
+    """The map of a robot: from the cache, or measured by a probe and put there where that is possible."""
+    path = map_path(robot, priorities)
+    found = load_map(path)
+    if found is None:
+        found = probe().measure()
+        with suppress(UsageError):
+            save_map(found, path)
+    return found

@@ -1,0 +1,235 @@
+"""Motion strategies: how a robot on its soles gets its hands to places that its arms alone do not reach.
+
+In the order of their cost: the arm, with the trunk where the performer has it; the trunk, which leans and twists as
+far as the hand needs it; a crouch, with the pelvis at the nearest height from which the hand gets there; a step. The
+cheapest one that the reachability map allows is taken (R. Boulic et al., "Virtual worker reachable space evaluation
+with prioritized inverse kinematics", Int. Symp. Robotics 2004). A step is only named: the hands then go to the edge of
+what the robot reaches from where it stands.
+
+A strategy is left for a cheaper one only well inside the reach of that, and one goes over into another by weights and
+heights that change smoothly.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import Enum
+
+import numpy as np
+
+from retarget.arithmetic import low_pass, norm
+from retarget.ik.hierarchy import Build, Hierarchy
+from retarget.ik.support_polygon import Stance
+from retarget.model.robot import RobotBody
+from retarget.robot.balance import StandingBalance, StandingStrength
+from retarget.robot.crouch_envelope import Envelope
+from retarget.robot.landmarks import PELVIS, AskedLandmarks, limb_names
+from retarget.robot.reach_map import HANDS, REACH, HandReach, ReachMap, ReachProbe, free_trunk, reach_map
+from retarget.rotations import Vector, as_vector, inverse, minus, plus, rotated
+from retarget.schema.priorities import PositionTask, Priorities
+from retarget.types import FloatArray
+
+__all__ = ["REACH", "Strategies", "Strategy", "arms_alone", "strategies_of"]
+
+SETTLE_S = 0.15
+"""Time constant (s) with which the trunk becomes free, or stiff, and the pelvis goes to another height."""
+EDGE_M = 0.006
+"""A hand may miss its place by so much, m, before a dearer strategy is taken."""
+INSIDE = 0.15
+"""Distance from the edge of a cheaper strategy at which it is taken again, in spacings of the map's grid."""
+LEAST = 1e-3
+"""A share that is smaller is none."""
+
+
+class Strategy(Enum):
+    """How hands get to their places. The value is what pages and reports call it."""
+
+    ARM = "arm"
+    TRUNK = "trunk"
+    CROUCH = "crouch"
+    STEP = "needs a step"
+
+    def costs_no_less(self, other: "Strategy") -> bool:
+        """Return whether it is the other one, or comes after it."""
+        return ORDER.index(self) >= ORDER.index(other)
+
+
+ORDER = tuple(Strategy)
+"""From the cheapest to the dearest."""
+
+
+def arms_alone(priorities: Priorities) -> Priorities:
+    """The same without tasks on the places of hands: those that a robot has that chooses no strategies."""
+    if not priorities.strategies:
+        return priorities
+    levels = []
+    for level in priorities.levels:
+        kept = (task for task in level.tasks if not (isinstance(task, PositionTask) and set(task.of) <= set(HANDS)))
+        levels.append(level.model_copy(update={"tasks": tuple(kept)}))
+    return priorities.model_copy(update={"levels": tuple(levels), "strategies": ()})
+
+
+class Strategies:
+    """The strategy of one robot: `places`, then `choose` in each tick, and `weigh` once its targets are set."""
+
+    def __init__(self, robot: RobotBody, stance: Stance, reach: ReachMap, *, allowed: Sequence[str]) -> None:
+        """allowed: values of strategies besides the arm and the step."""
+        marks, names = robot.profile.landmarks, limb_names(robot.profile)
+        self.reach = reach
+        """What it chooses by."""
+        self._allowed = [one for one in ORDER if one.value in allowed]
+        self._rows = [list(marks).index(name) for name in HANDS]
+        self._lines = [names.index(name) for name in HANDS]
+        self._pelvis = list(marks).index(PELVIS)
+        place = stance.points[marks[PELVIS].frame]
+        self._stands = as_vector(place)
+        self._shoulders = [as_vector(stance.points[marks[name].anchor[0]] - place) for name in HANDS]
+        self._inside = INSIDE * reach.hands[0].spacing
+        self.forced: tuple[Strategy, float | None] | None = None
+        """Taken whatever the map says, with the pelvis at a height, m, for comparisons; None: chosen, or by the map."""
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with the arm."""
+        self.strategy = Strategy.ARM
+        """The one of the last tick."""
+        self.seconds = dict.fromkeys(ORDER, 0.0)
+        """For how long each was taken, s."""
+        self._share = self._lower = 0.0
+
+    @property
+    def is_arm_alone(self) -> bool:
+        """True if the trunk is not free at all."""
+        return self._share == 0.0
+
+    def places(self, asked: AskedLandmarks) -> AskedLandmarks:
+        """The same, with the hands where they are with the performer's own pelvis and trunk, also where those of the
+        robot cannot follow."""
+        pelvis, trunk = asked.whole
+        landmarks = list(asked.landmarks)
+        for row, line, shoulder in zip(self._rows, self._lines, self._shoulders, strict=True):
+            landmarks[row] = plus(plus(pelvis, rotated(trunk, shoulder)), asked.limbs[line])
+        return replace(asked, landmarks=landmarks)
+
+    def choose(self, asked: AskedLandmarks, dt: float) -> AskedLandmarks:
+        """Choose for the next `dt` s. Returns what is to be asked: hands within reach, and the pelvis low enough."""
+        landmarks, limbs = list(asked.landmarks), list(asked.limbs)
+        pelvis, back = landmarks[self._pelvis], inverse(asked.trunk)
+        hands = [hand.inside(landmarks[row]) for hand, row in zip(self.reach.hands, self._rows, strict=True)]
+        by_arm = -np.inf
+        for hand, place in zip(self.reach.hands, hands, strict=True):
+            # Where the hand would be in the stance, carried by a trunk that is upright there.
+            seen = plus(self._stands, rotated(back, minus(place, pelvis)))
+            by_arm = max(by_arm, hand.at(hand.inside(seen))[0])
+        fields = [hand.at(place) for hand, place in zip(self.reach.hands, hands, strict=True)]
+        self.strategy, height = self._cheapest(by_arm, fields, pelvis[2])
+        if self.strategy is Strategy.STEP:
+            hands = [self._on_edge(*one) for one in zip(self.reach.hands, hands, fields, strict=True)]
+            fields = [hand.at(place) for hand, place in zip(self.reach.hands, hands, strict=True)]
+            leans_at = min(pelvis[2], self.reach.heights[-1])
+            height = nearest_height(self.reach.heights, farthest(fields), leans_at, -self._inside)
+        self.seconds[self.strategy] += dt
+        free = float(self.strategy is not Strategy.ARM)
+        self._share = low_pass(self._share, free, dt / SETTLE_S)
+        self._share = free if abs(self._share - free) < LEAST else self._share
+        self._lower = low_pass(self._lower, height - pelvis[2], dt / SETTLE_S)
+        landmarks[self._pelvis] = plus(pelvis, (0.0, 0.0, self._lower))
+        for row, line, shoulder, place in zip(self._rows, self._lines, self._shoulders, hands, strict=True):
+            landmarks[row] = place
+            limbs[line] = minus(place, plus(pelvis, rotated(asked.trunk, shoulder)))
+        return replace(asked, landmarks=landmarks, limbs=limbs)
+
+    def weigh(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
+        """Let the trunk go, as far as the strategy does, in a target vector in which all else is set."""
+        free_trunk(hierarchy, targets, self._share)
+
+    def _cheapest(self, by_arm: float, fields: Sequence[Sequence[float]], height: float) -> tuple[Strategy, float]:
+        """The cheapest strategy, and the height (m) of the pelvis in it. by_arm: distance, m, from the edge of what the
+        arms reach; height: that is asked."""
+        heights, edges = self.reach.heights, farthest(fields)
+        leans_at = min(height, heights[-1])  # straight legs do not lean
+        if self.forced is not None:
+            one, forced = self.forced
+            crouch = nearest_height(heights, edges, leans_at, -self._inside) if forced is None else forced
+            return one, {Strategy.ARM: height, Strategy.TRUNK: leans_at}.get(one, crouch)
+        limits = [EDGE_M if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
+        if by_arm <= limits[0]:
+            return Strategy.ARM, height
+        if Strategy.TRUNK in self._allowed and at_height(heights, edges, leans_at) <= limits[1]:
+            return Strategy.TRUNK, leans_at
+        crouch = nearest_height(heights, edges, leans_at, -self._inside)
+        reached = Strategy.CROUCH in self._allowed and min(edges) <= limits[2]
+        return Strategy.CROUCH if reached else Strategy.STEP, crouch
+
+    @staticmethod
+    def _on_edge(hand: HandReach, place: Vector, field: Sequence[float]) -> Vector:
+        """The place, or the one on the edge of the map that is nearest to it."""
+        beyond, line = min(field[1:-3]), field[-3:]
+        length = norm(np.array(line))
+        if beyond <= 0.0 or length == 0.0:
+            return place
+        x, y, z = line
+        share = beyond / length
+        return plus(place, (share * x, share * y, share * z))
+
+    def standing_place(self, places: Sequence[Vector]) -> tuple[float, float] | None:
+        """How far (x, y) m the robot has to go on the ground, without turning, so that it reaches both places, m, from
+        where it stands then; the shortest way, None where there is none."""
+        first, second = self.reach.hands
+        level = round((first.inside(places[0])[2] - float(first.low[2])) / first.spacing)
+        reached = first.field[:, :, level, 1:-3].min(axis=2) <= -self._inside
+        ways = np.array(places[0][:2]) - first.nodes[:, :, level, :2][reached]
+        for x, y in sorted(ways.tolist(), key=lambda way: norm(np.array(way))):
+            moved = minus(places[1], (x, y, 0.0))
+            place = second.inside(moved)
+            if place == moved and min(second.at(place)[1:-3]) <= 0.0:
+                return x, y
+        return None
+
+
+def strategies_of(
+    robot: RobotBody,
+    priorities: Priorities,
+    stance: Stance,
+    build: Build,
+    standing: AskedLandmarks,
+    balance: StandingBalance,
+    strength: StandingStrength | None,
+    envelope: Envelope,
+) -> Strategies | None:
+    """The strategies of priorities that have some; None of a robot without two hands and a pelvis that its legs move.
+    build: a hierarchy as REACH has it, without rates. standing: the landmarks of the stance."""
+    marks = robot.profile.landmarks
+    if not {*HANDS, PELVIS} <= marks.keys():
+        return None
+
+    def probe() -> ReachProbe:
+        hierarchy = build(priorities, np.zeros(robot.body.nv, dtype=np.bool_))
+        return ReachProbe(robot, stance, hierarchy, standing, balance, strength, envelope)
+
+    return Strategies(robot, stance, reach_map(robot, priorities, probe), allowed=priorities.strategies)
+
+
+def farthest(fields: Sequence[Sequence[float]]) -> list[float]:
+    """Distances, m, of that hand at each height that is farther from the edge."""
+    return [max(pair) for pair in zip(*(field[1:-3] for field in fields), strict=True)]
+
+
+def at_height(heights: Sequence[float], edges: Sequence[float], height: float) -> float:
+    """The distance at a height, m, between those of the map."""
+    last = len(heights) - 1
+    along = min(max((height - heights[0]) / (heights[last] - heights[0]), 0.0), 1.0) * last
+    node = min(int(along), last - 1)
+    return edges[node] + (along - node) * (edges[node + 1] - edges[node])
+
+
+def nearest_height(heights: Sequence[float], edges: Sequence[float], height: float, limit: float) -> float:
+    """The height, m, nearest to another one at which the distance is within a limit; else that of the least."""
+    if at_height(heights, edges, height) <= limit:
+        return height
+    crossings = [height for height, edge in zip(heights, edges, strict=True) if edge <= limit]
+    for (low, a), (high, b) in zip(zip(heights, edges), zip(heights[1:], edges[1:])):  # noqa: B905 - of one length
+        if min(a, b) <= limit < max(a, b):
+            crossings.append(low + (limit - a) / (b - a) * (high - low))
+    if not crossings:
+        return heights[min(range(len(edges)), key=lambda node: edges[node])]
+    return min(crossings, key=lambda one: abs(one - height))
