@@ -13,15 +13,19 @@ from hardware.servo import DEFAULT_P_GAIN, Layout, p_gain
 from retarget.cli.exit import echo
 from retarget.errors import ConfigError, Problem, RefusedError, UsageError, renamed_to, suggest
 from retarget.ik.support_polygon import check_stand
+from retarget.model.human_dimensions import proportional_dimensions
 from retarget.model.observers import DroppedPair, robot_observers
 from retarget.model.robot import RobotBody, load_profile, load_robot
 from retarget.robot.balance import heaviest_loads
+from retarget.robot.follower import Follower
+from retarget.robot.reach_map import map_path
 from retarget.run.options import RunOptions, name_with_mass
 from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
 from retarget.run.trial import try_approach, try_robot
 from retarget.safety.contact import SLOWEST_HZ, felt_servos
 from retarget.safety.joint_ranges import questioned_ranges
 from retarget.schema.catalogue import Kind, calibration_path, entries, find, kind_by_keys, kind_of
+from retarget.schema.files import check_place
 from retarget.schema.performer import load_performer
 from retarget.schema.priorities import load_priorities
 from retarget.schema.profile import DRAFT, marked_lines
@@ -31,6 +35,8 @@ from retarget.schema.strict_models import Schema, listed, unknown_name
 from retarget.schema.strict_yaml import Document, read_text, scan
 from retarget.sources.open import SUFFIXES
 
+STATURE_M = 1.75
+"""Of a performer for whom a map is the same as for any other."""
 ELSEWHERE = {
     **dict.fromkeys(
         (".xml", ".urdf", ".mjcf"), "A body is checked with the profile that names it: give its robot.yaml"
@@ -40,11 +46,13 @@ ELSEWHERE = {
 """Suffixes of files that are not checked here, and what to do with them."""
 
 
-def check(files: list[str]) -> None:
+def check(files: list[str], reach: Path | None = None) -> None:
     """Validate profiles, priority files, performers, scenes and sessions; all errors of a file are shown at once.
 
     Arguments:
         files: Files, folders of robots, or names of shipped or own ones.
+        reach FILE: Draw which hand places a robot reaches, and by which strategy, as PNG; measured once, in a minute or
+            more. With a priority file among FILES it is by that, else by hands_first.
     """
     refused = False
     for name in files:
@@ -56,6 +64,29 @@ def check(files: list[str]) -> None:
             echo(f"error: {error}", err=True)
     if refused:
         raise typer.Exit(2)
+    if reach is not None:
+        _reach([target for name in files for target in _targets(name)], reach)
+
+
+def _reach(targets: Sequence[tuple[Kind, Path]], picture: Path) -> None:
+    """Draw the reachability map of a robot, and say its numbers. Raises UsageError: not one robot, or no strategies."""
+    from retarget.pictures.reach import draw_reach, reach_numbers
+
+    robots = [path for kind, path in targets if kind is Kind.ROBOT]
+    named = [path for kind, path in targets if kind is Kind.PRIORITIES] or [Path("hands_first")]
+    if len(robots) != 1 or len(named) != 1 or picture.suffix.lower() != ".png":
+        allowed, found = "one robot, at most one priority file, and FILE.png", f"{picture}, {listed(map(str, targets))}"
+        raise UsageError("a map is of one robot", where="--reach", found=found, allowed=allowed)
+    check_place(picture, option="--reach")
+    robot, priorities = load_robot(robots[0]), load_priorities(named[0] if named[0].suffix else str(named[0]))
+    if not map_path(robot, priorities).is_file():
+        echo("measuring which hand places it reaches, once; it takes a minute or more")
+    follower = Follower(robot, priorities, proportional_dimensions(STATURE_M))
+    if follower.strategies is None:
+        step = "Take a robot with two hands on its own soles, and priorities with `strategies`, as hands_first"
+        raise UsageError("there is no map of this robot", where="--reach", found=priorities.name, next_step=step)
+    draw_reach(robot, follower.stance, follower.strategies, picture)
+    echo("\n".join([*reach_numbers(follower.strategies), f"written: {picture}"]))
 
 
 def _targets(name: str) -> list[tuple[Kind, Path]]:

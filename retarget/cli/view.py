@@ -134,7 +134,9 @@ def _extras(
             return "ended", ""
         known = (STATE_WORDS.get(supervisor.state, supervisor.state.value), "") if words is None else words()
         held = supervisor.hold_reason if supervisor.state is RunState.HOLD else ""
-        return known[0], known[1] or held or machine.guard.health.heat_words
+        strategies = machine.follower.strategies
+        by = strategies.strategy.words if strategies is not None and supervisor.state is RunState.FOLLOW else ""
+        return known[0], known[1] or held or machine.guard.health.heat_words or by
 
     def current() -> FloatArray | None:
         states = machine.guard.states

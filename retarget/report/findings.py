@@ -252,6 +252,12 @@ class RunFigures:
         return stream_line(self.report.live)
 
     @property
+    def strategies_taken(self) -> str:
+        """The share of time with each strategy; "" of a robot that chooses none."""
+        taken = self.report.strategies or {}
+        return ", ".join(f"{name} {seconds / max(sum(taken.values()), 1e-9):.0%}" for name, seconds in taken.items())
+
+    @property
     def stays(self) -> str:
         """Not empty where the feet stay planted while the performer's move."""
         return "none" if self.report.foot_path_ratio == 0.0 else ""

@@ -172,6 +172,7 @@ def measure(run: RunResult) -> Report:
         unfollowed=unfollowed_of(run, performance),
         physics=physics_report(run),
         steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
+        strategies=run.tally.strategies,
         imu=_imu(run),
         refused_pair=run.tally.refused_pair,
         presses=run.tally.presses,

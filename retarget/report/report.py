@@ -277,6 +277,8 @@ class Report:
     """Tilt by the IMU; null without one."""
     steps: StepsReport | None = None
     """Steps of a robot that makes some."""
+    strategies: dict[str, float] | None = None
+    """Time, s, with each strategy by which hands get to their places; null of a robot that chooses none."""
     live: LiveReport | None
     """Frames of a stream, dropped ones with reasons, lost sensors, holds; null of a file."""
     latency_ms: dict[str, TimePercentiles] | None

@@ -34,19 +34,25 @@ SETTLE_S = 0.15
 """Time constant (s) with which the trunk becomes free, or stiff, and the pelvis goes to another height."""
 EDGE_M = 0.006
 """A hand may miss its place by so much, m, before a dearer strategy is taken."""
-INSIDE = 0.15
-"""Distance from the edge of a cheaper strategy at which it is taken again, in spacings of the map's grid."""
+INSIDE, CROUCHED = 0.15, 0.5
+"""Distances inside of the edge in spacings of the map's grid: where a cheaper strategy is taken again, or a crouch at
+all; and to which the pelvis goes where it can, as the edge is not straight between the heights of the map."""
 LEAST = 1e-3
 """A share that is smaller is none."""
 
 
 class Strategy(Enum):
-    """How hands get to their places. The value is what pages and reports call it."""
+    """How hands get to their places. The value is its name in files and reports."""
 
     ARM = "arm"
     TRUNK = "trunk"
     CROUCH = "crouch"
-    STEP = "needs a step"
+    STEP = "step"
+
+    @property
+    def words(self) -> str:
+        """It in words, on pages."""
+        return "needs a step" if self is Strategy.STEP else f"hands by {self.value}"
 
     def costs_no_less(self, other: "Strategy") -> bool:
         """Return whether it is the other one, or comes after it."""
@@ -83,7 +89,7 @@ class Strategies:
         place = stance.points[marks[PELVIS].frame]
         self._stands = as_vector(place)
         self._shoulders = [as_vector(stance.points[marks[name].anchor[0]] - place) for name in HANDS]
-        self._inside = INSIDE * reach.hands[0].spacing
+        self._inside, self._crouched = (share * reach.hands[0].spacing for share in (INSIDE, CROUCHED))
         self.forced: tuple[Strategy, float | None] | None = None
         """Taken whatever the map says, with the pelvis at a height, m, for comparisons; None: chosen, or by the map."""
         self.restart()
@@ -126,7 +132,7 @@ class Strategies:
             hands = [self._on_edge(*one) for one in zip(self.reach.hands, hands, fields, strict=True)]
             fields = [hand.at(place) for hand, place in zip(self.reach.hands, hands, strict=True)]
             leans_at = min(pelvis[2], self.reach.heights[-1])
-            height = nearest_height(self.reach.heights, farthest(fields), leans_at, -self._inside)
+            height = nearest_height(self.reach.heights, farthest(fields), leans_at, -self._crouched)
         self.seconds[self.strategy] += dt
         free = float(self.strategy is not Strategy.ARM)
         self._share = low_pass(self._share, free, dt / SETTLE_S)
@@ -149,14 +155,15 @@ class Strategies:
         leans_at = min(height, heights[-1])  # straight legs do not lean
         if self.forced is not None:
             one, forced = self.forced
-            crouch = nearest_height(heights, edges, leans_at, -self._inside) if forced is None else forced
+            crouch = nearest_height(heights, edges, leans_at, -self._crouched) if forced is None else forced
             return one, {Strategy.ARM: height, Strategy.TRUNK: leans_at}.get(one, crouch)
-        limits = [EDGE_M if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
+        edge = {Strategy.CROUCH: -self._inside}
+        limits = [edge.get(one, EDGE_M) if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
         if by_arm <= limits[0]:
             return Strategy.ARM, height
         if Strategy.TRUNK in self._allowed and at_height(heights, edges, leans_at) <= limits[1]:
             return Strategy.TRUNK, leans_at
-        crouch = nearest_height(heights, edges, leans_at, -self._inside)
+        crouch = nearest_height(heights, edges, leans_at, -self._crouched)
         reached = Strategy.CROUCH in self._allowed and min(edges) <= limits[2]
         return Strategy.CROUCH if reached else Strategy.STEP, crouch
 
@@ -170,6 +177,20 @@ class Strategies:
         x, y, z = line
         share = beyond / length
         return plus(place, (share * x, share * y, share * z))
+
+    def cheapest_standing(self, hand: int, place: Vector) -> Strategy:
+        """The cheapest strategy for a place, m, of one hand, 0 or 1, of a robot that is asked to stand as in its
+        stance."""
+        reach = self.reach.hands[hand]
+        inside = reach.inside(place)
+        if inside != place:
+            return Strategy.STEP
+        by_arm, *edges = reach.at(inside)[:-3]
+        if by_arm <= EDGE_M:
+            return Strategy.ARM
+        if Strategy.TRUNK in self._allowed and edges[-1] <= EDGE_M:
+            return Strategy.TRUNK
+        return Strategy.CROUCH if Strategy.CROUCH in self._allowed and min(edges) <= -self._inside else Strategy.STEP
 
     def standing_place(self, places: Sequence[Vector]) -> tuple[float, float] | None:
         """How far (x, y) m the robot has to go on the ground, without turning, so that it reaches both places, m, from

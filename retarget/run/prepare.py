@@ -28,6 +28,7 @@ from retarget.robot.balance import moving_share, support_tasks
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
+from retarget.robot.reach_map import map_path
 from retarget.robot.step_plan import StepTally, with_steps
 from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
@@ -157,7 +158,10 @@ class Prepared:
 
     def result(self, ending: Ending) -> RunResult:
         """The run, with all that metrics, pictures and files need."""
-        machine, notes = self.machine, self.notes + ending.record.missing() + ending.too_slow + self._capped()
+        machine, strategies = self.machine, None
+        if machine is not None and machine.follower.strategies is not None:
+            strategies = {one.value: seconds for one, seconds in machine.follower.strategies.seconds.items()}
+        notes = self.notes + ending.record.missing() + ending.too_slow + self._capped()
         return RunResult(
             record=ending.record,
             clip=self.samples.recorded(),
@@ -182,6 +186,7 @@ class Prepared:
                 refused_pair=None if machine is None else machine.refused_pair,
                 presses=None if machine is None or machine.contact is None else machine.contact.presses,
                 standing=ending.standing,
+                strategies=strategies,
             ),
         )
 
@@ -263,6 +268,8 @@ def prepare_for(
         return
     dt = human.samples.dt
     bus = make_bus(robot, clock)
+    if for_robot.strategies and not map_path(robot, for_robot).is_file():
+        notify(f"note: measuring which hand places {robot.profile.name} reaches, once; it takes a minute or more")
     follower, gate, end_plan = robot_part(
         robot, for_robot, human.human, options, scene, dt=dt, goes_to_rest=goes_to_rest, end_plan=end_plan
     )

@@ -88,12 +88,13 @@ CAPPED = "linear solves took too many steps and were ended: they keep all limits
 class RunTally:
     """What its machine saw in a run. steps: None for a robot that makes none; refused_pair: None where the gate refused
     no goal for one; presses: None where the robot pressed against nothing. standing: why it stood at the end, "" where
-    it did not."""
+    it did not. strategies: s, by name, that hands were reached for by each; None of a robot that chooses none."""
 
     steps: StepTally | None = None
     refused_pair: RefusedPair | None = None
     presses: Presses | None = None
     standing: str = ""
+    strategies: dict[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
