@@ -53,7 +53,12 @@ class Bench:
         self._rows = {name: self.follower.landmark_map.names.index(name) for name in HANDS}
         self._asked = {name: np.array(asked.landmarks[row]) for name, row in self._rows.items()}
         arms = {name: self.robot.profile.landmarks[name].robot_length for name in HANDS}
-        self._scales = {name: arm / sum(map(size.length, _joints(name)[1:])) for name, arm in arms.items()}
+        self._scales: dict[str, float] = {
+            name: arm / sum(map(size.length, _joints(name)[1:])) for name, arm in arms.items()
+        }
+        # The other hand is where it is in the stance.
+        self.stands = self.human({name: self.follower.stance.points[name] for name in HANDS})
+        self._asked = {name: self.follower.stance.points[name] for name in HANDS}
 
     def human(self, places: dict[str, FloatArray]) -> HumanPosture:
         """A performer whose hands ask for places (3,) m of the robot's."""

@@ -219,7 +219,9 @@ class Follower:
         if chooses and envelope is not None and balance is not None:
             build = partial(self._hierarchy_of, limits=limits.unhurried, **REACH)
             at, strength = self.landmark_map.standing, self._soles.strength
-            self.strategies = strategies_of(robot, priorities, stance, build, at, balance, strength, envelope)
+            self.strategies = strategies_of(
+                robot, priorities, stance, self.hierarchy, build, at, balance, strength, envelope
+            )
         self._motion = AskedMotion(
             robot,
             self.hierarchy,
@@ -341,7 +343,7 @@ class Follower:
             self._motion.ask_nothing(targets)
             is_led = True
         else:
-            asked = asked if self.strategies is None else self.strategies.choose(asked, dt)
+            asked = asked if self.strategies is None else self.strategies.choose(asked, self._reached, dt)
             self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
             if self.strategies is None or self.strategies.is_arm_alone:
                 is_led = self._arms.step(
@@ -350,7 +352,7 @@ class Follower:
             else:
                 is_led = self._arms.release(hierarchy, targets)
             if self.strategies is not None:
-                self.strategies.weigh(hierarchy, targets)
+                self.strategies.weigh(targets)
         for sole in asked.soles:
             hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)
             hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))

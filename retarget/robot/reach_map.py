@@ -35,12 +35,12 @@ from retarget.rotations import Vector
 from retarget.schema.arrays import open_arrays
 from retarget.schema.catalogue import cache_folder
 from retarget.schema.files import make_folder, write_stream
-from retarget.schema.priorities import Priorities
+from retarget.schema.priorities import PositionTask, Priorities
 from retarget.types import BoolArray, FloatArray, Watch, unwatched
 
 HANDS = ("l_hand", "r_hand")
 """Landmarks of which the map is."""
-NODES = 5
+NODES = 4
 """Nodes of the grid in the length of an arm."""
 HEIGHTS = 5
 """Heights of the pelvis, from the lowest of the crouch envelope to that of the stance."""
@@ -63,14 +63,31 @@ FAR_M = 1.0
 Node = tuple[int, int, int]
 
 
-def free_trunk(hierarchy: Hierarchy, targets: FloatArray, share: float) -> None:
-    """Ask the hands for places in the world by this share (0 to 1), else by the lines of their arms, and let the trunk
-    go as much for them."""
-    for name in HANDS:
-        hierarchy.weigh(targets, SlotKind.LIMB, name, 1.0 - share)
-        hierarchy.weigh(targets, SlotKind.POSITION, name, share)
-    for kind in (SlotKind.LIMB, SlotKind.ORIENTATION):
-        hierarchy.weigh(targets, kind, TRUNK, 1.0 + share * (FREED - 1.0))
+class FreeTrunk:
+    """Weights of a hierarchy with which hands are asked for by the lines of their arms, or go to places in the world
+    with a trunk that leans and twists for them, and a pelvis that keeps its height."""
+
+    def __init__(self, priorities: Priorities, hierarchy: Hierarchy) -> None:
+        self._hierarchy = hierarchy
+        of_pelvis = [task for _, _, task in priorities.tasks() if isinstance(task, PositionTask) and PELVIS in task.of]
+        _, slots = hierarchy.position_slots([PELVIS])
+        self._heights = [int(slot[0]) for task, slot in zip(of_pelvis, slots, strict=True) if is_height(task)]
+
+    def weigh(self, targets: FloatArray, share: float) -> None:
+        """Free the trunk by a share, 0 to 1, in a target vector in which all else is set."""
+        for name in HANDS:
+            self._hierarchy.weigh(targets, SlotKind.LIMB, name, 1.0 - share)
+            self._hierarchy.weigh(targets, SlotKind.POSITION, name, share)
+        for slot in self._heights:
+            targets[slot] = share
+        if share > 0.0:
+            for kind in (SlotKind.LIMB, SlotKind.ORIENTATION):
+                self._hierarchy.weigh(targets, kind, TRUNK, 1.0 + share * (FREED - 1.0))
+
+
+def is_height(task: PositionTask) -> bool:
+    """Return whether a task is on a height alone."""
+    return isinstance(task.weight, tuple) and task.weight[:2] == (0.0, 0.0)
 
 
 class HandReach:
@@ -128,6 +145,7 @@ class ReachProbe:
     def __init__(
         self,
         robot: RobotBody,
+        priorities: Priorities,
         stance: Stance,
         hierarchy: Hierarchy,
         standing: AskedLandmarks,
@@ -137,6 +155,7 @@ class ReachProbe:
     ) -> None:
         """hierarchy: without rates, as REACH has it. standing: the landmarks of the stance."""
         self._hierarchy, self._stance, self._balance, self._strength = hierarchy, stance, balance, strength
+        self._free = FreeTrunk(priorities, hierarchy)
         self._reader, marks = RobotReader(robot, stance), robot.profile.landmarks
         self._rows = {name: list(marks).index(name) for name in (*HANDS, PELVIS)}
         self._shoulders = {name: stance.points[marks[name].anchor[0]] for name in HANDS}
@@ -174,7 +193,7 @@ class ReachProbe:
         """What a hand reaches with the pelvis at a height, m; None: by the arm, as the robot stands."""
         layer, row = _Layer({}, []), self._rows[hand]
         targets, by_place = self._standing.copy(), height is not None
-        free_trunk(self._hierarchy, targets, float(by_place))
+        self._free.weigh(targets, float(by_place))
         for name in HANDS:  # the other hand is asked nothing
             self._hierarchy.weigh(targets, SlotKind.LIMB, name, 0.0)
             self._hierarchy.weigh(targets, SlotKind.POSITION, name, 0.0)
@@ -292,7 +311,9 @@ def _distances(
 
 def map_path(robot: RobotBody, priorities: Priorities) -> Path:
     """Where the map of a robot with these priorities is kept."""
-    digest = sha256(FORMAT + robot.content + priorities.model_dump_json().encode()).hexdigest()
+    digest = sha256(
+        FORMAT + f" {NODES} {HEIGHTS} ".encode() + robot.content + priorities.model_dump_json().encode()
+    ).hexdigest()
     return cache_folder() / "reach" / f"{robot.profile.name}-{digest[:24]}.npz"
 
 

@@ -11,7 +11,7 @@ heights that change smoothly.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -22,8 +22,8 @@ from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import StandingBalance, StandingStrength
 from retarget.robot.crouch_envelope import Envelope
-from retarget.robot.landmarks import PELVIS, AskedLandmarks, limb_names
-from retarget.robot.reach_map import HANDS, REACH, HandReach, ReachMap, ReachProbe, free_trunk, reach_map
+from retarget.robot.landmarks import PELVIS, AskedLandmarks, Reached, limb_names
+from retarget.robot.reach_map import HANDS, REACH, FreeTrunk, HandReach, ReachMap, ReachProbe, is_height, reach_map
 from retarget.rotations import Vector, as_vector, inverse, minus, plus, rotated
 from retarget.schema.priorities import PositionTask, Priorities
 from retarget.types import FloatArray
@@ -37,8 +37,12 @@ EDGE_M = 0.006
 INSIDE, CROUCHED = 0.15, 0.5
 """Distances inside of the edge in spacings of the map's grid: where a cheaper strategy is taken again, or a crouch at
 all; and to which the pelvis goes where it can, as the edge is not straight between the heights of the map."""
-LEAST = 1e-3
-"""A share that is smaller is none."""
+LEAST, LEAST_M = 1e-3, 1e-5
+"""A share, or a height, that is off its end by less is there."""
+OFF_S = 1.0
+"""Time constant (s) with which the arms make up for a trunk that is not where it is asked: longer than it lags."""
+LOOK_S = 0.04
+"""Least time (s) between two looks at the map."""
 
 
 class Strategy(Enum):
@@ -69,26 +73,62 @@ def arms_alone(priorities: Priorities) -> Priorities:
         return priorities
     levels = []
     for level in priorities.levels:
-        kept = (task for task in level.tasks if not (isinstance(task, PositionTask) and set(task.of) <= set(HANDS)))
+        kept = (
+            task
+            for task in level.tasks
+            if not (isinstance(task, PositionTask) and (set(task.of) <= set(HANDS) or is_height(task)))
+        )
         levels.append(level.model_copy(update={"tasks": tuple(kept)}))
     return priorities.model_copy(update={"levels": tuple(levels), "strategies": ()})
+
+
+@dataclass(frozen=True, eq=False)
+class _Hand:
+    """A hand. row: of the landmarks; line: of the limbs; shoulder: from the pelvis of an upright trunk, m."""
+
+    row: int
+    line: int
+    shoulder: Vector
+    reach: HandReach
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What the map said. lower: of the pelvis, from where it was asked; shifts: of the hands, into reach; carried:
+    where the hands were, as the stance's trunk carries them; room: between them and the edge of the arms' reach; off:
+    of the robot's shoulders from where they are asked, for long; m."""
+
+    strategy: Strategy = Strategy.ARM
+    lower: float = 0.0
+    shifts: Sequence[Vector] = ((0.0, 0.0, 0.0),) * len(HANDS)
+    carried: Sequence[Vector] = ((0.0, 0.0, 0.0),) * len(HANDS)
+    room: float = -np.inf
+    off: Sequence[Vector] = ((0.0, 0.0, 0.0),) * len(HANDS)
 
 
 class Strategies:
     """The strategy of one robot: `places`, then `choose` in each tick, and `weigh` once its targets are set."""
 
-    def __init__(self, robot: RobotBody, stance: Stance, reach: ReachMap, *, allowed: Sequence[str]) -> None:
-        """allowed: values of strategies besides the arm and the step."""
+    def __init__(
+        self, robot: RobotBody, stance: Stance, reach: ReachMap, free: FreeTrunk, *, allowed: Sequence[str]
+    ) -> None:
+        """free: of the robot's hierarchy. allowed: values of strategies besides the arm and the step."""
         marks, names = robot.profile.landmarks, limb_names(robot.profile)
         self.reach = reach
         """What it chooses by."""
+        self._free = free
         self._allowed = [one for one in ORDER if one.value in allowed]
-        self._rows = [list(marks).index(name) for name in HANDS]
-        self._lines = [names.index(name) for name in HANDS]
-        self._pelvis = list(marks).index(PELVIS)
         place = stance.points[marks[PELVIS].frame]
-        self._stands = as_vector(place)
-        self._shoulders = [as_vector(stance.points[marks[name].anchor[0]] - place) for name in HANDS]
+        self._pelvis, self._stands = list(marks).index(PELVIS), as_vector(place)
+        self._hands = [
+            _Hand(
+                list(marks).index(name),
+                names.index(name),
+                as_vector(stance.points[marks[name].anchor[0]] - place),
+                reach.hands[number],
+            )
+            for number, name in enumerate(HANDS)
+        ]
         self._inside, self._crouched = (share * reach.hands[0].spacing for share in (INSIDE, CROUCHED))
         self.forced: tuple[Strategy, float | None] | None = None
         """Taken whatever the map says, with the pelvis at a height, m, for comparisons; None: chosen, or by the map."""
@@ -96,11 +136,15 @@ class Strategies:
 
     def restart(self) -> None:
         """Begin with the arm."""
-        self.strategy = Strategy.ARM
-        """The one of the last tick."""
         self.seconds = dict.fromkeys(ORDER, 0.0)
         """For how long each was taken, s."""
-        self._share = self._lower = 0.0
+        self._share, self._lower, self._passed = 0.0, 0.0, LOOK_S
+        self._seen = _Look()
+
+    @property
+    def strategy(self) -> Strategy:
+        """The one that was chosen last."""
+        return self._seen.strategy
 
     @property
     def is_arm_alone(self) -> bool:
@@ -111,42 +155,74 @@ class Strategies:
         """The same, with the hands where they are with the performer's own pelvis and trunk, also where those of the
         robot cannot follow."""
         pelvis, trunk = asked.whole
-        landmarks = list(asked.landmarks)
-        for row, line, shoulder in zip(self._rows, self._lines, self._shoulders, strict=True):
-            landmarks[row] = plus(plus(pelvis, rotated(trunk, shoulder)), asked.limbs[line])
-        return replace(asked, landmarks=landmarks)
-
-    def choose(self, asked: AskedLandmarks, dt: float) -> AskedLandmarks:
-        """Choose for the next `dt` s. Returns what is to be asked: hands within reach, and the pelvis low enough."""
         landmarks, limbs = list(asked.landmarks), list(asked.limbs)
-        pelvis, back = landmarks[self._pelvis], inverse(asked.trunk)
-        hands = [hand.inside(landmarks[row]) for hand, row in zip(self.reach.hands, self._rows, strict=True)]
-        by_arm = -np.inf
-        for hand, place in zip(self.reach.hands, hands, strict=True):
-            # Where the hand would be in the stance, carried by a trunk that is upright there.
-            seen = plus(self._stands, rotated(back, minus(place, pelvis)))
-            by_arm = max(by_arm, hand.at(hand.inside(seen))[0])
-        fields = [hand.at(place) for hand, place in zip(self.reach.hands, hands, strict=True)]
-        self.strategy, height = self._cheapest(by_arm, fields, pelvis[2])
-        if self.strategy is Strategy.STEP:
-            hands = [self._on_edge(*one) for one in zip(self.reach.hands, hands, fields, strict=True)]
-            fields = [hand.at(place) for hand, place in zip(self.reach.hands, hands, strict=True)]
-            leans_at = min(pelvis[2], self.reach.heights[-1])
-            height = nearest_height(self.reach.heights, farthest(fields), leans_at, -self._crouched)
-        self.seconds[self.strategy] += dt
-        free = float(self.strategy is not Strategy.ARM)
-        self._share = low_pass(self._share, free, dt / SETTLE_S)
-        self._share = free if abs(self._share - free) < LEAST else self._share
-        self._lower = low_pass(self._lower, height - pelvis[2], dt / SETTLE_S)
-        landmarks[self._pelvis] = plus(pelvis, (0.0, 0.0, self._lower))
-        for row, line, shoulder, place in zip(self._rows, self._lines, self._shoulders, hands, strict=True):
-            landmarks[row] = place
-            limbs[line] = minus(place, plus(pelvis, rotated(asked.trunk, shoulder)))
+        for hand in self._hands:
+            place = plus(plus(pelvis, rotated(trunk, hand.shoulder)), limbs[hand.line])
+            limbs[hand.line] = plus(limbs[hand.line], minus(place, landmarks[hand.row]))
+            landmarks[hand.row] = place
         return replace(asked, landmarks=landmarks, limbs=limbs)
 
-    def weigh(self, hierarchy: Hierarchy, targets: FloatArray) -> None:
+    def choose(self, asked: AskedLandmarks, reached: Reached, dt: float) -> AskedLandmarks:
+        """Choose for the next `dt` s. Returns what is to be asked: hands within reach, and the pelvis low enough."""
+        self._passed += dt
+        if self._passed >= LOOK_S:
+            self._look_again(asked, reached)
+        seen = self._seen
+        self.seconds[seen.strategy] += dt
+        free = float(seen.strategy is not Strategy.ARM)
+        if self._share != free:
+            self._share = low_pass(self._share, free, dt / SETTLE_S)
+            self._share = free if abs(self._share - free) < LEAST else self._share
+        if self._lower != seen.lower:
+            self._lower = low_pass(self._lower, seen.lower, dt / SETTLE_S)
+            self._lower = seen.lower if abs(self._lower - seen.lower) < LEAST_M else self._lower
+        landmarks, limbs = list(asked.landmarks), list(asked.limbs)
+        x, y, z = landmarks[self._pelvis]
+        landmarks[self._pelvis] = (x, y, z + self._lower)
+        for hand, shift, off in zip(self._hands, seen.shifts, seen.off, strict=True):
+            landmarks[hand.row] = plus(landmarks[hand.row], shift)
+            limbs[hand.line] = plus(limbs[hand.line], minus(shift, off))
+        return replace(asked, landmarks=landmarks, limbs=limbs)
+
+    def _look_again(self, asked: AskedLandmarks, reached: Reached) -> None:
+        """Look at the map where it may say something else than at the last look. Within the arms' reach it says the
+        same as long as no hand has moved as far as it was from the edge."""
+        seen, pelvis, there = self._seen, asked.landmarks[self._pelvis], reached.landmarks[self._pelvis]
+        back, share, off, carried = inverse(asked.trunk), self._passed / OFF_S, list[Vector](), list[Vector]()
+        for hand, before in zip(self._hands, seen.off, strict=True):
+            wrong = minus(rotated(reached.trunk, hand.shoulder), rotated(asked.trunk, hand.shoulder))
+            x, y, z = plus(wrong, minus(there, pelvis))
+            a, b, c = before
+            off.append((low_pass(a, x, share), low_pass(b, y, share), low_pass(c, z, share)))
+            # Where the hand would be in the stance, carried by a trunk that is upright there.
+            place = minus(minus(asked.landmarks[hand.row], off[-1]), pelvis)
+            carried.append(plus(self._stands, rotated(back, place)))
+        moved = max(sum(map(abs, minus(*pair))) for pair in zip(carried, seen.carried, strict=True))
+        if seen.strategy is Strategy.ARM and moved < seen.room:
+            self._seen = replace(seen, off=off)
+        else:
+            places = [asked.landmarks[hand.row] for hand in self._hands]
+            self._seen = replace(self._look(carried, places, pelvis[2]), off=off)
+        self._passed = 0.0
+
+    def _look(self, carried: Sequence[Vector], places: Sequence[Vector], height: float) -> _Look:
+        """Look at the map. carried: as of `_Look`; places: of the hands in the world; height: of the pelvis that is
+        asked; all m."""
+        maps, low = [hand.reach for hand in self._hands], min(height, self.reach.heights[-1])
+        by_arm = max(reach.at(reach.inside(place))[0] for reach, place in zip(maps, carried, strict=True))
+        within = [reach.inside(place) for reach, place in zip(maps, places, strict=True)]
+        fields = [reach.at(place) for reach, place in zip(maps, within, strict=True)]
+        strategy, goes_to = self._cheapest(by_arm, fields, height)
+        if strategy is Strategy.STEP:
+            within = [_on_edge(place, field) for place, field in zip(within, fields, strict=True)]
+            fields = [reach.at(reach.inside(place)) for reach, place in zip(maps, within, strict=True)]
+            goes_to = nearest_height(self.reach.heights, farthest(fields), low, -self._crouched)
+        shifts = [minus(there, place) for there, place in zip(within, places, strict=True)]
+        return _Look(strategy, goes_to - height, shifts, carried, -by_arm)
+
+    def weigh(self, targets: FloatArray) -> None:
         """Let the trunk go, as far as the strategy does, in a target vector in which all else is set."""
-        free_trunk(hierarchy, targets, self._share)
+        self._free.weigh(targets, self._share)
 
     def _cheapest(self, by_arm: float, fields: Sequence[Sequence[float]], height: float) -> tuple[Strategy, float]:
         """The cheapest strategy, and the height (m) of the pelvis in it. by_arm: distance, m, from the edge of what the
@@ -166,17 +242,6 @@ class Strategies:
         crouch = nearest_height(heights, edges, leans_at, -self._crouched)
         reached = Strategy.CROUCH in self._allowed and min(edges) <= limits[2]
         return Strategy.CROUCH if reached else Strategy.STEP, crouch
-
-    @staticmethod
-    def _on_edge(hand: HandReach, place: Vector, field: Sequence[float]) -> Vector:
-        """The place, or the one on the edge of the map that is nearest to it."""
-        beyond, line = min(field[1:-3]), field[-3:]
-        length = norm(np.array(line))
-        if beyond <= 0.0 or length == 0.0:
-            return place
-        x, y, z = line
-        share = beyond / length
-        return plus(place, (share * x, share * y, share * z))
 
     def cheapest_standing(self, hand: int, place: Vector) -> Strategy:
         """The cheapest strategy for a place, m, of one hand, 0 or 1, of a robot that is asked to stand as in its
@@ -211,6 +276,7 @@ def strategies_of(
     robot: RobotBody,
     priorities: Priorities,
     stance: Stance,
+    hierarchy: Hierarchy,
     build: Build,
     standing: AskedLandmarks,
     balance: StandingBalance,
@@ -218,16 +284,27 @@ def strategies_of(
     envelope: Envelope,
 ) -> Strategies | None:
     """The strategies of priorities that have some; None of a robot without two hands and a pelvis that its legs move.
-    build: a hierarchy as REACH has it, without rates. standing: the landmarks of the stance."""
+    hierarchy: of following. build: one as REACH has it, without rates. standing: the landmarks of the stance."""
     marks = robot.profile.landmarks
     if not {*HANDS, PELVIS} <= marks.keys():
         return None
 
     def probe() -> ReachProbe:
-        hierarchy = build(priorities, np.zeros(robot.body.nv, dtype=np.bool_))
-        return ReachProbe(robot, stance, hierarchy, standing, balance, strength, envelope)
+        unhurried = build(priorities, np.zeros(robot.body.nv, dtype=np.bool_))
+        return ReachProbe(robot, priorities, stance, unhurried, standing, balance, strength, envelope)
 
-    return Strategies(robot, stance, reach_map(robot, priorities, probe), allowed=priorities.strategies)
+    found, free = reach_map(robot, priorities, probe), FreeTrunk(priorities, hierarchy)
+    return Strategies(robot, stance, found, free, allowed=priorities.strategies)
+
+
+def _on_edge(place: Vector, field: Sequence[float]) -> Vector:
+    """The place, or the one on the edge of the map that is nearest to it. field: there."""
+    beyond, (x, y, z) = min(field[1:-3]), field[-3:]
+    length = norm(np.array([x, y, z]))
+    if beyond <= 0.0 or length == 0.0:
+        return place
+    share = beyond / length
+    return plus(place, (share * x, share * y, share * z))
 
 
 def farthest(fields: Sequence[Sequence[float]]) -> list[float]:
