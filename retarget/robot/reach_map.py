@@ -1,9 +1,9 @@
 """Reachability map: which hand places a robot on its soles reaches by its arm, with its trunk, and by a crouch.
 
 A place is relative to where the robot stands: the middle of its soles, x forward, m. The map is measured by the robot's
-own hierarchy, without rates: soles, balance, strength, limits and self collision are those of following. From the
-stance it goes from node to node of a grid, each from the posture of a neighbour that was reached, as far as it gets:
-once with the trunk asked as it stands (the arm), and once for each of some heights of the pelvis with the trunk free.
+own hierarchy, without rates: soles, balance, strength, limits and self collision are those of following. A hand goes
+from the stance to each node of a grid, beside those that were reached, while the other hand keeps its place: once with
+the trunk asked as it stands (the arm), and once for each of some heights of the pelvis with the trunk free.
 
 For each node the field holds the distance to the edge of what was reached, m, negative inside. Outside it is the
 distance to the nearest place that a hand got to; inside, how far away the nearest place is that none got to. Between
@@ -11,7 +11,7 @@ nodes it is interpolated. A map is measured once, and kept in the cache.
 """
 
 import zipfile
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -48,13 +48,11 @@ CLOSE_M, KEPT = 0.004, 0.002
 """A place is reached that a hand gets so near to (m), with the tasks of higher levels no farther off (m, rad)."""
 REACH: Mapping[str, Any] = {"iterations": 6, "damping": 0.5}
 """Of the solver, in a frame."""
-FRAMES, PROGRESS_M = 4, 0.001
+FRAMES, PROGRESS_M = 8, 0.001
 """Frames for a place, fewer once one brings less than so many m or the place is reached."""
-TRIES = 3
-"""Neighbours from which a place is tried: the arm of each may be in another branch."""
 FREED = 0.1
 """Weight of the trunk, as a share, where it is free to lean and twist for a hand."""
-FORMAT = b"reach 1"
+FORMAT = b"reach 2"
 """Changes whenever maps that were measured before no longer hold."""
 MOST_BYTES = 1 << 26
 FAR_M = 1.0
@@ -192,31 +190,26 @@ class ReachProbe:
     def _flood(self, hand: str, height: float | None) -> "_Layer":
         """What a hand reaches with the pelvis at a height, m; None: by the arm, as the robot stands."""
         layer, row = _Layer({}, []), self._rows[hand]
-        targets, by_place = self._standing.copy(), height is not None
-        self._free.weigh(targets, float(by_place))
-        for name in HANDS:  # the other hand is asked nothing
-            self._hierarchy.weigh(targets, SlotKind.LIMB, name, 0.0)
-            self._hierarchy.weigh(targets, SlotKind.POSITION, name, 0.0)
+        targets, share = self._standing.copy(), float(height is not None)
         if height is not None:
             self._hierarchy.set_position(targets, PELVIS, np.array([*self._pelvis[:2], height]))
+        self._free.weigh(targets, share)
         start, at = self._go(targets, self._stance.q, row, None)
-        _, slots = self._hierarchy.position_slots([hand], SlotKind.POSITION if by_place else SlotKind.LIMB)
-        begin = np.zeros(3) if by_place else self._shoulders[hand]
-        queue = deque((node, start) for node in _around(at, self.spacing))
-        tries: Counter[Node] = Counter()
+        _, slots = self._hierarchy.position_slots([hand], SlotKind.POSITION if share else SlotKind.LIMB)
+        begin = np.zeros(3) if share else self._shoulders[hand]
+        queue = deque(_around(at, self.spacing))
         while queue:
-            node, q = queue.popleft()
-            if layer.reached.get(node, False) or tries[node] >= TRIES:
+            node = queue.popleft()
+            if node in layer.reached:
                 continue
-            tries[node] += 1
             place = self.spacing * np.array(node)
             targets[slots] = (1.0, *(place - begin).tolist())
-            end, at = self._go(targets, q, row, place, height)
-            layer.reached[node] = bool(norms(at - place) < CLOSE_M)
-            if np.isfinite(at).all():
-                layer.places.append(at)
+            end = self._go(targets, start, row, place, height)[1]
+            layer.reached[node] = bool(norms(end - place) < CLOSE_M)
+            if np.isfinite(end).all():
+                layer.places.append(end)
             if layer.reached[node]:
-                queue.extend((near, end) for near in _neighbours(node) if not layer.reached.get(near, False))
+                queue.extend(_neighbours(node))
         return layer
 
     def _go(
