@@ -27,7 +27,7 @@ from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
 from retarget.robot.asked_motion import AskedMotion
 from retarget.robot.balance import StandingBalance, StandingStrength, carrying_frames, moving_share, standing_strength
-from retarget.robot.crouch_envelope import robot_envelope
+from retarget.robot.crouch_envelope import Envelope, robot_envelope
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import (
     AskedLandmarks,
@@ -184,8 +184,7 @@ class Follower:
         steps = legs_move and priorities.steps == "shift"
         soles = tuple(sole.frame.name for sole in stance.soles)
         priorities = stepping_priorities(priorities, soles) if steps else priorities
-        chooses = bool(priorities.strategies) and legs_move and not steps and not robot.floats
-        priorities = priorities if chooses else arms_alone(priorities)
+        priorities = priorities if legs_move and not steps else arms_alone(priorities)
         balance = StandingBalance(priorities, stance) if soles else None
         edges = balance.edges if legs_move and balance else None
         self.observers = robot_observers(robot)
@@ -214,14 +213,8 @@ class Follower:
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
             )
         self._reader = RobotReader(robot, stance)
-        self.strategies: Strategies | None = None
+        self.strategies = self._strategies_of(priorities, limits, envelope)
         """How hands get to places that the arms do not reach; None: by the arms alone."""
-        if chooses and envelope is not None and balance is not None:
-            build = partial(self._hierarchy_of, limits=limits.unhurried, **REACH)
-            at, strength = self.landmark_map.standing, self._soles.strength
-            self.strategies = strategies_of(
-                robot, priorities, stance, self.hierarchy, build, at, balance, strength, envelope
-            )
         self._motion = AskedMotion(
             robot,
             self.hierarchy,
@@ -231,6 +224,25 @@ class Follower:
             servo_lead=priorities.servo_lead,
         )
         self._speed, self._rest, self._settled_s = 1.0, Dwell(), 0.0
+
+    def _strategies_of(
+        self, priorities: Priorities, limits: JointLimits, envelope: Envelope | None
+    ) -> Strategies | None:
+        soles, standing = self._soles, self.landmark_map.standing
+        if not priorities.strategies or envelope is None or soles.balance is None:
+            return None
+        build = partial(self._hierarchy_of, limits=limits.unhurried, **REACH)
+        return strategies_of(
+            self._robot,
+            priorities,
+            self.stance,
+            self.hierarchy,
+            build,
+            standing,
+            soles.balance,
+            soles.strength,
+            envelope,
+        )
 
     @property
     def _q(self) -> FloatArray:
