@@ -35,7 +35,6 @@ from retarget.report.report import (
     ServoExtreme,
     Soles,
     Spread,
-    StepsReport,
     StopReport,
 )
 from retarget.report.tracking import ReferenceMotion, hands_from_shoulders, reachable_hands, top_level_error
@@ -171,7 +170,7 @@ def measure(run: RunResult) -> Report:
         **_hands(run, performance, moved),
         unfollowed=unfollowed_of(run, performance),
         physics=physics_report(run),
-        steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
+        steps=steps,
         imu=_imu(run),
         refused_pair=run.tally.refused_pair,
         presses=run.tally.presses,

@@ -14,7 +14,6 @@ from retarget.model.human import Human
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
-from retarget.robot.step_plan import StepTally
 from retarget.run.record import Record
 from retarget.safety.contact import Presses
 from retarget.schema.performer import Performer
@@ -90,7 +89,7 @@ class RunTally:
     no goal for one; presses: None where the robot pressed against nothing. standing: why it stood at the end, "" where
     it did not."""
 
-    steps: StepTally | None = None
+    steps: int | None = None
     refused_pair: RefusedPair | None = None
     presses: Presses | None = None
     standing: str = ""

@@ -2,12 +2,14 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from retarget import _solver
 from retarget.errors import Problem, UsageError
 from retarget.ik.hierarchy import SceneObstacles
+from retarget.ik.whole_body_stop import StopPath
 from retarget.model.observers import Contact, Observers, contacts
 from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
@@ -124,19 +126,39 @@ class PathClearance:
         one, other, obstacle = pair
         return names[one], names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
 
-    def __call__(self, path: FloatArray, instead: FloatArray, standing: FloatArray) -> bool:
+    def __call__(
+        self, path: FloatArray, instead: FloatArray, standing: FloatArray, *, walk: StopPath | None = None
+    ) -> bool:
         """Whether a path of postures (k, n), rad, is clear, a tick from row to row, first row present, last row at
-        rest; instead (k, n): what is followed if not. standing (nq,): as the robot stands."""
+        rest; instead (k, n): what is followed if not. standing (nq,): as the robot stands. walk: how it stands on the
+        rows after the first, of a robot that walks."""
         self._obstacles.look()
         poses = self._obstacles.now
         if poses is not None:
             self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
-        clear = self._checker.is_clear(standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead)
+        clear = self._goals_are_clear(path, instead, standing, walk)
         measured = self._measured
         clear = clear and (measured is None or self._servos_are_clear(path, instead, standing, measured))
         self._refused = None if clear else self._checker.refused
         self._first = self._first or self._refused
         return clear
+
+    def _goals_are_clear(
+        self, path: FloatArray, instead: FloatArray, standing: FloatArray, walk: StopPath | None
+    ) -> bool:
+        checker, dt = self._checker, self._dt
+        if walk is None or walk.carries is None:
+            return checker.is_clear(standing, path, dt=dt, share=KEPT_SHARE, instead=instead)
+        # Obstacles are seen from the sole that carries: from another one, once it alone is on the floor.
+        alone = ~walk.carries.all(axis=1)
+        cuts = 2 + np.flatnonzero(alone[1:] & ~alone[:-1]) + 1
+        for first, last in pairwise([0, *cuts[cuts < len(path) - 1].tolist(), len(path) - 1]):
+            stands = walk.postures[first - 1] if first else standing
+            other = instead[min(first, len(instead) - 1) : last + 1]
+            rows = path[first : last + 1]
+            if not checker.is_clear(stands, rows, dt=dt, share=KEPT_SHARE, instead=other, remember=not first):
+                return False
+        return True
 
     def _servos_are_clear(
         self, path: FloatArray, instead: FloatArray, standing: FloatArray, measured: FloatArray
