@@ -234,13 +234,15 @@ class PathChecker:
         share: float,
         instead: Floats | None = None,
         remember: bool = True,
+        looks: int = 100,
     ) -> bool:
         """Whether every pair keeps a share of its margin on a path (k, n), dt s from row to row, of a robot that stands
         as in `standing (nq,)`.
 
         A pair that is too near at the first row may only move apart. instead (k, n): the path followed after a refusal;
         one on which a moving obstacle is at no row nearer than it came by then on that one is clear of it. remember:
-        the first row is where the robot was sent, so that what is let out is measured from there."""
+        the first row is where the robot was sent, so that what is let out is measured from there. looks: most postures
+        that are looked at; what is not proven by then is not clear."""
     @property
     def refused(self) -> tuple[int, int | None, int | None] | None:
         """The pair for which a path was refused last since `restart`: numbers of an observer, and of another one or of

@@ -50,7 +50,7 @@ class Sketch:
     offset: FloatArray
     turned: FloatArray
     ease: int
-    step: Step
+    step: Step | None
     branch: int
     since: int
 
@@ -91,7 +91,7 @@ class PathPlanner:
         moments: Sequence[Moment],
         *,
         ease: int,
-        step: Step,
+        step: Step | None,
         branch: int,
         since: int,
     ) -> Sketch:

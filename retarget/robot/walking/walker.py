@@ -39,6 +39,8 @@ ROWS = 8
 EASE_ACCELERATION, EASE_TURN, LEAST_EASE_S = 0.4, 6.0, 0.3
 """m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, upright, its mass mid-way between
 its feet, so that its zero-moment point is moved by less than 1 cm; and the least time for that."""
+NEAR_M, NEAR_RAD = 0.005, 0.02
+"""A robot that is so near to there sways to its first step."""
 PEAK = 5.78
 """Largest acceleration of a minimum jerk, by its way over the square of its time."""
 
@@ -99,7 +101,7 @@ class Walker:
             self._plan(path, asked, q)
         if self._next is not None and self.row == self._next.since:
             self.path, self.row, self._next = self._next, 0, None
-            self.steps += 1
+            self.steps += self.path.step is not None
         self.row = min(self.row + 1, len(self.path.postures) - 1)
 
     def locate(self, q: FloatArray) -> None:
@@ -113,7 +115,7 @@ class Walker:
             row = min(row, len(path.postures) - 1)
             if np.array_equal(path.postures[row, self._legs], q[self._legs]):
                 if path is not self.path:
-                    self.steps -= 1
+                    self.steps -= self.path.step is not None
                     self._sketch, self._next, self._speed = None, None, Request()
                 self.path, self.row = path, row
                 break
@@ -143,17 +145,19 @@ class Walker:
         return self._sketched(path, path.branch, q, moment(self.gait, step, 0.0), [], step, ease=self.gait.ticks)
 
     def _from_stand(self, path: WalkPath, asked: Request, q: FloatArray) -> Sketch:
-        """The path of a first step, from the end of a path: the mass goes mid-way between the feet, to its walking height,
-        then it sways to one side."""
+        """The path from the end of a path to where steps may begin, the mass mid-way between the feet, at its walking
+        height; or from there that of a first step, to which it sways."""
         gait, feet, end = self.gait, path.feet, len(path.postures) - 1
         middle = 0.5 * (feet[0].place + feet[1].place)
         start = standing(feet, Pendulum(middle, middle), middle)
         moved, turned = self._planner.off(path.postures[end], start)
+        self._speed = Request()
+        if moved < NEAR_M and turned < NEAR_RAD:
+            swayed, step = sway(gait, feet, LEFT if asked.left < 0.0 else RIGHT)
+            return self._sketched(path, end, q, start, swayed, step, ease=len(swayed))
         ease = max(sqrt(PEAK * moved / EASE_ACCELERATION), sqrt(PEAK * turned / EASE_TURN), LEAST_EASE_S)
         ticks = round(ease / gait.dt)
-        swayed, step = sway(gait, feet, LEFT if asked.left < 0.0 else RIGHT)
-        self._speed = Request()
-        return self._sketched(path, end, q, start, [start] * ticks + swayed, step, ease=ticks)
+        return self._sketched(path, end, q, start, [start] * (ticks + 1), None, ease=ticks)
 
     def _sketched(
         self,
@@ -162,15 +166,16 @@ class Walker:
         q: FloatArray,
         start: Moment,
         before: list[Moment],
-        step: Step,
+        step: Step | None,
         *,
         ease: int,
     ) -> Sketch:
-        """A path that goes on from row `since` of another, through moments before a step, the step, and to a stand."""
+        """A path that goes on from row `since` of another, through moments before a step, that step if there is one, and
+        to a stand."""
         first = path.postures[since].copy()
         first[self.others] = q[self.others]
         velocity = self._planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
-        moments = before + stepped(self.gait, step)
+        moments = before if step is None else before + stepped(self.gait, step)
         branch = len(moments)
-        moments += way_to_stand(self.gait, step)
+        moments = moments if step is None else moments + way_to_stand(self.gait, step)
         return self._planner.sketch(first, velocity, start, moments, ease=ease, step=step, branch=branch, since=since)
