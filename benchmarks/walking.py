@@ -288,9 +288,7 @@ def main() -> None:
     parser.add_argument("--requests", nargs="+", choices=list(REQUESTS), default=list(REQUESTS), help="rows")
     asked = parser.parse_args()
     cases = {
-        (robot, name): [
-            Case(robot, asked.source, asked.seconds, seed, **request) for seed in range(*asked.seeds)
-        ]
+        (robot, name): [Case(robot, asked.source, asked.seconds, seed, **request) for seed in range(*asked.seeds)]
         for robot in asked.robots
         for name, request in REQUESTS.items()
         if name in asked.requests

@@ -284,8 +284,9 @@ class Solver:
         """Go on from posture q (nq,), near to the one that was reached, moving at velocity (nv,) per second. Unlike
         after `reset`, what observers know of each other is kept."""
     def foresee(self, rest: Floats, seconds: float) -> None:
-        """Where the body would come to rest, posture (nq,), and in how many seconds, if it were stopped now: in the
-        next frame, observers keep their margins there too. Else joints are taken to brake in proportion."""
+        """Where the body would come to rest, and in how many seconds, if it were stopped now: in the next frame,
+        observers keep their margins there too. Else joints are taken to brake in proportion. rest (k, nq): one posture;
+        or more, through which locked coordinates go, all others being the same."""
     def frame(self, targets: Floats, dt: float, speed_override: float = 1.0) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,).
 

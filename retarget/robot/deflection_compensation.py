@@ -108,10 +108,16 @@ class DeflectionCompensation:
         return last.masses + self._dt * velocities, velocities, (velocities - last.velocities) / self._dt
 
     def propose(
-        self, last: Offset, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray], stop: object = None
+        self,
+        last: Offset,
+        posture: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
+        *,
+        ahead: FloatArray | None = None,
+        walks: bool | None = False,
     ) -> tuple[FloatArray, Offset]:
         """The goal (n,) that holds the robot in a posture (n,), rad. nearest: the goal within the gate's limits that is
-        nearest to one. stop: makes no difference to a robot that stands."""
+        nearest to one. ahead, walks: make no difference to a robot that stands."""
         q = self._standing(posture)
         # Accelerations of the links load the legs as gravity does: that of the whole mass, and the rate of its angular
         # momentum, as of arms that swing or a trunk that bends.

@@ -212,7 +212,9 @@ class Follower:
         self.legs: Legs | None = None
         """The legs of a robot that walks."""
         if legs_move and priorities.steps == "walk":
-            self.legs = Legs(robot, stance, limits, carrying, build(priorities, carrying))
+            self.legs = Legs(
+                robot, stance, limits, carrying, build(priorities, carrying), scale=self.landmark_map.leg_scale
+            )
         self._speed, self._rest, self._settled_s = 1.0, Dwell(), 0.0
 
     @property
@@ -330,6 +332,7 @@ class Follower:
             self._soles.strength.aim(upper, targets, q, self._reached.centre_of_mass, dt, keeps=False)
         legs.leave_out(targets)
         upper.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
+        legs.foresee(q, velocity, dt)
         self._reached = self._reader.read(upper.solver.frame(targets, dt, self._speed))
         return self._posture(asked)
 
@@ -365,7 +368,7 @@ class Follower:
             hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
         if (stop := self._stop(q, hierarchy.solver.velocity, dt)) is not None:
-            hierarchy.solver.foresee(stop.postures[-1], dt * (len(stop.postures) - 1))
+            hierarchy.solver.foresee(stop.postures[-1:], dt * (len(stop.postures) - 1))
         q = hierarchy.solver.frame(targets, dt, self._speed)
         if self._robot.floats:
             lift_soles(self._robot, q)

@@ -312,6 +312,8 @@ class LandmarkMap:
         ends = (set(), set()) if pelvis is None else (set(pelvis.follows), set(pelvis.measured_from))
         by_legs = pelvis is not None and ends == (set(HIPS), set(ANKLES))
         scale = limb_scale(pelvis, rest) if pelvis is not None and by_legs else 0.0
+        self.leg_scale = scale
+        """Of lengths, from the performer's leg to the robot's; 0 where the profile does not say."""
         self._sums += [{ankle: scale, hip: -scale} for ankle, hip in zip(ANKLES, HIPS, strict=True)]
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
         self._over_feet = PelvisOverFeet(pelvis.robot_length) if pelvis is not None and by_legs else None

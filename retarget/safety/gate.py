@@ -51,10 +51,16 @@ class Compensation(Protocol):
         ...
 
     def propose(
-        self, last: Any, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray], stop: StopPath | None
+        self,
+        last: Any,
+        posture: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
+        *,
+        ahead: FloatArray,
+        walks: bool | None,
     ) -> tuple[FloatArray, Compensated]:
         """The goal (n,) rad for a posture (n,), rad. nearest: the goal within the gate's limits that is nearest to
-        one. stop: how the robot stops from there; None: it is on the stop that was verified last."""
+        one. ahead (n,): rad, the posture that follows. walks: whether the robot does; None: as before."""
         ...
 
 
@@ -140,8 +146,10 @@ class Gate:
         # First the limits, which cost microseconds, then soles and balance, then the sweep, which costs most.
         goal, compensated = target, None
         if self._compensation is not None:
+            walks = stop is not None and stop.carries is not None
+            ahead = target if stop is None or self.standing is None else self.standing.joints(stop.postures[:2])[-1]
             nearest = partial(self._nearest, last)
-            goal, compensated = self._compensation.propose(last.compensated, target, nearest, stop)
+            goal, compensated = self._compensation.propose(last.compensated, target, nearest, ahead=ahead, walks=walks)
             if compensated.forced or (compensated.free and not self._bounded(goal, target)):
                 return None
         free = compensated is not None and compensated.free
@@ -171,9 +179,8 @@ class Gate:
         posture, stop = (last.stop[0], last.stop[1:]) if len(last.stop) else (last.posture, last.stop)
         goal, compensated = posture, None
         if self._compensation is not None:
-            goal, compensated = self._compensation.propose(
-                last.compensated, posture, partial(self._nearest, last), None
-            )
+            nearest, ahead = partial(self._nearest, last), stop[0] if len(stop) else posture
+            goal, compensated = self._compensation.propose(last.compensated, posture, nearest, ahead=ahead, walks=None)
         if compensated is not None and compensated.free and self._bounded(goal, posture):
             displacement = posture - last.posture
         else:

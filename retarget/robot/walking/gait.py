@@ -28,8 +28,8 @@ NARROWEST = 0.86
 """Least distance of the soles, sideways, as a share of that in `stand`."""
 LONGEST = 0.565
 """Longest step, as a share of the height."""
-FORWARD, SIDEWAYS, TURN = 0.1, 0.0267, 0.046
-"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.15 m/s, 0.04 m/s and 0.3 rad/s of
+FORWARD, SIDEWAYS, TURN = 0.0833, 0.0267, 0.046
+"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.125 m/s, 0.04 m/s and 0.3 rad/s of
 OP3. Faster, its knees would have to turn faster than they can."""
 RAMP = 0.2
 """Most that a velocity changes from step to step, as a share of the fastest: the pattern's own error grows with it."""

@@ -16,9 +16,10 @@ from retarget.model.body import JointLimits
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.robot.following_limits import servo_limits
 from retarget.robot.landmarks import PELVIS
-from retarget.robot.walking.gait import gait_of
+from retarget.robot.walking.gait import fastest, gait_of
 from retarget.robot.walking.pattern import Request
 from retarget.robot.walking.place import Place, place_of, soles_at
+from retarget.robot.walking.travel import Travel
 from retarget.robot.walking.walker import Walker
 from retarget.types import BoolArray, FloatArray
 
@@ -34,9 +35,19 @@ class Legs:
     robot's own frame; None: the performer's."""
 
     def __init__(
-        self, robot: RobotBody, stance: Stance, limits: JointLimits, carrying: BoolArray, upper: Hierarchy
+        self,
+        robot: RobotBody,
+        stance: Stance,
+        limits: JointLimits,
+        carrying: BoolArray,
+        upper: Hierarchy,
+        *,
+        scale: float,
     ) -> None:
-        """limits (nv,): of following. carrying (nv,): the root and the joints of the legs."""
+        """limits (nv,): of following. carrying (nv,): the root and the joints of the legs. scale: of lengths, from the
+        performer's leg to the robot's."""
+        self._scale = scale
+        self._travel: Travel | None = None
         widest = servo_limits(robot)
         self._limits = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
         self._robot, self._stance, self._carrying, self.upper = robot, stance, carrying, upper
@@ -52,8 +63,7 @@ class Legs:
         """Stand in the stance."""
         self._place = Place()
         self._plant()
-        if self._walker is not None:
-            self._walker.restart()
+        self._walker, self._travel = None, None
 
     def _plant(self) -> None:
         self.footing = footing(self._robot.kinematics, soles_at(self._stance, self._place))
@@ -69,7 +79,11 @@ class Legs:
 
     def asked(self, human: "HumanPosture", dt: float) -> Request | None:
         """How fast the robot is to walk, in its own frame; None: it is to stand."""
-        return self.velocity
+        if self._travel is None:
+            gait = gait_of(self._robot, self._stance, dt=dt)
+            self._travel = Travel(gait, fastest(gait), scale=self._scale)
+        performer = self._travel.step(human, Request() if self._walker is None else self._walker.speed)
+        return performer if self.velocity is None else self.velocity
 
     def begin(self, stop: StopPath | None, q: FloatArray, velocity: FloatArray, dt: float) -> None:
         """Begin to walk. stop: how the robot stops now, world. q (nq,), velocity (nv,): in the world of the stance."""
@@ -126,6 +140,17 @@ class Legs:
         postures = path.postures[on_path]
         postures[:, others] = rows[np.minimum(np.arange(len(postures)), len(rows) - 1)]
         return StopPath(postures, None, path.carries[on_path])
+
+    def foresee(self, q: FloatArray, velocity: FloatArray, dt: float) -> None:
+        """Let all else keep off where the legs will be. q (nq,), velocity (nv,): now, in the world of the stance."""
+        walker = self._walker
+        assert walker is not None and self._brakes is not None, "it walks"
+        others = walker.others
+        rows = self._brakes.stop(q[others], velocity[self._dofs] * dt)
+        rest = walker.through()
+        rest[:, others] = q[others] if not len(rows) else rows[-1]
+        rest[:, :7] = q[:7]
+        self.upper.solver.foresee(rest, dt * max(len(rows), 1))
 
     def locate(self, q: FloatArray) -> None:
         """Go on from a posture (nq,), world, to which the robot was sent instead of that of the last `step`."""

@@ -15,7 +15,7 @@ from retarget.arithmetic import norm
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
-from retarget.robot.walking.pattern import Foothold, Gait, Moment, Step, minimum_jerk
+from retarget.robot.walking.pattern import Foothold, Gait, Moment, Request, Step, minimum_jerk
 from retarget.rotations import Quat, as_quat, as_vector, inverse, product, rotated, rotation_vector, turn
 from retarget.types import BoolArray, FloatArray
 
@@ -28,21 +28,23 @@ class WalkPath:
     """postures (k, nq), m, wxyz and rad, world, tick by tick: first the one from which it goes on, last the robot stands.
     carries (k, 2): which soles do, left and right. yaws (k,): of the trunk, rad. feet: where both soles are at its end.
     step: the last one that was asked for, which ends with row `branch`, from where another path may go on; None: none
-    was. since: the row of the path before from which it goes on."""
+    was. speed: of that step. since: the row of the path before from which it goes on."""
 
     postures: FloatArray
     carries: BoolArray
     yaws: FloatArray
     feet: tuple[Foothold, Foothold]
     step: Step | None
+    speed: Request
     branch: int
     since: int
 
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """A path in the making, see `WalkPath`. moments: of its rows but the first. velocity (nv,): in the first row. offset
-    (3,) m, turned (3,) rad: of centre of mass and root from the pattern there, which fade within `ease` ticks."""
+    """A path in the making. moments: of its rows but the first. velocity (nv,): in the first row. offset (3,) m, turned
+    (3,) rad: of centre of mass and root from the pattern there, which fade within `ease` ticks. asked: step, speed,
+    branch and since of the path."""
 
     postures: list[FloatArray]
     velocity: FloatArray
@@ -50,9 +52,12 @@ class Sketch:
     offset: FloatArray
     turned: FloatArray
     ease: int
-    step: Step | None
-    branch: int
-    since: int
+    asked: tuple[Step | None, Request, int, int]
+
+    @property
+    def since(self) -> int:
+        """The row of the path before from which it goes on."""
+        return self.asked[-1]
 
 
 class PathPlanner:
@@ -89,15 +94,12 @@ class PathPlanner:
         velocity: FloatArray,
         start: Moment,
         moments: Sequence[Moment],
-        *,
         ease: int,
-        step: Step | None,
-        branch: int,
-        since: int,
+        asked: tuple[Step | None, Request, int, int],
     ) -> Sketch:
         """Begin a path in posture q (nq,), moving at velocity (nv,), through moments, tick by tick. start: the pattern
-        there. ease: ticks in which what q is off the pattern fades. step, branch, since: see `WalkPath`."""
-        return Sketch([q], velocity, moments, *self._offsets(q, start), ease, step, branch, since)
+        there. ease: ticks in which what q is off the pattern fades. asked: see `Sketch`."""
+        return Sketch([q], velocity, moments, *self._offsets(q, start), ease, asked)
 
     def off(self, q: FloatArray, start: Moment) -> tuple[float, float]:
         """How far (m, rad) a posture (nq,) is off the pattern."""
@@ -134,7 +136,7 @@ class PathPlanner:
         yaws = np.array([moment.yaw for moment in moments])
         left, right = (Foothold(sole.place[:2], sole.yaw) for sole in moments[-1].soles)
         postures = np.array(sketch.postures)
-        return WalkPath(postures, carries, yaws, (left, right), sketch.step, sketch.branch, sketch.since)
+        return WalkPath(postures, carries, yaws, (left, right), *sketch.asked)
 
     def _aim(self, moment: Moment, offset: FloatArray, turned: FloatArray) -> None:
         """Write the targets of a row."""

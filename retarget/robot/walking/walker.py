@@ -39,6 +39,10 @@ ROWS = 8
 EASE_ACCELERATION, EASE_TURN, LEAST_EASE_S = 0.4, 6.0, 0.3
 """m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, upright, its mass mid-way between
 its feet, so that its zero-moment point is moved by less than 1 cm; and the least time for that."""
+FORESEEN = 6
+"""Postures of a step in which arms are to keep off the legs."""
+RETRY_S = 0.2
+"""After a refusal a robot that stands waits so long (s) before it tries again: arms get out of the way meanwhile."""
 NEAR_M, NEAR_RAD = 0.005, 0.02
 """A robot that is so near to there sways to its first step."""
 PEAK = 5.78
@@ -70,18 +74,24 @@ class Walker:
         """Leave the path, at whose end the robot stands."""
         if self.path is not None:
             self.feet = self.path.feet
-        self.path, self._speed = None, Request()
+        self.path = None
         self._before: tuple[WalkPath | None, int] = (None, 0)  # where the robot is if the last row was not taken
         self._sketch: Sketch | None = None
         self._next: WalkPath | None = None
+        self._wait = 0  # ticks
 
     def begin(self, stop: FloatArray) -> None:
         """Begin to walk: come to rest first, on a path of postures (k, nq) from the one in which the robot is."""
         count = len(stop)
         yaw = 0.5 * (self.feet[0].yaw + self.feet[1].yaw)
-        both = np.ones((count, 2), dtype=np.bool_)
-        self.path, self.row = WalkPath(stop, both, np.full(count, yaw), self.feet, None, count - 1, 0), 0
+        both, yaws = np.ones((count, 2), dtype=np.bool_), np.full(count, yaw)
+        self.path, self.row = WalkPath(stop, both, yaws, self.feet, None, Request(), count - 1, 0), 0
         self._before = self.path, 0
+
+    @property
+    def speed(self) -> Request:
+        """At which its present step goes."""
+        return Request() if self.path is None or self.row > self.path.branch else self.path.speed
 
     @property
     def is_over(self) -> bool:
@@ -99,10 +109,17 @@ class Walker:
             self._sketch = self._next = None
         else:
             self._plan(path, asked, q)
-        if self._next is not None and self.row == self._next.since:
+        self._wait = max(self._wait - 1, 0)
+        if self._next is not None and self.row == self._next.since and not self._wait:
             self.path, self.row, self._next = self._next, 0, None
             self.steps += self.path.step is not None
         self.row = min(self.row + 1, len(self.path.postures) - 1)
+
+    def through(self) -> FloatArray:
+        """Postures (k, nq), world, through which the next path leads, or this one."""
+        path = self._next or self.path
+        assert path is not None, "it walks"
+        return path.postures[:: self.gait.ticks // FORESEEN].copy()
 
     def locate(self, q: FloatArray) -> None:
         """Go on from a posture (nq,) to which the robot was sent instead of the last row: on the path before, where the
@@ -114,9 +131,10 @@ class Walker:
                 continue
             row = min(row, len(path.postures) - 1)
             if np.array_equal(path.postures[row, self._legs], q[self._legs]):
-                if path is not self.path:
+                if path is not self.path:  # where it stands, it tries again
                     self.steps -= self.path.step is not None
-                    self._sketch, self._next, self._speed = None, None, Request()
+                    self._sketch, self._next = None, self.path if row == self.path.since else None
+                    self._wait = round(RETRY_S / self.gait.dt)
                 self.path, self.row = path, row
                 break
         self._before = self.path, self.row
@@ -140,9 +158,9 @@ class Walker:
     def _continued(self, path: WalkPath, asked: Request, q: FloatArray) -> Sketch:
         """The path that follows the step of a path."""
         assert path.step is not None, "it makes a step"
-        self._speed = ramped(self.gait, self._speed, asked)
-        step = next_step(self.gait, path.step, self._speed)
-        return self._sketched(path, path.branch, q, moment(self.gait, step, 0.0), [], step, ease=self.gait.ticks)
+        gait, speed = self.gait, ramped(self.gait, path.speed, asked)
+        step = next_step(gait, path.step, speed)
+        return self._sketched(path, path.branch, q, moment(gait, step, 0.0), [], step, speed, ease=gait.ticks)
 
     def _from_stand(self, path: WalkPath, asked: Request, q: FloatArray) -> Sketch:
         """The path from the end of a path to where steps may begin, the mass mid-way between the feet, at its walking
@@ -151,13 +169,12 @@ class Walker:
         middle = 0.5 * (feet[0].place + feet[1].place)
         start = standing(feet, Pendulum(middle, middle), middle)
         moved, turned = self._planner.off(path.postures[end], start)
-        self._speed = Request()
         if moved < NEAR_M and turned < NEAR_RAD:
             swayed, step = sway(gait, feet, LEFT if asked.left < 0.0 else RIGHT)
-            return self._sketched(path, end, q, start, swayed, step, ease=len(swayed))
+            return self._sketched(path, end, q, start, swayed, step, Request(), ease=len(swayed))
         ease = max(sqrt(PEAK * moved / EASE_ACCELERATION), sqrt(PEAK * turned / EASE_TURN), LEAST_EASE_S)
         ticks = round(ease / gait.dt)
-        return self._sketched(path, end, q, start, [start] * (ticks + 1), None, ease=ticks)
+        return self._sketched(path, end, q, start, [start] * (ticks + 1), None, Request(), ease=ticks)
 
     def _sketched(
         self,
@@ -167,15 +184,16 @@ class Walker:
         start: Moment,
         before: list[Moment],
         step: Step | None,
+        speed: Request,
         *,
         ease: int,
     ) -> Sketch:
-        """A path that goes on from row `since` of another, through moments before a step, that step if there is one, and
-        to a stand."""
+        """A path that goes on from row `since` of another, through moments before a step, that step if there is one, at
+        a speed, and to a stand."""
         first = path.postures[since].copy()
         first[self.others] = q[self.others]
         velocity = self._planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
         moments = before if step is None else before + stepped(self.gait, step)
         branch = len(moments)
         moments = moments if step is None else moments + way_to_stand(self.gait, step)
-        return self._planner.sketch(first, velocity, start, moments, ease=ease, step=step, branch=branch, since=since)
+        return self._planner.sketch(first, velocity, start, moments, ease, (step, speed, branch, since))

@@ -26,7 +26,6 @@ from retarget.arithmetic import arctan2, cos, dot, matmul, norms, sin
 from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GRAVITY, UPWARD, joint_compliance
 from retarget.ik.support_polygon import Stance
-from retarget.ik.whole_body_stop import StopPath
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import leg_joints
 from retarget.robot.deflection_compensation import DeflectionCompensation, Offset
@@ -62,14 +61,12 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Walked:
-    """Offset of a walking robot. q (nq,): the posture as it stands. joints, before (n,): the posture, and the one before
-    it. places, places_before (k, 3) m: of its link masses. offset (n,) rad. planned: the newest last."""
+    """Offset (n,) rad of a walking robot. q (nq,): the posture as it stands; joints (n,): of it; places (k, 3) m: of its
+    link masses. planned: the newest last."""
 
     q: FloatArray
     joints: FloatArray
-    before: FloatArray
     places: FloatArray
-    places_before: FloatArray
     offset: FloatArray
     planned: tuple[Planned, ...]
 
@@ -109,38 +106,40 @@ class WalkingGoals:
         last: Offset,
         posture: FloatArray,
         nearest: Callable[[FloatArray], FloatArray],
-        stop: StopPath | None,
+        *,
+        ahead: FloatArray,
+        walks: bool | None,
     ) -> tuple[FloatArray, Offset]:
         """The goal (n,) that holds the robot in a posture (n,), rad. nearest: the goal within the gate's limits that is
-        nearest to one. stop: how it stops from there; None: it is on the stop that was verified last."""
-        walks = last.walked is not None if stop is None else stop.carries is not None
+        nearest to one. ahead (n,): rad, the posture that follows. walks: whether the robot does; None: as before."""
         walked = last.walked
-        if not walks:
+        if not (walked is not None if walks is None else walks):
             if walked is not None:
                 begun = self._standing.begin(last.posture)
                 last = replace(begun, compensated=walked.offset, integrated=last.integrated, ticks=last.ticks)
-            return self._standing.propose(last, posture, nearest, stop)
-        walked = self._next(self._begun(last) if walked is None else walked, posture)
+            return self._standing.propose(last, posture, nearest)
+        walked = self._next(self._begun(last) if walked is None else walked, posture, ahead)
         return posture + walked.offset, replace(last, posture=posture, walked=walked)
 
     def _begun(self, last: Offset) -> Walked:
         """At rest in the posture of the last goal."""
-        q = self._stance.q.copy()
-        q[self._robot.servo_columns] = last.posture
-        plant_root(self._robot, self._stance.q, q)
-        places = self._seen.look(q).masses
-        return Walked(q, last.posture, last.posture, places, places, last.compensated, ())
+        q = self._planted(self._stance.q, last.posture)
+        return Walked(q, last.posture, self._seen.look(q).masses, last.compensated, ())
 
-    def _next(self, last: Walked, posture: FloatArray) -> Walked:
-        """The offset a tick later, in a posture (n,)."""
-        dt, q = self._gait.dt, last.q.copy()
-        q[self._robot.servo_columns] = posture
-        plant_root(self._robot, last.q, q)
-        now = self._seen.look(q)
-        # Velocities and accelerations are central differences, about the posture before.
-        accelerations = (now.masses - 2.0 * last.places + last.places_before) / (dt * dt)
-        speed = (posture - last.before) / (2.0 * dt)
-        acceleration = (posture - 2.0 * last.joints + last.before) / (dt * dt)
+    def _planted(self, before: FloatArray, joints: FloatArray) -> FloatArray:
+        """A posture (nq,) with these joints (n,) rad, its lower sole where it was before."""
+        q = before.copy()
+        q[self._robot.servo_columns] = joints
+        plant_root(self._robot, before, q)
+        return q
+
+    def _next(self, last: Walked, posture: FloatArray, ahead: FloatArray) -> Walked:
+        """The offset a tick later, in a posture (n,), with the one that follows."""
+        dt, q = self._gait.dt, self._planted(last.q, posture)
+        now, after = self._seen.look(q), self._seen.look(self._planted(q, ahead))
+        accelerations = (after.masses - 2.0 * now.masses + last.places) / (dt * dt)
+        speed = (ahead - last.joints) / (2.0 * dt)
+        acceleration = (ahead - 2.0 * posture + last.joints) / (dt * dt)
         torque, shares = self._seen.torques(now, accelerations)
         wanted = matmul(self._compliance, torque + self._armature * acceleration) + self._lag * speed
         planned = (*last.planned, self._feedback.plan(now, last.planned[-1] if last.planned else None))[-BEHIND - 1 :]
@@ -148,7 +147,7 @@ class WalkingGoals:
         change = np.minimum(np.maximum(wanted - last.offset, -self._most_change), self._most_change)
         offset = np.minimum(np.maximum(last.offset + change, -MOST_RAD), MOST_RAD)
         offset = np.minimum(np.maximum(posture + offset, self._lower), self._upper) - posture
-        return Walked(q, posture, last.joints, now.masses, last.places, offset, planned)
+        return Walked(q, posture, now.masses, offset, planned)
 
 
 @dataclass(frozen=True, eq=False)
