@@ -1,8 +1,9 @@
 """`python -m benchmarks.walking`: robots with mass walk as they are asked to, through the whole program.
 
-A stick asks for one velocity while the arms follow a performer who stands (`--source`, again and again), and for a stand
-4 s before the end. The gate checks every goal; links collide. Each seed draws masses (5 %), centre of mass, friction of
-floor and joints, play of gears, delay of the bus, and bias and noise of the IMU. Seeds from 100 on were not tuned on.
+A stick asks for one velocity while the arms follow a performer who stands (`--source`, again and again), and for a
+stand 4 s before the end. The gate checks every goal; links collide. Each seed draws masses (5 %), centre of mass,
+friction of floor and joints, play of gears, delay of the bus, and bias and noise of the IMU. Seeds from 100 on were not
+tuned on.
 
 TABLE
 """
@@ -63,8 +64,8 @@ ERRORS = ImuErrors(
 
 @dataclass(frozen=True)
 class Case:
-    """One run of `seconds`. forward, left m/s, turn rad/s: asked. stiffness, planned: of the servos, and in the plan, as
-    shares of the profile's. push: N s on the trunk, from a side that the seed says."""
+    """One run of `seconds`. forward, left m/s, turn rad/s: asked. stiffness, planned: of the servos, and in the plan,
+    as shares of the profile's. push: N s on the trunk, from a side that the seed says."""
 
     robot: str
     source: str
@@ -127,7 +128,7 @@ class WalkRecord(Observer):
         if t > case.seconds:
             self._stop.ask("the case is over")
         if not legs.walks:
-            self._slip = self._witness.log.slip_m.copy() if legs.count() == 0 else self._slip
+            self._slip = self._witness.log.slip_m.copy() if legs.tally().steps == 0 else self._slip
             return
         simulation, state = self._simulation, self._witness.state
         torque, speed = simulation.motors.torque(simulation.data), simulation.motors.speed(simulation.data)
@@ -138,7 +139,7 @@ class WalkRecord(Observer):
         self._gated.append(output.gated)
         if output.goal is not None:
             self._offsets.append(float(np.abs(output.goal.joints - output.goal.posture).max()))
-        self.steps = legs.count()
+        self.steps = legs.tally().steps
         if walks and t > 1.0 + 0.3 * min(case.seconds, 20.0):
             x, y = state.root[:2].tolist()
             self._places.append((now, x, y, math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))))

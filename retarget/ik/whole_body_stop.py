@@ -21,8 +21,8 @@ from retarget.types import BoolArray, FloatArray
 @dataclass(frozen=True, eq=False)
 class StopPath:
     """How a robot comes to rest. postures (k, nq): the one from which it stops, and then tick by tick to rest. footing:
-    where its soles are planted; None: it has none. carries (k, 2): which of two soles do, of a robot that walks; None: all
-    do."""
+    where its soles are planted; None: it has none. carries (k, 2): which of two soles do, of a robot that walks; None:
+    all do."""
 
     postures: FloatArray
     footing: Footing | None = None

@@ -8,6 +8,7 @@ from typing import Any
 
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import HeldBack, LimitViolations, ModeSwitches, PhysicsReport
+from retarget.robot.walking.travel import WalkTally
 from retarget.run.run_result import RefusedPair
 from retarget.safety.contact import Presses
 from retarget.schema.catalogue import HUMAN
@@ -265,7 +266,7 @@ class Report:
     """Falls in the simulation, `toppled` at rest, centre of pressure, slip, torque, temperature."""
     imu: ImuReport | None = None
     """Tilt by the IMU; null without one."""
-    steps: int | None = None
+    walk: WalkTally | None = None
     """Steps of a robot that makes some."""
     live: LiveReport | None
     """Frames of a stream, dropped ones with reasons, lost sensors, holds; null of a file."""

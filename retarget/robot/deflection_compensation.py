@@ -45,8 +45,8 @@ class Offset:
     """For a posture (n,) rad: its offsets are `compensated` (n,) rad, which holds against the load and has moved by
     `moved` (n,) in the last tick, and `behind` (n,) rad, by which it waits for slower joints. integrated (n,): rad that
     the servos' I gains have added to the goal. masses, velocities (k, 3): of the links' masses, m and m/s, smoothed.
-    ticks: since torque came on. forced: the gate's limits have made of the offset a motion of its own. walked: of a robot
-    that walks, what its offset is made of instead."""
+    ticks: since torque came on. forced: the gate's limits have made of the offset a motion of its own. walked: of a
+    robot that walks, what its offset is made of instead."""
 
     posture: FloatArray
     compensated: FloatArray

@@ -157,8 +157,8 @@ class OnSoles:
 class Follower:
     """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick.
 
-    It leads the robot in the world of its stance, which goes along with a robot that walks (`legs`); the postures that it
-    gives and takes are those of the world in which the robot began."""
+    It leads the robot in the world of its stance, which goes along with a robot that walks (`legs`); the postures that
+    it gives and takes are those of the world in which the robot began."""
 
     def __init__(
         self,

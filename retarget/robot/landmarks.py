@@ -301,7 +301,8 @@ class LandmarkMap:
         floats: bool = False,
     ) -> None:
         """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone).
-        floats: whether the robot goes where the performer does (`FreeLegs`). Raises ConfigError: it has no legs for that."""
+        floats: whether the robot goes where the performer does (`FreeLegs`). Raises ConfigError: it has no legs for
+        that."""
         self.names = tuple(profile.landmarks)
         self._envelope = envelope
         self._facing = Facing()

@@ -29,6 +29,7 @@ from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
 from retarget.robot.walking.gait import gait_of, with_steps
+from retarget.robot.walking.travel import WalkTally
 from retarget.robot.walking.walking_goals import WalkingGoals
 from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
@@ -137,7 +138,7 @@ class Prepared:
     observers: Observers | None = None
     intake: IntakeTimes = field(default_factory=IntakeTimes)
     scene_obstacles: SceneObstacles | None = None
-    steps: Callable[[], int] | None = None
+    walk: Callable[[], WalkTally] | None = None
     parts: Parts = "whole"
 
     def loop(
@@ -181,7 +182,7 @@ class Prepared:
             scene=self.scene,
             observers=self.observers,
             tally=RunTally(
-                steps=None if self.steps is None else self.steps(),
+                walk=None if self.walk is None else self.walk(),
                 refused_pair=None if machine is None else machine.refused_pair,
                 presses=None if machine is None or machine.contact is None else machine.contact.presses,
                 standing=ending.standing,
@@ -290,7 +291,7 @@ def prepare_for(
         scene=scene,
         observers=follower.observers,
         scene_obstacles=follower.scene_obstacles,
-        steps=None if follower.legs is None else follower.legs.count,
+        walk=None if follower.legs is None else follower.legs.tally,
     )
     with _open(bus, guard):
         yield prepared

@@ -159,7 +159,7 @@ class PathClearance:
         if walk is None or walk.carries is None:
             return checker.is_clear(standing, path, dt=dt, share=share, instead=instead, remember=remember)
         # Obstacles are seen from the sole that carries: from another one, once it alone is on the floor.
-        alone, end = ~walk.carries.all(axis=1), len(path) - 1
+        alone, end = np.logical_not(walk.carries.all(axis=1)), len(path) - 1
         cuts = 3 + np.flatnonzero(alone[1:] & ~alone[:-1])
         for first, last in pairwise([0, *cuts[cuts < end].tolist(), end]):
             stands = walk.postures[first - 1] if first else standing

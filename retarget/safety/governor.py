@@ -59,8 +59,8 @@ class CommandGovernor:
         return None
 
     def _beside_walk(self, stop: StopPath, rows: FloatArray) -> tuple[Iterator[tuple[float, float]], StopPath]:
-        """Shares to try of a robot whose legs walk, whatever else it does, and what it does with none of them. rows (k, n): of
-        the stop that was verified last; where other legs are asked, it goes on with that."""
+        """Shares to try of a robot whose legs walk, whatever else it does, and what it does with none of them. rows (k,
+        n): of the stop that was verified last; where other legs are asked, it goes on with that."""
         legs = self._carrying[self._dofs]
         count = min(len(rows), len(stop.postures))
         asked = self._standing.joints(stop.postures)

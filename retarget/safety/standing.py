@@ -64,8 +64,9 @@ class StandingCheck:
         return Losses(slip, BALANCE_M - inside)
 
     def _walked(self, postures: FloatArray, carries: BoolArray) -> Losses:
-        """What a robot loses that walks on postures (k, nq), on its left and right sole as `carries` (k, 2) says: it ends on
-        both, and its zero-moment point is on those that carry; a sole stays where it was put down, on the floor."""
+        """What a robot loses that walks on postures (k, nq), on its left and right sole as `carries` (k, 2) says: it
+        ends on both, and its zero-moment point is on those that carry; a sole stays where it was put down, on the
+        floor."""
         body, slip, shortfall = self._robot.kinematics, 0.0, -np.inf
         if not carries[-1].all():
             return Losses(np.inf, np.inf)

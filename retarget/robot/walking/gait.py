@@ -21,7 +21,8 @@ from retarget.types import MM
 STEP_TIMES, DOUBLE_TIMES = 3.76, 0.42
 """Duration of a step, and of its double support, in sqrt(height / g): 0.576 and 0.064 s of OP3."""
 CROUCH = 0.89
-"""Height of the centre of mass while it walks, as a share of that in `stand`: legs that are bent reach a step's length."""
+"""Height of the centre of mass while it walks, as a share of that in `stand`: legs that are bent reach a step's
+length."""
 LIFT = 0.043
 """Greatest height of the foot that swings, as a share of that height: 10 mm of OP3. Knees need torque for more."""
 NARROWEST = 0.86
@@ -29,8 +30,8 @@ NARROWEST = 0.86
 LONGEST = 0.565
 """Longest step, as a share of the height."""
 FORWARD, SIDEWAYS, TURN = 0.0833, 0.0267, 0.046
-"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.125 m/s, 0.04 m/s and 0.3 rad/s of
-OP3. Faster, its knees would have to turn faster than they can."""
+"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.125 m/s, 0.04 m/s and 0.3 rad/s
+of OP3. Faster, its knees would have to turn faster than they can."""
 RAMP = 0.2
 """Most that a velocity changes from step to step, as a share of the fastest: the pattern's own error grows with it."""
 
@@ -68,7 +69,8 @@ def clipped(gait: Gait, asked: Request) -> Request:
 
 
 def ramped(gait: Gait, now: Request, asked: Request) -> Request:
-    """The velocity of the next step, on the way from that of the last one to what is asked, as far as that is possible."""
+    """The velocity of the next step, on the way from that of the last one to what is asked, as far as that is
+    possible."""
     most, to = fastest(gait), clipped(gait, asked)
 
     def toward(at: float, wanted: float, largest: float) -> float:

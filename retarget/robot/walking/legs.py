@@ -3,6 +3,7 @@
 While it stands, that is where its soles are; while it walks, it goes along under the pelvis, and turns with it.
 """
 
+from math import degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from retarget.robot.landmarks import PELVIS
 from retarget.robot.walking.gait import fastest, gait_of
 from retarget.robot.walking.pattern import Request
 from retarget.robot.walking.place import Place, place_of, soles_at
-from retarget.robot.walking.travel import Travel
+from retarget.robot.walking.travel import Travel, WalkTally
 from retarget.robot.walking.walker import Walker
 from retarget.types import BoolArray, FloatArray
 
@@ -31,8 +32,8 @@ NO_SPACES = np.zeros((0, 4))
 
 
 class Legs:
-    """Legs of one robot. upper: leads all else while they walk, by the same priorities. velocity: asked by a stick, in the
-    robot's own frame; None: the performer's."""
+    """Legs of one robot. upper: leads all else while they walk, by the same priorities. velocity: asked by a stick, in
+    the robot's own frame; None: the performer's."""
 
     def __init__(
         self,
@@ -73,9 +74,13 @@ class Legs:
         """Whether they are on their way."""
         return self._walker is not None and self._walker.path is not None
 
-    def count(self) -> int:
-        """How many steps they have made."""
-        return 0 if self._walker is None else self._walker.steps
+    def tally(self) -> WalkTally:
+        """How the robot has walked so far."""
+        steps, travel = 0 if self._walker is None else self._walker.steps, self._travel
+        if travel is None:
+            return WalkTally(steps)
+        (walked, turned), (asked, asked_turn) = travel.walked.tolist(), travel.asked.tolist()
+        return WalkTally(steps, walked, asked, degrees(turned), degrees(asked_turn))
 
     def asked(self, human: "HumanPosture", dt: float) -> Request | None:
         """How fast the robot is to walk, in its own frame; None: it is to stand."""
@@ -98,8 +103,8 @@ class Legs:
         self.upper.solver.correct(q, velocity)
 
     def step(self, asked: Request | None, dt: float) -> tuple[FloatArray, FloatArray]:
-        """Go on by a tick. Returns the posture (nq,) with the legs of this tick, and its velocity (nv,), in the world of the
-        stance; where that walk is over, at rest."""
+        """Go on by a tick. Returns the posture (nq,) with the legs of this tick, and its velocity (nv,), in the world
+        of the stance; where that walk is over, at rest."""
         walker, q, velocity = self._walker, self.upper.solver.q, self.upper.solver.velocity
         assert walker is not None and walker.path is not None, "it walks"
         walker.step(asked, q)
@@ -129,8 +134,8 @@ class Legs:
             self._plant()
 
     def stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
-        """How the robot stops, world: the rest of its path, on which all that does not carry brakes in proportion. q (nq,),
-        velocity (nv,): now, in the world of the stance."""
+        """How the robot stops, world: the rest of its path, on which all that does not carry brakes in proportion. q
+        (nq,), velocity (nv,): now, in the world of the stance."""
         walker = self._walker
         assert walker is not None and walker.path is not None and self._brakes is not None, "it walks"
         path, row, others = walker.path, walker.row, walker.others
@@ -174,7 +179,7 @@ class Legs:
         """A posture (nq,) in the world."""
         walker = self._walker
         if walker is not None and walker.path is not None:  # to the bit, as the path is verified
-            now = walker.path.postures[walker.row].copy()
+            now: FloatArray = walker.path.postures[walker.row].copy()
             now[walker.others] = q[walker.others]
             return now
         return q if self._place.is_origin else self._place.postures(q[None])[0]

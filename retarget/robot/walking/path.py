@@ -25,10 +25,10 @@ ROOT = 1
 
 @dataclass(frozen=True, eq=False)
 class WalkPath:
-    """postures (k, nq), m, wxyz and rad, world, tick by tick: first the one from which it goes on, last the robot stands.
-    carries (k, 2): which soles do, left and right. yaws (k,): of the trunk, rad. feet: where both soles are at its end.
-    step: the last one that was asked for, which ends with row `branch`, from where another path may go on; None: none
-    was. speed: of that step. since: the row of the path before from which it goes on."""
+    """postures (k, nq), m, wxyz and rad, world, tick by tick: first the one from which it goes on, last the robot
+    stands. carries (k, 2): which soles do, left and right. yaws (k,): of the trunk, rad. feet: where both soles are at
+    its end. step: the last one that was asked for, which ends with row `branch`, from where another path may go on;
+    None: none was. speed: of that step. since: the row of the path before from which it goes on."""
 
     postures: FloatArray
     carries: BoolArray

@@ -335,7 +335,8 @@ def in_halt(gait: Gait, end: Halt, t: float) -> Moment:
     if t > end.hold:
         pendulum = pendulum_after(pendulum, end.catch, middle, omega=omega, ramp=end.ease, t=t - end.hold)
         zmp = end.catch + smooth((t - end.hold) / end.ease) * (middle - end.catch)
-        # The convergent component would take seconds to get there, and what is left of rounding in the other would grow.
+        # The convergent component would take seconds to get there, and what is left of rounding in the other would
+        # grow.
         left = 1.0 - smooth((t - end.hold) / end.ease)
         divergent = pendulum.divergent if left else middle
         pendulum = Pendulum(divergent, middle + left * (pendulum.convergent - middle))

@@ -1,11 +1,12 @@
 """Travel of a performer: how fast a robot is to walk and turn, from where their feet go and where they face.
 
 The robot walks in its own frame as the performer does in theirs, scaled by the length of the leg. It begins when they
-lift their feet in turn, on the spot or on their way, and ends when both stay down. What it is behind, because it is late
-or slower than they are, it makes up for, but no more than two steps: so it stops when they do.
+lift their feet in turn, on the spot or on their way, and ends when both stay down. What it is behind, because it is
+late or slower than they are, it makes up for, but no more than two steps: so it stops when they do.
 """
 
 from collections import deque
+from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -28,12 +29,24 @@ LEASH = 2.0
 LIFTED_S = 0.7
 """s since a foot was lifted last, after which both stay down: longer than a walker has both on the floor."""
 SLOWEST = 0.25
-"""Share of the robot's fastest walk at which the middle of the feet of a performer goes who walks: with it one lifted foot
-is enough to begin, else feet are lifted in turn."""
+"""Share of the robot's fastest walk at which the middle of the feet of a performer goes who walks: with it one lifted
+foot is enough to begin, else feet are lifted in turn."""
 LEFT_OVER = 0.5
 """Steps behind, at its fastest, that are not worth another one."""
 _FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
 """The foot in the air, by the one that carries."""
+
+
+@dataclass(frozen=True)
+class WalkTally:
+    """How a robot walked. steps: made. walked_m, turned_deg: gone by it; asked_m, asked_turn_deg: by the performer, m
+    scaled by the leg."""
+
+    steps: int = 0
+    walked_m: float = 0.0
+    asked_m: float = 0.0
+    turned_deg: float = 0.0
+    asked_turn_deg: float = 0.0
 
 
 class Travel:

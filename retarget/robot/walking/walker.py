@@ -1,9 +1,9 @@
 """Walker: leads a robot from a stand, step by step, to another stand.
 
-It is always on a path that ends standing (`WalkPath`), and the gate verifies each goal with the rest of that path. While
-a step is under way, the path of the next one, with its own end, is made; the robot goes over to it where that step ends.
-Where none was asked for, or the gate refuses it, the robot stays on the path that it is on: so it stands after at most
-two more steps.
+It is always on a path that ends standing (`WalkPath`), and the gate verifies each goal with the rest of that path.
+While a step is under way, the path of the next one, with its own end, is made; the robot goes over to it where that
+step ends. Where none was asked for, or the gate refuses it, the robot stays on the path that it is on: so it stands
+after at most two more steps.
 """
 
 from math import sqrt
@@ -37,8 +37,8 @@ from retarget.types import BoolArray, FloatArray
 ROWS = 8
 """Postures of the next path that are made in a tick: a path of three steps and an end is there in half a step."""
 EASE_ACCELERATION, EASE_TURN, LEAST_EASE_S = 0.4, 6.0, 0.3
-"""m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, upright, its mass mid-way between
-its feet, so that its zero-moment point is moved by less than 1 cm; and the least time for that."""
+"""m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, upright, its mass mid-way
+between its feet, so that its zero-moment point is moved by less than 1 cm; and the least time for that."""
 FORESEEN = 6
 """Postures of a step in which arms are to keep off the legs."""
 RETRY_S = 0.2
@@ -50,8 +50,8 @@ PEAK = 5.78
 
 
 class Walker:
-    """Walks one robot. `path`: the one that it is on, at row `row`; None: it stands. `feet`: where its soles are while it
-    stands, world. `steps`: made so far."""
+    """Walks one robot. `path`: the one that it is on, at row `row`; None: it stands. `feet`: where its soles are while
+    it stands, world. `steps`: made so far."""
 
     def __init__(self, robot: RobotBody, stance: Stance, limits: JointLimits, carrying: BoolArray, gait: Gait) -> None:
         """limits (nv,): which the paths keep. carrying (nv,): the root and the joints of the legs."""
@@ -111,9 +111,9 @@ class Walker:
             self._plan(path, asked, q)
         self._wait = max(self._wait - 1, 0)
         if self._next is not None and self.row == self._next.since and not self._wait:
-            self.path, self.row, self._next = self._next, 0, None
-            self.steps += self.path.step is not None
-        self.row = min(self.row + 1, len(self.path.postures) - 1)
+            path, self.row, self._next = self._next, 0, None
+            self.path, self.steps = path, self.steps + (path.step is not None)
+        self.row = min(self.row + 1, len(path.postures) - 1)
 
     def through(self) -> FloatArray:
         """Postures (k, nq), world, through which the next path leads, or this one."""

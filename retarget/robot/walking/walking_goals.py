@@ -1,9 +1,10 @@
-"""Goals of a walking robot: offsets that hold its planned posture, as `DeflectionCompensation` makes them while it stands.
+"""Goals of a walking robot: offsets that hold its planned posture, as `DeflectionCompensation` makes them while it
+stands.
 
-A servo with a P gain is a spring that lags: goal = posture + torque / stiffness + lag * speed. The torque is that of the
-planned motion, by inverse dynamics of link masses and rotors; the soles press where the zero-moment point is. To that
-come small corrections by encoders and IMU: torque at the ankle that carries, for a divergent component that is not where
-it was planned, and turns of its hip and ankle against the tilt of the trunk.
+A servo with a P gain is a spring that lags: goal = posture + torque / stiffness + lag * speed. The torque is that of
+the planned motion, by inverse dynamics of link masses and rotors; the soles press where the zero-moment point is. To
+that come small corrections by encoders and IMU: torque at the ankle that carries, for a divergent component that is not
+where it was planned, and turns of its hip and ankle against the tilt of the trunk.
 
 Torques come and go with the soles, faster than a shaft may move. So here limits of motion belong to the posture, and an
 offset has bounds of its own, which the gate checks.
@@ -52,8 +53,8 @@ TILT_GAIN, HIP_RATE_S, ANKLE_RATE_S = 0.5, 0.05, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """What is planned of a posture, for both soles: way (2, 2) m from a sole to the mass, and its divergent component (2,
-    2) m, along the sole's axes."""
+    """What is planned of a posture, for both soles: way (2, 2) m from a sole to the mass, and its divergent component
+    (2, 2) m, along the sole's axes."""
 
     way: FloatArray
     divergent: FloatArray
@@ -61,8 +62,8 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Walked:
-    """Offset (n,) rad of a walking robot. q (nq,): the posture as it stands; joints (n,): of it; places (k, 3) m: of its
-    link masses. planned: the newest last."""
+    """Offset (n,) rad of a walking robot. q (nq,): the posture as it stands; joints (n,): of it; places (k, 3) m: of
+    its link masses. planned: the newest last."""
 
     q: FloatArray
     joints: FloatArray
@@ -268,7 +269,8 @@ class Feedback:
         self._measured = self.plan(self._seen.look(q), self._measured, share=self._share)
 
     def plan(self, at: Look, before: Planned | None, *, share: float = 1.0) -> Planned:
-        """The mass of a posture from both soles, after what was planned or measured `before`. share: of a new velocity."""
+        """The mass of a posture from both soles, after what was planned or measured `before`. share: of a new
+        velocity."""
         ways = np.array(
             [_turned((at.mass - sole)[:2], -yaw) for sole, yaw in zip(at.soles, at.yaws.tolist(), strict=True)]
         )
@@ -305,7 +307,8 @@ def _turned(way: FloatArray, yaw: float) -> FloatArray:
 
 
 def _joints_near(robot: RobotBody, stance: Stance) -> tuple[list[list[int]], list[list[int]]]:
-    """Servos of the joints of each leg that are nearer to its hip, and to its ankle, than to any other of its frames."""
+    """Servos of the joints of each leg that are nearer to its hip, and to its ankle, than to any other of its
+    frames."""
     names, origins = robot.joint_map.joints, Seen(robot, stance).look(stance.q).origins
     hips, ankles = list[list[int]](), list[list[int]]()
     legs = leg_joints(robot)
