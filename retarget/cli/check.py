@@ -51,6 +51,8 @@ def check(files: list[str], reach: Path | None = None) -> None:
 
     Arguments:
         files: Files, folders of robots, or names of shipped or own ones.
+
+    Options:
         reach FILE: Draw which hand places a robot reaches, and by which strategy, as PNG; measured once, in a minute or
             more. With a priority file among FILES it is by that, else by hands_first.
     """

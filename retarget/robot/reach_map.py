@@ -50,9 +50,11 @@ REACH: Mapping[str, Any] = {"iterations": 6, "damping": 0.5}
 """Of the solver, in a frame."""
 FRAMES, PROGRESS_M = 8, 0.001
 """Frames for a place, fewer once one brings less than so many m or the place is reached."""
+WAYPOINTS = (0.25, 0.5, 0.75)
+"""Shares of the way to a place at which the hand is asked first, a frame each."""
 FREED = 0.1
 """Weight of the trunk, as a share, where it is free to lean and twist for a hand."""
-FORMAT = b"reach 2"
+FORMAT = b"reach 3"
 """Changes whenever maps that were measured before no longer hold."""
 MOST_BYTES = 1 << 26
 FAR_M = 1.0
@@ -190,21 +192,25 @@ class ReachProbe:
     def _flood(self, hand: str, height: float | None) -> "_Layer":
         """What a hand reaches with the pelvis at a height, m; None: by the arm, as the robot stands."""
         layer, row = _Layer({}, []), self._rows[hand]
-        targets, share = self._standing.copy(), float(height is not None)
+        targets, by_place = self._standing.copy(), float(height is not None)
         if height is not None:
             self._hierarchy.set_position(targets, PELVIS, np.array([*self._pelvis[:2], height]))
-        self._free.weigh(targets, share)
+        self._free.weigh(targets, by_place)
         start, at = self._go(targets, self._stance.q, row, None)
-        _, slots = self._hierarchy.position_slots([hand], SlotKind.POSITION if share else SlotKind.LIMB)
-        begin = np.zeros(3) if share else self._shoulders[hand]
+        _, slots = self._hierarchy.position_slots([hand], SlotKind.POSITION if by_place else SlotKind.LIMB)
+        begin = np.zeros(3) if by_place else self._shoulders[hand]
         queue = deque(_around(at, self.spacing))
         while queue:
             node = queue.popleft()
             if node in layer.reached:
                 continue
             place = self.spacing * np.array(node)
+            q = start
+            for share in WAYPOINTS:  # towards the place as following goes there
+                targets[slots] = (1.0, *(at + share * (place - at) - begin).tolist())
+                q = self._frame(targets, q)
             targets[slots] = (1.0, *(place - begin).tolist())
-            end = self._go(targets, start, row, place, height)[1]
+            end = self._go(targets, q, row, place, height)[1]
             layer.reached[node] = bool(norms(end - place) < CLOSE_M)
             if np.isfinite(end).all():
                 layer.places.append(end)
@@ -218,14 +224,8 @@ class ReachProbe:
         """Go on from posture q (nq,). Returns the posture at the end, and where the landmark of a row is, (3,) m; NaN
         where a task of a higher level, or the height of the pelvis, is missed. place: where it is to be, m."""
         solver, last = self._hierarchy.solver, np.inf
-        solver.reset(q)
-        now = self._reader.read(q)
         for _ in range(FRAMES):
-            spaces = self._balance.spaces(now.centre_of_mass, np.zeros(3), 1.0)
-            self._hierarchy.set_support(targets, spaces)
-            if self._strength is not None:
-                self._strength.aim(self._hierarchy, targets, q, now.centre_of_mass, 1.0)
-            q = solver.frame(targets, 1.0)
+            q = self._frame(targets, q)
             now = self._reader.read(q)
             missed = 1.0 if place is None else float(norms(now.points[row] - place))
             if missed < CLOSE_M or abs(last - missed) < PROGRESS_M < abs(1.0 - missed):
@@ -235,6 +235,15 @@ class ReachProbe:
         if height is not None and place is not None:
             kept &= abs(now.points[self._rows[PELVIS], 2] - height) < CLOSE_M
         return q, now.points[row] if kept else np.full(3, np.nan)
+
+    def _frame(self, targets: FloatArray, q: FloatArray) -> FloatArray:
+        """The posture after one frame from posture q (nq,)."""
+        at = self._reader.read(q).centre_of_mass
+        self._hierarchy.set_support(targets, self._balance.spaces(at, np.zeros(3), 1.0))
+        if self._strength is not None:
+            self._strength.aim(self._hierarchy, targets, q, at, 1.0)
+        self._hierarchy.solver.reset(q)
+        return self._hierarchy.solver.frame(targets, 1.0)
 
 
 @dataclass(frozen=True, eq=False)

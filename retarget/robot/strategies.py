@@ -13,6 +13,7 @@ heights that change smoothly.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import fsum
 
 import numpy as np
 
@@ -32,7 +33,7 @@ __all__ = ["REACH", "Strategies", "Strategy", "arms_alone", "strategies_of"]
 
 SETTLE_S = 0.15
 """Time constant (s) with which the trunk becomes free, or stiff, and the pelvis goes to another height."""
-EDGE_M = 0.006
+EDGE_M = 0.008
 """A hand may miss its place by so much, m, before a dearer strategy is taken."""
 INSIDE, CROUCHED = 0.15, 0.5
 """Distances inside of the edge in spacings of the map's grid: where a cheaper strategy is taken again, or a crouch at
@@ -197,7 +198,7 @@ class Strategies:
             # Where the hand would be in the stance, carried by a trunk that is upright there.
             place = minus(minus(asked.landmarks[hand.row], off[-1]), pelvis)
             carried.append(plus(self._stands, rotated(back, place)))
-        moved = max(sum(map(abs, minus(*pair))) for pair in zip(carried, seen.carried, strict=True))
+        moved = max(fsum(map(abs, minus(*pair))) for pair in zip(carried, seen.carried, strict=True))
         if seen.strategy is Strategy.ARM and moved < seen.room:
             self._seen = replace(seen, off=off)
         else:

@@ -272,8 +272,6 @@ def prepare_for(
         return
     dt = human.samples.dt
     bus = make_bus(robot, clock)
-    if for_robot.strategies and not map_path(robot, for_robot).is_file():
-        notify(f"note: measuring which hand places {robot.profile.name} reaches, once; it takes a minute or more")
     follower, gate, end_plan = robot_part(
         robot, for_robot, human.human, options, scene, dt=dt, goes_to_rest=goes_to_rest, end_plan=end_plan
     )
@@ -393,6 +391,8 @@ def stage_priorities(
     of_human = _load_priorities(first, f"reconstruct {by}")
     of_robot = _load_priorities(last, key if options.priorities is None else "--priorities")
     of_robot, notes = with_steps(of_robot, robot, options.steps, parts=options.parts)
+    if of_robot.strategies and robot.stands and not map_path(robot, of_robot).is_file():
+        notes = (*notes, f"which hand places {profile.name} reaches is measured, once; it takes a minute or more")
     usual, balances = name_with_mass(robot), bool(support_tasks(of_robot))
     if robot.stands and last != usual and (not balances or (options.has_mass and moving_share(of_robot) is None)):
         how = f"balances {profile.name} as if it stood still" if balances else f"does not balance {profile.name}"
