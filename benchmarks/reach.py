@@ -23,6 +23,8 @@ REACHED_M = 0.01
 """Distance from its place within which a hand is there."""
 FARTHEST = 0.5
 """Greatest distance of a place from the edge of the map, in lengths of the arm."""
+BENT = 0.2
+"""Share of the way from the stance to its shoulder at which the other hand is."""
 LONGEST_S, LOOK_S, LED_S, MOVED_M = 6.0, 0.4, 1.6, 0.0005
 """A hand has so long to get there; it rests once it has moved by less in such a time, longer by its arm alone."""
 
@@ -56,9 +58,11 @@ class Bench:
         self._scales: dict[str, float] = {
             name: arm / sum(map(size.length, _joints(name)[1:])) for name, arm in arms.items()
         }
-        # The other hand is where it is in the stance.
-        self.stands = self.human({name: self.follower.stance.points[name] for name in HANDS})
-        self._asked = {name: self.follower.stance.points[name] for name in HANDS}
+        # The other hand is where it is in the stance, its arm bent a little more.
+        points = self.follower.stance.points
+        anchors = {name: points[self.robot.profile.landmarks[name].anchor[0]] for name in HANDS}
+        rests = {name: points[name] + BENT * (anchors[name] - points[name]) for name in HANDS}
+        self.stands, self._asked = self.human(rests), rests
 
     def human(self, places: dict[str, FloatArray]) -> HumanPosture:
         """A performer whose hands ask for places (3,) m of the robot's."""

@@ -18,7 +18,7 @@ from retarget.robot.reach_map import HANDS, load_map, map_path, save_map
 from retarget.robot.strategies import Strategy, arms_alone, at_height, nearest_height
 from retarget.schema.priorities import PositionTask, load_priorities
 
-NODES, HEIGHTS = 2, 3
+NODES, HEIGHTS = 3, 3
 """Of a map that is measured in seconds."""
 REACHED = 0.85
 """Least share of places that are reached, of those that this coarse map says are."""
@@ -70,7 +70,8 @@ def test_beyond_all_reach_a_step_is_named_and_the_hand_goes_to_the_edge(bench: B
 
 
 def test_goals_stay_smooth_where_the_strategy_changes(bench: Bench) -> None:
-    begin, end = bench.follower.stance.points["l_hand"], np.array([0.5, 0.1, 0.1])
+    reach = bench.strategies.reach.hands[0]
+    begin, end = reach.nodes.reshape(-1, 3)[reach.field[..., 0].argmin()], np.array([0.5, 0.1, 0.1])
     bench.strategies.forced = None
     bench.follower.start(bench.stands)
     named, joints = [], []
