@@ -36,8 +36,8 @@ SETTLE_S = 0.15
 EDGE_M = 0.008
 """A hand may miss its place by so much, m, before a dearer strategy is taken."""
 INSIDE, CROUCHED = 0.15, 0.5
-"""Distances inside of the edge in spacings of the map's grid: where a cheaper strategy is taken again, or a crouch at
-all; and to which the pelvis goes where it can, as the edge is not straight between the heights of the map."""
+"""Distances inside of the edge in spacings of the map's grid: where a cheaper strategy is taken again; and to which the
+pelvis goes where it can, as the edge is not straight between the heights of the map."""
 LEAST, LEAST_M = 1e-3, 1e-5
 """A share, or a height, that is off its end by less is there."""
 OFF_S = 1.0
@@ -234,8 +234,7 @@ class Strategies:
             one, forced = self.forced
             crouch = nearest_height(heights, edges, leans_at, -self._crouched) if forced is None else forced
             return one, {Strategy.ARM: height, Strategy.TRUNK: leans_at}.get(one, crouch)
-        edge = {Strategy.CROUCH: -self._inside}
-        limits = [edge.get(one, EDGE_M) if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
+        limits = [EDGE_M if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
         if by_arm <= limits[0]:
             return Strategy.ARM, height
         if Strategy.TRUNK in self._allowed and at_height(heights, edges, leans_at) <= limits[1]:
@@ -256,7 +255,7 @@ class Strategies:
             return Strategy.ARM
         if Strategy.TRUNK in self._allowed and edges[-1] <= EDGE_M:
             return Strategy.TRUNK
-        return Strategy.CROUCH if Strategy.CROUCH in self._allowed and min(edges) <= -self._inside else Strategy.STEP
+        return Strategy.CROUCH if Strategy.CROUCH in self._allowed and min(edges) <= EDGE_M else Strategy.STEP
 
     def standing_place(self, places: Sequence[Vector]) -> tuple[float, float] | None:
         """How far (x, y) m the robot has to go on the ground, without turning, so that it reaches both places, m, from
