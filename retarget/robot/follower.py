@@ -20,7 +20,7 @@ from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import StopPath, WholeBodyStop
 from retarget.model.body import JointLimits
-from retarget.model.human_dimensions import HumanDimensions
+from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
@@ -33,6 +33,7 @@ from retarget.robot.landmarks import (
     AskedLandmarks,
     LandmarkMap,
     RobotReader,
+    leg_scale,
     plant_back,
     plant_soles,
     robot_frames,
@@ -147,12 +148,14 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnSoles:
-    """The parts of a follower whose robot stands on its soles; each may be missing. to_stance: the return to stance."""
+    """The parts of a follower whose robot stands on its soles; each may be missing. to_stance: the return to stance.
+    legs: of a robot that walks."""
 
     balance: StandingBalance | None = None
     strength: StandingStrength | None = None
     stop: WholeBodyStop | None = None
     to_stance: StanceTrajectory | None = None
+    legs: Legs | None = None
 
 
 class Follower:
@@ -195,12 +198,17 @@ class Follower:
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
         self._soles = OnSoles(balance)
         if legs_move:
+            legs = None
+            if priorities.steps == "walk":
+                scale = leg_scale(robot.profile, dict(zip(POINTS, dimensions.standing(), strict=True)))
+                legs = Legs(robot, stance, limits, carrying, build(priorities, carrying), scale=scale)
             returns, tips = "pelvis" in robot.profile.landmarks, moving_share(priorities) is not None
             self._soles = OnSoles(
                 balance,
                 standing_strength(robot, priorities, stance),
                 WholeBodyStop(robot.body, limits, servo_limits(robot), stance, carrying, tips=tips),
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
+                legs,
             )
         self._reader = RobotReader(robot, stance)
         self.strategies = self._strategies_of(priorities, limits, envelope)
@@ -213,12 +221,6 @@ class Follower:
             trunk_at_stance=self._reader.trunk_at_stance,
             servo_lead=priorities.servo_lead,
         )
-        self.legs: Legs | None = None
-        """The legs of a robot that walks."""
-        if legs_move and priorities.steps == "walk":
-            self.legs = Legs(
-                robot, stance, limits, carrying, build(priorities, carrying), scale=self.landmark_map.leg_scale
-            )
         self._speed, self._rest, self._settled_s = 1.0, Dwell(), 0.0
 
     def _strategies_of(
@@ -239,6 +241,11 @@ class Follower:
             soles.strength,
             envelope,
         )
+
+    @property
+    def legs(self) -> Legs | None:
+        """The legs of a robot that walks."""
+        return self._soles.legs
 
     @property
     def walks(self) -> bool:

@@ -311,14 +311,10 @@ class LandmarkMap:
         entries = list(profile.landmarks.values())
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
         pelvis = profile.landmarks.get("pelvis")
-        ends = (set(), set()) if pelvis is None else (set(pelvis.follows), set(pelvis.measured_from))
-        by_legs = pelvis is not None and ends == (set(HIPS), set(ANKLES))
-        scale = limb_scale(pelvis, rest) if pelvis is not None and by_legs else 0.0
-        self.leg_scale = scale
-        """Of lengths, from the performer's leg to the robot's; 0 where the profile does not say."""
+        scale = leg_scale(profile, rest)
         self._sums += [{ankle: scale, hip: -scale} for ankle, hip in zip(ANKLES, HIPS, strict=True)]
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
-        self._over_feet = PelvisOverFeet(pelvis.robot_length) if pelvis is not None and by_legs else None
+        self._over_feet = PelvisOverFeet(pelvis.robot_length) if pelvis is not None and scale else None
         self._free = _free_legs(profile, dimensions, rest, scale) if floats else None
         self._sums += [] if self._free is None else self._free.sums
         self._summed: tuple[tuple[str, ...], FloatArray] = (), np.zeros((len(self._sums), 0))
@@ -497,6 +493,15 @@ class LandmarkMap:
         # The axis of the lean is level, and square to the direction in which the trunk leans.
         less = soft_cap(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
+
+
+def leg_scale(profile: RobotProfile, rest: Mapping[str, FloatArray]) -> float:
+    """Scale of lengths, from the performer's leg to the robot's; 0 where the pelvis does not follow the hips from the
+    ankles. rest: the performer's joints, m, standing."""
+    pelvis = profile.landmarks.get("pelvis")
+    if pelvis is None or (set(pelvis.follows), set(pelvis.measured_from)) != (set(HIPS), set(ANKLES)):
+        return 0.0
+    return limb_scale(pelvis, rest)
 
 
 def _free_legs(
