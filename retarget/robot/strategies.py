@@ -33,8 +33,9 @@ __all__ = ["REACH", "Strategies", "Strategy", "arms_alone", "strategies_of"]
 
 SETTLE_S = 0.15
 """Time constant (s) with which the trunk becomes free, or stiff, and the pelvis goes to another height."""
-EDGE_M = 0.008
-"""A hand may miss its place by so much, m, before a dearer strategy is taken."""
+EDGE = 0.2
+"""Distance beyond the edge, in spacings of the map's grid, up to which a strategy is taken: between nodes the map shows
+the edge of what is round nearer than it is."""
 INSIDE, CROUCHED = 0.15, 0.5
 """Distances inside of the edge in spacings of the map's grid: where a cheaper strategy is taken again; and to which the
 pelvis goes where it can, as the edge is not straight between the heights of the map."""
@@ -96,7 +97,7 @@ class _Hand:
 @dataclass(frozen=True, eq=False)
 class _Look:
     """What the map said. lower: of the pelvis, from where it was asked; shifts: of the hands, into reach; carried:
-    where the hands were, as the stance's trunk carries them; room: between them and the edge of the arms' reach; off:
+    where the hands were, as the stance's trunk carries them; room: that they have until the arms no longer reach; off:
     of the robot's shoulders from where they are asked, for long; m."""
 
     strategy: Strategy = Strategy.ARM
@@ -130,7 +131,8 @@ class Strategies:
             )
             for number, name in enumerate(HANDS)
         ]
-        self._inside, self._crouched = (share * reach.hands[0].spacing for share in (INSIDE, CROUCHED))
+        spacing = reach.hands[0].spacing
+        self._edge, self._inside, self._crouched = EDGE * spacing, INSIDE * spacing, CROUCHED * spacing
         self.forced: tuple[Strategy, float | None] | None = None
         """Taken whatever the map says, with the pelvis at a height, m, for comparisons; None: chosen, or by the map."""
         self.restart()
@@ -219,7 +221,7 @@ class Strategies:
             fields = [reach.at(reach.inside(place)) for reach, place in zip(maps, within, strict=True)]
             goes_to = nearest_height(self.reach.heights, farthest(fields), low, -self._crouched)
         shifts = [minus(there, place) for there, place in zip(within, places, strict=True)]
-        return _Look(strategy, goes_to - height, shifts, carried, -by_arm)
+        return _Look(strategy, goes_to - height, shifts, carried, self._edge - by_arm)
 
     def weigh(self, targets: FloatArray) -> None:
         """Let the trunk go, as far as the strategy does, in a target vector in which all else is set."""
@@ -234,7 +236,7 @@ class Strategies:
             one, forced = self.forced
             crouch = nearest_height(heights, edges, leans_at, -self._crouched) if forced is None else forced
             return one, {Strategy.ARM: height, Strategy.TRUNK: leans_at}.get(one, crouch)
-        limits = [EDGE_M if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
+        limits = [self._edge if one.costs_no_less(self.strategy) else -self._inside for one in ORDER]
         if by_arm <= limits[0]:
             return Strategy.ARM, height
         if Strategy.TRUNK in self._allowed and at_height(heights, edges, leans_at) <= limits[1]:
@@ -251,11 +253,11 @@ class Strategies:
         if inside != place:
             return Strategy.STEP
         by_arm, *edges = reach.at(inside)[:-3]
-        if by_arm <= EDGE_M:
+        if by_arm <= self._edge:
             return Strategy.ARM
-        if Strategy.TRUNK in self._allowed and edges[-1] <= EDGE_M:
+        if Strategy.TRUNK in self._allowed and edges[-1] <= self._edge:
             return Strategy.TRUNK
-        return Strategy.CROUCH if Strategy.CROUCH in self._allowed and min(edges) <= EDGE_M else Strategy.STEP
+        return Strategy.CROUCH if Strategy.CROUCH in self._allowed and min(edges) <= self._edge else Strategy.STEP
 
     def standing_place(self, places: Sequence[Vector]) -> tuple[float, float] | None:
         """How far (x, y) m the robot has to go on the ground, without turning, so that it reaches both places, m, from
