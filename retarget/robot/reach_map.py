@@ -52,9 +52,11 @@ FRAMES, PROGRESS_M = 8, 0.001
 """Frames for a place, fewer once one brings less than so many m or the place is reached."""
 WAYPOINTS = (0.25, 0.5, 0.75)
 """Shares of the way to a place at which the hand is asked first, a frame each."""
+AMID = 4
+"""Neighbours that are reached amid which a node is tried again."""
 FREED = 0.1
 """Weight of the trunk, as a share, where it is free to lean and twist for a hand."""
-FORMAT = b"reach 3"
+FORMAT = b"reach 4"
 """Changes whenever maps that were measured before no longer hold."""
 MOST_BYTES = 1 << 26
 FAR_M = 1.0
@@ -199,23 +201,33 @@ class ReachProbe:
         start, at = self._go(targets, self._stance.q, row, None)
         _, slots = self._hierarchy.position_slots([hand], SlotKind.POSITION if by_place else SlotKind.LIMB)
         begin = np.zeros(3) if by_place else self._shoulders[hand]
+        ends: dict[Node, FloatArray] = {}
+
+        def reach(node: Node, q: FloatArray, shares: Sequence[float]) -> None:
+            """Try a node from posture q (nq,), by shares of the way from where the hand stands."""
+            place = self.spacing * np.array(node)
+            for share in (*shares, 1.0):
+                targets[slots] = (1.0, *(at + share * (place - at) - begin).tolist())
+                q = self._frame(targets, q) if share < 1.0 else q
+            end, there = self._go(targets, q, row, place, height)
+            layer.reached[node] = bool(norms(there - place) < CLOSE_M)
+            if layer.reached[node]:
+                ends[node] = end
+            if np.isfinite(there).all():
+                layer.places.append(there)
+
         queue = deque(_around(at, self.spacing))
         while queue:
             node = queue.popleft()
-            if node in layer.reached:
-                continue
-            place = self.spacing * np.array(node)
-            q = start
-            for share in WAYPOINTS:  # towards the place as following goes there
-                targets[slots] = (1.0, *(at + share * (place - at) - begin).tolist())
-                q = self._frame(targets, q)
-            targets[slots] = (1.0, *(place - begin).tolist())
-            end = self._go(targets, q, row, place, height)[1]
-            layer.reached[node] = bool(norms(end - place) < CLOSE_M)
-            if np.isfinite(end).all():
-                layer.places.append(end)
-            if layer.reached[node]:
-                queue.extend(_neighbours(node))
+            if node not in layer.reached:
+                reach(node, start, WAYPOINTS)
+                queue.extend(_neighbours(node) if layer.reached[node] else ())
+        # A node that is missed amid others that are reached is tried from their postures, too.
+        for node in [node for node, there in layer.reached.items() if not there]:
+            near = [ends[one] for one in _neighbours(node) if one in ends]
+            for q in near if len(near) >= AMID else ():
+                if not layer.reached[node]:
+                    reach(node, q, ())
         return layer
 
     def _go(

@@ -33,7 +33,7 @@ __all__ = ["REACH", "Strategies", "Strategy", "arms_alone", "strategies_of"]
 
 SETTLE_S = 0.15
 """Time constant (s) with which the trunk becomes free, or stiff, and the pelvis goes to another height."""
-EDGE = 0.2
+EDGE = 0.17
 """Distance beyond the edge, in spacings of the map's grid, up to which a strategy is taken: between nodes the map shows
 the edge of what is round nearer than it is."""
 INSIDE, CROUCHED = 0.15, 0.5

@@ -1,5 +1,6 @@
 """Hands get to places by the cheapest strategy: the map that says so is measured, kept, and true; goals stay smooth."""
 
+import re
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +14,7 @@ from messages import refuses
 from retarget.errors import ConfigError
 from retarget.ik.tasks import SlotKind
 from retarget.model.robot import load_robot
+from retarget.pictures.reach import draw_reach, reach_numbers
 from retarget.robot import reach_map
 from retarget.robot.follower import Follower
 from retarget.robot.reach_map import HANDS, load_map, map_path, save_map
@@ -88,6 +90,16 @@ def test_goals_stay_smooth_where_the_strategy_changes(bench: Bench) -> None:
     acceleration = np.abs(np.diff(joints, n=2, axis=0)) / DT**2
     assert (acceleration <= limits.max_acceleration * (1.0 + 1e-6)).all()
     assert bench.strategies.seconds[Strategy.STEP] == pytest.approx(DT * named.count(Strategy.STEP))
+
+
+def test_the_map_is_drawn_with_its_numbers(bench: Bench, tmp_path: Path) -> None:
+    path = tmp_path / "op3.png"
+    draw_reach(op3(), bench.follower.stance, bench.strategies, path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    left, right = reach_numbers(bench.strategies)
+    rooms = [float(room) for room in re.findall(r"(?:arm|trunk|crouch) ([\d.]+)", left)]
+    assert len(rooms) == 3 and min(rooms) > 5.0  # litres
+    assert left.startswith("l_hand") and right.startswith("r_hand")
 
 
 def test_a_map_is_kept_and_one_that_is_damaged_is_measured_anew(bench: Bench, tmp_path: Path) -> None:
