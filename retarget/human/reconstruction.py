@@ -12,8 +12,9 @@ import numpy as np
 
 from retarget.arithmetic import Dwell, arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
-from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, Heading, VirtualFeet
+from retarget.human.posture_prior import Balance, Carried, Crouch, Ground, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
+from retarget.human.support_phase import CarryingFeet
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from retarget.human.posture_prior import LIFT_DWELL_S, CarryingFeet
+from retarget.human.support_phase import LIFT_DWELL_S, CarryingFeet
 from retarget.sources.open import open_source
 from retarget.types import Carrying, FloatArray
 
