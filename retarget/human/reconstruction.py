@@ -14,7 +14,7 @@ from retarget.arithmetic import Dwell, arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
 from retarget.human.posture_prior import Balance, Carried, Crouch, Ground, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
-from retarget.human.support_phase import CarryingFeet
+from retarget.human.support_phase import CarryingFeet, PhaseShares
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
@@ -182,6 +182,7 @@ class Reconstructor:
             iterations=iterations,
             observers=self.observers,
             scene=self.scene_obstacles.shapes,
+            phased=True,
         )
         self.hierarchy, self._second_hierarchy = build(), build()
         self._reader = PostureReader(human)
@@ -198,6 +199,7 @@ class Reconstructor:
         joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
         self._joints_of = np.array(joints_of, dtype=np.int64)
         self._carrying: CarryingFeet | None = None
+        self._phases = PhaseShares()
         self._ankles = [POINTS.index(name) for name in _FEET]
         self._intake = SensorIntake(len(names), intake)
         self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
@@ -226,6 +228,7 @@ class Reconstructor:
             self._balance.start()
         if self._carried is not None:
             self._carried.start()
+        self._carrying, self._phases = None, PhaseShares()
         self.scene_obstacles.restart()
         self._q = self._placed()
         self.scene_obstacles.tick(self.hierarchy, 0.0)
@@ -331,6 +334,8 @@ class Reconstructor:
             carried = self._carried.step(self._q[:3].tolist(), points, dt)
             if "pelvis" not in points:
                 hierarchy.set_carried(targets, carried, dt)
+        carrying = Carrying.BOTH if self._carrying is None else self._carrying.carrying
+        hierarchy.set_phases(targets, self._phases.step(carrying, dt))
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _bear(self, points: Points, dt: float) -> None:
