@@ -199,14 +199,12 @@ class Reconstructor:
         joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
         self._joints_of = np.array(joints_of, dtype=np.int64)
         self._carrying: CarryingFeet | None = None
-        self._phases = PhaseShares()
-        self._ankles = [POINTS.index(name) for name in _FEET]
+        self._phases, self._ankles = PhaseShares(), [POINTS.index(name) for name in _FEET]
         self._intake = SensorIntake(len(names), intake)
         self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
         self._source, self._slots = self.hierarchy.position_slots(names)
         self._block = np.zeros((len(names), 4))
-        self._targets = self.hierarchy.blank()
-        self._q = human.posture("natural")
+        self._targets, self._q = self.hierarchy.blank(), human.posture("natural")
         self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
         self._followed = np.array([name in _FOLLOWED for name in names])
         self._second = SecondPosture()
