@@ -9,7 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import people
+from people import reconstruct
 from retarget.human.support_phase import LIFT_DWELL_S, SHARE_SETTLE_S, CarryingFeet, PhaseShares
+from retarget.model.human_dimensions import POINTS
+from retarget.schema.priorities import Phased, load_priorities
 from retarget.sources.open import open_source
 from retarget.types import Carrying, FloatArray
 
@@ -151,3 +155,29 @@ def test_a_phase_that_stays_is_soon_all_there_is(carrying: Carrying) -> None:
         shares.step(carrying, 1.0 / RATE)
     name = {BOTH: "double"}.get(carrying, carrying.value)
     assert dict(shares.now)[name] > 0.999  # type: ignore[index]
+
+
+def test_toes_hang_in_a_jog_and_no_joint_centre_jumps_where_feet_land_or_leave(shared: Path) -> None:
+    """Beside the same priorities whose tasks act in all phases."""
+    frames, phased = people.trial(shared, "02_03"), load_priorities("human")
+    levels = tuple(
+        level.model_copy(
+            update={
+                "tasks": tuple(
+                    task.model_copy(update={"when": None}) if isinstance(task, Phased) else task for task in level.tasks
+                )
+            }
+        )
+        for level in phased.levels
+    )
+    fixed = phased.model_copy(update={"levels": levels})
+    assert frames.joints is not None
+    toes = [POINTS.index("l_toe"), POINTS.index("r_toe")]
+    truth = np.stack([frames.joints.of("l_toe"), frames.joints.of("r_toe")], axis=1)
+    off, largest = [], []
+    for priorities in (phased, fixed):
+        run = reconstruct(frames, priorities)
+        off.append(np.linalg.norm(run.joints[:, toes] - truth, axis=-1).mean())
+        largest.append(np.linalg.norm(np.diff(run.joints, 2, axis=0), axis=-1).max())
+    assert off[0] < 0.75 * off[1]
+    assert largest[0] < largest[1] + 0.002
