@@ -234,13 +234,15 @@ class PathChecker:
         share: float,
         instead: Floats | None = None,
         remember: bool = True,
+        looks: int = 100,
     ) -> bool:
         """Whether every pair keeps a share of its margin on a path (k, n), dt s from row to row, of a robot that stands
         as in `standing (nq,)`.
 
         A pair that is too near at the first row may only move apart. instead (k, n): the path followed after a refusal;
         one on which a moving obstacle is at no row nearer than it came by then on that one is clear of it. remember:
-        the first row is where the robot was sent, so that what is let out is measured from there."""
+        the first row is where the robot was sent, so that what is let out is measured from there. looks: most postures
+        that are looked at; what is not proven by then is not clear."""
     @property
     def refused(self) -> tuple[int, int | None, int | None] | None:
         """The pair for which a path was refused last since `restart`: numbers of an observer, and of another one or of
@@ -282,8 +284,9 @@ class Solver:
         """Go on from posture q (nq,), near to the one that was reached, moving at velocity (nv,) per second. Unlike
         after `reset`, what observers know of each other is kept."""
     def foresee(self, rest: Floats, seconds: float) -> None:
-        """Where the body would come to rest, posture (nq,), and in how many seconds, if it were stopped now: in the
-        next frame, observers keep their margins there too. Else joints are taken to brake in proportion."""
+        """Where the body would come to rest, and in how many seconds, if it were stopped now: in the next frame,
+        observers keep their margins there too. Else joints are taken to brake in proportion. rest (k, nq): one posture;
+        or more, through which locked coordinates go, all others being the same."""
     def frame(self, targets: Floats, dt: float, speed_override: float = 1.0) -> Floats:
         """One frame of dt seconds: targets (target_size,) -> posture (nq,).
 

@@ -5,7 +5,6 @@ from math import nan, sqrt
 import numpy as np
 
 from retarget import rotations
-from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.rotations import Quat, Vector, as_quat, as_vector, inverse, minus, plus, product, rotated
 from retarget.types import FloatArray
@@ -65,42 +64,3 @@ def _sole(placed: FloatArray, links: FloatArray, link: int, point: FloatArray) -
     """The orientation of a link, and where a point of it is, in the world; of all links: origins, orientations."""
     turn = as_quat(links[link])
     return turn, plus(as_vector(placed[link]), rotated(turn, as_vector(point)))
-
-
-# Where the root of a robot is that stands on both soles or on either: the lower one is where it was planted.
-
-LOWER_M = 3e-5
-"""A sole that is lower than the one before by more than this carries instead: less is rounding."""
-
-
-class SupportFootBase:
-    """The base pose of one robot in a stance on two soles, from the sole that carries."""
-
-    def __init__(self, robot: RobotBody, stance: Stance) -> None:
-        self._robot, self._soles = robot, stance.soles
-        self._frames = tuple(sole.frame.name for sole in stance.soles)
-        self.restart()
-
-    def restart(self) -> None:
-        """It stands on both."""
-        self._foot = 0
-
-    def plant(self, q: FloatArray) -> FloatArray:
-        """Move the root of a posture q (nq,). Returns how high (k,) m each sole is above the floor."""
-        heights = self._stand_on(self._foot, q)
-        lower = int(heights.argmin())
-        # Hysteresis: on level soles, rounding must not make the support foot change in every tick.
-        if heights[lower] < heights[self._foot] - LOWER_M:
-            self._foot = lower
-            heights = self._stand_on(lower, q)
-        return heights
-
-    def _stand_on(self, foot: int, q: FloatArray) -> FloatArray:
-        sole = self._soles[foot]
-        at = self._robot.points(q[None], self._frames)[0]
-        turned = self._robot.orientations(q[None], self._frames)[0, foot]
-        turn = rotations.multiply(sole.orientation, rotations.conjugate(turned))
-        q[:3] = sole.position + rotations.rotate(turn, q[:3] - at[foot])
-        q[3:7] = rotations.normalise(rotations.multiply(turn, q[3:7]))
-        moved = sole.position + rotations.rotate(turn, at - at[foot])
-        return np.asarray(moved[:, 2])

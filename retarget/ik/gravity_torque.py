@@ -20,8 +20,6 @@ from retarget.ik.support_polygon import Sole, Stance
 from retarget.model.robot import RobotBody
 from retarget.types import FloatArray
 
-CARRIES_BELOW_M = 0.002
-"""A sole that is higher than this carries nothing. Up to there its share falls evenly, so that no torque jumps."""
 GRAVITY = 9.81
 """m/s^2"""
 UPWARD = np.array([0.0, 0.0, GRAVITY])
@@ -45,19 +43,14 @@ class GravityTorque:
         acceleration: FloatArray,
         *,
         moment: FloatArray = NO_MOMENT,
-        heights: FloatArray | None = None,
     ) -> FloatArray:
         """Torque of every DoF (nv,), N m, in a posture q (nq,) with its soles planted, whose centre of mass has an
         acceleration (3,) m/s^2, and whose angular momentum about it changes at a rate `moment` (2,) N m about x and y.
-        Torque of a free root means that the robot is out of balance. heights (k,) m: of soles of which one may be
-        lifted; None: all are planted."""
+        Torque of a free root means that the robot is out of balance."""
         com = self._body.centre_of_mass(q[None])[0]
         force = self._mass * (UPWARD + acceleration)
         pressed = com[:2] - (com[2] * force[:2] + np.array([moment[1], -moment[0]])) / force[2]
         shares = self._shares(pressed)
-        if heights is not None:  # the lowest sole is on the floor, and takes what others cannot
-            shares = shares * np.clip(1.0 - heights / CARRIES_BELOW_M, 0.0, 1.0)
-            shares[int(heights.argmin())] += 1.0 - shares.sum()
         across = pressed - matmul(shares, self._middles)
         torque = matmul(force, self._body.centre_of_mass_jacobian(q))
         for (frame, turn, offset), middle, share in zip(self._soles, self._middles, shares.tolist(), strict=True):

@@ -5,30 +5,28 @@ would have to brake harder to keep the soles in place. So a goal comes with the 
 both (`retarget.safety.gate`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
 
-from retarget._solver import Solver, Task
+from retarget._solver import Footing, Solver, Task
 from retarget.ik.gravity_torque import GRAVITY
-from retarget.ik.support_polygon import Sole, Stance
+from retarget.ik.support_polygon import Stance, footing
 from retarget.model.body import BodyModel, JointLimits
 from retarget.rotations import as_vector
 from retarget.types import BoolArray, FloatArray
 
-Contact = tuple[bool, ...]
-"""Which soles of a stance carry the robot, in their order."""
-
 
 @dataclass(frozen=True, eq=False)
 class StopPath:
-    """How a robot comes to rest. postures (k, nq): the one from which it stops, and then tick by tick to rest. contact:
-    which soles carry it on the way, and at its end."""
+    """How a robot comes to rest. postures (k, nq): the one from which it stops, and then tick by tick to rest. footing:
+    where its soles are planted; None: it has none. carries (k, 2): which of two soles do, of a robot that walks; None:
+    all do."""
 
     postures: FloatArray
-    contact: Contact
+    footing: Footing | None = None
+    carries: BoolArray | None = None
 
 
 LONGEST = 100
@@ -66,29 +64,28 @@ class WholeBodyStop:
         self._height = float(body.solver_body().centre_of_mass(stance.q[None])[0, 2])
         self._pendulum = sqrt(self._height / GRAVITY) if tips else 0.0
         self._limits = JointLimits(limits.lower, limits.upper, widest.max_velocity, widest.max_acceleration)
-        self._solvers = dict[Contact, Solver]()
+        self._solver = self._make_solver()
+        self.footing = footing(body.solver_body(), stance.soles) if stance.soles else None
+        """Where the soles are planted, in the world of the stance."""
         self._last: tuple[FloatArray, FloatArray, StopPath] | None = None
 
-    def path(self, q: FloatArray, velocity: FloatArray, dt: float, *, contact: Contact) -> StopPath:
+    def path(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
         """The path to rest from posture q (nq,), moving at velocity (nv,) in rad/s and m/s, in ticks of `dt` s: soles
-        that carry stay where they are, and mass and all joints brake in proportion as nearly as they can."""
+        stay where they are, and mass and all joints brake in proportion as nearly as they can."""
         # It is asked for twice: with the goal, and for the observers of the next tick.
-        if self._last is not None and self._last[2].contact == contact:
+        if self._last is not None:
             at, moved, known = self._last
             if np.array_equal(at, q) and np.array_equal(moved, velocity):
                 return known
-        if contact not in self._solvers:
-            self._solvers[contact] = self._solver(contact)
-        solver = self._solvers[contact]
-        solver.reset(q, velocity)
-        postures = np.concatenate([q[None], solver.brake(dt, LONGEST, pendulum=self._pendulum)])
-        self._last = q, velocity, StopPath(postures, contact)
+        self._solver.reset(q, velocity)
+        postures = np.concatenate([q[None], self._solver.brake(dt, LONGEST, pendulum=self._pendulum)])
+        self._last = q, velocity, StopPath(postures, self.footing)
         return self._last[2]
 
-    def _solver(self, contact: Contact) -> Solver:
+    def _make_solver(self) -> Solver:
         """Soles first, then the centre of mass beside joints."""
         body, limits = self._body, self._limits
-        frames = [sole.frame for sole in carried_by(self._stance.soles, contact)]
+        frames = [sole.frame for sole in self._stance.soles]
         places = [Task.position(frame.body, as_vector(frame.position)) for frame in frames]
         planted = places + [Task.orientation(frame.body) for frame in frames]
         weights = np.where(self._carrying, 1.0, OTHERS)
@@ -103,8 +100,3 @@ class WholeBodyStop:
             n_ik=1,
             damping=0.0,
         )
-
-
-def carried_by(soles: Sequence[Sole], contact: Contact) -> list[Sole]:
-    """Those that carry."""
-    return [sole for sole, carries in zip(soles, contact, strict=True) if carries]

@@ -35,7 +35,6 @@ from retarget.report.report import (
     ServoExtreme,
     Soles,
     Spread,
-    StepsReport,
     StopReport,
 )
 from retarget.report.tracking import ReferenceMotion, hands_from_shoulders, reachable_hands, top_level_error
@@ -144,7 +143,7 @@ def measure(run: RunResult) -> Report:
     """The report of a run."""
     names, asked, reached = run.followed
     performance, moved, latency = tracking.performance_of(run), _moved(run, reached), latency_of(run)
-    (reconstruct, retarget, _), steps = run.record.cost.T, run.tally.steps
+    reconstruct, retarget, _ = run.record.cost.T
     return Report(
         frames=min(played := run.clip.frames_played(run.ticks_followed), run.clip.source_frames),
         ticks=len(run.record),
@@ -171,7 +170,7 @@ def measure(run: RunResult) -> Report:
         **_hands(run, performance, moved),
         unfollowed=unfollowed_of(run, performance),
         physics=physics_report(run),
-        steps=None if steps is None else StepsReport(steps.asked, steps.made, steps.declined),
+        walk=run.tally.walk,
         imu=_imu(run),
         refused_pair=run.tally.refused_pair,
         presses=run.tally.presses,

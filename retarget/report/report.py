@@ -8,6 +8,7 @@ from typing import Any
 
 from retarget.live.stream_report import LiveReport, TimePercentiles
 from retarget.report.motion_metrics import HeldBack, LimitViolations, ModeSwitches, PhysicsReport
+from retarget.robot.walking.travel import WalkTally
 from retarget.run.run_result import RefusedPair
 from retarget.safety.contact import Presses
 from retarget.schema.catalogue import HUMAN
@@ -139,16 +140,6 @@ class ImuReport:
 
 
 @dataclass(frozen=True)
-class StepsReport:
-    """asked: times that the performer stood on one foot; made: times that the robot did; declined: all others, in which
-    it stayed planted."""
-
-    asked: int
-    made: int
-    declined: int
-
-
-@dataclass(frozen=True)
 class Unfollowed:
     """A posture of the performer that a robot on planted soles cannot take.
 
@@ -275,7 +266,7 @@ class Report:
     """Falls in the simulation, `toppled` at rest, centre of pressure, slip, torque, temperature."""
     imu: ImuReport | None = None
     """Tilt by the IMU; null without one."""
-    steps: StepsReport | None = None
+    walk: WalkTally | None = None
     """Steps of a robot that makes some."""
     live: LiveReport | None
     """Frames of a stream, dropped ones with reasons, lost sensors, holds; null of a file."""

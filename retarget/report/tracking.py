@@ -207,7 +207,7 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
 def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
     """The error (T,) of a sole while it is on the floor: one that swings is no task of this level. All of others."""
     robot, sent = run.robot, run.record.robot
-    if run.tally.steps is None or robot is None or sent is None:
+    if run.tally.walk is None or robot is None or sent is None:
         return error
     if name not in {foot.frame for foot in robot.profile.feet.values()}:
         return error

@@ -13,13 +13,14 @@ joints that carry the robot wait for the slowest of them.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hardware.arrays import FloatArray
 from hardware.servo import integral_rate, loop_lag
 from retarget.arithmetic import matmul
-from retarget.ik.base_pose import SupportFootBase, plant_root
+from retarget.ik.base_pose import plant_root
 from retarget.ik.gravity_torque import GravityTorque, LinkMasses, joint_compliance
 from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
@@ -40,11 +41,12 @@ ground."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Compensated:
+class Offset:
     """For a posture (n,) rad: its offsets are `compensated` (n,) rad, which holds against the load and has moved by
     `moved` (n,) in the last tick, and `behind` (n,) rad, by which it waits for slower joints. integrated (n,): rad that
     the servos' I gains have added to the goal. masses, velocities (k, 3): of the links' masses, m and m/s, smoothed.
-    ticks: since torque came on. forced: the gate's limits have made of the offset a motion of its own."""
+    ticks: since torque came on. forced: the gate's limits have made of the offset a motion of its own. walked: of a
+    robot that walks, what its offset is made of instead."""
 
     posture: FloatArray
     compensated: FloatArray
@@ -55,15 +57,21 @@ class _Compensated:
     velocities: FloatArray
     ticks: int
     forced: bool = False
+    walked: Any = None
+
+    @property
+    def free(self) -> bool:
+        """Whether the offset has bounds of its own, so that the limits are those of the posture alone."""
+        return self.walked is not None
 
 
 class DeflectionCompensation:
     """A `retarget.safety.gate.Compensation`."""
 
-    def __init__(self, robot: RobotBody, stance: Stance, *, dt: float, settle: float, steps: bool = False) -> None:
-        """settle: time constant, s, of the load. steps: whether the robot may stand on either sole alone."""
+    def __init__(self, robot: RobotBody, stance: Stance, *, dt: float, settle: float) -> None:
+        """settle: time constant, s, of the load."""
         self._robot, self._dt, self._stance = robot, dt, stance
-        self._load, self._either = GravityTorque(robot, stance), SupportFootBase(robot, stance) if steps else None
+        self._load = GravityTorque(robot, stance)
         self._masses = LinkMasses(robot)
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         self._most = SPEED_SHARE * robot.joint_map.max_velocity * dt  # (n,) [rad]
@@ -78,38 +86,45 @@ class DeflectionCompensation:
         waits = np.where(carrying, self._lag.max(where=carrying, initial=0.0) - self._lag, 0.0)  # (n,) [s]
         self._catch_up = dt / (dt + waits)  # (n,) share of its lead that a joint loses in a tick
 
-    def begin(self, posture: FloatArray) -> _Compensated:
-        """No offset, at rest in a posture, rad (n,)."""
-        none, masses = np.zeros_like(posture), self._masses.places(self._standing(posture)[0])
-        return _Compensated(posture, none, none, none, none, masses, np.zeros_like(masses), 0)
+    def measure(self, joints: FloatArray, imu: object) -> None:
+        """What servos and IMU say makes no difference to a robot that stands."""
 
-    def _standing(self, posture: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """A posture (n,) as the robot stands in it (nq,), and the heights (k,) m of soles that may be lifted."""
+    def begin(self, posture: FloatArray) -> Offset:
+        """No offset, at rest in a posture, rad (n,)."""
+        none, masses = np.zeros_like(posture), self._masses.places(self._standing(posture))
+        return Offset(posture, none, none, none, none, masses, np.zeros_like(masses), 0)
+
+    def _standing(self, posture: FloatArray) -> FloatArray:
+        """A posture (n,) as the robot stands in it (nq,)."""
         q = self._stance.q.copy()
         q[self._robot.servo_columns] = posture
-        if self._either is not None:
-            return q, self._either.plant(q)
         plant_root(self._robot, self._stance.q, q)
-        return q, None
+        return q
 
-    def _smoothed(self, last: _Compensated, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _smoothed(self, last: Offset, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Places (k, 3) m, velocities (k, 3) m/s and accelerations (k, 3) m/s^2 of the links' masses in a posture (nq,)
         that comes next. Second differences of a posture would be noise."""
         velocities = self._settled(last.masses, last.velocities, self._masses.places(q))
         return last.masses + self._dt * velocities, velocities, (velocities - last.velocities) / self._dt
 
     def propose(
-        self, last: _Compensated, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
-    ) -> tuple[FloatArray, _Compensated]:
+        self,
+        last: Offset,
+        posture: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
+        *,
+        ahead: FloatArray | None = None,
+        walks: bool | None = False,
+    ) -> tuple[FloatArray, Offset]:
         """The goal (n,) that holds the robot in a posture (n,), rad. nearest: the goal within the gate's limits that is
-        nearest to one."""
-        q, heights = self._standing(posture)
+        nearest to one. ahead, walks: make no difference to a robot that stands."""
+        q = self._standing(posture)
         # Accelerations of the links load the legs as gravity does: that of the whole mass, and the rate of its angular
         # momentum, as of arms that swing or a trunk that bends.
         masses, velocities, accelerations = self._smoothed(last, q)
         acceleration, moment = self._masses.sums(masses, accelerations)
         acceleration = np.clip(acceleration, -MOST_ACCELERATION, MOST_ACCELERATION)
-        torque = self._load.torques(q, acceleration, moment=moment, heights=heights)[self._dofs]
+        torque = self._load.torques(q, acceleration, moment=moment)[self._dofs]
         # A servo with a P gain is a spring: it deflects by compliance * torque, and its goal is set beyond by as much.
         # What an I gain has added is not asked for again. It sums up the same error: the deflection and the lag.
         wanted = np.clip(matmul(self._compliance, torque) - last.integrated, -MOST_RAD, MOST_RAD)
@@ -133,7 +148,7 @@ class DeflectionCompensation:
         lowest, highest = np.minimum(before, 0.0) - self._most, np.maximum(before, 0.0) + self._most
         forced = bool(((kept < lowest) | (kept > highest)).any())
         moved, ticks = kept - before, last.ticks + 1
-        return goal, _Compensated(posture, kept, moved, behind, integrated, masses, velocities, ticks, forced)
+        return goal, Offset(posture, kept, moved, behind, integrated, masses, velocities, ticks, forced)
 
     def _settled(self, at: FloatArray, velocity: FloatArray, wanted: FloatArray) -> FloatArray:
         """Velocity after a tick of a critically damped second-order filter towards `wanted`, implicit in time."""

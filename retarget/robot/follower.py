@@ -3,24 +3,24 @@
 Besides following: settling at the start, and the return to stance at the end of a run.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import inf, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from retarget._solver import Footing, TrajectoryGenerator, braking_displacement
+from retarget._solver import Footing, Solver, TrajectoryGenerator, braking_displacement
 from retarget.arithmetic import Dwell, matmul
 from retarget.human.samples import Parts
 from retarget.ik.base_pose import lift_soles
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles
-from retarget.ik.support_polygon import Stance, footing, plant
+from retarget.ik.support_polygon import Stance, plant
 from retarget.ik.tasks import SlotKind
-from retarget.ik.whole_body_stop import Contact, StopPath, WholeBodyStop
+from retarget.ik.whole_body_stop import StopPath, WholeBodyStop
 from retarget.model.body import JointLimits
-from retarget.model.human_dimensions import HumanDimensions
+from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.model.observers import robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
@@ -33,6 +33,7 @@ from retarget.robot.landmarks import (
     AskedLandmarks,
     LandmarkMap,
     RobotReader,
+    leg_scale,
     plant_back,
     plant_soles,
     robot_frames,
@@ -41,10 +42,10 @@ from retarget.robot.landmarks import (
     standing_dofs,
     standing_targets,
 )
-from retarget.robot.step_plan import stepping_priorities, swinging_frames
-from retarget.robot.stepping import Stepping, reaching_aside
+from retarget.robot.walking.legs import Legs
+from retarget.robot.walking.pattern import Request
 from retarget.schema.priorities import Priorities
-from retarget.types import BoolArray, Carrying, FloatArray, RobotPosture
+from retarget.types import BoolArray, FloatArray, RobotPosture
 
 if TYPE_CHECKING:
     from retarget.types import HumanPosture
@@ -119,14 +120,13 @@ class StanceTrajectory:
         if self._moves is not None:
             self._moves.reset(q[self._joints])
 
-    def goes_on(self, velocity: FloatArray, dt: float, *, stands: bool) -> bool:
+    def goes_on(self, velocity: FloatArray, dt: float) -> bool:
         """Whether the return is not over yet after another `dt` s: it is when the robot rests, in its stance or as near
-        to it as its limbs come. velocity (nv,) per s: as it was commanded to. stands: whether it has both feet on the
-        floor and its weight between them."""
+        to it as its limbs come. velocity (nv,) per s: as it was commanded to."""
         assert self._moves is not None, "the return has begun"
         led = self._moves.at_rest and np.array_equal(self._moves.position, self._end)
         rests = led and float(np.abs(velocity).max()) < RESTING_SPEED
-        return self._rest.step(dt, holds=rests and stands) < RESTS_S
+        return self._rest.step(dt, holds=rests) < RESTS_S
 
     def lead(self, speed_override: float) -> FloatArray:
         """The posture (nq,) in which joints are to be a tick later."""
@@ -147,20 +147,21 @@ def stance_angles(robot: RobotBody) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnSoles:
-    """The parts of a follower whose robot stands on its soles; each may be missing. footing: of all soles. to_stance:
-    the return to stance."""
+    """The parts of a follower whose robot stands on its soles; each may be missing. to_stance: the return to stance.
+    legs: of a robot that walks."""
 
     balance: StandingBalance | None = None
     strength: StandingStrength | None = None
-    footing: Footing | None = None
     stop: WholeBodyStop | None = None
-    steps: Stepping | None = None
     to_stance: StanceTrajectory | None = None
+    legs: Legs | None = None
 
 
 class Follower:
-    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick. steps: `Stepping` of a
-    robot that steps, else None."""
+    """Follows one performer with one robot. Deterministic; `start`, then one `step` per tick.
+
+    It leads the robot in the world of its stance, which goes along with a robot that walks (`legs`); the postures that
+    it gives and takes are those of the world in which the robot began."""
 
     def __init__(
         self,
@@ -180,16 +181,13 @@ class Follower:
         self.stance = stance = plant(robot, robot.profile.postures.stand)
         limits = following_limits(robot, stance, priorities.deflection_compensation)
         legs_move = parts == "whole" and bool(stance.soles)
-        steps = legs_move and priorities.steps == "shift"
         soles = tuple(sole.frame.name for sole in stance.soles)
-        priorities = stepping_priorities(priorities, soles) if steps else priorities
         balance = StandingBalance(priorities, stance) if soles else None
         edges = balance.edges if legs_move and balance else None
         self.observers = robot_observers(robot)
         margin = priorities.observers.margin
         envelope = None if edges is None else robot_envelope(robot, limits, edges=edges, margin=margin)
-        envelope = reaching_aside(envelope, robot, stance) if steps else envelope
-        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, steps=steps, floats=robot.floats)
+        self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, floats=robot.floats)
         self.scene_obstacles = SceneObstacles(scene)
         carrying = standing_dofs(robot)
         build = partial(self._hierarchy_of, limits=limits, iterations=iterations)
@@ -198,17 +196,17 @@ class Follower:
         self._arms = ArmBranches(robot, priorities, stance, unhurried)
         self._soles = OnSoles(balance)
         if legs_move:
-            stepping = None
-            if steps and envelope is not None:
-                stepping = Stepping(robot, priorities, stance, self.hierarchy, highest=envelope.highest)
+            legs = None
+            if priorities.steps == "walk":
+                scale = leg_scale(robot.profile, dict(zip(POINTS, dimensions.standing(), strict=True)))
+                legs = Legs(robot, stance, limits, carrying, build(priorities, carrying), scale=scale)
             returns, tips = "pelvis" in robot.profile.landmarks, moving_share(priorities) is not None
             self._soles = OnSoles(
                 balance,
                 standing_strength(robot, priorities, stance),
-                footing(robot.kinematics, stance.soles),
                 WholeBodyStop(robot.body, limits, servo_limits(robot), stance, carrying, tips=tips),
-                stepping,
                 StanceTrajectory(robot, stance, self.landmark_map.standing) if returns else None,
+                legs,
             )
         self._reader = RobotReader(robot, stance)
         self._motion = AskedMotion(
@@ -222,14 +220,31 @@ class Follower:
         self._speed, self._rest, self._settled_s = 1.0, Dwell(), 0.0
 
     @property
-    def _q(self) -> FloatArray:
-        """The posture (nq,) that was planned last."""
-        return self.hierarchy.solver.q
+    def legs(self) -> Legs | None:
+        """The legs of a robot that walks."""
+        return self._soles.legs
 
     @property
-    def steps(self) -> Stepping | None:
-        """The stepping of a robot that steps."""
-        return self._soles.steps
+    def walks(self) -> bool:
+        """Whether the robot is not on the soles of its stance."""
+        return self.legs is not None and self.legs.walks
+
+    @property
+    def footing(self) -> Footing | None:
+        """Where the soles of a robot are planted that stands; None: it has none."""
+        if self.legs is not None:
+            return self.legs.footing
+        return None if self._soles.stop is None else self._soles.stop.footing
+
+    @property
+    def _solver(self) -> Solver:
+        """What leads the robot."""
+        return self.legs.upper.solver if self.legs is not None and self.legs.walks else self.hierarchy.solver
+
+    @property
+    def _q(self) -> FloatArray:
+        """The posture (nq,) that was planned last."""
+        return self._solver.q
 
     @property
     def note(self) -> str:
@@ -249,8 +264,7 @@ class Follower:
         return Hierarchy(
             priorities,
             self._robot.body,
-            frames=swinging_frames(robot_frames(self._robot), tuple(sole.frame.name for sole in self.stance.soles))
-            | carrying_frames(self._robot),
+            frames=robot_frames(self._robot) | carrying_frames(self._robot),
             limbs=robot_limbs(self._robot),
             lengths={name: entry.robot_length for name, entry in self._robot.profile.landmarks.items()},
             postures=robot_postures(self._robot, self.stance),
@@ -271,8 +285,8 @@ class Follower:
         self.scene_obstacles.restart()
         self._targets = standing_targets(self.hierarchy, self.stance)
         self.hierarchy.solver.reset(self.stance.q)
-        if self.steps is not None:
-            self.steps.restart()
+        if self.legs is not None:
+            self.legs.restart()
         self._reached = self._reader.read(self._q)
         return self._posture(self.landmark_map.ask(human, 0.0))
 
@@ -283,7 +297,7 @@ class Follower:
             self.scene_obstacles.begin()
             return None
         before = self._q
-        posture = self._follow(replace(self.landmark_map.ask(human, dt), carrying=Carrying.BOTH), dt)
+        posture = self._follow(self.landmark_map.ask(human, dt), dt)
         own = dt * self._speed
         self._rest.step(own, holds=float(np.abs(self._q - before).max()) < RESTING_SPEED * own)
         self._settled_s += dt
@@ -291,11 +305,42 @@ class Follower:
 
     def step(self, human: "HumanPosture", dt: float) -> RobotPosture:
         """The posture after the next `dt` s."""
-        return self._follow(self.landmark_map.ask(human, dt), dt)
+        asked, legs = self.landmark_map.ask(human, dt), self.legs
+        if legs is not None:
+            speed = legs.asked(human, dt) if self._speed == 1.0 else None
+            if speed is not None and not legs.walks:
+                legs.begin(self.stop(dt), self._q, self._solver.velocity, dt)
+            if legs.walks:
+                return self._walk(legs, asked, speed, dt)
+        return self._follow(asked, dt)
 
     def _follow(self, asked: AskedLandmarks, dt: float) -> RobotPosture:
         """The posture after the next `dt` s, on the way to what is asked."""
         self._advance(asked, dt)
+        return self._posture(asked)
+
+    def _walk(self, legs: Legs, asked: AskedLandmarks, speed: Request | None, dt: float) -> RobotPosture:
+        """The posture after the next `dt` s of a robot whose legs walk: all else follows what is asked."""
+        q, velocity = legs.step(speed, dt)
+        if not legs.walks:
+            self.hierarchy.solver.correct(q, velocity)
+            self._reached = self._reader.read(q)
+            self._motion.restart()
+            return self._follow(asked, dt)
+        upper, targets = legs.upper, self._targets
+        self.scene_obstacles.tick(upper, dt)
+        upper.solver.correct(q, velocity)
+        self._reached = self._reader.read(q)
+        self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
+        is_led = self._arms.step(
+            upper, targets, q, dt, limbs=asked.limbs, reached=self._reached, speed_override=self._speed
+        )
+        if self._soles.strength is not None:
+            self._soles.strength.aim(upper, targets, q, self._reached.centre_of_mass, dt, keeps=False)
+        legs.leave_out(targets)
+        upper.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
+        legs.foresee(q, velocity, dt)
+        self._reached = self._reader.read(upper.solver.frame(targets, dt, self._speed))
         return self._posture(asked)
 
     def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
@@ -303,13 +348,10 @@ class Follower:
         targets, hierarchy, q = self._targets, self.hierarchy, self._q
         self.scene_obstacles.tick(hierarchy, dt)
         soles = self._soles
-        if soles.steps is not None:
-            velocity, at = hierarchy.solver.velocity, self._reached
-            asked = soles.steps.aim(targets, q, velocity, dt, asked=asked, at=at, to_stance=to_stance)
-        elif soles.balance is not None:
-            if soles.footing is not None and soles.steps is None:
+        if soles.balance is not None:
+            if soles.stop is not None and soles.stop.footing is not None:
                 # Soles that are off their places go back there no faster than legs can stop.
-                slip, _ = soles.footing.losses(q[None])
+                slip, _ = soles.stop.footing.losses(q[None])
                 if slip > SLIPPED_M:
                     share = braking_displacement(slip, SOLE_BRAKING * dt * dt) / slip
                     plant_back(hierarchy, targets, self.stance, self._robot.kinematics, q, share)
@@ -319,8 +361,7 @@ class Follower:
             velocity = matmul(self._robot.kinematics.centre_of_mass_jacobian(q), hierarchy.solver.velocity)
             hierarchy.set_support(targets, soles.balance.spaces(com, velocity, dt))
         if soles.strength is not None:
-            keeps = soles.steps is None or soles.steps.plan.support is None
-            soles.strength.aim(hierarchy, targets, q, self._reached.centre_of_mass, dt, keeps=keeps)
+            soles.strength.aim(hierarchy, targets, q, self._reached.centre_of_mass, dt)
         if to_stance:
             self._motion.ask_nothing(targets)
             is_led = True
@@ -333,8 +374,8 @@ class Follower:
             hierarchy.weigh(targets, SlotKind.POSITION, sole.name, sole.weight)
             hierarchy.set_orientation(targets, sole.frame, np.array(sole.orientation))
         hierarchy.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
-        if (stop := self.stop(dt)) is not None:
-            hierarchy.solver.foresee(stop.postures[-1], dt * (len(stop.postures) - 1))
+        if (stop := self._stop(q, hierarchy.solver.velocity, dt)) is not None:
+            hierarchy.solver.foresee(stop.postures[-1:], dt * (len(stop.postures) - 1))
         q = hierarchy.solver.frame(targets, dt, self._speed)
         if self._robot.floats:
             lift_soles(self._robot, q)
@@ -344,16 +385,17 @@ class Follower:
     def return_to_stance(self, dt: float) -> FloatArray | None:
         """Return the next posture (nq,), m, wxyz and rad, of the return to stance; None: the robot stands, or needs no
         return."""
-        stands = self.steps is None or self.steps.stands
         to_stance, hierarchy = self._soles.to_stance, self.hierarchy
-        if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt, stands=stands):
+        if to_stance is None or not to_stance.goes_on(hierarchy.solver.velocity, dt):
             return None
         hierarchy.set_posture(self._targets, to_stance.lead(self._speed))
         self._advance(to_stance.asked, dt, to_stance=True)
-        return self._q
+        return self._in_world(self._q)
 
     def begin_return_to_stance(self, q: FloatArray, dt: float) -> None:
         """Begin the return to stance in posture q (nq,), m, wxyz and rad, whether the robot has followed or not."""
+        if self.legs is not None:
+            self.legs.stand()
         self.reseed(q, np.zeros(self._robot.body.nv))
         if self._soles.to_stance is not None:
             self._soles.to_stance.begin(q, dt)
@@ -364,12 +406,24 @@ class Follower:
 
     def stop(self, dt: float) -> StopPath | None:
         """How the robot stops on its soles from the posture that was planned last; None: its legs do not move."""
-        return self.stop_from(self._q, self.hierarchy.solver.velocity, dt)
+        if self.legs is not None and self.legs.walks:
+            return self.legs.stop(self._q, self._solver.velocity, dt)
+        return self._moved(self._stop(self._q, self._solver.velocity, dt))
 
     def stop_from(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
         """How the robot stops on its soles from posture q (nq,), moving at velocity (nv,) per s; None: its legs do not
         move."""
-        return None if self._soles.stop is None else self._soles.stop.path(q, velocity, dt, contact=self._contact)
+        if self.legs is not None:
+            q, velocity = self.legs.seen(q, velocity)
+        return self._moved(self._stop(q, velocity, dt))
+
+    def _stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath | None:
+        """The same in the world of the stance."""
+        return None if self._soles.stop is None else self._soles.stop.path(q, velocity, dt)
+
+    def _moved(self, stop: StopPath | None) -> StopPath | None:
+        """A stop in the world of the stance as one in the world."""
+        return stop if stop is None or self.legs is None else self.legs.moved(stop)
 
     def resume(self) -> None:
         """Follow again after a hold: what was asked before is no motion to it."""
@@ -379,29 +433,25 @@ class Follower:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
         self.scene_obstacles.tick(None, dt)
 
-    def set_contact_state(self, soles: BoolArray | None) -> None:
-        """Set which soles (k,) press on the floor; None: not measured. A robot that steps waits for contact."""
-        if self.steps is not None:
-            self.steps.contact = soles
-
     def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
         """Go on from posture q (nq,), moving at velocity (nv,) per s: another goal was sent than was planned. rests:
         what is led joint by joint begins at rest there."""
-        self.hierarchy.solver.correct(q, velocity)
+        if self.legs is not None:
+            self.legs.locate(q)
+            q, velocity = self.legs.seen(q, velocity)
+        self._solver.correct(q, velocity)
         self._reached = self._reader.read(q)
         if rests:
             self._arms.reset(q)
             if self._soles.to_stance is not None:
                 self._soles.to_stance.reset(q)
 
-    @property
-    def _contact(self) -> Contact:
-        """Which soles carry."""
-        support = None if self.steps is None else self.steps.plan.single_support
-        return tuple(support in (None, foot) for foot in range(len(self.stance.soles)))
+    def _in_world(self, q: FloatArray) -> FloatArray:
+        """A posture (nq,) of the world of the stance in the world."""
+        return q if self.legs is None else self.legs.in_world(q)
 
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
-        robot, q, reached = self._robot, self._q, self._reached
+        robot, q, reached = self._robot, self._in_world(self._q), self._reached
         free = robot.profile.root == "free"
         return RobotPosture(
             q=q,
@@ -412,5 +462,5 @@ class Follower:
             landmarks_asked=np.array(asked.landmarks),
             landmarks_reached=reached.points,
             centre_of_mass=reached.centre_of_mass,
-            observer_modes=self.hierarchy.solver.observer_modes,
+            observer_modes=self._solver.observer_modes,
         )

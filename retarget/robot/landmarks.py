@@ -14,7 +14,7 @@ is carries the head: it is asked where it stands.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
 from math import copysign, fsum, inf, sqrt
@@ -182,40 +182,24 @@ HEIGHT_SETTLE_S, HEIGHT_BAND = 0.6, 0.02
 off, it is a tenth of that."""
 
 
-# On the ground the pelvis is over the middle of both ankles, but that of a robot that steps over the foot that carries.
-# Fore and aft a walker's feet are at both ends of a stride, and a robot that steps in place has none: there the pelvis
-# is over what it is nearer to, the foot or the middle.
-
-PELVIS_SETTLE_S = 0.2
-"""Time constant (s) with which the pelvis goes from both feet to one, and back."""
-_SIDE = {Carrying.LEFT: 1.0, Carrying.RIGHT: -1.0}
-"""Place of the pelvis, from the middle (0) to the left foot (1) or the right one (-1)."""
-
-
 class PelvisOverFeet:
     """The middle of the hips from the middle of both ankles, in the robot's world and size."""
 
-    def __init__(self, leg: float, apart: float | None) -> None:
-        """leg: m, the stretched leg of the performer in the size of the robot's. apart: m, the left ankle of the
-        standing robot from the right one; None: a robot that does not step."""
-        self._leg, self._apart = leg, apart
+    def __init__(self, leg: float) -> None:
+        """leg: m, the stretched leg of the performer in the size of the robot's."""
+        self._leg = leg
         self.restart()
 
     def restart(self) -> None:
-        """Begin again on both feet, with the next height as it is."""
-        self._side = 0.0
+        """Begin again, with the next height as it is."""
         self._height: float | None = None
 
-    def step(self, hips: Vector, legs: Sequence[Vector], apart: Vector, carrying: Carrying, dt: float) -> Vector:
+    def step(self, hips: Vector, legs: Sequence[Vector], higher: float, dt: float) -> Vector:
         """Where the hips are to be after another `dt` s. hips: of the performer, from the middle of both ankles; legs:
-        from the left hip to its ankle, and of the right; apart: the left ankle from the right one; all m, scaled as a
-        leg."""
+        from the left hip to its ankle, and of the right; higher: by how much the left ankle is above the right one; all
+        m, scaled as a leg."""
         x, y, _ = hips
-        if self._apart is not None:
-            self._side = low_pass(self._side, _SIDE.get(carrying, 0.0), dt / PELVIS_SETTLE_S)
-            half = 0.5 * self._side
-            x, y = sorted((x, x - half * apart[0], 0.0))[1], y + half * (self._apart - apart[1])
-        return x, y, self._on_bearing_leg(legs, apart[2], dt)
+        return x, y, self._on_bearing_leg(legs, higher, dt)
 
     def _on_bearing_leg(self, legs: Sequence[Vector], higher: float, dt: float) -> float:
         """The height of the hips over the ankles, m, on the leg that bears. higher: by how much the left ankle is above
@@ -272,25 +256,14 @@ class AskedLandmarks:
 
     landmarks: k points, m, in the order of the profile's landmarks. limbs: lines, m, in the order of `limb_names`.
     trunk: orientation wxyz of the trunk, the identity when the performer stands upright and faces the heading. gaze:
-    unit direction of the performer's eyes. apart: their left ankle from the right one, scaled as a leg, m; carrying:
-    which of their feet carry. soles: of free legs alone.
+    unit direction of the performer's eyes. soles: of free legs alone.
     """
 
     landmarks: list[Vector]
     limbs: list[Vector]
     trunk: Quat
     gaze: Vector
-    apart: Vector = (0.0, 0.0, 0.0)
-    carrying: Carrying = Carrying.BOTH
     soles: tuple["AskedSole", ...] = ()
-
-    def led(self, pelvis: int, aside: Vector, share: float) -> "AskedLandmarks":
-        """The same for a body that is led aside and up, m: its pelvis by all of that, all others by a share of the way
-        aside, and as far up."""
-        x, y, z = aside
-        part = (share * x, share * y, z)
-        landmarks = [plus(place, aside if row == pelvis else part) for row, place in enumerate(self.landmarks)]
-        return replace(self, landmarks=landmarks)
 
 
 @dataclass(frozen=True)
@@ -316,8 +289,7 @@ class _Mark:
 
 
 class LandmarkMap:
-    """Maps the postures of one performer to landmarks of one robot. Its only state is the performer's heading, and for
-    one that steps, which of the performer's feet carry."""
+    """Maps the postures of one performer to landmarks of one robot. Its only state is the performer's heading."""
 
     def __init__(
         self,
@@ -326,12 +298,11 @@ class LandmarkMap:
         stance: Stance,
         envelope: Envelope | None,
         *,
-        steps: bool = False,
         floats: bool = False,
     ) -> None:
         """`envelope`: None where pelvis and trunk stay where they are (a robot on a stand, or its upper part alone).
-        steps: whether the pelvis is asked over the foot that carries, on the ground, and not over the middle. floats:
-        whether the robot goes where the performer does (`FreeLegs`). Raises ConfigError: it has no legs for that."""
+        floats: whether the robot goes where the performer does (`FreeLegs`). Raises ConfigError: it has no legs for
+        that."""
         self.names = tuple(profile.landmarks)
         self._envelope = envelope
         self._facing = Facing()
@@ -339,13 +310,10 @@ class LandmarkMap:
         entries = list(profile.landmarks.values())
         self._sums = [_limb(entry, rest) for entry in entries] + [TRUNK_LINE, *FEET]
         pelvis = profile.landmarks.get("pelvis")
-        ends = (set(), set()) if pelvis is None else (set(pelvis.follows), set(pelvis.measured_from))
-        by_legs = pelvis is not None and ends == (set(HIPS), set(ANKLES))
-        scale = limb_scale(pelvis, rest) if pelvis is not None and by_legs else 0.0
+        scale = leg_scale(profile, rest)
         self._sums += [{ankle: scale, hip: -scale} for ankle, hip in zip(ANKLES, HIPS, strict=True)]
         self._sums.append({ANKLES[0]: scale, ANKLES[1]: -scale})
-        apart = float(stance.points[ANKLES[0]][1] - stance.points[ANKLES[1]][1]) if steps else None
-        self._over_feet = PelvisOverFeet(pelvis.robot_length, apart) if pelvis is not None and by_legs else None
+        self._over_feet = PelvisOverFeet(pelvis.robot_length) if pelvis is not None and scale else None
         self._free = _free_legs(profile, dimensions, rest, scale) if floats else None
         self._sums += [] if self._free is None else self._free.sums
         self._summed: tuple[tuple[str, ...], FloatArray] = (), np.zeros((len(self._sums), 0))
@@ -427,7 +395,7 @@ class LandmarkMap:
             across = hypot(left_x, left_y) or inf
             aside = (left_x / across, left_y / across)
             return self._asked_free(self._free, limbs, seen, gaze, aside=aside, carrying=human.carrying, dt=dt)
-        pelvis = self._pelvis_asked(limbs, legs, apart, human.carrying, seen, dt)
+        pelvis = self._pelvis_asked(limbs, legs, apart[2], seen, dt)
         trunk = self._trunk_asked(seen, pelvis[2])
         # A trunk that cannot lean as far takes the limbs along that hang from it.
         lean_less = product(trunk, inverse(seen))
@@ -445,7 +413,7 @@ class LandmarkMap:
                 landmarks.append(plus(plus(pelvis, rotated(trunk, mark.carried)), limb))
         if self._feet_apart is not None:
             self._feet_apart.ask(landmarks)
-        return AskedLandmarks(landmarks, self._of_limbs(limbs, trunk), trunk, gaze, apart, human.carrying)
+        return AskedLandmarks(landmarks, self._of_limbs(limbs, trunk), trunk, gaze)
 
     def _asked_free(
         self,
@@ -494,17 +462,15 @@ class LandmarkMap:
         """The lines of `limb_names`, m, from those of all landmarks and the orientation of the trunk."""
         return [limbs[row] for row in self._limbs] + [rotated(trunk, line) for line in self._trunk_line]
 
-    def _pelvis_asked(
-        self, limbs: list[Vector], legs: list[Vector], apart: Vector, carrying: Carrying, seen: Quat, dt: float
-    ) -> Vector:
+    def _pelvis_asked(self, limbs: list[Vector], legs: list[Vector], higher: float, seen: Quat, dt: float) -> Vector:
         """The pelvis over the planted ankles, on legs as long as the one that bears the performer, no lower than the
-        robot gets, and no higher than it leans from as its trunk is seen to. legs: lines from hips to ankles; apart:
-        the left ankle from the right one; m, scaled as a leg."""
+        robot gets, and no higher than it leans from as its trunk is seen to. legs: lines from hips to ankles; higher:
+        by how much the left ankle is above the right one; m, scaled as a leg."""
         if self._envelope is None or self._pelvis is None:
             return (0.0, 0.0, 0.0) if self._pelvis is None else self._marks[self._pelvis].place
         limb = limbs[self._pelvis]
         if self._over_feet is not None:
-            limb = self._over_feet.step(limb, legs, apart, carrying, dt)
+            limb = self._over_feet.step(limb, legs, higher, dt)
         x, y, z = plus(plus(self._feet, limb), self._marks[self._pelvis].offset)
         ahead, aside, up = rotated(seen, UP)
         z = min(z, self._envelope.highest_for(arctan2(hypot(ahead, aside), up), ahead, aside))
@@ -523,6 +489,15 @@ class LandmarkMap:
         # The axis of the lean is level, and square to the direction in which the trunk leans.
         less = soft_cap(lean, self._envelope.most_lean(height, x, y), LEAN_KNEE)
         return product(axis_turn((-y / across, x / across, 0.0), less - lean), seen)
+
+
+def leg_scale(profile: RobotProfile, rest: Mapping[str, FloatArray]) -> float:
+    """Scale of lengths, from the performer's leg to the robot's; 0 where the pelvis does not follow the hips from the
+    ankles. rest: the performer's joints, m, standing."""
+    pelvis = profile.landmarks.get("pelvis")
+    if pelvis is None or (set(pelvis.follows), set(pelvis.measured_from)) != (set(HIPS), set(ANKLES)):
+        return 0.0
+    return limb_scale(pelvis, rest)
 
 
 def _free_legs(

@@ -387,13 +387,11 @@ class ComeToRest(Controller):
         """The target of a robot that stands, which is the one to which it was commanded, or that brakes on its line;
         None: the gate follows the stop."""
         self._follower.pass_time(self._dt)
-        if self.pressed is not None and self._standing is not None:
+        if self.pressed is not None and self._standing is not None and not self._follower.walks:
             path = way_back(self.pressed, commanded.goal, self._robot.joint_map, dt=self._dt)
             if path is not None:
-                stop, soles = commanded.target.stop, (True,) * len(self._robot.soles)
                 postures = self._standing.postures(path, commanded.standing)
-                stop = StopPath(postures, soles if stop is None else stop.contact)
-                return Target(path[0], postures[0], stop)
+                return Target(path[0], postures[0], StopPath(postures, self._follower.footing))
         if commanded.stands:  # where it got by a part of a goal, the stop from there would lead on
             return commanded.target if commanded.target.stop is None else replace(commanded.target, stop=None)
         return self._approach.brake(commanded) if self._approach.part is ApproachPart.STRAIGHT else None

@@ -127,7 +127,7 @@ class RunOptions:
         torque_off_at_end: End at rest, even if it topples there.
         parts whole|upper: What follows; 'upper' keeps the legs still.
         legs free: Pelvis and feet as the performer's; on no servos.
-        steps WAY: When the performer lifts a foot: planted, shift (steps in place), follow (of a robot that hangs).
+        steps WAY: When the performer walks: planted, walk, follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
         faults FILE.yaml: What goes wrong on the emulator's wire.
 
@@ -189,7 +189,7 @@ class RunOptions:
             raise UsageError("a run has one end", where="--stand-at-end", found="--torque-off-at-end as well")
         if self.legs is not None:
             self._check_free_legs()
-        if self.steps == "shift" and self.parts != "whole":
+        if self.steps == "walk" and self.parts != "whole":
             raise UsageError("legs that do not move make no steps", where="--steps", found=f"--parts {self.parts}")
 
     def _check_human(self) -> None:
@@ -269,7 +269,7 @@ def priority_names(robot: RobotBody | None, options: RunOptions) -> tuple[str, .
         return (options.priorities or HUMAN_PRIORITIES,)
     if options.legs:
         return robot.profile.reconstruct, options.priorities or FREE_LEGS
-    usual = name_with_mass(robot) if options.has_mass or options.steps == "shift" else robot.profile.retarget
+    usual = name_with_mass(robot) if options.has_mass or options.steps == "walk" else robot.profile.retarget
     return robot.profile.reconstruct, options.priorities or usual
 
 

@@ -28,7 +28,9 @@ from retarget.robot.balance import moving_share, support_tasks
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
-from retarget.robot.step_plan import StepTally, with_steps
+from retarget.robot.walking.gait import gait_of, with_steps
+from retarget.robot.walking.travel import WalkTally
+from retarget.robot.walking.walking_goals import WalkingGoals
 from retarget.run.loop import Ending, Inputs, Loop, Observer, Operator, run_human
 from retarget.run.options import RunOptions, name_with_mass, priority_names
 from retarget.run.performers import RecordedPerformer
@@ -39,7 +41,7 @@ from retarget.run.tick import Machine
 from retarget.safety.clearance import PathClearance, refuse_contact, refuse_floor
 from retarget.safety.contact import ContactDetector
 from retarget.safety.force_limit import with_max_force
-from retarget.safety.gate import Gate, PassThroughGate
+from retarget.safety.gate import Compensation, Gate, PassThroughGate
 from retarget.safety.standing import StandingCheck
 from retarget.safety.tipping import tip_watch_of
 from retarget.schema.catalogue import Kind, entries
@@ -49,18 +51,20 @@ from retarget.schema.scene import load_scene, on_floor
 from retarget.types import News, Notify
 
 
-def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, *, checks: bool, dt: float) -> Gate:
-    """The gate of a robot in ticks of `dt` s. checks: whether goals are checked; else all of them pass."""
+def make_gate(robot: RobotBody, follower: Follower, priorities: Priorities, options: RunOptions, *, dt: float) -> Gate:
+    """The gate of a robot in ticks of `dt` s, as the options ask for it."""
     servos, caps = robot.joint_map, robot.profile.safety.speed_caps
-    standing = StandingCheck(robot, follower.stance)
-    if not checks:
+    standing = StandingCheck(robot, follower.stance, dt=dt)
+    if not options.gate:
         return PassThroughGate(servos, dt=dt, standing=standing)
     observers, settings = follower.hierarchy.observers, priorities.deflection_compensation
     clearance = None if observers is None else PathClearance(robot, observers, follower.scene_obstacles, dt=dt)
-    compensation = None
+    compensation: Compensation | None = None
     if settings is not None and follower.stance.soles:
-        steps = follower.steps is not None
-        compensation = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle, steps=steps)
+        compensation = holds = DeflectionCompensation(robot, follower.stance, dt=dt, settle=settings.settle)
+        if follower.legs is not None:
+            gait = gait_of(robot, follower.stance, dt=dt)
+            compensation = WalkingGoals(robot, follower.stance, holds, gait) if options.has_mass else None
     speed = max(caps.follow, caps.approach)
     return Gate(servos, dt=dt, speed=speed, clearance=clearance, standing=standing, compensation=compensation)
 
@@ -79,7 +83,7 @@ def robot_stage(
         refuse_contact(touching, where=f"{robot.profile.name}, standing")
         if scene is not None:
             refuse_floor(robot, follower.observers, scene, follower.stance.q)
-    return follower, make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
+    return follower, make_gate(robot, follower, priorities, options, dt=dt)
 
 
 def robot_part(
@@ -96,7 +100,7 @@ def robot_part(
     """Everything of a run but performer and bus: the robot's stage, and how it ends, see `prepare_for`."""
     follower, gate = robot_stage(robot, priorities, human, options, scene, dt=dt)
     if end_plan is None and not robot.floats and (options.has_mass if goes_to_rest is None else goes_to_rest):
-        tried = make_gate(robot, follower, priorities, checks=options.gate, dt=dt)
+        tried = make_gate(robot, follower, priorities, options, dt=dt)
         end_plan = plan_end(robot, follower.stance, tried, options, dt=dt)
     return follower, gate, end_plan or EndPlan()
 
@@ -134,7 +138,7 @@ class Prepared:
     observers: Observers | None = None
     intake: IntakeTimes = field(default_factory=IntakeTimes)
     scene_obstacles: SceneObstacles | None = None
-    steps: StepTally | None = None
+    walk: Callable[[], WalkTally] | None = None
     parts: Parts = "whole"
 
     def loop(
@@ -178,7 +182,7 @@ class Prepared:
             scene=self.scene,
             observers=self.observers,
             tally=RunTally(
-                steps=None if self.steps is None else replace(self.steps),
+                walk=None if self.walk is None else self.walk(),
                 refused_pair=None if machine is None else machine.refused_pair,
                 presses=None if machine is None or machine.contact is None else machine.contact.presses,
                 standing=ending.standing,
@@ -287,7 +291,7 @@ def prepare_for(
         scene=scene,
         observers=follower.observers,
         scene_obstacles=follower.scene_obstacles,
-        steps=None if follower.steps is None else follower.steps.plan.tally,
+        walk=None if follower.legs is None else follower.legs.tally,
     )
     with _open(bus, guard):
         yield prepared

@@ -14,7 +14,7 @@ from retarget.model.human import Human
 from retarget.model.observers import Observers
 from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
-from retarget.robot.step_plan import StepTally
+from retarget.robot.walking.travel import WalkTally
 from retarget.run.record import Record
 from retarget.safety.contact import Presses
 from retarget.schema.performer import Performer
@@ -86,11 +86,11 @@ CAPPED = "linear solves took too many steps and were ended: they keep all limits
 
 @dataclass(frozen=True)
 class RunTally:
-    """What its machine saw in a run. steps: None for a robot that makes none; refused_pair: None where the gate refused
-    no goal for one; presses: None where the robot pressed against nothing. standing: why it stood at the end, "" where
-    it did not."""
+    """What its machine saw in a run. walk: None for a robot that makes no steps; refused_pair: None where the gate
+    refused no goal for one; presses: None where the robot pressed against nothing. standing: why it stood at the end,
+    "" where it did not."""
 
-    steps: StepTally | None = None
+    walk: WalkTally | None = None
     refused_pair: RefusedPair | None = None
     presses: Presses | None = None
     standing: str = ""

@@ -280,6 +280,7 @@ def _look_at_servos(machine: Machine, motion: RobotMotion, state: TickState, giv
     joints, watch = machine.robot.joint_map.to_radians(given.servos.position), machine.tip_watch
     if clearance is not None:
         clearance.measure(joints, state.commanded.joints)
+    machine.gate.measure(joints, given.servos.imu)
     if watch is not None and given.servos.imu is not None and not motion.on_approach:
         watch.look(given.servos.imu, joints)
     if machine.contact is not None:
@@ -333,8 +334,6 @@ def _target(machine: Machine, motion: RobotMotion, state: TickState, given: Tick
     guard, run_state = machine.guard, machine.supervisor.state
     if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
         return motion.brake(run_state, state.commanded)
-    if run_state is RunState.RETURN_TO_STANCE or run_state in AT_RISK:
-        machine.follower.set_contact_state(None if guard.states is None else guard.states.soles)
     pressed = None if machine.contact is None or run_state is not RunState.HOLD else machine.contact.pressed
     motion.give_way(pressed)
     override = guard.health.warnings.speed_override

@@ -2,12 +2,14 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from retarget import _solver
 from retarget.errors import Problem, UsageError
 from retarget.ik.hierarchy import SceneObstacles
+from retarget.ik.whole_body_stop import StopPath
 from retarget.model.observers import Contact, Observers, contacts
 from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
@@ -54,6 +56,8 @@ SERVOS_SHARE = 0.25
 path; the rest of the margin is the room for that."""
 
 
+LOOKS = 600
+"""Postures that are looked at in one step of a walk, whose shins pass each other closely."""
 TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
 """What to do about two links for which the gate refuses goals."""
 
@@ -124,30 +128,60 @@ class PathClearance:
         one, other, obstacle = pair
         return names[one], names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
 
-    def __call__(self, path: FloatArray, instead: FloatArray, standing: FloatArray) -> bool:
+    def __call__(
+        self, path: FloatArray, instead: FloatArray, standing: FloatArray, *, walk: StopPath | None = None
+    ) -> bool:
         """Whether a path of postures (k, n), rad, is clear, a tick from row to row, first row present, last row at
-        rest; instead (k, n): what is followed if not. standing (nq,): as the robot stands."""
+        rest; instead (k, n): what is followed if not. standing (nq,): as the robot stands. walk: how it stands on the
+        rows after the first, of a robot that walks."""
         self._obstacles.look()
         poses = self._obstacles.now
         if poses is not None:
             self._checker.set_obstacles(poses.position, poses.quat, poses.linear_velocity, poses.angular_velocity)
-        clear = self._checker.is_clear(standing, path, dt=self._dt, share=KEPT_SHARE, instead=instead)
+        clear = self._is_clear(path, instead, standing, walk, share=KEPT_SHARE)
         measured = self._measured
-        clear = clear and (measured is None or self._servos_are_clear(path, instead, standing, measured))
+        clear = clear and (measured is None or self._servos_are_clear(path, instead, standing, measured, walk))
         self._refused = None if clear else self._checker.refused
         self._first = self._first or self._refused
         return clear
 
+    def _is_clear(
+        self,
+        path: FloatArray,
+        instead: FloatArray,
+        standing: FloatArray,
+        walk: StopPath | None,
+        *,
+        share: float,
+        remember: bool = True,
+    ) -> bool:
+        checker, dt = self._checker, self._dt
+        if walk is None or walk.carries is None:
+            return checker.is_clear(standing, path, dt=dt, share=share, instead=instead, remember=remember)
+        # Obstacles are seen from the sole that carries: from another one, once it alone is on the floor.
+        alone, end = np.logical_not(walk.carries.all(axis=1)), len(path) - 1
+        cuts = 3 + np.flatnonzero(alone[1:] & ~alone[:-1])
+        for first, last in pairwise([0, *cuts[cuts < end].tolist(), end]):
+            stands = walk.postures[first - 1] if first else standing
+            rows, other = path[first : last + 1], instead[min(first, len(instead) - 1) : last + 1]
+            kept = remember and not first
+            if not checker.is_clear(stands, rows, dt=dt, share=share, instead=other, remember=kept, looks=LOOKS):
+                return False
+        return True
+
     def _servos_are_clear(
-        self, path: FloatArray, instead: FloatArray, standing: FloatArray, measured: FloatArray
+        self,
+        path: FloatArray,
+        instead: FloatArray,
+        standing: FloatArray,
+        measured: FloatArray,
+        walk: StopPath | None,
     ) -> bool:
         off = self._following.unexplained(measured)
         rows = len(path) if off.any() else 2  # without an error, the rest is the path of goals, which is clear
         measured_path, other = path[:rows] + off, instead[:rows] + off
         measured_path[0] = other[0] = measured
-        return self._checker.is_clear(
-            standing, measured_path, dt=self._dt, share=SERVOS_SHARE, instead=other, remember=False
-        )
+        return self._is_clear(measured_path, other, standing, walk, share=SERVOS_SHARE, remember=False)
 
 
 # Contact where a motion begins: parts of the body with each other, and with obstacles.

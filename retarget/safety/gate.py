@@ -10,12 +10,15 @@ import numpy as np
 from hardware.arrays import FloatArray
 from hardware.errors import HardwareError, describe
 from hardware.guard import CheckedGoal, _Seal
+from hardware.imu import ImuSample
 from hardware.joint_map import JointMap
 from retarget._solver import Braking
 from retarget.ik.whole_body_stop import StopPath
 from retarget.safety.clearance import PathClearance
 from retarget.safety.standing import StandingCheck
 
+MOST_OFFSET = 0.4
+"""Most, rad, that a goal of a walking robot may be from its posture: by its torque, a servo at its limit is as far."""
 ROUND_OFF = 1e-9
 """Angle, rad, by which a goal may miss a bound before the gate refuses it: rounding of two programs that agree is
 less."""
@@ -29,6 +32,11 @@ class Compensated(Protocol):
         """Whether the gate's limits have made of the offset a motion of its own."""
         ...
 
+    @property
+    def free(self) -> bool:
+        """Whether the offset has bounds of its own, so that the limits are those of the posture alone."""
+        ...
+
 
 class Compensation(Protocol):
     """Offsets goals from postures. It keeps nothing between two goals: `last` is what was compensated in the goal sent
@@ -38,11 +46,21 @@ class Compensation(Protocol):
         """No offset, in a posture, rad (n,)."""
         ...
 
+    def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
+        """Set what the servos, rad (n,), and the IMU say in this tick."""
+        ...
+
     def propose(
-        self, last: Any, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+        self,
+        last: Any,
+        posture: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
+        *,
+        ahead: FloatArray,
+        walks: bool | None,
     ) -> tuple[FloatArray, Compensated]:
         """The goal (n,) rad for a posture (n,), rad. nearest: the goal within the gate's limits that is nearest to
-        one."""
+        one. ahead (n,): rad, the posture that follows. walks: whether the robot does; None: as before."""
         ...
 
 
@@ -57,7 +75,9 @@ class Gate:
     Limits are checked on radians, before goals are rounded to ticks (one tick of 1.5 mrad in 8 ms would alone be
     24 rad/s^2). clearance: checks paths for collision; None: it is not checked. standing: checks soles and balance on
     the stops of a planner. With `compensation`, goals are offset from postures: the limits of this tick are checked on
-    the goal, and all else on postures; an offset changes only as far as the limits let it.
+    the goal, and all else on postures; an offset changes only as far as the limits let it. The torque of a robot that
+    walks comes and goes faster than joints move: there all limits are those of the posture, and the offset is no more
+    than MOST_OFFSET.
     """
 
     def __init__(
@@ -84,6 +104,7 @@ class Gate:
             )
         self.clearance, self.standing, self._compensation = clearance, standing, compensation
         self._size, self._braking = len(joint_map), Braking(*limits, dt=float(dt))
+        self._lower, self._upper = limits[:2]
         self._fastest = velocity * float(dt) + ROUND_OFF  # (n,) [rad] in a tick
         self._seal = _Seal()
 
@@ -125,10 +146,14 @@ class Gate:
         # First the limits, which cost microseconds, then soles and balance, then the sweep, which costs most.
         goal, compensated = target, None
         if self._compensation is not None:
-            goal, compensated = self._compensation.propose(last.compensated, target, partial(self._nearest, last))
-            if compensated.forced:
+            walks = stop is not None and stop.carries is not None
+            ahead = target if stop is None or self.standing is None else self.standing.joints(stop.postures[:2])[-1]
+            nearest = partial(self._nearest, last)
+            goal, compensated = self._compensation.propose(last.compensated, target, nearest, ahead=ahead, walks=walks)
+            if compensated.forced or (compensated.free and not self._bounded(goal, target)):
                 return None
-        displacement = self._admitted(last, goal)
+        free = compensated is not None and compensated.free
+        displacement = self._admitted(last.posture, last, target) if free else self._admitted(last.joints, last, goal)
         rows = None if displacement is None else self._stop(last, target, stop)
         if displacement is None or rows is None:
             return None
@@ -139,7 +164,7 @@ class Gate:
         if self.clearance is not None:
             assert standing is not None, "collision depends on where the robot stands"
             path, instead = np.vstack([last.posture, target, rows]), np.vstack([last.posture, last.stop])
-            if not self.clearance(path, instead, standing):
+            if not self.clearance(path, instead, standing, walk=stop):
                 return None
         # The goal to the bit: a difference of rounding would be asked for again in the next tick, and grow.
         return self._made(CheckedGoal(goal, target, displacement, rows, True, compensated, self._seal), last)
@@ -154,14 +179,28 @@ class Gate:
         posture, stop = (last.stop[0], last.stop[1:]) if len(last.stop) else (last.posture, last.stop)
         goal, compensated = posture, None
         if self._compensation is not None:
-            goal, compensated = self._compensation.propose(last.compensated, posture, partial(self._nearest, last))
-        goal = self._nearest(last, goal)
-        displacement = goal - last.joints
+            nearest, ahead = partial(self._nearest, last), stop[0] if len(stop) else posture
+            goal, compensated = self._compensation.propose(last.compensated, posture, nearest, ahead=ahead, walks=None)
+        if compensated is not None and compensated.free and self._bounded(goal, posture):
+            displacement = posture - last.posture
+        else:
+            goal = self._nearest(last, goal)
+            displacement = goal - last.joints
         return self._made(CheckedGoal(goal, posture, displacement, stop, False, compensated, self._seal), last)
 
-    def _admitted(self, last: CheckedGoal, goal: FloatArray) -> FloatArray | None:
-        """The displacement (n,) to a goal that keeps the limits; None: it does not."""
-        return self._braking.admitted(last.joints, last.displacement, goal, tolerance=ROUND_OFF)
+    def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
+        """Set what the servos, rad (n,), and the IMU say in this tick."""
+        if self._compensation is not None:
+            self._compensation.measure(joints, imu)
+
+    def _admitted(self, start: FloatArray, last: CheckedGoal, goal: FloatArray) -> FloatArray | None:
+        """The displacement (n,) from where joints were sent last to a goal that keeps the limits; None: it does not."""
+        return self._braking.admitted(start, last.displacement, goal, tolerance=ROUND_OFF)
+
+    def _bounded(self, goal: FloatArray, posture: FloatArray) -> bool:
+        """Whether a goal is finite, within the joints' ranges, and not too far from its posture."""
+        inside = (goal >= self._lower - ROUND_OFF) & (goal <= self._upper + ROUND_OFF)
+        return bool((inside & (np.abs(goal - posture) <= MOST_OFFSET + ROUND_OFF)).all())
 
     def _nearest(self, last: CheckedGoal, goal: FloatArray) -> FloatArray:
         """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""

@@ -9,6 +9,7 @@ Source: Garone, Di Cairano and Kolmanovsky, "Reference and command governors for
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,6 +36,8 @@ class CommandGovernor:
     def __init__(self, robot: RobotBody, gate: Gate, standing: StandingCheck, carrying: BoolArray) -> None:
         """carrying (nv,): the root and the joints of the legs."""
         self._body, self._gate, self._standing, self._carrying = robot.kinematics, gate, standing, carrying
+        self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
+        self._others = robot.servo_columns[~carrying[self._dofs]]
 
     def check(self, last: CheckedGoal, stop: StopPath, standing: FloatArray) -> tuple[CheckedGoal, StopPath] | None:
         """The goal that the robot can go to, after the goal sent last, with the path of its stop; None: none but on the
@@ -43,13 +46,29 @@ class CommandGovernor:
         if goal is not None:
             return goal, stop
         rows = last.stop if len(last.stop) else last.posture[None]
-        instead = StopPath(self._standing.postures(rows, standing), stop.contact)
-        for legs, others in self._shares(stop, instead):
+        if stop.carries is not None:
+            shares, instead = self._beside_walk(stop, rows)
+        else:
+            instead = StopPath(self._standing.postures(rows, standing), stop.footing)
+            shares = self._shares(stop, instead)
+        for legs, others in shares:
             part = self._blend(instead, stop, legs, others)
             goal = self._passed(last, part, standing)
             if goal is not None:
                 return goal, part
         return None
+
+    def _beside_walk(self, stop: StopPath, rows: FloatArray) -> tuple[Iterator[tuple[float, float]], StopPath]:
+        """Shares to try of a robot whose legs walk, whatever else it does, and what it does with none of them. rows (k,
+        n): of the stop that was verified last; where other legs are asked, it goes on with that."""
+        legs = self._carrying[self._dofs]
+        count = min(len(rows), len(stop.postures))
+        asked = self._standing.joints(stop.postures)
+        same = len(rows) >= len(asked) and np.array_equal(rows[:count, legs], asked[:count, legs])
+        postures = stop.postures.copy()
+        if same:
+            postures[:, self._others] = rows[:count, ~legs]
+        return iter([(0.0, share) for share in (*SHARES[1:], 0.0)] if same else []), replace(stop, postures=postures)
 
     def _passed(self, last: CheckedGoal, stop: StopPath, standing: FloatArray) -> CheckedGoal | None:
         target = self._standing.joints(stop.postures[:1])[0]
@@ -88,7 +107,7 @@ class CommandGovernor:
         for k in range(max(len(here), len(there))):
             a, b = here[min(k, len(here) - 1)], there[min(k, len(there) - 1)]
             blended.append(self._body.integrate(a, share * self._body.difference(a, b)))
-        return StopPath(np.array(blended), stop.contact)
+        return replace(stop, postures=np.array(blended))
 
 
 def _secant(none: float, lost: float, bound: float) -> float:

@@ -4,17 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from retarget._solver import Footing
 from retarget.ik.base_pose import plant_roots
-from retarget.ik.support_polygon import Stance, footing
-from retarget.ik.whole_body_stop import Contact, StopPath, carried_by
+from retarget.ik.gravity_torque import GRAVITY
+from retarget.ik.support_polygon import Stance, support_distance, support_edges
+from retarget.ik.whole_body_stop import StopPath
 from retarget.model.robot import RobotBody
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 SOLE_M = 0.001
 """Distance (m) that a corner of a sole may be from its place on the way to a stop."""
 BALANCE_M = 0.003
 """Distance (m) inside the outline of the soles that carry that the centre of mass keeps on the way to a stop."""
+PRESSED_M = 0.0
+"""Distance (m) inside that outline that the zero-moment point of a robot that walks keeps."""
 NO_WORSE_M = 1e-7
 """What is beyond these bounds on the stop that would be followed else may go on, if it gets worse by no more than this,
 m: rounding."""
@@ -34,11 +36,10 @@ class Losses:
 
 
 class StandingCheck:
-    """The check of soles and balance of one robot in its stance."""
+    """The check of soles and balance of one robot, in ticks of `dt` s."""
 
-    def __init__(self, robot: RobotBody, stance: Stance) -> None:
-        self._robot, self._soles, self._columns = robot, stance.soles, robot.servo_columns
-        self._footings = dict[Contact, Footing]()
+    def __init__(self, robot: RobotBody, stance: Stance, *, dt: float) -> None:
+        self._robot, self._soles, self._columns, self._dt = robot, stance.soles, robot.servo_columns, dt
 
     def joints(self, postures: FloatArray) -> FloatArray:
         """The joints (k, n) rad, servo order, of postures (k, nq)."""
@@ -55,12 +56,38 @@ class StandingCheck:
 
     def losses(self, stop: StopPath) -> Losses:
         """What is lost on the path of a stop. A robot that no sole carries loses nothing."""
-        if not any(stop.contact):
+        if stop.carries is not None:
+            return self._walked(stop.postures, stop.carries)
+        if stop.footing is None:
             return Losses(0.0, -np.inf)
-        if stop.contact not in self._footings:
-            self._footings[stop.contact] = footing(self._robot.kinematics, carried_by(self._soles, stop.contact))
-        slip, inside = self._footings[stop.contact].losses(stop.postures)
+        slip, inside = stop.footing.losses(stop.postures)
         return Losses(slip, BALANCE_M - inside)
+
+    def _walked(self, postures: FloatArray, carries: BoolArray) -> Losses:
+        """What a robot loses that walks on postures (k, nq), on its left and right sole as `carries` (k, 2) says: it
+        ends on both, and its zero-moment point is on those that carry; a sole stays where it was put down, on the
+        floor."""
+        body, slip, shortfall = self._robot.kinematics, 0.0, -np.inf
+        if not carries[-1].all():
+            return Losses(np.inf, np.inf)
+        corners = [body.points(postures, [sole.frame.body] * len(sole.corners), sole.corners) for sole in self._soles]
+        for sole, points in zip(carries.T, corners, strict=True):
+            begins = sole & ~np.concatenate([[False], sole[:-1]])
+            put_down = np.maximum.accumulate(np.where(begins, np.arange(len(sole)), 0))
+            off = points - np.concatenate([points[put_down][..., :2], np.zeros((*points.shape[:2], 1))], axis=-1)
+            slip = max(slip, float(np.abs(off[sole]).max()))
+        mass, g = body.centre_of_mass(postures), GRAVITY * self._dt * self._dt
+        change = np.zeros_like(mass)
+        change[1:-1] = mass[2:] - 2.0 * mass[1:-1] + mass[:-2]
+        pressed = mass[:, :2] - mass[:, 2:] * change[:, :2] / (g + change[:, 2:])
+        phases = np.flatnonzero(np.concatenate([[True], (carries[1:] != carries[:-1]).any(axis=1)]))
+        for first, last in zip(phases, [*phases[1:], len(carries)], strict=True):
+            on = [points[first, :, :2] for points, carry in zip(corners, carries[first], strict=True) if carry]
+            if not on:
+                return Losses(np.inf, np.inf)
+            inside = support_distance(pressed[first:last], support_edges(on))
+            shortfall = max(shortfall, PRESSED_M - float(inside.min()))
+        return Losses(slip, shortfall)
 
     def bounds(self, instead: StopPath) -> Losses:
         """The most that may be lost by a robot that would follow `instead`."""
@@ -73,5 +100,9 @@ class StandingCheck:
         lost = self.losses(stop)
         if lost.within(Losses(SOLE_M, 0.0)):
             return True
+        if (
+            stop.carries is not None
+        ):  # the rest of a walk is made anew with each step: no stop from elsewhere is as good
+            return False
         instead = standing[None] if not len(last) else self.postures(last, standing)
-        return lost.within(self.bounds(StopPath(instead, stop.contact)))
+        return lost.within(self.bounds(StopPath(instead, stop.footing)))

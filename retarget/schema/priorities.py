@@ -301,7 +301,7 @@ class HeadingSettings(Schema):
     """[s] Time constant of the low-pass of the head's velocity."""
 
 
-Steps = Literal["planted", "shift", "follow"]
+Steps = Literal["planted", "walk", "follow"]
 """What the feet of a robot do when its performer lifts one: stay; lift as well, once the mass is over the other; or,
 where something else carries the robot, whatever the performer's do."""
 Legs = Literal["free"]

@@ -15,8 +15,6 @@ from retarget.robot.landmarks import standing_dofs
 from retarget.safety.standing import SOLE_M
 from retarget.types import FloatArray
 
-BOTH = (True, True)
-
 
 def stance() -> Stance:
     return plant(op3(), op3().profile.postures.stand)
@@ -51,14 +49,14 @@ def velocities(path: StopPath) -> FloatArray:
 
 
 def test_a_robot_that_stands_is_stopped_already() -> None:
-    path = planner().path(stance().q, np.zeros(op3().body.nv), DT, contact=BOTH)
-    assert np.array_equal(path.postures, stance().q[None]) and path.contact == BOTH
+    path = planner().path(stance().q, np.zeros(op3().body.nv), DT)
+    assert np.array_equal(path.postures, stance().q[None])
 
 
 def test_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> None:
     velocity, where = upward(0.1), stance()
     velocity[op3().body.dof_index("l_sho_pitch")] = 3.0
-    path = planner().path(where.q, velocity, DT, contact=BOTH)
+    path = planner().path(where.q, velocity, DT)
     changes = np.diff(velocities(path), axis=0, prepend=velocity[None])
     assert (np.abs(changes) <= servo_limits(op3()).max_acceleration * DT * (1.0 + 1e-6)).all()
     assert footing(op3().kinematics, where.soles).losses(path.postures)[0] < SOLE_M
@@ -68,7 +66,7 @@ def test_a_stop_keeps_soles_and_accelerations_and_ends_at_rest() -> None:
 def test_arms_brake_within_their_limits_where_the_legs_stand_already() -> None:
     velocity = np.zeros(op3().body.nv)
     velocity[op3().body.dof_index("l_sho_pitch")] = 3.0
-    path = planner().path(stance().q, velocity, DT, contact=BOTH)
+    path = planner().path(stance().q, velocity, DT)
     changes = np.diff(velocities(path), axis=0, prepend=velocity[None])
     assert (np.abs(changes) <= servo_limits(op3()).max_acceleration * DT * (1.0 + 1e-6)).all()
     assert len(path.postures) > 5
@@ -81,12 +79,12 @@ def test_a_fast_crouch_comes_to_rest_whatever_arms_do() -> None:
     for _ in range(20):
         velocity = upward(-0.15)
         velocity[arms] = random.uniform(-4.0, 4.0, len(arms))
-        assert len(plans.path(stance().q, velocity, DT, contact=BOTH).postures) < LONGEST
+        assert len(plans.path(stance().q, velocity, DT).postures) < LONGEST
 
 
 def test_a_mass_that_nothing_tips_brakes_with_its_joints() -> None:
     aside = moving(stance().q, np.array([0.0, 0.12, 0.0, 0.0, 0.0, 0.0]))
-    rows = [len(planner(tips=tips).path(stance().q, aside, DT, contact=BOTH).postures) for tips in (True, False)]
+    rows = [len(planner(tips=tips).path(stance().q, aside, DT).postures) for tips in (True, False)]
     assert rows[1] < 0.7 * rows[0] and (rows[0] - 1) * DT == pytest.approx(0.12 / MASS_BRAKING, abs=4 * DT)
 
 
@@ -97,19 +95,8 @@ def test_a_joint_beyond_its_range_goes_no_farther_than_it_must() -> None:
     q[column] = where.lower[dof] - 0.1
     velocity = np.zeros(op3().body.nv)
     velocity[op3().body.dof_index("r_sho_pitch")] = 3.0
-    path = planner().path(q, velocity, DT, contact=BOTH)
+    path = planner().path(q, velocity, DT)
     np.testing.assert_allclose(path.postures[:, column], q[column], atol=1e-5)
-
-
-@pytest.mark.parametrize("contact", [(True, False), (False, True)])
-def test_on_one_sole_the_other_leg_brakes_with_the_body(contact: tuple[bool, bool]) -> None:
-    velocity = np.zeros(op3().body.nv)
-    carries = contact.index(True)
-    swings = "r_knee" if contact[0] else "l_knee"
-    velocity[op3().body.dof_index(swings)] = 1.0
-    path = planner().path(stance().q, velocity, DT, contact=contact)
-    sole = footing(op3().kinematics, [stance().soles[carries]])
-    assert sole.losses(path.postures)[0] < 1e-4 and len(path.postures) > 2
 
 
 @pytest.mark.long
@@ -121,7 +108,7 @@ def test_the_mass_brakes_evenly_and_softly_whatever_the_limbs_do() -> None:
     for q in done[:: len(done) // 60]:
         velocity = moving(q, random.normal(size=6) * (0.05, 0.05, 0.05, 0.2, 0.2, 0.2))
         velocity[op3().body.dof_index("l_sho_pitch")] = 3.0
-        path = plans.path(q, velocity, DT, contact=BOTH)
+        path = plans.path(q, velocity, DT)
         if footing(body, stance().soles).losses(path.postures)[0] > SOLE_M:
             continue
         speeds = np.diff(body.centre_of_mass(path.postures), axis=0) / DT

@@ -18,7 +18,8 @@ from retarget.report.findings import findings, remarks, sentence
 from retarget.report.lines import Finding, in_words, lines_of
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import REACTIVE, HeldBack, held_back, limit_use
-from retarget.report.report import BothMoved, Percentiles, Report, Spread, StepsReport
+from retarget.report.report import BothMoved, Percentiles, Report, Spread
+from retarget.robot.walking.travel import WalkTally
 from retarget.rotations import from_axis_angle, multiply, rotate
 from retarget.run.options import RunOptions
 from retarget.run.record import Phase
@@ -246,7 +247,7 @@ def test_the_height_of_the_pelvis_is_shown_where_it_was_to_move(run: RunResult, 
 def test_feet_that_are_to_stay_are_said_to_stay(run: RunResult, report: Report) -> None:
     still = replace(report, foot_path_ratio=0.0)
     assert of("foot path", run, still).measured == "none: the performer's feet move, its own stay planted"
-    steps = replace(report, foot_path_ratio=0.4, steps=StepsReport(3, 2, 1))
+    steps = replace(report, foot_path_ratio=0.4, walk=WalkTally(2, 0.4, 0.5))
     assert of("foot path", run, steps).measured == "40.0% of the performer's"
 
 

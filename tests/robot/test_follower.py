@@ -184,16 +184,14 @@ def test_one_tick_that_stands_still_is_no_stand() -> None:
     to_stance = StanceTrajectory(op3(), follower.stance, follower.landmark_map.standing)
     to_stance.begin(follower.stance.q, DT)
     moving, still = np.ones(op3().body.nv), np.zeros(op3().body.nv)
-    assert all(to_stance.goes_on(still, DT, stands=True) for _ in range(100)), "joints are still led"
+    assert all(to_stance.goes_on(still, DT) for _ in range(100)), "joints are still led"
     for _ in range(2000):
         to_stance.lead(1.0)
     for velocity in [moving] * 100 + [still] + [moving] * 10 + [still] * round((RESTS_S - 0.5 * DT) / DT):
-        assert to_stance.goes_on(velocity, DT, stands=True)
-    assert to_stance.goes_on(still, DT, stands=False), "a foot is in the air"
-    assert all(to_stance.goes_on(still, DT, stands=True) for _ in range(round((RESTS_S - 0.5 * DT) / DT)))
-    assert not to_stance.goes_on(still, DT, stands=True)
+        assert to_stance.goes_on(velocity, DT)
+    assert not to_stance.goes_on(still, DT)
     to_stance.begin(follower.stance.q, DT)
-    assert to_stance.goes_on(still, DT, stands=True), "and once more from the beginning"
+    assert to_stance.goes_on(still, DT), "and once more from the beginning"
 
 
 def test_a_return_to_stance_that_was_refused_goes_on_from_where_the_robot_is() -> None:

@@ -161,7 +161,7 @@ REFUSED = {
     "the profile's servos": ({"bus": "profile"}, "--bus profile"),
     "a port": ({"bus": "/dev/ttyUSB0"}, "--bus /dev/ttyUSB0"),
     "still legs": ({"parts": "upper"}, "--parts"),
-    "steps": ({"steps": "shift"}, "--steps"),
+    "steps": ({"steps": "walk"}, "--steps"),
     "a human": ({"robot": "human"}, "--legs"),
     "other legs": ({"legs": "fre"}, "Did you mean free"),
     "legs of the profile": ({"legs": "planted"}, "free"),

@@ -222,7 +222,7 @@ def test_a_stop_on_the_straight_part_keeps_its_line_and_one_on_the_soles_is_the_
     stays = stop.target(driven.commanded, PerformerInput(), speed_override=1.0)
     assert stays is driven.commanded.target and np.array_equal(stays.joints, driven.commanded.joints)
     driven.assert_straight()
-    moving = StopPath(np.array([standing(), standing() + 1e-3]), (True, True))
+    moving = StopPath(np.array([standing(), standing() + 1e-3]))
     driven.commanded = replace(driven.commanded, target=Target(stays.joints, stop=moving))
     assert driven.take(stop.target(driven.commanded, PerformerInput(), speed_override=1.0))
     assert driven.commanded.target.stop is None, "where it stands nothing leads on"

@@ -313,16 +313,13 @@ def broken_looks(what: str, rig: Rig) -> Loop:
     broken = failing(lambda *_: False, OSError("no such drive"), range(31, FOR_EVER))
     if what in ("poll", "over"):
         return rig.loop(Broken(short_clip(seconds=0.6), what, 30))  # type: ignore[arg-type]
-    if what == "set_contact_state":
-        rig.follower.set_contact_state = broken  # type: ignore[method-assign]
-        return rig.loop()
     if what == "torque_off":
         looks = iter([False] * 20)
         return rig.loop(operator=Asks(lambda: next(looks, True), broken))
     return rig.loop(operator=Asks(broken))
 
 
-LOOKS = ("stop", "torque_off", "poll", "over", "set_contact_state")
+LOOKS = ("stop", "torque_off", "poll", "over")
 
 
 @pytest.mark.parametrize("what", LOOKS)
@@ -481,7 +478,7 @@ def test_a_fault_during_the_return_to_stance_brakes_on_the_soles() -> None:
     fault = MockFault(FaultKind.ALERT, 220, FOR_EVER, servo=12, alert=ServoAlert.OVERLOAD)
     rig = Rig(still(), faults=(fault,), goes_to_rest=True)
     way = returning(rig, 0.3 * rig.dt)
-    rig.gate.standing = StandingCheck(rig.robot, rig.follower.stance)
+    rig.gate.standing = StandingCheck(rig.robot, rig.follower.stance, dt=rig.dt)
     rig.follower.stop = lambda dt: gentle_stop(rig.robot, way[-2], way[-1], dt)  # type: ignore[method-assign]
     ending = play(rig)
     robot, stop = ending.record.robot, rig.follower.stop(rig.dt)

@@ -249,7 +249,9 @@ class NotedClearance:
         self.measured.append(position)
         self.goals.append(sent)
 
-    def __call__(self, path: FloatArray, instead: FloatArray, standing: FloatArray) -> bool:
+    def __call__(
+        self, path: FloatArray, instead: FloatArray, standing: FloatArray, *, walk: StopPath | None = None
+    ) -> bool:
         self.standing.append(standing)
         return True
 
@@ -350,7 +352,7 @@ def test_from_a_refused_goal_on_the_robot_goes_along_the_stop_that_was_planned_w
     script[12:, 3] = 1.0
     rig = Rig(script)
     rig.follower = follower = PlanningFollower(rig.robot, script)
-    rig.gate.standing = StandingCheck(rig.robot, follower.stance)
+    rig.gate.standing = StandingCheck(rig.robot, follower.stance, dt=rig.dt)
     rig.machine = replace(rig.machine, follower=follower)
     ending = play(rig)
     robot = ending.record.robot
@@ -389,17 +391,6 @@ def test_after_a_refused_goal_the_follower_goes_on_from_what_was_sent() -> None:
     np.testing.assert_array_equal([*follower.recalled[13:17]], sent[12:16])
 
 
-def test_the_contact_state_of_the_soles_is_set_before_each_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, contact = Rig(still()), np.array([True, False])
-    read = rig.bus.read
-    monkeypatch.setattr(rig.bus, "read", lambda: replace(read(), soles=contact))
-    play(rig)
-    assert len(rig.follower.contact_states) >= 20 and all(soles is contact for soles in rig.follower.contact_states)
-    without = Rig(still())
-    play(without)
-    assert set(without.follower.contact_states) == {None}
-
-
 # The gate of a robot: what it compensates, and what it checks; which runs have deadlines.
 
 
@@ -408,9 +399,14 @@ def standing() -> FloatArray:
     return op3().posture(op3().profile.postures.stand)[op3().servo_columns]
 
 
+WITH_MASS = RunOptions(robot="op3", bus="physics")
+
+
 @pytest.mark.parametrize(("name", "compensates"), [("servo", False), ("balanced", True)])
 def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bool) -> None:
-    gate = make_gate(op3(), follower(priorities=name), load_priorities(name), checks=True, dt=DT)
+    gate = make_gate(
+        op3(), follower(priorities=name), load_priorities(name), RunOptions(robot="op3", bus="physics"), dt=DT
+    )
     assert type(gate) is Gate and gate.clearance is not None
     present = standing()
     gate.clearance.begin(present)
@@ -424,7 +420,13 @@ def test_priorities_say_whether_goals_are_compensated(name: str, compensates: bo
 
 def test_compensated_goals_are_checked_for_collision() -> None:
     """An arm that is lowered into the hip is refused before it is there."""
-    gate = make_gate(op3(), follower(priorities="balanced"), load_priorities("balanced"), checks=True, dt=DT)
+    gate = make_gate(
+        op3(),
+        follower(priorities="balanced"),
+        load_priorities("balanced"),
+        RunOptions(robot="op3", bus="physics"),
+        dt=DT,
+    )
     assert gate.clearance is not None
     present, joints = standing(), op3().joint_map
     shoulder, elbow = joints.joints.index("l_sho_roll"), joints.joints.index("l_el")

@@ -63,12 +63,6 @@ def test_also_of_sensors_that_jump() -> None:
 
 
 @pytest.mark.long
-def test_also_on_one_foot() -> None:
-    options = RunOptions(robot="op3", playback=Playback(end=9.0), steps="shift")
-    assert assert_stops_stand(synthetic_performer(), options, every=3) > 900
-
-
-@pytest.mark.long
 @pytest.mark.skipif(not (SHARED / CLIP).is_file(), reason=f"no {CLIP} in ../shared")
 @pytest.mark.parametrize("bus", ["mock", "physics"])
 @pytest.mark.parametrize("robot", ROBOTS)

@@ -12,6 +12,7 @@ from gates import DrivenGate, PathCheck, admit, as_clearance, sent
 from hardware.arrays import FloatArray
 from hardware.errors import HardwareError
 from hardware.guard import CheckedGoal
+from hardware.imu import ImuSample
 from hardware.joint_map import JointMap
 from messages import refuses
 from oracles.frame_bounds import braking_displacement
@@ -216,6 +217,7 @@ class NotedCompensation:
     """Offsets nothing, and notes the postures that it is asked for."""
 
     forced = False
+    free = False
 
     def __init__(self) -> None:
         self.asked = list[FloatArray]()
@@ -223,8 +225,17 @@ class NotedCompensation:
     def begin(self, posture: FloatArray) -> Compensated:
         return self
 
+    def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
+        pass
+
     def propose(
-        self, last: Compensated, posture: FloatArray, nearest: Callable[[FloatArray], FloatArray]
+        self,
+        last: Compensated,
+        posture: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
+        *,
+        ahead: FloatArray,
+        walks: bool | None,
     ) -> tuple[FloatArray, Compensated]:
         self.asked.append(posture)
         return posture, self
@@ -262,7 +273,7 @@ def planned(*steps: float) -> tuple[NotedStanding, Gate, CheckedGoal | None]:
     standing = NotedStanding()
     gate = Gate(MAP, dt=DT, standing=standing)  # type: ignore[arg-type]
     path = np.cumsum(steps)[:, None] * CHANGE
-    return standing, gate, gate.check(gate.begin(np.zeros(4)), path[0], stop=StopPath(path, ()), standing=np.zeros(0))
+    return standing, gate, gate.check(gate.begin(np.zeros(4)), path[0], stop=StopPath(path), standing=np.zeros(0))
 
 
 def test_a_planners_stop_is_followed_row_by_row() -> None:
@@ -279,7 +290,7 @@ def test_a_planners_stop_is_followed_row_by_row() -> None:
 def test_a_planners_stop_that_breaks_a_limit_is_refused(steps: tuple[float, ...]) -> None:
     assert planned(*steps)[2] is None
     gate = planned(1.0, 0.5)[1]
-    elsewhere = StopPath(np.array([0.2, 0.1])[:, None] * CHANGE, ())
+    elsewhere = StopPath(np.array([0.2, 0.1])[:, None] * CHANGE)
     assert gate.check(gate.begin(np.zeros(4)), 0.3 * CHANGE, stop=elsewhere, standing=np.zeros(0)) is None
 
 
@@ -288,7 +299,7 @@ def test_soles_and_balance_are_checked_on_a_planners_stop() -> None:
     assert goal is not None
     standing.held = False
     assert gate.check(goal, goal.joints + 0.1 * CHANGE, standing=np.zeros(0)) is not None, "not on one of joints alone"
-    stop = StopPath(goal.joints[None], ())
+    stop = StopPath(goal.joints[None])
     assert gate.check(goal, goal.joints, stop=stop, standing=np.zeros(0)) is None
 
 

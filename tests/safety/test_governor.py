@@ -17,7 +17,6 @@ from retarget.safety.governor import CommandGovernor
 from retarget.safety.standing import SOLE_M, StandingCheck
 from retarget.types import FloatArray
 
-BOTH = (True, True)
 JOINTS = op3().joint_map.joints
 LEGS = standing_dofs(op3())
 
@@ -31,7 +30,7 @@ class Governed:
 
     def __init__(self, passes: Callable[[FloatArray, FloatArray], bool] | None = None, *, slid: float = 0.0) -> None:
         where, robot = stance(), op3()
-        self.standing = StandingCheck(robot, where)
+        self.standing = StandingCheck(robot, where, dt=DT)
         self.gate = Gate(robot.joint_map, dt=DT, standing=self.standing, clearance=as_clearance(passes))
         self.governor = CommandGovernor(robot, self.gate, self.standing, LEGS)
         self.plans = WholeBodyStop(robot.body, following_limits(robot, where), servo_limits(robot), where, LEGS)
@@ -42,7 +41,7 @@ class Governed:
         dq = np.zeros(op3().body.nv)
         for joint, by in displacement.items():
             dq[op3().body.dof_index(joint)] = by
-        return self.plans.path(op3().kinematics.integrate(self.q, dq), dq / DT, DT, contact=BOTH)
+        return self.plans.path(op3().kinematics.integrate(self.q, dq), dq / DT, DT)
 
     def check(self, stop: StopPath) -> tuple[CheckedGoal, StopPath] | None:
         return self.governor.check(self.goal, stop, self.q)

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from followers import op3
-from retarget.ik.support_polygon import Stance, plant
-from retarget.ik.whole_body_stop import Contact, StopPath
+from retarget.ik.support_polygon import Stance, footing, plant
+from retarget.ik.whole_body_stop import StopPath
 from retarget.safety.standing import BALANCE_M, SOLE_M, StandingCheck
 from retarget.types import FloatArray
 
-BOTH: Contact = (True, True)
 NOTHING = np.zeros((0, 20))
 LEANS = {"l": 0.4, "r": -0.4}
 """rad by which ankles pitch so that the robot leans forward."""
@@ -20,7 +19,7 @@ def stance() -> Stance:
 
 
 def check() -> StandingCheck:
-    return StandingCheck(op3(), stance())
+    return StandingCheck(op3(), stance(), dt=0.008)
 
 
 def moved(axis: int, by: float) -> FloatArray:
@@ -30,8 +29,10 @@ def moved(axis: int, by: float) -> FloatArray:
     return q
 
 
-def stop(*postures: FloatArray, contact: Contact = BOTH) -> StopPath:
-    return StopPath(np.array(postures), contact)
+def stop(*postures: FloatArray, soles: int = 2) -> StopPath:
+    """A stop on so many soles, the left one first."""
+    carries = stance().soles[:soles]
+    return StopPath(np.array(postures), footing(op3().kinematics, carries) if carries else None)
 
 
 def holds(path: StopPath, last: FloatArray = NOTHING, standing: FloatArray | None = None) -> bool:
@@ -73,9 +74,9 @@ def test_only_soles_that_carry_count() -> None:
     q = stance().q.copy()
     q[op3().servo_columns[op3().joint_map.joints.index("r_knee")]] += 0.3
     assert not holds(stop(q))
-    assert check().losses(stop(q, contact=(True, False))).slip < 1e-9
-    assert check().losses(stop(q, contact=(True, False))).shortfall > 0.0, "its mass is not over the left sole"
-    assert holds(stop(moved(2, 0.3), contact=(False, False))), "in the air it keeps nothing"
+    assert check().losses(stop(q, soles=1)).slip < 1e-9
+    assert check().losses(stop(q, soles=1)).shortfall > 0.0, "its mass is not over the left sole"
+    assert holds(stop(moved(2, 0.3), soles=0)), "in the air it keeps nothing"
 
 
 def test_what_is_lost_already_may_go_on_if_it_gets_no_worse() -> None:

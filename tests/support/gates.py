@@ -16,7 +16,7 @@ PathCheck = Callable[[FloatArray, FloatArray], bool]
 
 def as_clearance(check: PathCheck | None) -> PathClearance | None:
     """A function as the collision check of a gate."""
-    look = None if check is None else lambda path, instead, standing: check(path, instead)
+    look = None if check is None else lambda path, instead, standing, walk=None: check(path, instead)
     return cast("PathClearance | None", look)
 
 

@@ -27,7 +27,7 @@ from retarget.run.supervisor import End, Supervisor
 from retarget.run.tick import Machine
 from retarget.safety.gate import Gate
 from retarget.schema.performer import Performer, load_performer
-from retarget.types import BoolArray, FloatArray, HumanPosture, RobotPosture
+from retarget.types import FloatArray, HumanPosture, RobotPosture
 
 
 def five() -> Performer:
@@ -80,7 +80,6 @@ class StubFollower(Follower):
         self.script = script
         self.tick = 0
         self.reseeded: list[FloatArray] = []
-        self.contact_states: list[BoolArray | None] = []
         self.overrides: list[float] = []
         self.returns: list[FloatArray] = []
         self.passed_s = 0.0
@@ -115,9 +114,6 @@ class StubFollower(Follower):
     def pass_time(self, dt: float) -> None:
         self.passed_s += dt
 
-    def set_contact_state(self, soles: BoolArray | None) -> None:
-        self.contact_states.append(soles)
-
     def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:
         self.reseeded.append(q[self.robot.servo_columns].copy())
 
@@ -149,7 +145,7 @@ def gentle_stop(robot: RobotBody, before: FloatArray, q: FloatArray, dt: float) 
         q = q.copy()
         q[columns] += moved
         postures.append(q)
-    return StopPath(np.array(postures), (True, True))
+    return StopPath(np.array(postures))
 
 
 class Rig:

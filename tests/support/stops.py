@@ -25,13 +25,12 @@ ROUND_OFF = 1e-6
 @dataclass(frozen=True, eq=False)
 class SentGoal:
     """A goal, from where the joints (n,) rad were, moved by `displacement` (n,) rad before. led: the robot stands, and
-    a planner leads it. contact: which soles carry it."""
+    a planner leads it on both soles."""
 
     goal: CheckedGoal
     before: FloatArray
     displacement: FloatArray
     led: bool
-    contact: tuple[bool, ...]
 
 
 @contextmanager
@@ -43,9 +42,8 @@ def witnessed() -> Iterator[list[SentGoal]]:
         after = next_of(motion, commanded, goal, target)
         stop = None if target is None else target.stop
         led = not motion.on_approach and (stop is not None or (bool(sent) and sent[-1].led and not goal.passed))
-        contact = stop.contact if stop is not None else sent[-1].contact if sent else ()
         last = sent[-1].goal.posture - sent[-1].before if sent else np.zeros_like(goal.posture)
-        sent.append(SentGoal(goal, commanded.joints, last, led, contact))
+        sent.append(SentGoal(goal, commanded.joints, last, led))
         return after
 
     with patch.object(RobotMotion, "next", seen):
@@ -55,8 +53,8 @@ def witnessed() -> Iterator[list[SentGoal]]:
 @dataclass(frozen=True)
 class Stopped:
     """How the stop of a goal ends, and what it loses on the way. fast: most that a joint is beyond its speed or
-    acceleration, in shares of it. slip: of a sole that carries, m; edge: least that the centre of mass is inside the
-    soles that carry, m; touches: parts that meet."""
+    acceleration, in shares of it. slip: of a sole, m; edge: least that the centre of mass is inside the soles, m;
+    touches: parts that meet."""
 
     fast: float
     slip: float
@@ -77,13 +75,12 @@ def stopped(robot: RobotBody, stance: Stance, sent: SentGoal, *, dt: float, scen
     rows = np.tile(stance.q, (len(joints) - 1, 1))
     before = rows.copy()
     rows[:, robot.servo_columns] = joints[1:]
-    carrying = [sole for sole, carries in zip(stance.soles, sent.contact, strict=False) if carries]
     if robot.stands:
         plant_roots(robot, before, rows)
     slip, edge = 0.0, np.inf
-    if sent.led and carrying:
-        slip = max(_off(robot, sole, rows) for sole in carrying)
-        hull = ConvexHull(np.concatenate([sole.outline for sole in carrying])).equations
+    if sent.led and stance.soles:
+        slip = max(_off(robot, sole, rows) for sole in stance.soles)
+        hull = ConvexHull(np.concatenate([sole.outline for sole in stance.soles])).equations
         com = robot.kinematics.centre_of_mass(rows)[:, :2]
         edge = float(-(com @ hull[:, :2].T + hull[:, 2]).max())
     looked = {len(rows) // 2, len(rows) - 1}

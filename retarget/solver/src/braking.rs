@@ -73,7 +73,7 @@ pub struct Motion<'a> {
     /// Of every coordinate, per second.
     pub velocity: &'a [f64],
     pub limits: &'a [Limit],
-    /// The posture (nq) in which it would come to rest, and in how many seconds, where its stop is planned; else joints are taken to brake
+    /// The postures (k, nq) in which it would come to rest, and in how many seconds, where its stop is planned; else joints are taken to brake
     /// in proportion.
     pub stop: Option<(&'a [f64], f64)>,
 }

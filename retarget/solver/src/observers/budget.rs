@@ -111,7 +111,7 @@ impl Watch {
         }
         if self.near.len() > self.most_pairs {
             let room = |k: usize| {
-                let at_rest = self.pairs[k].at_rest.map_or(f64::INFINITY, |n| n.distance - self.set.pairs[k].margin);
+                let at_rest = self.pairs[k].at_rest.map_or(f64::INFINITY, |(n, _)| n.distance - self.set.pairs[k].margin);
                 self.pairs[k].budget.min(at_rest)
             };
             self.near.sort_unstable_by(|a, b| room(*a).total_cmp(&room(*b)));
@@ -184,19 +184,27 @@ impl Watch {
         }
         let (margin, change) = (self.set.pairs[k].margin, self.way(k, &self.rest.change));
         let way = self.way(k, &self.rest.way) + change + self.obstacle_way(k, self.rest.time);
-        if way < self.pairs[k].at_least - margin {
+        if way < self.pairs[k].at_least - margin && self.rest.count == 1 {
             return;
         }
-        let (a, b) = self.set.sides(k, &self.rest.solids, &self.rest.fixtures);
-        if gap_at_least(a, b) > margin + change {
-            return;
+        let mut closest: Option<(Nearest, usize)> = None;
+        for (i, there) in self.rest.foreseen[..self.rest.count].iter().enumerate() {
+            let (a, b) = self.set.sides(k, &there.solids, &there.fixtures);
+            if gap_at_least(a, b) > margin + change {
+                continue;
+            }
+            let found = nearest(a, b, &mut self.scratch);
+            if closest.is_none_or(|(before, _)| found.distance < before.distance) {
+                closest = Some((found, i));
+            }
         }
-        let found = nearest(a, b, &mut self.scratch);
+        let Some((found, i)) = closest else { return };
+        let (a, b) = self.set.sides(k, &self.rest.foreseen[i].solids, &self.rest.foreseen[i].fixtures);
         let (c, d) = self.set.sides(k, &self.start.0, &self.start.1);
         let now = nearest(c, d, &mut self.scratch);
         // From beyond its middle the way out of an obstacle leads on through it: the way back is that of now.
         let is_through = now.distance > 0.0 && dot(now.normal, found.normal) < 0.0;
-        self.pairs[k].at_rest = Some(if is_through { along(a, b, now.normal) } else { found });
+        self.pairs[k].at_rest = Some((if is_through { along(a, b, now.normal) } else { found }, i));
     }
 
     /// Where an obstacle is at the start of the next frame; whatever else was known of it is forgotten where that differs.

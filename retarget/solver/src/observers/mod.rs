@@ -14,7 +14,7 @@
 mod budget;
 mod closest;
 pub mod law;
-mod path;
+pub mod path;
 mod rest;
 mod rows;
 mod set;

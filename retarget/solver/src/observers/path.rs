@@ -14,8 +14,8 @@ use std::sync::Arc;
 
 /// Stretches shorter than this share of a row are not halved: what is not proven by then is not clear.
 const LEAST_PART: f64 = 1.0 / 256.0;
-/// Postures of one path that are looked at, for the same reason.
-const LOOKS: u64 = 100;
+/// Postures of one path that are looked at, for the same reason, where the caller does not say.
+pub const LOOKS: u64 = 100;
 
 /// A pair on a stretch of the path. floor: least distance at rows, m. At either end: how far it is parted, m, and along which
 /// direction in its base.
@@ -46,6 +46,8 @@ pub struct PathChecker {
     /// How far slides are drawn out at most, m.
     drawn: f64,
     looks_before: u64,
+    /// Postures of one path that are looked at.
+    pub most_looks: u64,
     /// The pair for which a path was refused last.
     pub refused: Option<usize>,
 }
@@ -71,6 +73,7 @@ impl PathChecker {
             drawn: 0.0,
             directions: vec![[0.0; 3]; set.pairs.len()],
             looks_before: 0,
+            most_looks: LOOKS,
             refused: None,
             stage: Stage::new(body, set, columns, soles),
         }
@@ -228,7 +231,7 @@ impl PathChecker {
         if start == stop {
             return true;
         }
-        if self.stage.looks - self.looks_before > LOOKS || to - from < LEAST_PART {
+        if self.stage.looks - self.looks_before > self.most_looks || to - from < LEAST_PART {
             return (start..stop).all(|k| self.excuse(self.doubts[k].pair, may_flee));
         }
         let middle = if to - from > 1.0 { (0.5 * (from + to)).floor() } else { 0.5 * (from + to) };

@@ -8,11 +8,24 @@ use crate::braking::{stopping_time, Motion};
 use crate::geometry::Solid;
 use crate::kinematics::Pose;
 
-/// The posture in which the body would come to rest if it braked after this frame.
-pub struct Rest {
+/// The body and what is around it, in a posture of rest.
+pub struct Foreseen {
     pub pose: Pose,
     pub solids: Vec<Solid>,
     pub fixtures: Vec<Solid>,
+}
+
+impl Foreseen {
+    fn new(body: &Body, set: &ObserverSet) -> Self {
+        Self { pose: body.new_pose(), solids: set.new_solids(), fixtures: set.new_fixtures() }
+    }
+}
+
+/// The posture in which the body would come to rest if it braked after this frame.
+pub struct Rest {
+    /// In that posture; more than one where coordinates that are not solved for go on through others.
+    pub foreseen: Vec<Foreseen>,
+    pub count: usize,
     q: Vec<f64>,
     /// Seconds from the start of the frame until then, T + dt for a body that needs T s to stop after it; 0: it rests, stops at once or cannot
     /// brake, and nothing is foreseen.
@@ -30,9 +43,8 @@ pub struct Rest {
 impl Rest {
     pub fn new(body: &Body, set: &ObserverSet) -> Self {
         let still = || vec![0.0; body.nv];
-        let (solids, fixtures) = (set.new_solids(), set.new_fixtures());
-        let (pose, q, way, left, change) = (body.new_pose(), body.rest(), still(), still(), still());
-        Self { pose, solids, fixtures, q, time: 0.0, share: 0.0, way, left, change }
+        let (q, way, left, change) = (body.rest(), still(), still(), still());
+        Self { foreseen: vec![Foreseen::new(body, set)], count: 1, q, time: 0.0, share: 0.0, way, left, change }
     }
 
     /// A frame of `dt` s begins in posture q (nq), of a body whose coordinates (nv) go by `velocity`.
@@ -58,23 +70,31 @@ impl Rest {
             self.way[i] = 0.5 * self.time * v;
             self.change[i] = 0.5 * self.time * change;
         }
-        if let Some((rest, _)) = motion.stop {
-            body.difference(q, rest, &mut self.way);
-            self.way.iter_mut().zip(motion.velocity).for_each(|(way, v)| *way += dt * v);
+        let nq = q.len();
+        self.count = motion.stop.map_or(1, |(postures, _)| postures.len() / nq);
+        while self.foreseen.len() < self.count {
+            self.foreseen.push(Foreseen::new(body, set));
         }
-        // Before the end of its range a joint brakes earlier.
-        for joint in body.joints.iter().filter(|joint| joint.kind.size() == (1, 1)) {
-            let (limit, at) = (&limits[joint.v_address], q[joint.q_address]);
-            let way = &mut self.way[joint.v_address];
-            *way = way.max((limit.lower - at).min(0.0)).min((limit.upper - at).max(0.0));
+        for k in (0..self.count).rev() {
+            if let Some((postures, _)) = motion.stop {
+                body.difference(q, &postures[k * nq..(k + 1) * nq], &mut self.way);
+                self.way.iter_mut().zip(motion.velocity).for_each(|(way, v)| *way += dt * v);
+            }
+            // Before the end of its range a joint brakes earlier.
+            for joint in body.joints.iter().filter(|joint| joint.kind.size() == (1, 1)) {
+                let (limit, at) = (&limits[joint.v_address], q[joint.q_address]);
+                let way = &mut self.way[joint.v_address];
+                *way = way.max((limit.lower - at).min(0.0)).min((limit.upper - at).max(0.0));
+            }
+            self.q.copy_from_slice(q);
+            body.integrate(&mut self.q, &self.way);
+            let foreseen = &mut self.foreseen[k];
+            body.forward(&self.q, &mut foreseen.pose);
+            set.place(&foreseen.pose, &mut foreseen.solids);
+            place_obstacles(obstacles, self.time, &mut foreseen.fixtures);
         }
         for (left, way) in self.left.iter_mut().zip(&self.way) {
             *left = self.share * way;
         }
-        self.q.copy_from_slice(q);
-        body.integrate(&mut self.q, &self.way);
-        body.forward(&self.q, &mut self.pose);
-        set.place(&self.pose, &mut self.solids);
-        place_obstacles(obstacles, self.time, &mut self.fixtures);
     }
 }

@@ -55,9 +55,9 @@ impl Watch {
     /// apart there, or touches now.
     fn at_rest(&self, k: usize) -> Option<Place<'_>> {
         let (state, rest) = (&self.pairs[k], &self.rest);
-        let nearest = state.at_rest.filter(|_| state.mode != Mode::Reactive)?;
+        let (nearest, i) = state.at_rest.filter(|_| state.mode != Mode::Reactive)?;
         let asked = (self.set.pairs[k].margin.min(state.floor) - nearest.distance) * rest.share;
-        Some(Place { nearest, asked, pose: &rest.pose, rest: Some(rest) })
+        Some(Place { nearest, asked, pose: &rest.foreseen[i].pose, rest: Some(rest) })
     }
 
     /// The row where the pair was nearest before, if that was elsewhere: along parallel faces the nearest points leap from end to end.

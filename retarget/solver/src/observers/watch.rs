@@ -26,8 +26,9 @@ pub struct PairState {
     /// It was looked at in the present posture.
     pub is_fresh: bool,
     pub has_row: bool,
-    /// Where its sides are nearest in the posture of rest; None: far enough apart there, or none is foreseen.
-    pub at_rest: Option<Nearest>,
+    /// Where its sides are nearest in the postures of rest, and in which of them; None: far enough apart there, or none is
+    /// foreseen.
+    pub at_rest: Option<(Nearest, usize)>,
     /// Its nearest points in the frames of both sides, and those before, if they were elsewhere.
     pub witness: Option<(Vec3, Vec3)>,
     pub before: Option<(Vec3, Vec3)>,

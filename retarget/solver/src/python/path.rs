@@ -3,6 +3,7 @@
 use super::arrays::{bad, finite, index, table, time_step, vector, Integers, Numbers, Table};
 use super::body::{points, PyBody};
 use super::observers::{obstacle_poses, PyObservers};
+use crate::observers::path::LOOKS;
 use crate::observers::{Other, PathChecker};
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
@@ -65,7 +66,8 @@ impl PyPathChecker {
         })
     }
 
-    #[pyo3(signature = (standing, path, *, dt, share, instead=None, remember=true))]
+    #[pyo3(signature = (standing, path, *, dt, share, instead=None, remember=true, looks=LOOKS))]
+    #[allow(clippy::too_many_arguments)]
     fn is_clear(
         &mut self,
         standing: Numbers<'_>,
@@ -74,7 +76,9 @@ impl PyPathChecker {
         share: f64,
         instead: Option<Table<'_>>,
         remember: bool,
+        looks: u64,
     ) -> PyResult<bool> {
+        self.checker.most_looks = looks;
         let standing = vector(&standing, self.checker.stage.body.nq, "standing")?;
         let path = self.rows(&path)?;
         let instead = instead.as_ref().map(|rows| self.rows(rows)).transpose()?;

@@ -10,6 +10,7 @@ use crate::hierarchy::{Outcome, Problem, Stages, BUDGET, LEAST_DAMPING};
 use crate::observers::Activation;
 use crate::task::{Task, TaskKind};
 use numpy::{PyArray1, PyArrayMethods};
+use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 
 /// A body, its levels and limits, and the state of the convergence loop; see `retarget/_solver.pyi`.
@@ -126,8 +127,12 @@ impl PySolver {
         Ok(())
     }
 
-    fn foresee(&mut self, rest: Numbers<'_>, seconds: f64) -> PyResult<()> {
-        let rest = vector(&rest, self.solver.body.nq, "rest")?;
+    fn foresee(&mut self, rest: Table<'_>, seconds: f64) -> PyResult<()> {
+        let count = rest.shape()[0];
+        if count == 0 {
+            return Err(bad("at least one posture is foreseen".into()));
+        }
+        let rest = table(&rest, count, self.solver.body.nq, "rest")?;
         if !(seconds >= 0.0 && seconds.is_finite()) {
             return Err(bad(format!("seconds is {seconds}, expected a number, not negative")));
         }

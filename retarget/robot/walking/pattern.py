@@ -34,14 +34,14 @@ class Gait:
     centre of mass over the floor, m. width: between the centres of the soles, m. lift: greatest height of the foot
     that swings, m. narrowest, longest: bounds of a step, sideways and forward, m."""
 
-    ticks: int = 72
-    double_ticks: int = 8
-    dt: float = 0.008
-    height: float = 0.23
-    width: float = 0.095
-    lift: float = 0.01
-    narrowest: float = 0.082
-    longest: float = 0.13
+    ticks: int
+    double_ticks: int
+    dt: float
+    height: float
+    width: float
+    lift: float
+    narrowest: float
+    longest: float
 
     @property
     def period(self) -> float:
@@ -132,14 +132,14 @@ class Pose:
 @dataclass(frozen=True, eq=False)
 class Moment:
     """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, share (2,) of the
-    weight that each carries, yaw of the trunk, rad. carrying: LEFT or RIGHT."""
+    weight that each carries, yaw of the trunk, rad. carries: which soles press on the floor, left and right."""
 
     pendulum: Pendulum
     zmp: FloatArray
     soles: tuple[Pose, Pose]
     shares: tuple[float, float]
     yaw: float
-    carrying: int
+    carries: tuple[bool, bool]
 
 
 def rotated(way: FloatArray, yaw: float) -> FloatArray:
@@ -152,6 +152,12 @@ def smooth(u: float) -> float:
     """3u^2 - 2u^3 within 0 to 1."""
     u = min(max(u, 0.0), 1.0)
     return u * u * (3.0 - 2.0 * u)
+
+
+def minimum_jerk(u: float) -> float:
+    """10u^3 - 15u^4 + 6u^5 within 0 to 1 (T. Flash and N. Hogan, J. Neuroscience 5(7), 1985)."""
+    u = min(max(u, 0.0), 1.0)
+    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
 def modified_sine(u: float) -> float:
@@ -276,7 +282,9 @@ def moment(gait: Gait, step: Step, t: float) -> Moment:
     shares = _shares(soles, zmp) if t < gait.double else (1.0 - carrying, float(carrying))
     # The trunk turns evenly: from mid-way between the feet of the start to mid-way between those of the end.
     yaw = support.yaw + 0.5 * (moving.yaw - support.yaw)
-    return Moment(in_step(gait, step, t), zmp, soles, shares, yaw, carrying)
+    double = t < gait.double
+    carries = double or carrying == LEFT, double or carrying == RIGHT
+    return Moment(in_step(gait, step, t), zmp, soles, shares, yaw, carries)
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,8 +306,14 @@ class Halt:
         return 0.5 * (self.feet[0].place + self.feet[1].place)
 
 
-def halt(gait: Gait, step: Step, *, hold: float = 0.12, ease: float = 0.3) -> Halt:
-    """The end of a walk after a step, with `hold` s at the point that catches the mass."""
+HOLD, EASE = 1.3, 2.6
+"""Times of the end of a walk, in 1/w: until the mass is caught, and until it rests from there. The shorter, the nearer
+the zero-moment point comes to the edge of the soles."""
+
+
+def halt(gait: Gait, step: Step) -> Halt:
+    """The end of a walk after a step."""
+    hold, ease = HOLD / gait.omega, EASE / gait.omega
     last = next_step(gait, step, Request())
     feet, start, zmp = last.feet, last.start, last.zmp
     middle = 0.5 * (feet[0].place + feet[1].place)
@@ -321,16 +335,19 @@ def in_halt(gait: Gait, end: Halt, t: float) -> Moment:
     if t > end.hold:
         pendulum = pendulum_after(pendulum, end.catch, middle, omega=omega, ramp=end.ease, t=t - end.hold)
         zmp = end.catch + smooth((t - end.hold) / end.ease) * (middle - end.catch)
-        if t > end.hold + end.ease:  # what is left of rounding would grow
-            pendulum = Pendulum(middle, pendulum.convergent)
-    return _both(end.feet, pendulum, zmp)
+        # The convergent component would take seconds to get there, and what is left of rounding in the other would
+        # grow.
+        left = 1.0 - smooth((t - end.hold) / end.ease)
+        divergent = pendulum.divergent if left else middle
+        pendulum = Pendulum(divergent, middle + left * (pendulum.convergent - middle))
+    return standing(end.feet, pendulum, zmp)
 
 
-def _both(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> Moment:
+def standing(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> Moment:
     """A moment of a robot on both feet, whose weight is where the zero-moment point is on the line between them."""
     soles = [Pose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet]
     both = (soles[0], soles[1])
-    return Moment(pendulum, zmp, both, _shares(both, zmp), 0.5 * (feet[0].yaw + feet[1].yaw), RIGHT)
+    return Moment(pendulum, zmp, both, _shares(both, zmp), 0.5 * (feet[0].yaw + feet[1].yaw), (True, True))
 
 
 def _shares(soles: tuple[Pose, Pose], zmp: FloatArray) -> tuple[float, float]:
@@ -344,66 +361,39 @@ def _shares(soles: tuple[Pose, Pose], zmp: FloatArray) -> tuple[float, float]:
 
 SWAY_S = 0.5
 """Time in which the weight of a robot that stands sways to where its first step begins."""
-
 STOPPING = 2
-"""Steps in place before a walk is over."""
+"""Steps after the one that is under way until a walk is over: one takes the speed out, one brings the feet together."""
 
 
-class Walk:
-    """A walk, tick by tick. It begins with both feet side by side, the mass mid-way between them, and ends so, within
-    two steps after the one that is under way. steps: made so far."""
-
-    def __init__(self, gait: Gait) -> None:
-        self._gait = gait
-        half = np.array([0.0, 0.5 * gait.width])
-        self._feet = Foothold(half, 0.0), Foothold(-half, 0.0)
-        self._step: Step | None = None
-        self._end: Halt | None = None
-        self._left = STOPPING
-        self._tick, self._sway = 0, round(SWAY_S / gait.dt)
-        self._zmp = np.zeros(2)
-        self.steps = 0
-
-    @property
-    def over(self) -> bool:
-        """Whether the last step has been made."""
-        return self._end is not None
-
-    def stand(self) -> Moment:
-        """The pattern of a robot that stands before its walk."""
-        return _both(self._feet, Pendulum(np.zeros(2), np.zeros(2)), np.zeros(2))
-
-    def advance(self, request: Request | None) -> Moment:
-        """Go on by a tick. Steps begin as `request` asks; None: one takes the speed out, and one brings the feet
-        side by side."""
-        gait = self._gait
-        self._tick += 1
-        if self._end is not None:
-            return in_halt(gait, self._end, self._tick * gait.dt)
-        if self._step is None:
-            return self._swaying()
-        if self._tick > gait.ticks:
-            self._tick = 1
-            self.steps += 1
-            if not self._left:
-                self._end = halt(gait, self._step)
-                return in_halt(gait, self._end, gait.dt)
-            self._left = STOPPING if request is not None else self._left - 1
-            self._step = next_step(gait, self._step, request or Request())
-        return moment(gait, self._step, self._tick * gait.dt)
-
-    def _swaying(self) -> Moment:
-        """Push the mass from beside, until it falls to where the first step begins."""
-        gait, time = self._gait, self._sway * self._gait.dt
-        if self._tick == 1:
-            # xi = z - z exp(w t) with a zero-moment point z that stays; where it is to be depends on z by little.
-            self._zmp = np.zeros(2)
-            for _ in range(20):
-                self._zmp = sway_target(gait, self._feet, RIGHT, self._zmp) / (1.0 - exp(gait.omega * time))
-        t = self._tick * gait.dt
+def sway(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int) -> tuple[list[Moment], Step]:
+    """From a stand with the mass mid-way between the feet to a first step in place on the foot `carrying`: the moments
+    tick by tick, and the step. The mass is pushed from beside, until it falls to where the step begins."""
+    time = SWAY_S
+    middle = 0.5 * (feet[0].place + feet[1].place)
+    # xi = z - (z - m) exp(w t) with a zero-moment point z that stays; where it is to be depends on z by little.
+    pushed = np.zeros(2)
+    for _ in range(20):
+        pushed = (sway_target(gait, feet, carrying, middle + pushed) - middle) / (1.0 - exp(gait.omega * time))
+    moments, pendulum = list[Moment](), Pendulum(middle, middle)
+    for tick in range(1, round(time / gait.dt) + 1):
+        t = tick * gait.dt
         far, near = exp(gait.omega * t), exp(-gait.omega * t)
-        pendulum = Pendulum(self._zmp * (1.0 - far), self._zmp * (1.0 - near))
-        if self._tick == self._sway:
-            self._step = first_step(gait, self._feet, RIGHT, pendulum, self._zmp)
-            self._tick = 0
-        return _both(self._feet, pendulum, self._zmp)
+        pendulum = Pendulum(middle + pushed * (1.0 - far), middle + pushed * (1.0 - near))
+        moments.append(standing(feet, pendulum, middle + pushed))
+    return moments, first_step(gait, feet, carrying, pendulum, middle + pushed)
+
+
+def stepped(gait: Gait, step: Step) -> list[Moment]:
+    """The moments of a step, tick by tick."""
+    return [moment(gait, step, tick * gait.dt) for tick in range(1, gait.ticks + 1)]
+
+
+def way_to_stand(gait: Gait, step: Step) -> list[Moment]:
+    """The moments after a step until the robot stands with its feet side by side."""
+    moments = list[Moment]()
+    for _ in range(STOPPING):
+        step = next_step(gait, step, Request())
+        moments += stepped(gait, step)
+    end = halt(gait, step)
+    ticks = round((end.hold + end.ease) / gait.dt) + 1
+    return moments + [in_halt(gait, end, tick * gait.dt) for tick in range(1, ticks + 1)]

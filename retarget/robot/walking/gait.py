@@ -1,0 +1,142 @@
+"""The gait of a robot, from its size: times and sizes of its steps, and how fast it may be asked to walk.
+
+Sizes are shares of what was found for OP3 in physics (`benchmarks.walking`), in the natural units of an inverted
+pendulum: a step's time by sqrt(height / g), speeds by sqrt(g height).
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from retarget.errors import ConfigError, UsageError
+from retarget.ik.gravity_torque import GRAVITY
+from retarget.ik.support_polygon import Stance
+from retarget.model.robot import RobotBody
+from retarget.robot.balance import ENOUGH, on_one_leg
+from retarget.robot.crouch_envelope import MISSED_M
+from retarget.robot.walking.pattern import Gait, Request
+from retarget.schema.priorities import Priorities, Steps
+from retarget.types import MM
+
+STEP_TIMES, DOUBLE_TIMES = 3.76, 0.42
+"""Duration of a step, and of its double support, in sqrt(height / g): 0.576 and 0.064 s of OP3."""
+CROUCH = 0.89
+"""Height of the centre of mass while it walks, as a share of that in `stand`: legs that are bent reach a step's
+length."""
+LIFT = 0.043
+"""Greatest height of the foot that swings, as a share of that height: 10 mm of OP3. Knees need torque for more."""
+NARROWEST = 0.86
+"""Least distance of the soles, sideways, as a share of that in `stand`."""
+LONGEST = 0.565
+"""Longest step, as a share of the height."""
+FORWARD, SIDEWAYS, TURN = 0.0833, 0.0267, 0.046
+"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.125 m/s, 0.04 m/s and 0.3 rad/s
+of OP3. Faster, its knees would have to turn faster than they can."""
+RAMP = 0.2
+"""Most that a velocity changes from step to step, as a share of the fastest: the pattern's own error grows with it."""
+
+
+def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
+    """The gait of a robot in its stance on two soles, in ticks of `dt` s."""
+    height = CROUCH * float(robot.body.solver_body().centre_of_mass(stance.q[None])[0, 2])
+    time = sqrt(height / GRAVITY)
+    left, right = (sole.outline.mean(axis=0) for sole in stance.soles)
+    width = float(left[1] - right[1])
+    return Gait(
+        ticks=round(STEP_TIMES * time / dt),
+        double_ticks=max(round(DOUBLE_TIMES * time / dt), 2),
+        dt=dt,
+        height=height,
+        width=width,
+        lift=LIFT * height,
+        narrowest=NARROWEST * width,
+        longest=LONGEST * height,
+    )
+
+
+def fastest(gait: Gait) -> Request:
+    """The fastest that a robot of this gait may be asked to walk: m/s, m/s, rad/s."""
+    speed = sqrt(GRAVITY * gait.height)
+    return Request(FORWARD * speed, SIDEWAYS * speed, TURN * speed / gait.height)
+
+
+def clipped(gait: Gait, asked: Request) -> Request:
+    """What is asked, no faster than the robot may be asked to walk: an ellipsoid, as what legs can is shared by all."""
+    most = fastest(gait)
+    shares = np.array([asked.forward / most.forward, asked.left / most.left, asked.turn / most.turn])
+    length = max(float(np.sqrt((shares * shares).sum())), 1.0)
+    return Request(asked.forward / length, asked.left / length, asked.turn / length)
+
+
+def ramped(gait: Gait, now: Request, asked: Request) -> Request:
+    """The velocity of the next step, on the way from that of the last one to what is asked, as far as that is
+    possible."""
+    most, to = fastest(gait), clipped(gait, asked)
+
+    def toward(at: float, wanted: float, largest: float) -> float:
+        return at + min(max(wanted - at, -RAMP * largest), RAMP * largest)
+
+    return Request(
+        toward(now.forward, to.forward, most.forward),
+        toward(now.left, to.left, most.left),
+        toward(now.turn, to.turn, most.turn),
+    )
+
+
+# Whether a robot walks: its priority file says so, or `--steps` instead, and its root and legs whether it can.
+
+SOLES = 2
+"""Soles of a robot that walks."""
+
+
+def with_steps(
+    priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str
+) -> tuple[Priorities, tuple[str, ...]]:
+    """The priorities with `asked` instead of their own `steps`, and notes for the operator: a robot that is too weak to
+    stand on one leg, or cannot get its weight over it, stays planted.
+
+    asked: None keeps those of the file. parts: of the robot that follow. Raises UsageError or ConfigError where this
+    robot cannot step so, as it is mounted.
+    """
+    steps = priorities.steps if asked is None else asked
+    notes: tuple[str, ...] = ()
+    if steps is not None:
+        fault = _fault(steps, robot, parts)
+        if fault is not None:
+            found, next_step = fault
+            kind = ConfigError if asked is None else UsageError
+            where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
+            raise kind(f"steps {steps} are not possible here", where=where, found=found, next_step=next_step)
+    if steps == "walk":
+        load, missed = on_one_leg(robot)
+        why = f"{load}, more than {100 * ENOUGH:.0f}%" if load.share > ENOUGH else ""
+        if missed > MISSED_M:
+            why = f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
+        if why:
+            steps, notes = "planted", (f"both soles stay planted: {why}",)
+    if steps == "walk" and priorities.deflection_compensation is None:
+        raise ConfigError(
+            "a robot walks on servos whose load is known",
+            where=f"priorities {priorities.name}",
+            found="no deflection_compensation",
+            next_step="Choose --steps planted, or --priorities balanced",
+        )
+    return priorities if steps == priorities.steps else priorities.model_copy(update={"steps": steps}), notes
+
+
+def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None:
+    """What makes these steps impossible, and what to do."""
+    name = robot.profile.name
+    if steps == "follow" and robot.stands:
+        return f"{name} stands on its own soles", "Choose --steps walk, or hang it (--bus physics --mount gantry)"
+    if steps != "walk":
+        return None
+    if not robot.stands:
+        return f"{name} does not stand on its own soles", "Choose --steps follow: its feet are free"
+    if len(robot.profile.feet) != SOLES:
+        return f"{name} has {len(robot.profile.feet)} soles", f"Choose --steps planted: {SOLES} are needed"
+    if parts != "whole":
+        return f"legs that are kept still (--parts {parts})", "Choose --parts whole"
+    if "pelvis" not in robot.profile.landmarks:
+        return f"{name} has no landmark pelvis", "Name one in the profile, or choose --steps planted"
+    return None

@@ -1,0 +1,126 @@
+"""Travel of a performer: how fast a robot is to walk and turn, from where their feet go and where they face.
+
+The robot walks in its own frame as the performer does in theirs, scaled by the length of the leg. It begins when they
+lift their feet in turn, on the spot or on their way, and ends when both stay down. What it is behind, because it is
+late or slower than they are, it makes up for, but no more than two steps: so it stops when they do.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from retarget.arithmetic import arctan2, cos, hypot, sin
+from retarget.robot.walking.pattern import Gait, Request
+from retarget.types import Carrying, FloatArray
+
+if TYPE_CHECKING:
+    from retarget.types import HumanPosture
+
+STRIDE_S, LONGEST_S = 2.0, 5.0
+"""Duration (s) of a stride that is not known yet, and the longest. The performer's velocity is a mean over their last
+stride: within it their feet go by turns, and pelvis and shoulders swing."""
+CATCH_UP_S = 1.5
+"""Time (s) in which what the robot is behind would be made up for."""
+LEASH = 2.0
+"""Most that it may be behind, in steps at its fastest."""
+LIFTED_S = 0.7
+"""s since a foot was lifted last, after which both stay down: longer than a walker has both on the floor."""
+SLOWEST = 0.25
+"""Share of the robot's fastest walk at which the middle of the feet of a performer goes who walks: with it one lifted
+foot is enough to begin, else feet are lifted in turn."""
+LEFT_OVER = 0.5
+"""Steps behind, at its fastest, that are not worth another one."""
+_FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
+"""The foot in the air, by the one that carries."""
+
+
+@dataclass(frozen=True)
+class WalkTally:
+    """How a robot walked. steps: made. walked_m, turned_deg: gone by it; asked_m, asked_turn_deg: by the performer, m
+    scaled by the leg."""
+
+    steps: int = 0
+    walked_m: float = 0.0
+    asked_m: float = 0.0
+    turned_deg: float = 0.0
+    asked_turn_deg: float = 0.0
+
+
+class Travel:
+    """How one robot is to walk with one performer. `asked`, `walked`: m gone by both, scaled, and rad turned."""
+
+    def __init__(self, gait: Gait, fastest: Request, *, scale: float) -> None:
+        """fastest: what the robot can. scale: of lengths, from the performer's leg to the robot's."""
+        self._scale, self._dt = scale, gait.dt
+        self._most = np.array([fastest.forward, fastest.left, fastest.turn])
+        self._steps = gait.period * self._most
+        self.restart()
+
+    def restart(self) -> None:
+        """A new performance: nobody has moved."""
+        self._before: tuple[float, float, float] | None = None
+        longest = round(LONGEST_S / self._dt) + 1
+        self._gone = deque([np.zeros(3)], longest)  # [m, m, rad] at every tick
+        self._sums = deque([np.zeros(3)], longest)  # of these
+        self._followed = np.zeros(3)  # of that, what the robot has been asked for
+        self._behind = np.zeros(3)
+        self._speed = np.zeros(3)
+        self._lifted = [inf, inf]  # s since either foot was in the air
+        self._lifts = list[float]()  # s since the last three times that a foot left the floor
+        self._walks = False
+        self.asked, self.walked = np.zeros(2), np.zeros(2)
+
+    def step(self, human: "HumanPosture", robot: Request) -> Request | None:
+        """The velocity for the next step after another tick; None: stand. robot: the velocity of its present step."""
+        dt = self._dt
+        self._gone.append(self._gone[-1] + self._moved(human))
+        self._sums.append(self._sums[-1] + self._gone[-1])
+        self._look_at_feet(human)
+        walked = dt * np.array([robot.forward, robot.left, robot.turn])
+        stride = min(self._lifts[0] - self._lifts[2], LONGEST_S) if len(self._lifts) == 3 else STRIDE_S
+        count = min(round(stride / dt), len(self._gone) - 1)
+        speed, mean = np.zeros(3), self._gone[-1]
+        if self._walks:
+            speed = (self._gone[-1] - self._gone[-1 - count]) / (count * dt)
+            mean = (self._sums[-1] - self._sums[-1 - count]) / count
+        came = mean - self._followed
+        self._speed, self._followed = speed, mean
+        self._behind = np.clip(self._behind + came - walked, -LEASH * self._steps, LEASH * self._steps)
+        for total, moved in ((self.asked, came), (self.walked, walked)):
+            total += hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))
+        if not self._walks and bool((np.abs(self._behind) < LEFT_OVER * self._steps).all()):
+            return None
+        forward, left, turn = (speed + self._behind / CATCH_UP_S).tolist()
+        return Request(forward, left, turn)
+
+    def _moved(self, human: "HumanPosture") -> FloatArray:
+        """How far the middle of both feet went since the last tick, forward and left of the performer, scaled, m; and
+        how far they turned, rad."""
+        left, right = human.joint("l_ankle").tolist(), human.joint("r_ankle").tolist()
+        x, y = 0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1])
+        yaw = arctan2(human.heading[1], human.heading[0])
+        a, b, before = (x, y, yaw) if self._before is None else self._before
+        self._before = x, y, yaw
+        c, s = self._scale * cos(yaw), self._scale * sin(yaw)
+        turned = arctan2(sin(yaw - before), cos(yaw - before))
+        return np.array([c * (x - a) + s * (y - b), c * (y - b) - s * (x - a), turned])
+
+    def _look_at_feet(self, human: "HumanPosture") -> None:
+        """Whether the performer walks, and when they lifted a foot."""
+        dt, in_air = self._dt, _FOOT.get(human.carrying)
+        self._lifts = [since + dt for since in self._lifts]
+        for foot in (0, 1):
+            if foot == in_air and self._lifted[foot] > self._lifted[1 - foot]:
+                self._lifts = [*self._lifts[-2:], 0.0]
+            self._lifted[foot] = 0.0 if foot == in_air else self._lifted[foot] + dt
+        soon, late = sorted(self._lifted)
+        self._walks = soon < LIFTED_S and (self._walks or late < 3.0 * LIFTED_S or self._travels())
+        self._lifts = self._lifts if self._walks else self._lifts[-1:]
+
+    def _travels(self) -> bool:
+        """Whether the middle of the feet goes somewhere."""
+        far = self._gone[-1] - self._gone[max(len(self._gone) - 1 - round(LIFTED_S / self._dt), 0)]
+        return bool((np.abs(far) > SLOWEST * LIFTED_S * self._most).any())

@@ -1,0 +1,321 @@
+"""Goals of a walking robot: offsets that hold its planned posture, as `DeflectionCompensation` makes them while it
+stands.
+
+A servo with a P gain is a spring that lags: goal = posture + torque / stiffness + lag * speed. The torque is that of
+the planned motion, by inverse dynamics of link masses and rotors; the soles press where the zero-moment point is. To
+that come small corrections by encoders and IMU: torque at the ankle that carries, for a divergent component that is not
+where it was planned, and turns of its hip and ankle against the tilt of the trunk.
+
+Torques come and go with the soles, faster than a shaft may move. So here limits of motion belong to the posture, and an
+offset has bounds of its own, which the gate checks.
+
+Source: the prototype's tables and `benchmarks.walking`; J. Englsberger et al., IEEE T-RO 31(2), 2015.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hardware.arrays import FloatArray
+from hardware.imu import ImuSample
+from hardware.motors import drive_numbers
+from hardware.servo import loop_lag
+from retarget import rotations
+from retarget._solver import Probe
+from retarget.arithmetic import arctan2, cos, dot, matmul, norms, sin
+from retarget.ik.base_pose import plant_root
+from retarget.ik.gravity_torque import GRAVITY, UPWARD, joint_compliance
+from retarget.ik.support_polygon import Stance
+from retarget.model.robot import RobotBody
+from retarget.robot.balance import leg_joints
+from retarget.robot.deflection_compensation import DeflectionCompensation, Offset
+from retarget.robot.walking.path import ROOT
+from retarget.robot.walking.pattern import Gait
+from retarget.rotations import arc, as_quat, as_vector, axis_turn, product, rotated, rotation_vector
+
+UP = 0.0, 0.0, 1.0
+MOST_RAD = 0.35
+"""Greatest offset of a goal from its posture: 0.31 rad is needed at 0.15 m/s."""
+SPEED_SHARE = 4.0
+"""Speed at which an offset may change, in shares of a joint's own: torque comes and goes faster than shafts move."""
+BEHIND = 2
+"""Ticks by which what is measured is older than what is planned: one of the bus, and one of servo and sensor."""
+SMOOTH_S = 0.02
+"""Time constant of the measured velocity of the mass, and of what the IMU shows: noise would accelerate goals."""
+ZMP_GAIN = 1.0
+"""Shift of the zero-moment point for an error of the divergent component."""
+MOST_SHIFT = 0.7, 0.64
+"""Its bounds forward and sideways, as shares of half a sole: 45 and 25 mm of OP3."""
+TILT_GAIN, HIP_RATE_S, ANKLE_RATE_S = 0.5, 0.05, 0.05
+"""Turn of the hip by tilt, and of hip and ankle by angular velocity."""
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """What is planned of a posture, for both soles: way (2, 2) m from a sole to the mass, and its divergent component
+    (2, 2) m, along the sole's axes."""
+
+    way: FloatArray
+    divergent: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Walked:
+    """Offset (n,) rad of a walking robot. q (nq,): the posture as it stands; joints (n,): of it; places (k, 3) m: of
+    its link masses. planned: the newest last."""
+
+    q: FloatArray
+    joints: FloatArray
+    places: FloatArray
+    offset: FloatArray
+    planned: tuple[Planned, ...]
+
+
+class WalkingGoals:
+    """A `retarget.safety.gate.Compensation`: that of a standing robot, and while it walks its own."""
+
+    most = MOST_RAD
+
+    def __init__(self, robot: RobotBody, stance: Stance, standing: DeflectionCompensation, gait: Gait) -> None:
+        """standing: what it has while it stands."""
+        self._robot, self._standing, self._gait, self._stance = robot, standing, gait, stance
+        self._seen = Seen(robot, stance)
+        servos, limits = robot.joint_map.servos, robot.limits
+        self._compliance = joint_compliance(robot)
+        gear = np.array([abs(servo.gear) for servo in servos])
+        legs = leg_joints(robot)
+        self._on_leg = np.array([servo.joint in legs for servo in servos])
+        armature = np.array([drive_numbers(servo.model).armature for servo in servos])
+        self._armature = np.where(self._on_leg, armature * gear * gear, 0.0)
+        self._lag = np.where(self._on_leg, [loop_lag(servo) for servo in servos], 0.0)
+        self._most_change = SPEED_SHARE * limits.max_velocity * gait.dt
+        self._lower, self._upper = limits.lower, limits.upper
+        self._feedback = Feedback(robot, stance, gait, self._compliance)
+
+    def begin(self, posture: FloatArray) -> Offset:
+        """No offset, at rest in a posture, rad (n,)."""
+        self._feedback.restart()
+        return self._standing.begin(posture)
+
+    def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
+        """Set what encoders (n,) rad and the IMU say in this tick."""
+        self._feedback.measure(joints, imu)
+
+    def propose(
+        self,
+        last: Offset,
+        posture: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
+        *,
+        ahead: FloatArray,
+        walks: bool | None,
+    ) -> tuple[FloatArray, Offset]:
+        """The goal (n,) that holds the robot in a posture (n,), rad. nearest: the goal within the gate's limits that is
+        nearest to one. ahead (n,): rad, the posture that follows. walks: whether the robot does; None: as before."""
+        walked = last.walked
+        if not (walked is not None if walks is None else walks):
+            if walked is not None:
+                begun = self._standing.begin(last.posture)
+                last = replace(begun, compensated=walked.offset, integrated=last.integrated, ticks=last.ticks)
+            return self._standing.propose(last, posture, nearest)
+        walked = self._next(self._begun(last) if walked is None else walked, posture, ahead)
+        return posture + walked.offset, replace(last, posture=posture, walked=walked)
+
+    def _begun(self, last: Offset) -> Walked:
+        """At rest in the posture of the last goal."""
+        q = self._planted(self._stance.q, last.posture)
+        return Walked(q, last.posture, self._seen.look(q).masses, last.compensated, ())
+
+    def _planted(self, before: FloatArray, joints: FloatArray) -> FloatArray:
+        """A posture (nq,) with these joints (n,) rad, its lower sole where it was before."""
+        q = before.copy()
+        q[self._robot.servo_columns] = joints
+        plant_root(self._robot, before, q)
+        return q
+
+    def _next(self, last: Walked, posture: FloatArray, ahead: FloatArray) -> Walked:
+        """The offset a tick later, in a posture (n,), with the one that follows."""
+        dt, q = self._gait.dt, self._planted(last.q, posture)
+        now, after = self._seen.look(q), self._seen.look(self._planted(q, ahead))
+        accelerations = (after.masses - 2.0 * now.masses + last.places) / (dt * dt)
+        speed = (ahead - last.joints) / (2.0 * dt)
+        acceleration = (ahead - 2.0 * posture + last.joints) / (dt * dt)
+        torque, shares = self._seen.torques(now, accelerations)
+        wanted = matmul(self._compliance, torque + self._armature * acceleration) + self._lag * speed
+        planned = (*last.planned, self._feedback.plan(now, last.planned[-1] if last.planned else None))[-BEHIND - 1 :]
+        wanted = wanted + self._feedback.correction(now, planned[0], shares)
+        change = np.minimum(np.maximum(wanted - last.offset, -self._most_change), self._most_change)
+        offset = np.minimum(np.maximum(last.offset + change, -MOST_RAD), MOST_RAD)
+        offset = np.minimum(np.maximum(posture + offset, self._lower), self._upper) - posture
+        return Walked(q, posture, now.masses, offset, planned)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A posture. masses (k, 3) m: of links; origins, axes (n, 3): of joints, in the world; soles (2, 3) m: their
+    middles; yaws (2,), yaw rad: of the soles and of the root; mass (3,) m: centre of mass."""
+
+    masses: FloatArray
+    origins: FloatArray
+    axes: FloatArray
+    soles: FloatArray
+    yaws: FloatArray
+    yaw: float
+    mass: FloatArray
+
+
+class Seen:
+    """Reads postures of one robot: what inverse dynamics needs."""
+
+    def __init__(self, robot: RobotBody, stance: Stance) -> None:
+        body = robot.body
+        links = np.flatnonzero(body.mass)
+        self._masses = body.mass[links]  # (k,) [kg]
+        rows = [body.joint_index(joint) for joint in robot.joint_map.joints]
+        moved = body.joint_body[rows]
+        self._axes = body.joint_axis[rows]
+        frames = [sole.frame for sole in stance.soles]
+        turned = [rotations.conjugate(sole.orientation) for sole in stance.soles]
+        middles = []
+        for sole, back in zip(stance.soles, turned, strict=True):
+            off = np.array([*(sole.outline.mean(axis=0) - sole.position[:2]), 0.0])
+            middles.append(sole.frame.position + rotations.rotate(rotations.multiply(sole.frame.quat, back), off))
+        self._ahead = [
+            rotations.multiply(sole.frame.quat, back) for sole, back in zip(stance.soles, turned, strict=True)
+        ]
+        self._ends = len(links), len(links) + len(rows)
+        self._probe = Probe(
+            body.solver_body(),
+            [*links.tolist(), *moved.tolist(), *(frame.body for frame in frames)],
+            np.concatenate([body.com[links], body.joint_pos[rows], np.array(middles)]),
+            [*moved.tolist(), *(frame.body for frame in frames), ROOT],
+        )
+        root = body.solver_body().orientations(stance.q[None], [ROOT])[0, 0]
+        self._ahead.append(rotations.conjugate(root))
+        chains = [set(body.chain_to_root(int(link))) for link in (*links, *(frame.body for frame in frames))]
+        beyond = np.array([[float(link in chain) for chain in chains] for link in moved.tolist()])
+        self._links_beyond, self._soles_beyond = beyond[:, : len(links)], beyond[:, len(links) :]  # (n, k), (n, 2)
+
+    def look(self, q: FloatArray) -> Look:
+        """Read a posture (nq,)."""
+        points, turns, mass = self._probe.read(q)
+        first, second = self._ends
+        n = second - first
+        axes = rotations.rotate(turns[:n], self._axes)
+        yaws = []
+        for turn, ahead in zip(turns[n:], self._ahead, strict=True):
+            x, y, _ = rotated(product(as_quat(turn), as_quat(ahead)), (1.0, 0.0, 0.0))
+            yaws.append(arctan2(y, x))
+        *yaws, yaw = yaws
+        return Look(points[:first], points[first:second], axes, points[second:], np.array(yaws), yaw, mass)
+
+    def torques(self, at: Look, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torques (n,) N m of the joints of a posture whose link masses have accelerations (k, 3) m/s^2; and the share
+        (2,) of the weight on each sole."""
+        forces = self._masses[:, None] * (UPWARD + accelerations)
+        total, moment = forces.sum(axis=0), np.cross(at.masses, forces).sum(axis=0)
+        lift = max(float(total[2]), 1.0)
+        height = float(at.soles[:, 2].min())
+        pressed = np.array([total[0] * height - moment[1], total[1] * height + moment[0]]) / lift
+        first, second = at.soles[:, :2]
+        across = second - first
+        share = min(max(dot(pressed - first, across) / dot(across, across), 0.0), 1.0)
+        shares = np.array([1.0 - share, share])
+        off = np.array([*(pressed - matmul(shares, at.soles[:, :2])), 0.0])
+        soles, ground = at.soles + off, shares[:, None] * total
+        force = matmul(self._links_beyond, forces) - matmul(self._soles_beyond, ground)
+        about = matmul(self._links_beyond, np.cross(at.masses, forces)) - matmul(
+            self._soles_beyond, np.cross(soles, ground)
+        )
+        return (at.axes * (about - np.cross(at.origins, force))).sum(axis=1), shares
+
+
+class Feedback:
+    """Corrections of both legs by encoders and IMU, tick by tick."""
+
+    def __init__(self, robot: RobotBody, stance: Stance, gait: Gait, compliance: FloatArray) -> None:
+        self._robot, self._gait, self._seen = robot, gait, Seen(robot, stance)
+        self._compliance, self._stance = compliance, stance
+        self._weight = GRAVITY * robot.body.total_mass
+        self._share = gait.dt / (SMOOTH_S + gait.dt)
+        self._hips, self._ankles = _joints_near(robot, stance)
+        extents = [0.5 * np.ptp(sole.outline, axis=0) for sole in stance.soles]
+        self._most = np.array(MOST_SHIFT) * np.min(extents, axis=0)
+        imu = robot.profile.imu
+        self._link = None if imu is None else robot.body.body_index(imu.link)
+        self.restart()
+
+    def restart(self) -> None:
+        """Nothing is measured yet."""
+        self._measured: Planned | None = None
+        self._tilt, self._rate = np.zeros(3), np.zeros(3)
+
+    def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
+        """Set what encoders (n,) rad and the IMU say."""
+        q = self._stance.q.copy()
+        q[self._robot.servo_columns] = joints
+        tilt, rate = np.zeros(3), np.zeros(3)
+        if imu is not None and self._link is not None and imu.valid:
+            here = as_quat(self._robot.kinematics.orientations(q[None], [self._link])[0, 0])
+            roll, pitch = imu.tilt
+            up = -sin(pitch), cos(pitch) * sin(roll), cos(pitch) * cos(roll)
+            off = arc(rotated(here, up), UP)
+            q[3:7] = product(off, as_quat(q[3:7]))
+            tilt = np.array(rotation_vector(off))
+            rate = np.array(rotated(product(off, here), as_vector(imu.angular_velocity)))
+        self._tilt = self._tilt + self._share * (tilt - self._tilt)
+        self._rate = self._rate + self._share * (rate - self._rate)
+        self._measured = self.plan(self._seen.look(q), self._measured, share=self._share)
+
+    def plan(self, at: Look, before: Planned | None, *, share: float = 1.0) -> Planned:
+        """The mass of a posture from both soles, after what was planned or measured `before`. share: of a new
+        velocity."""
+        ways = np.array(
+            [_turned((at.mass - sole)[:2], -yaw) for sole, yaw in zip(at.soles, at.yaws.tolist(), strict=True)]
+        )
+        omega, dt = self._gait.omega, self._gait.dt
+        velocity = np.zeros((2, 2))
+        if before is not None:
+            known = omega * (before.divergent - before.way)
+            velocity = known + share * ((ways - before.way) / dt - known)
+        return Planned(ways, ways + velocity / omega)
+
+    def correction(self, at: Look, planned: Planned, shares: FloatArray) -> FloatArray:
+        """Offsets (n,) rad. at: the posture now; planned: of when what is measured was to be."""
+        offset, torque = np.zeros(len(at.axes)), np.zeros(len(at.axes))
+        if self._measured is None:
+            return offset
+        error = matmul(shares, self._measured.divergent - planned.divergent)
+        shift = np.minimum(np.maximum(ZMP_GAIN * error, -self._most), self._most)
+        upright = axis_turn(UP, at.yaw)
+        tilt, rate = (np.array(rotated(upright, as_vector(one))) for one in (self._tilt, self._rate))
+        lean = TILT_GAIN * tilt + HIP_RATE_S * rate
+        for side, share in enumerate(shares.tolist()):
+            x, y = _turned(shift, float(at.yaws[side])).tolist()
+            hips, ankles, force = self._hips[side], self._ankles[side], share * self._weight
+            torque[ankles] = -matmul(at.axes[ankles], np.array([y * force, -x * force, 0.0]))
+            offset[hips] = share * matmul(at.axes[hips], lean)
+            offset[ankles] = share * ANKLE_RATE_S * matmul(at.axes[ankles], rate)
+        return offset + matmul(self._compliance, torque)
+
+
+def _turned(way: FloatArray, yaw: float) -> FloatArray:
+    """A vector (2,) turned by yaw, rad."""
+    c, s = cos(yaw), sin(yaw)
+    return np.array([c * way[0] - s * way[1], s * way[0] + c * way[1]])
+
+
+def _joints_near(robot: RobotBody, stance: Stance) -> tuple[list[list[int]], list[list[int]]]:
+    """Servos of the joints of each leg that are nearer to its hip, and to its ankle, than to any other of its
+    frames."""
+    names, origins = robot.joint_map.joints, Seen(robot, stance).look(stance.q).origins
+    hips, ankles = list[list[int]](), list[list[int]]()
+    legs = leg_joints(robot)
+    for foot, side in enumerate("lr"):
+        marks = np.array([stance.points[f"{side}_{name}"] for name in ("hip", "knee", "ankle")])
+        rows = [row for row, name in enumerate(names) if name in legs and legs[name][0] == foot]
+        nearest = [int(norms(marks - origins[row]).argmin()) for row in rows]
+        hips.append([row for row, mark in zip(rows, nearest, strict=True) if mark == 0])
+        ankles.append([row for row, mark in zip(rows, nearest, strict=True) if mark == 2])
+    return hips, ankles

@@ -1,0 +1,132 @@
+"""How fast a robot is to walk: from performers who are made up, whose feet and facing are known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from followers import op3
+from retarget.ik.support_polygon import plant
+from retarget.robot.walking.gait import fastest, gait_of
+from retarget.robot.walking.pattern import Gait, Request
+from retarget.robot.walking.travel import Travel
+from retarget.types import Carrying, FloatArray, HumanPosture
+
+DT = 0.008
+GAIT: Gait = gait_of(op3(), plant(op3(), op3().profile.postures.stand), dt=DT)
+MOST = fastest(GAIT)
+SCALE = 0.25
+STEP_S = 0.6
+
+
+@dataclass
+class Stroller:
+    """A performer whose feet go by turns, STEP_S each, at a velocity (3,) forward, left m/s and turn rad/s of their
+    own, whose pelvis swings by 0.15 rad; while `walks`."""
+
+    velocity: FloatArray
+    t: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.at, self.yaw = np.zeros(2), 0.3
+        self.feet = [np.array([0.0, 0.1]), np.array([0.0, -0.1])]
+
+    def step(self, *, walks: bool) -> HumanPosture:
+        """The posture a tick later."""
+        swing, carrying = 0.0, Carrying.BOTH
+        if walks:
+            self.t += DT
+            foot = int(self.t / STEP_S) % 2
+            carrying = Carrying.RIGHT if foot == 0 else Carrying.LEFT
+            c, s = np.cos(self.yaw), np.sin(self.yaw)
+            x, y, turn = self.velocity
+            way = np.array([c * x - s * y, s * x + c * y]) * DT
+            self.at, self.yaw = self.at + way, self.yaw + float(turn) * DT
+            self.feet[foot] = self.feet[foot] + 2.0 * way
+            swing = 0.15 * np.sin(np.pi * self.t / STEP_S)
+        joints = np.array([[*self.feet[0], 0.08], [*self.feet[1], 0.08]])
+        facing = float(np.cos(self.yaw + swing)), float(np.sin(self.yaw + swing))
+        return HumanPosture(
+            np.zeros(0),
+            ("l_ankle", "r_ankle"),
+            joints,
+            np.zeros((3, 4)),
+            np.zeros(3),
+            np.zeros(0),
+            0.0,
+            facing,
+            carrying=carrying,
+        )
+
+
+def driven(
+    velocity: tuple[float, float, float], *, walk_s: float, stand_s: float = 4.0
+) -> tuple[list[Request | None], Travel]:
+    """What is asked tick by tick of a robot that does at once what it is asked, within what it can."""
+    travel, performer, robot = Travel(GAIT, MOST, scale=SCALE), Stroller(np.array(velocity)), Request()
+    found = list[Request | None]()
+    for tick in range(round((1.0 + walk_s + stand_s) / DT)):
+        asked = travel.step(performer.step(walks=1.0 < tick * DT < 1.0 + walk_s), robot)
+        found.append(asked)
+        robot = (
+            Request()
+            if asked is None
+            else Request(
+                *(
+                    float(np.clip(to, -top, top))
+                    for to, top in zip(vars(asked).values(), vars(MOST).values(), strict=True)
+                )
+            )
+        )
+    return found, travel
+
+
+def middle(asked: list[Request | None]) -> FloatArray:
+    """The mean of what is asked in the middle of a walk (3,), and how it varies (3,)."""
+    rows = np.array([list(vars(one).values()) for one in asked[600:1000] if one is not None])
+    assert len(rows) == 400
+    return np.array([rows.mean(axis=0), np.ptp(rows, axis=0)])
+
+
+@pytest.mark.parametrize("velocity", [(0.3, 0.0, 0.0), (-0.2, 0.0, 0.0), (0.0, 0.12, 0.0), (0.2, 0.0, 0.25)])
+def test_a_robot_that_can_walks_as_the_performer_scaled(velocity: tuple[float, float, float]) -> None:
+    """Its pelvis swings from step to step, and is not followed in that."""
+    asked, travel = driven(velocity, walk_s=10.0)
+    wanted = np.array([SCALE, SCALE, 1.0]) * velocity
+    mean, varies = middle(asked)
+    np.testing.assert_allclose(mean, wanted, atol=0.012)
+    assert varies[2] < 0.1, "a swing of 0.15 rad at its speed would be 1.5 rad/s"
+    (walked, turned), (gone, around) = travel.walked, travel.asked
+    assert walked == pytest.approx(10.0 * np.hypot(*wanted[:2]), rel=0.15) and gone == pytest.approx(walked, rel=0.2)
+    assert turned == pytest.approx(10.0 * abs(wanted[2]), abs=0.4) and around >= 0.0
+
+
+def test_steps_on_the_spot_are_steps_on_the_spot() -> None:
+    asked, _ = driven((0.0, 0.0, 0.0), walk_s=8.0)
+    assert np.abs(middle(asked)[0]).max() < 0.01
+
+
+def test_who_stands_asks_for_nothing() -> None:
+    assert not any(driven((0.3, 0.0, 0.0), walk_s=0.0)[0])
+
+
+def test_one_lifted_foot_is_no_walk() -> None:
+    travel, performer = Travel(GAIT, MOST, scale=SCALE), Stroller(np.zeros(3))
+    assert not any(travel.step(performer.step(walks=0.5 < tick * DT < 0.9), Request()) for tick in range(400))
+
+
+@pytest.mark.parametrize("velocity", [(0.3, 0.0, 0.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.5)])
+def test_it_begins_and_ends_with_the_performer(velocity: tuple[float, float, float]) -> None:
+    """Within two steps of the robot, however far a fast performer has gone."""
+    asked, _ = driven(velocity, walk_s=6.0)
+    walks = np.array([one is not None for one in asked])
+    begins, ends = np.flatnonzero(np.diff(walks.astype(int)) == 1), np.flatnonzero(np.diff(walks.astype(int)) == -1)
+    assert len(begins) == len(ends) == 1
+    assert 0.0 <= begins[0] * DT - 1.0 < 2.0 * STEP_S
+    assert -0.1 < ends[0] * DT - 7.0 < 0.7 + 2.0 * GAIT.period
+
+
+def test_what_it_is_behind_is_bounded() -> None:
+    asked, _ = driven((1.2, 0.0, 0.0), walk_s=6.0)
+    fastest_asked = max(one.forward for one in asked if one is not None)
+    assert fastest_asked <= SCALE * 1.2 + 2.0 * GAIT.period * MOST.forward / 1.5 + 0.02

@@ -1,0 +1,182 @@
+"""The walker: paths that end standing, from the posture of a robot, in whatever order they are asked for and
+refused."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from followers import op3
+from retarget._solver import Braking
+from retarget.ik.support_polygon import Stance, plant
+from retarget.ik.whole_body_stop import StopPath
+from retarget.model.body import JointLimits
+from retarget.model.robot import RobotBody, load_robot
+from retarget.robot.following_limits import following_limits, servo_limits
+from retarget.robot.landmarks import standing_dofs
+from retarget.robot.walking.gait import fastest, gait_of
+from retarget.robot.walking.path import WalkPath
+from retarget.robot.walking.pattern import Request
+from retarget.robot.walking.walker import Walker
+from retarget.safety.standing import SOLE_M, StandingCheck
+from retarget.types import FloatArray
+
+FORWARD = Request(forward=0.1)
+
+
+@cache
+def robot(name: str = "op3") -> RobotBody:
+    return op3() if name == "op3" else load_robot(name)
+
+
+@cache
+def stance(name: str = "op3") -> Stance:
+    return plant(robot(name), robot(name).profile.postures.stand)
+
+
+def dt(name: str = "op3") -> float:
+    return 1.0 / robot(name).profile.safety.rate_hz
+
+
+def walker(name: str = "op3") -> Walker:
+    """A walker of a robot that has come to rest in its stance."""
+    one, where = robot(name), stance(name)
+    own, servos = following_limits(one, where), servo_limits(one)
+    limits = JointLimits(own.lower, own.upper, servos.max_velocity, servos.max_acceleration)
+    made = Walker(one, where, limits, standing_dofs(one), gait_of(one, where, dt=dt(name)))
+    made.begin(where.q[None])
+    return made
+
+
+Ways = list[tuple[WalkPath, int]]
+
+
+def walked(one: Walker, asked: Request | None, ticks: int, q: FloatArray) -> Ways:
+    """Where it is on which path, tick by tick, until it stands."""
+    found = list[tuple[WalkPath, int]]()
+    for _ in range(ticks):
+        one.step(asked, q)
+        assert one.path is not None
+        found.append((one.path, one.row))
+        if one.is_over:
+            one.stand()
+            break
+    return found
+
+
+def kept(name: str, path: WalkPath) -> None:
+    """A path keeps what the gate checks of it."""
+    one = robot(name)
+    lost = StandingCheck(one, stance(name), dt=dt(name)).losses(StopPath(path.postures, None, path.carries))
+    assert lost.slip < 0.1 * SOLE_M and lost.shortfall < -0.003
+    joints, servos = np.ascontiguousarray(path.postures[:, one.servo_columns]), one.joint_map
+    gate = Braking(servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration, dt=dt(name))
+    assert gate.keeps(joints[1], joints[1] - joints[0], joints[2:], tolerance=1e-9)
+
+
+@pytest.mark.parametrize("name", ["op3", "wolfgang"])
+@pytest.mark.parametrize("share", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (-0.7, 0.0, 0.7), (0.0, 1.0, 0.0)])
+def test_every_path_keeps_soles_pressure_and_limits_to_its_end(name: str, share: tuple[float, float, float]) -> None:
+    one, most = walker(name), fastest(gait_of(robot(name), stance(name), dt=dt(name)))
+    asked = Request(share[0] * most.forward, share[1] * most.left, share[2] * most.turn)
+    ticks = 9 * one.gait.ticks
+    paths = {id(path): path for path, _ in walked(one, asked, ticks, stance(name).q)}
+    assert one.steps > 4 and len(paths) > 5
+    for path in list(paths.values())[1:]:  # the first is the stand
+        kept(name, path)
+
+
+def test_it_goes_where_it_is_asked_and_stands_as_in_its_stance() -> None:
+    one, q = walker(), stance().q
+    walked(one, FORWARD, 1000, q)
+    assert one.steps >= 10
+    end = walked(one, None, 1000, q)[-1][0]
+    left, right = one.feet
+    np.testing.assert_allclose((left.place - right.place)[1], one.gait.width, atol=1e-4)
+    assert left.place[0] == pytest.approx(right.place[0], abs=1e-4) and left.place[0] > 0.4
+    body, soles = robot().kinematics, [sole.frame for sole in stance().soles]
+    for frame, sole, foot in zip(soles, stance().soles, one.feet, strict=True):
+        at = body.points(end.postures[-1:], [frame.body], frame.position[None])[0, 0]
+        np.testing.assert_allclose(at[:2] - foot.place, sole.position[:2] - sole.outline.mean(axis=0), atol=1e-5)
+
+
+@pytest.mark.parametrize("stop", range(600, 672, 9))
+def test_from_any_tick_it_stands_within_two_more_steps(stop: int) -> None:
+    one, q = walker(), stance().q
+    walked(one, FORWARD, stop, q)
+    steps = one.steps
+    left = walked(one, None, 1000, q)
+    assert one.path is None and one.steps == steps, "none is asked for any more"
+    end = round(4.0 / one.gait.omega / one.gait.dt)
+    assert len(left) <= 3 * one.gait.ticks + end
+
+
+def test_where_a_path_is_refused_it_stays_on_the_one_before() -> None:
+    one, q = walker(), stance().q
+    walked(one, FORWARD, 400, q)
+    path, row = one.path, one.row
+    while one.path is path:
+        row = one.row
+        one.step(FORWARD, q)
+    assert path is not None and row == path.branch
+    steps = one.steps
+    one.locate(path.postures[row + 1])
+    assert one.path is path and one.row == row + 1 and one.steps == steps - 1
+    rest = walked(one, FORWARD, len(path.postures) - row - 2, q)
+    assert rest[-1] == (path, len(path.postures) - 1), "it stops, and begins again from there"
+    walked(one, FORWARD, 400, q)
+    assert one.steps > steps
+
+
+def test_a_robot_that_brakes_is_found_again_on_its_path() -> None:
+    one, q = walker(), stance().q
+    walked(one, FORWARD, 500, q)
+    path = one.path
+    assert path is not None
+    for row in range(one.row + 1, len(path.postures)):
+        one.locate(path.postures[row])
+        assert one.path is path and np.array_equal(path.postures[one.row], path.postures[row])
+    walked(one, None, 5, q)
+    assert one.path is None
+
+
+asks = st.lists(
+    st.tuples(
+        st.integers(1, 150),
+        st.none() | st.builds(Request, st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(-0.6, 0.6)),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+@settings(max_examples=15)
+@given(asks)
+def test_whatever_is_asked_or_refused_postures_go_on_from_each_other(
+    asked: list[tuple[int, Request | None, bool]],
+) -> None:
+    """Ticks for which something is asked, and whether a new path is refused meanwhile: legs never jump, and in the end
+    they stand."""
+    one, q, sent = walker(), stance().q, [stance().q]
+    for ticks, request, refuses in [*asked, (800, None, False)]:
+        for _ in range(ticks):
+            if one.path is None:
+                one.begin(sent[-1][None])
+            before, row = one.path, one.row
+            one.step(request, q)
+            assert one.path is not None
+            if refuses and one.path is not before and before is not None:
+                one.locate(before.postures[min(row + 1, len(before.postures) - 1)])
+            sent.append(one.path.postures[one.row])
+            if one.is_over:
+                one.stand()
+    joints = np.array(sent)[:, robot().servo_columns]
+    limits = servo_limits(robot())
+    rows = [robot().body.dof_index(joint) for joint in robot().joint_map.joints]
+    moved = np.diff(joints, axis=0)
+    assert (np.abs(moved) <= limits.max_velocity[rows] * dt() + 1e-9).all()
+    assert (np.abs(np.diff(moved, axis=0)) <= limits.max_acceleration[rows] * dt() ** 2 + 1e-9).all()
+    assert one.path is None
