@@ -130,3 +130,12 @@ def test_what_it_is_behind_is_bounded() -> None:
     asked, _ = driven((1.2, 0.0, 0.0), walk_s=6.0)
     fastest_asked = max(one.forward for one in asked if one is not None)
     assert fastest_asked <= SCALE * 1.2 + 2.0 * GAIT.period * MOST.forward / 1.5 + 0.02
+
+
+def test_who_stands_on_one_leg_does_not_walk() -> None:
+    """A performer stops in the middle of a step, one foot in the air."""
+    travel, performer = Travel(GAIT, MOST, scale=SCALE), Stroller(np.array([0.2, 0.0, 0.0]))
+    asked = [travel.step(performer.step(walks=True), Request()) for _ in range(600)]
+    still = performer.step(walks=True)
+    asked += [travel.step(still, Request(forward=0.05)) for _ in range(800)]
+    assert asked[600] is not None and asked[-1] is None

@@ -19,7 +19,7 @@ from oracles.frame_bounds import braking_displacement
 from oracles.frame_bounds import frame_bounds as bounds_oracle
 from retarget._solver import Braking
 from retarget.ik.whole_body_stop import StopPath
-from retarget.safety.gate import Compensated, Gate, PassThroughGate
+from retarget.safety.gate import MOST_OFFSET, Compensated, Gate, PassThroughGate
 
 MAP = JointMap(four_servos())
 DT = 0.008
@@ -330,3 +330,46 @@ def test_without_limits_goals_pass_and_braking_ends_at_rest() -> None:
 def test_without_limits_what_no_servo_can_take_is_refused(goal: list[float]) -> None:
     gate = DrivenGate(PassThroughGate(MAP, dt=DT), np.zeros(4))
     assert gate.check(np.array(goal)) is None
+
+
+# A robot that walks: limits are those of its posture, and its offset has a bound of its own.
+
+
+class Offset(NotedCompensation):
+    """Holds every posture by one offset, rad, of all joints."""
+
+    free = True
+
+    def __init__(self, offset: float) -> None:
+        super().__init__()
+        self.offset = offset
+
+    def propose(
+        self,
+        last: Compensated,
+        posture: FloatArray,
+        nearest: Callable[[FloatArray], FloatArray],
+        *,
+        ahead: FloatArray,
+        walks: bool | None,
+    ) -> tuple[FloatArray, Compensated]:
+        return posture + self.offset, self
+
+
+@pytest.mark.parametrize(("offset", "passes"), [(0.0, True), (MOST_OFFSET, True), (-MOST_OFFSET, True), (0.41, False)])
+def test_an_offset_of_a_walk_may_come_at_once_and_has_a_bound(offset: float, passes: bool) -> None:
+    gate = Gate(MAP, dt=DT, compensation=Offset(offset))
+    goal = gate.check(gate.begin(np.zeros(4)), CHANGE)
+    assert (goal is not None) == passes
+    if goal is not None:
+        np.testing.assert_allclose(goal.joints - goal.posture, offset)
+        np.testing.assert_array_equal(goal.displacement, CHANGE)
+        after = gate.brake(goal)
+        np.testing.assert_allclose(after.joints - after.posture, offset)
+
+
+def test_the_posture_of_a_walk_keeps_every_limit() -> None:
+    gate = Gate(MAP, dt=DT, compensation=Offset(0.2))
+    assert gate.check(gate.begin(np.zeros(4)), 1.01 * CHANGE) is None
+    top = gate.begin(MAP.upper - 0.1)
+    assert gate.check(top, MAP.upper - 0.1) is None, "the goal is beyond the joint's range"

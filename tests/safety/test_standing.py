@@ -100,3 +100,57 @@ def test_joints_and_postures_are_each_others() -> None:
     there = check().postures(rows, stance().q)
     np.testing.assert_array_equal(check().joints(there), rows)
     np.testing.assert_allclose(there[0], stance().q, atol=1e-9)
+
+
+# A robot that walks: soles stay where they were put down, the zero-moment point is on those that carry.
+
+
+def way(*postures: FloatArray, carries: list[tuple[bool, bool]]) -> StopPath:
+    return StopPath(np.array(postures), None, np.array(carries))
+
+
+def stepping(lift: float, *, aside: float = 0.0, rows: int = 40) -> StopPath:
+    """A stand, the right leg lifted by `lift` rad of its knee and put down again, the body moved by `aside` m."""
+    knee = op3().servo_columns[op3().joint_map.joints.index("r_knee")]
+    postures, carries = [], []
+    for row in range(rows + 1):
+        share = np.sin(np.pi * row / rows) ** 2
+        q = moved(1, aside)
+        q[knee] += lift * share
+        postures.append(q)
+        carries.append((True, row in (0, rows)))
+    return way(*postures, carries=carries)
+
+
+def test_a_lifted_foot_is_no_slip_and_its_weight_has_to_be_on_the_other() -> None:
+    lost = check().losses(stepping(-0.5))
+    assert lost.slip < 1e-9 and lost.shortfall > 0.0, "the mass is between both feet"
+    assert not holds(stepping(-0.5))
+
+
+def test_a_walk_that_ends_on_one_foot_or_on_none_is_refused() -> None:
+    still = stance().q
+    assert holds(way(still, still, carries=[(True, True)] * 2))
+    for last in ((True, False), (False, True), (False, False)):
+        assert not holds(way(still, still, carries=[(True, True), last]))
+    assert not holds(way(still, still, still, carries=[(True, True), (False, False), (True, True)]))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_sole_that_carries_stays_where_it_was_put_down(axis: int) -> None:
+    for by, passes in ((0.9 * SOLE_M, True), (1.1 * SOLE_M, False)):
+        still, there = stance().q, moved(axis, by)
+        path = way(*[still] * 5, *[there] * 5, *[still] * 5, carries=[(True, True)] * 15)
+        assert (check().losses(path).slip <= SOLE_M) == passes
+
+
+def test_a_mass_that_is_thrown_presses_beyond_the_soles() -> None:
+    """Its own acceleration moves the zero-moment point by c''/w^2."""
+    com = op3().kinematics.centre_of_mass(stance().q[None])[0]
+    joint = op3().servo_columns[[op3().joint_map.joints.index(f"{side}_sho_pitch") for side in "lr"]]
+    times = np.linspace(0.0, 0.4, 51)
+    for size, passes in ((0.05, True), (2.5, False)):
+        postures = np.tile(stance().q, (len(times), 1))
+        postures[:, joint] += size * np.sin(2.0 * np.pi * times / 0.4)[:, None] * np.array([1.0, -1.0])
+        path = way(*postures, carries=[(True, True)] * len(times))
+        assert holds(path) == passes, com

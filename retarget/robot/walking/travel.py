@@ -23,11 +23,13 @@ STRIDE_S, LONGEST_S = 2.0, 5.0
 """Duration (s) of a stride that is not known yet, and the longest. The performer's velocity is a mean over their last
 stride: within it their feet go by turns, and pelvis and shoulders swing."""
 CATCH_UP_S = 1.5
-"""Time (s) in which what the robot is behind would be made up for."""
+"""Time (s) in which what the robot is behind would be made up for; once the performer stands, that of a step."""
 LEASH = 2.0
 """Most that it may be behind, in steps at its fastest."""
 LIFTED_S = 0.7
 """s since a foot was lifted last, after which both stay down: longer than a walker has both on the floor."""
+ONE_LEG_S = 3.0
+"""A performer with one foot in the air for so long (s) stands on one leg."""
 SLOWEST = 0.25
 """Share of the robot's fastest walk at which the middle of the feet of a performer goes who walks: with it one lifted
 foot is enough to begin, else feet are lifted in turn."""
@@ -56,7 +58,7 @@ class Travel:
         """fastest: what the robot can. scale: of lengths, from the performer's leg to the robot's."""
         self._scale, self._dt = scale, gait.dt
         self._most = np.array([fastest.forward, fastest.left, fastest.turn])
-        self._steps = gait.period * self._most
+        self._step_s, self._steps = gait.period, gait.period * self._most
         self.restart()
 
     def restart(self) -> None:
@@ -70,7 +72,7 @@ class Travel:
         self._speed = np.zeros(3)
         self._lifted = [inf, inf]  # s since either foot was in the air
         self._lifts = list[float]()  # s since the last three times that a foot left the floor
-        self._walks = False
+        self._walks, self._goes = False, False
         self.asked, self.walked = np.zeros(2), np.zeros(2)
 
     def step(self, human: "HumanPosture", robot: Request) -> Request | None:
@@ -91,9 +93,11 @@ class Travel:
         self._behind = np.clip(self._behind + came - walked, -LEASH * self._steps, LEASH * self._steps)
         for total, moved in ((self.asked, came), (self.walked, walked)):
             total += hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))
-        if not self._walks and bool((np.abs(self._behind) < LEFT_OVER * self._steps).all()):
+        self._goes = self._walks or (self._goes and bool((np.abs(self._behind) > LEFT_OVER * self._steps).any()))
+        if not self._goes:
+            self._behind = np.zeros(3)
             return None
-        forward, left, turn = (speed + self._behind / CATCH_UP_S).tolist()
+        forward, left, turn = (speed + self._behind / (CATCH_UP_S if self._walks else self._step_s)).tolist()
         return Request(forward, left, turn)
 
     def _moved(self, human: "HumanPosture") -> FloatArray:
@@ -117,10 +121,11 @@ class Travel:
                 self._lifts = [*self._lifts[-2:], 0.0]
             self._lifted[foot] = 0.0 if foot == in_air else self._lifted[foot] + dt
         soon, late = sorted(self._lifted)
-        self._walks = soon < LIFTED_S and (self._walks or late < 3.0 * LIFTED_S or self._travels())
+        steps = soon < LIFTED_S and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
+        self._walks = steps and (self._walks or late < 3.0 * LIFTED_S or self._travels())
         self._lifts = self._lifts if self._walks else self._lifts[-1:]
 
     def _travels(self) -> bool:
         """Whether the middle of the feet goes somewhere."""
         far = self._gone[-1] - self._gone[max(len(self._gone) - 1 - round(LIFTED_S / self._dt), 0)]
-        return bool((np.abs(far) > SLOWEST * LIFTED_S * self._most).any())
+        return bool((np.abs(far) > SLOWEST * LIFTED_S * self._most)[:2].any())
