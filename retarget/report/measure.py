@@ -403,8 +403,8 @@ def _joint_positions(run: RunResult) -> FloatArray:
 
 
 def limits_broken(run: RunResult) -> LimitViolations:
-    """Measured on the goals that were sent; of a robot that walks on the postures that they hold, and of a human alone on
-    its own."""
+    """Measured on the goals that were sent; of a robot that walks on the postures that they hold, and of a human alone
+    on its own."""
     moved, kept = moved_joints(run), run.record
     if kept.robot is None:
         return limit_violations(moved.positions, moved.limits, moved.dt, from_rest=False)
