@@ -79,10 +79,13 @@ def with_mass(report: Report) -> list[str]:
     return [*standing(report), *limbs, f"{lean:.1f}", f"{hand:.0f}", f"{refused:.2f}"]
 
 
-def stepping(report: Report) -> list[str]:
-    """How many steps were made, and how firmly."""
-    steps = report["steps"]
-    return [f"{steps['made']} / {steps['asked']}", *standing(report)[:3]]
+def walking(report: Report) -> list[str]:
+    """How far it walked, how like, and how firmly."""
+    walk, likeness, hand = report["walk"], report["likeness_deg"], report["reachable_hands_mm"]["worse"]
+    limbs = [f"{likeness[limb]['mean']:.0f}" for limb in ("upper_arms", "thighs", "shanks")]
+    gone = f"{walk['walked_m']:.2f} / {walk['asked_m']:.2f}"
+    turned = f"{walk['turned_deg']:.0f} / {walk['asked_turn_deg']:.0f}"
+    return [str(walk["steps"]), gone, turned, *limbs, f"{hand:.0f}", *standing(report)[:3]]
 
 
 def hanging(report: Report) -> list[str]:
@@ -127,19 +130,23 @@ TABLES = {
         with_mass,
         on_page=False,
     ),
-    "stepping": Table(
-        ("OP3 with `shift`, speed", "steps made / asked", "fallen", "soles tip, degrees", "slip, mm"),
+    "walking": Table(
+        (
+            "performer, speed",
+            *("steps", "m walked / asked", "degrees turned / asked", "upper arms", "thighs", "shanks, degrees"),
+            *("worse hand, mm", "fallen", "soles tip, degrees", "slip, mm"),
+        ),
         tuple(
-            ((f"{words}, {speed}",), name, f"--robot op3 --bus physics --steps shift --speed {speed}")
+            ((f"{words}, {speed}",), name, f"--robot op3 --bus physics --steps walk --speed {speed}")
             for words, name, speed in (
+                ("02_01 (walk)", "02_01.amc", "0.3"),
+                ("figure of eight", "AV_8Walk_Meredith_HVHA_Rep1.bvh", "0.25"),
+                ("figure of eight", "AV_8Walk_Meredith_HVHA_Rep1.bvh", "1"),
+                ("walking.amc", "walking.amc", "0.3"),
                 ("49_18 (one leg)", "49_18.amc", "1"),
-                ("02_01 (walk)", "02_01.amc", "0.2"),
-                ("02_01 (walk)", "02_01.amc", "0.5"),
-                ("02_01 (walk)", "02_01.amc", "1"),
-                ("`sample.bvh`", "sample.bvh", "1"),
             )
         ),
-        stepping,
+        walking,
     ),
     "hanging": Table(
         ("OP3 on a gantry", "postures sent, mm", "servos, mm"),

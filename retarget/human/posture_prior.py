@@ -1,5 +1,5 @@
-"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, feet, which
-of them carry, and where the body faces.
+"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, feet, and
+where the body faces.
 
 A standing body is in balance when its centre of mass is over the feet that carry it; the faster it travels, the less
 that holds, so the weight of this goal falls with speed. The speed is that of the feet: a crouch moves the head, and
@@ -8,18 +8,18 @@ changes nothing here.
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from math import fsum, inf, pi, sqrt
+from math import fsum, pi, sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from retarget.arithmetic import Dwell, cos, exp, hypot, low_pass, norm, norms, sin
+from retarget.arithmetic import cos, exp, hypot, low_pass, norm, norms, sin
 from retarget.model.human import Human, PostureReader
 from retarget.model.human_dimensions import FRACTIONS, POINTS, HumanDimensions
 from retarget.schema import strict_yaml
 from retarget.schema.priorities import CentreOfMassTask, HeadingSettings
-from retarget.types import Carrying, FloatArray
+from retarget.types import FloatArray
 
 Point = Sequence[float]
 Ground = tuple[float, float]
@@ -290,97 +290,6 @@ class VirtualFeet:
         for foot in np.flatnonzero(distance > self._longest):
             bent = SLACK_M * (1.0 - exp((self._longest - distance[foot]) / SLACK_M))
             self.ankles[foot] = head + (self._longest - bent) / distance[foot] * away[foot]
-
-
-# Support phase, from height and speed of the ankles alone: both feet, left, right, or none in flight.
-#
-# The floor is where carrying feet are: recordings and trackers tilt and drift, so its height is estimated, not given. A
-# foot leaves the floor when it is high or fast, and touches down when it is low and slow. Between the two, and for a
-# short dwell time, it keeps its state. A flight ends after LONGEST_FLIGHT_S: then the lower foot stands on something
-# else, a step or its toes.
-
-LIFTED_M, TOUCHDOWN_M = 0.06, 0.04
-"""An ankle higher than the first above the other foot's has left the floor; it is back below the second. Shoes and
-noise are less."""
-LEFT_M = 0.1
-"""An ankle higher than this above the floor has left it in any case: on its toes, a foot still carries below."""
-FAST, FASTER, SLOW = 0.8, 1.5, 0.6
-"""m/s. A foot faster than the first is no longer planted, the last one only beyond the second: it rolls over its toes.
-It is again when slower than the third."""
-LIFT_DWELL_S, TOUCHDOWN_DWELL_S = 0.05, 0.02
-"""Time for which a foot must seem to have left the floor, or touched down, before its state changes."""
-LONGEST_FLIGHT_S = 0.8
-"""A jump of 0.8 m; a performer who is off the floor for longer stands on another one."""
-FOOT_SPEED_SETTLE_S = 0.03
-"""Time constant of the low-pass on a foot's speed."""
-FLOOR_SETTLE_S = 0.3
-"""Time constant with which the floor follows the feet that carry."""
-
-
-_OF_FEET = {one.feet: one for one in Carrying}
-
-
-class CarryingFeet:
-    """`carrying`, from the ankles tick by tick, in the performer's own time. Left before right throughout."""
-
-    def __init__(self) -> None:
-        self.carrying = Carrying.BOTH
-        self._velocity: tuple[Velocity, ...] = ()
-
-    def start(self, ankles: Sequence[Point]) -> Carrying:
-        """Begin at rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
-        self._floor, self._flight = min(ankle[2] for ankle in ankles), Dwell()
-        self._velocity = (Velocity(FOOT_SPEED_SETTLE_S, 3), Velocity(FOOT_SPEED_SETTLE_S, 3))
-        self._speeds(ankles, 0.0)
-        self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
-        self._otherwise = Dwell(), Dwell()  # how long each foot has seemed to be in the other state
-        return self._decide()
-
-    def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
-        """Go on by `dt` s of the performer's time."""
-        if not self._velocity:
-            return self.start(ankles)
-        speeds = self._speeds(ankles, dt)
-        for foot in (0, 1):
-            carries = self._carries[foot]
-            otherwise = self._leaves(foot, ankles, speeds) if carries else self._touches_down(foot, ankles, speeds)
-            dwell = self._otherwise[foot]
-            if dwell.step(dt, holds=otherwise) > (LIFT_DWELL_S if carries else TOUCHDOWN_DWELL_S):
-                self._carries[foot], dwell.held = not carries, 0.0
-        # A flight that is too long ends as soon as the lower foot is slow: it stands on another floor.
-        flown = self._flight.step(dt, holds=not any(self._carries))
-        lower = 0 if ankles[0][2] < ankles[1][2] else 1
-        if flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
-            self._floor, self._flight.held = ankles[lower][2], 0.0
-            self._carries[lower] = True
-        # The floor follows the feet that carry: up slowly, down at once, as no foot can be below it.
-        down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
-        if down:
-            lowest = min(down)
-            self._floor = low_pass(self._floor, lowest, inf if lowest < self._floor else dt / FLOOR_SETTLE_S)
-        return self._decide()
-
-    def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
-        """Whether a foot that carries seems to be off the floor. On tiptoe both ankles are high, and alike."""
-        height, other = ankles[foot][2], 1 - foot
-        if self._carries[other]:
-            return speeds[foot] > FAST or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
-        return speeds[foot] > FASTER or height - self._floor > LEFT_M
-
-    def _touches_down(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
-        """Whether a foot that does not carry seems to be on the floor."""
-        return ankles[foot][2] - self._floor < TOUCHDOWN_M and speeds[foot] < SLOW
-
-    def _speeds(self, ankles: Sequence[Point], dt: float) -> list[float]:
-        """Speed of each ankle, m/s, low-passed."""
-        for velocity, ankle in zip(self._velocity, ankles, strict=True):
-            velocity.step(ankle, dt)
-        return [velocity.speed for velocity in self._velocity]
-
-    def _decide(self) -> Carrying:
-        left, right = self._carries
-        self.carrying = _OF_FEET[left, right]
-        return self.carrying
 
 
 # Heading: where the performer faces, from a few sensors.

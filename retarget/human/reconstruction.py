@@ -12,8 +12,9 @@ import numpy as np
 
 from retarget.arithmetic import Dwell, arctan2, cos, hypot, sin, squares
 from retarget.frames import SensorSample
-from retarget.human.posture_prior import Balance, Carried, CarryingFeet, Crouch, Ground, Heading, VirtualFeet
+from retarget.human.posture_prior import Balance, Carried, Crouch, Ground, Heading, VirtualFeet
 from retarget.human.sensor_intake import IntakeTimes, Reach, SensorIntake
+from retarget.human.support_phase import CarryingFeet, PhaseShares
 from retarget.ik.hierarchy import Hierarchy, SceneObstacles, body_frames
 from retarget.ik.tasks import SlotKind
 from retarget.model.human import POSTURES, Human, PostureReader, human_limits
@@ -181,6 +182,7 @@ class Reconstructor:
             iterations=iterations,
             observers=self.observers,
             scene=self.scene_obstacles.shapes,
+            phased=True,
         )
         self.hierarchy, self._second_hierarchy = build(), build()
         self._reader = PostureReader(human)
@@ -197,13 +199,12 @@ class Reconstructor:
         joints_of = self._layout.joints + ([] if self._feet is None else [POINTS.index(name) for name in _FEET])
         self._joints_of = np.array(joints_of, dtype=np.int64)
         self._carrying: CarryingFeet | None = None
-        self._ankles = [POINTS.index(name) for name in _FEET]
+        self._phases, self._ankles = PhaseShares(), [POINTS.index(name) for name in _FEET]
         self._intake = SensorIntake(len(names), intake)
         self._reach = Reach(names, [POINTS[index] for index in joints_of], human.dimensions)
         self._source, self._slots = self.hierarchy.position_slots(names)
         self._block = np.zeros((len(names), 4))
-        self._targets = self.hierarchy.blank()
-        self._q = human.posture("natural")
+        self._targets, self._q = self.hierarchy.blank(), human.posture("natural")
         self._reached = self._reader.joints(self._q[None])[0, self._joints_of]
         self._followed = np.array([name in _FOLLOWED for name in names])
         self._second = SecondPosture()
@@ -225,6 +226,7 @@ class Reconstructor:
             self._balance.start()
         if self._carried is not None:
             self._carried.start()
+        self._carrying, self._phases = None, PhaseShares()
         self.scene_obstacles.restart()
         self._q = self._placed()
         self.scene_obstacles.tick(self.hierarchy, 0.0)
@@ -330,6 +332,8 @@ class Reconstructor:
             carried = self._carried.step(self._q[:3].tolist(), points, dt)
             if "pelvis" not in points:
                 hierarchy.set_carried(targets, carried, dt)
+        carrying = Carrying.BOTH if self._carrying is None else self._carrying.carrying
+        hierarchy.set_phases(targets, self._phases.step(carrying, dt))
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _bear(self, points: Points, dt: float) -> None:

@@ -6,8 +6,8 @@ more than the priorities use.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass
-from math import inf, sqrt
+from dataclasses import dataclass, replace
+from math import fsum, inf, sqrt
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from retarget.model.body import BodyModel, Frame, JointLimits
 from retarget.model.observers import NO_SCENE, Observers
 from retarget.model.scene_shapes import SceneShapes
 from retarget.model.scene_state import ObstaclePoses, SceneState
-from retarget.schema.priorities import (
-    Priorities,
-)
+from retarget.schema.priorities import Phase, Phased, Priorities
 from retarget.types import BoolArray, FloatArray, IntArray
 
 
@@ -61,13 +59,15 @@ class Hierarchy:
         damping: float | None = None,
         observers: Observers | None = None,
         scene: SceneShapes = NO_SCENE,
+        phased: bool = False,
     ) -> None:
         """frames: what names in `of` stand for (`body_frames` gives the body's own). postures: q (nq,) by name. fed:
         names whose targets will ever be set, by default all of `frames`; the others cost nothing. limbs: what names of
         limb tasks stand for. lengths: m, of landmarks, for weights per length. locked (nv,): DoFs that never move.
         iterations: instead of the file's. damping: of the solver; absent: `DAMPING` for each iteration, as every
         iteration lowers the error and damping with it. observers: what looks at itself and at the obstacles of `scene`.
-        Raises ConfigError: a name that the body does not have.
+        phased: `set_phases` is called in every tick. Raises ConfigError: a name that the body does not have, phases of
+        support that are not known.
         """
         watching = None if observers is None else observers.with_margin(priorities.observers.margin)
         names = () if watching is None else watching.names
@@ -98,6 +98,12 @@ class Hierarchy:
             activation=priorities.activation,
         )
         self.slots = tuple(slot for level in levels for slot in level)
+        if not phased and (by_phase := next((slot for slot in self.slots if slot.when), None)):
+            raise ConfigError(
+                f"the {by_phase.kind.value} of {by_phase.name} acts in some phases of support only",
+                found=f"when: {', '.join(by_phase.when)}",
+                next_step="Leave `when` out: it is for a human",
+            )
         """What each entry of `solver.task_errors` is the error of."""
         self.labels = tuple(f"{slot.kind.value} {slot.name}" for slot in self.slots)
         self._keep_places(levels)
@@ -118,6 +124,7 @@ class Hierarchy:
                 self._places[slot.kind].append(place)
                 self._by_name.setdefault((slot.kind, slot.name), []).append(place)
             self.spans.append(slice(start, end))
+        self._phased = [place for places in self._places.values() for place in places if place.slot.when]
         self._turned = [
             (place, place.slot.direction)
             for kind in (SlotKind.HEADING, SlotKind.AXIS)
@@ -196,6 +203,12 @@ class Hierarchy:
                 x, y, z = x / length, y / length, z / length
             targets[place.start : place.stop] = (1.0, cosine * x - sine * y, sine * x + cosine * y, z)
 
+    def set_phases(self, targets: FloatArray, shares: Mapping[Phase, float]) -> None:
+        """Weigh what acts in some phases of support only, after everything else is set. shares: of each phase, of sum
+        1."""
+        for place in self._phased:
+            targets[place.start] *= fsum(shares[phase] for phase in place.slot.when)
+
     def set_obstacles(self, poses: ObstaclePoses) -> None:
         """Set where the obstacles are at the start of the next frame. Moving ones go on at their velocities until the
         next call."""
@@ -270,9 +283,11 @@ def _compile(
         is_soft = index == len(priorities.levels) - 1 and any(task.type == "posture" for task in level.tasks)
         slots: list[Slot] = []
         for task in level.tasks:
-            slots += compile_task(
+            made = compile_task(
                 task, body, frames, fed=fed, is_soft=is_soft, limbs=limbs, lengths=lengths, observers=observers
             )
+            when = task.when if isinstance(task, Phased) else None
+            slots += made if when is None else [replace(slot, when=when) for slot in made]
         levels.append(slots)
     return levels
 

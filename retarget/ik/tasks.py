@@ -21,6 +21,7 @@ from retarget.schema.priorities import (
     LimbTask,
     LookAtTask,
     OrientationTask,
+    Phase,
     PositionTask,
     PostureTask,
     PreventiveTask,
@@ -66,7 +67,8 @@ class Slot:
     """A solver task and what sets its target. name: as in `of`, or the posture's.
 
     direction: unit x, y, z in the heading frame, for an axis or a heading. lowered: what it becomes as the head comes
-    down, bent: as the body bends over. settle: time constant of a PREVIOUS or a CARRIED, s.
+    down, bent: as the body bends over. settle: time constant of a PREVIOUS or a CARRIED, s. when: phases of support in
+    which it acts; none: always.
     """
 
     kind: SlotKind
@@ -76,6 +78,7 @@ class Slot:
     lowered: tuple[float, float, float] | None = None
     bent: tuple[float, float, float] | None = None
     settle: float = 0.0
+    when: tuple[Phase, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

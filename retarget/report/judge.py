@@ -13,8 +13,8 @@ import numpy as np
 from hardware.bus import ServoBus
 from hardware.clock import Clock, VirtualClock
 from retarget.frames import SensorFrames
-from retarget.human.posture_prior import CarryingFeet
 from retarget.human.samples import Playback
+from retarget.human.support_phase import CarryingFeet
 from retarget.ik.support_polygon import plant
 from retarget.model.human import PostureReader
 from retarget.model.robot import RobotBody, load_robot

@@ -404,11 +404,13 @@ def _joint_positions(run: RunResult) -> FloatArray:
 
 
 def limits_broken(run: RunResult) -> LimitViolations:
-    """Measured on the goals that were sent; of a human alone, on its posture."""
+    """Measured on the goals that were sent; of a robot that walks on the postures that they hold, and of a human alone
+    on its own."""
     moved, kept = moved_joints(run), run.record
     if kept.robot is None:
         return limit_violations(moved.positions, moved.limits, moved.dt, from_rest=False)
-    goals = np.vstack([kept.start, kept.goals])
+    walks = run.robot is not None and run.tally.walk is not None
+    goals = np.vstack([kept.start, kept.robot.q[:, run.robot.servo_columns] if walks and run.robot else kept.goals])
     return limit_violations(goals, moved.limits, moved.dt, from_rest=kept.from_start, to_rest=kept.to_end)
 
 

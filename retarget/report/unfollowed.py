@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from retarget.human.posture_prior import LONGEST_FLIGHT_S
+from retarget.human.support_phase import LONGEST_FLIGHT_S
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.report.motion_metrics import spans

@@ -317,12 +317,6 @@ def standing_strength(robot: RobotBody, priorities: Priorities, stance: Stance) 
 
 ENOUGH = 0.65
 """Share of its stall torque that a servo may need for a posture out of which it has to move the robot again."""
-SUSTAINED = 0.4
-"""Share of its stall torque that a servo may carry at rest for as long as the robot stands on one leg. A servo that
-holds about 0.58 of it protects itself (XM430-W350: 0.8 of the 2.95 N m that were measured), and a load in motion is
-more than that at rest."""
-SQUAT_STEP_M = 0.01
-"""Heights, m, that are tried for one leg."""
 FROM_STAND = 1e-4
 """Weight of a radian away from `stand`, relative to a metre off the floor or off the sole that carries."""
 FREE_ROOT = 3
@@ -366,26 +360,14 @@ def on_one_leg(robot: RobotBody) -> tuple[PostureLoad, float]:
     return max((_heaviest(keeps, "on one leg", torque) for torque in torques), key=lambda load: load.share), missed
 
 
-def one_leg_squat(robot: RobotBody) -> float:
-    """How far (m) below `stand` a robot with two soles may be on one leg, so that none of its servos carries more than
-    SUSTAINED of its stall torque, or STANDING_SPARE times what it carries there in `stand`."""
-    keeps, torques, _ = _one_leg_torques(robot)
-    most = np.maximum(SUSTAINED * keeps.stall, STANDING_SPARE * np.abs(torques))
-    deepest = 0.5 * robot.profile.landmarks["pelvis"].robot_length
-    for step in range(1, int(deepest / SQUAT_STEP_M)):
-        if (np.abs(_one_leg_torques(robot, step * SQUAT_STEP_M)[1]) > most).any():
-            return (step - 1) * SQUAT_STEP_M
-    return deepest
-
-
-def _one_leg_torques(robot: RobotBody, squat: float | None = None) -> tuple[StandingStrength, FloatArray, float]:
+def _one_leg_torques(robot: RobotBody) -> tuple[StandingStrength, FloatArray, float]:
     """The joints of both legs, their torques (2, k), N m, on the left one and on the right one alone, and how far (m)
-    soles or mass are off. squat: m below `stand`; None: as near to it as both soles allow."""
+    soles or mass are off, in postures as near to `stand` as both soles allow."""
     stance = plant(robot, robot.profile.postures.stand)
     keeps, torques, missed = StandingStrength(robot, stance, share=1.0), [], 0.0
     for sole in stance.soles:
         alone = Stance(stance.q, stance.points, (sole,))
-        over, off = _over(robot, keeps.names, stance, alone, squat)
+        over, off = _over(robot, keeps.names, stance, alone)
         missed = max(missed, off)
         torques.append(GravityTorque(robot, alone).torques(over, np.zeros(3))[keeps.dofs])
     return keeps, np.array(torques), missed
@@ -397,11 +379,9 @@ def _heaviest(keeps: StandingStrength, posture: str, torque: FloatArray) -> Post
     return PostureLoad(posture, keeps.names[worst], float(abs(torque[worst])), float(keeps.stall[worst]))
 
 
-def _over(
-    robot: RobotBody, joints: tuple[str, ...], stance: Stance, alone: Stance, squat: float | None
-) -> tuple[FloatArray, float]:
+def _over(robot: RobotBody, joints: tuple[str, ...], stance: Stance, alone: Stance) -> tuple[FloatArray, float]:
     """The posture (nq,) nearest to `stand` with both soles planted and the centre of mass over the one that is to carry
-    alone, its trunk as it is, `squat` m lower if that is given; and how far (m) corners or mass are off then."""
+    alone, its trunk as it is; and how far (m) corners or mass are off then."""
     body, solver = robot.body, robot.body.solver_body()
     columns = body.joint_qpos[[body.joint_index(joint) for joint in joints]]
     dofs = [body.dof_index(joint) for joint in joints]
@@ -425,8 +405,5 @@ def _over(
     at = stance.q[columns]
     low = np.concatenate([np.full(FREE_ROOT, -np.inf), np.minimum(body.lower[dofs] - at, -1e-6)])
     high = np.concatenate([np.full(FREE_ROOT, np.inf), np.maximum(body.upper[dofs] - at, 1e-6)])
-    start = np.zeros(FREE_ROOT + len(joints))
-    if squat is not None:
-        start[2], low[2], high[2] = -squat, -squat - 1e-6, -squat + 1e-6
-    found = least_squares(off, start, lower=low, upper=high, close=1e-10)
+    found = least_squares(off, np.zeros(FREE_ROOT + len(joints)), lower=low, upper=high, close=1e-10)
     return posture(found), float(np.abs(off(found)[: -len(joints)]).max())

@@ -83,6 +83,8 @@ RETURN_PENDULUM_TIMES = 7.5
 """Duration of a return to stance where the servos can, in time constants sqrt(height of the centre of mass / g) of the
 standing robot: the faster, the nearer its zero-moment point to the edge. 1.2 s for OP3, 1.6 s for Poppy, which fell in
 one of ten stops with 1.5 s."""
+AT_SPEED = 0.999
+"""Share of its speed from which on a robot begins to walk, and goes on: steps have one pace."""
 RESTS_S = 0.1
 """A robot that is no faster than RESTING_SPEED for so long (s) has returned. One tick is not enough: where limbs
 meet, all joints stand still for one tick, and go on in the next."""
@@ -332,7 +334,7 @@ class Follower:
         """The posture after the next `dt` s."""
         asked, legs = self._ask(human, dt), self.legs
         if legs is not None:
-            speed = legs.asked(human, dt) if self._speed == 1.0 else None
+            speed = legs.asked(human, dt) if self._speed > AT_SPEED else None
             if speed is not None and not legs.walks:
                 legs.begin(self.stop(dt), self._q, self._solver.velocity, dt)
             if legs.walks:

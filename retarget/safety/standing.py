@@ -17,6 +17,8 @@ BALANCE_M = 0.003
 """Distance (m) inside the outline of the soles that carry that the centre of mass keeps on the way to a stop."""
 PRESSED_M = 0.0
 """Distance (m) inside that outline that the zero-moment point of a robot that walks keeps."""
+MOST_FOOTHOLDS = 64
+"""Footholds whose edges are kept: those of a path are ten."""
 NO_WORSE_M = 1e-7
 """What is beyond these bounds on the stop that would be followed else may go on, if it gets worse by no more than this,
 m: rounding."""
@@ -40,6 +42,7 @@ class StandingCheck:
 
     def __init__(self, robot: RobotBody, stance: Stance, *, dt: float) -> None:
         self._robot, self._soles, self._columns, self._dt = robot, stance.soles, robot.servo_columns, dt
+        self._edges = dict[bytes, FloatArray]()
 
     def joints(self, postures: FloatArray) -> FloatArray:
         """The joints (k, n) rad, servo order, of postures (k, nq)."""
@@ -85,9 +88,18 @@ class StandingCheck:
             on = [points[first, :, :2] for points, carry in zip(corners, carries[first], strict=True) if carry]
             if not on:
                 return Losses(np.inf, np.inf)
-            inside = support_distance(pressed[first:last], support_edges(on))
+            inside = support_distance(pressed[first:last], self._edges_of(np.concatenate(on)))
             shortfall = max(shortfall, PRESSED_M - float(inside.min()))
         return Losses(slip, shortfall)
+
+    def _edges_of(self, corners: FloatArray) -> FloatArray:
+        """The edges (e, 3) of corners (c, 2) on the floor, which are looked at tick by tick."""
+        key = corners.round(5).tobytes()
+        if key not in self._edges:
+            if len(self._edges) > MOST_FOOTHOLDS:
+                self._edges.clear()
+            self._edges[key] = support_edges([corners])
+        return self._edges[key]
 
     def bounds(self, instead: StopPath) -> Losses:
         """The most that may be lost by a robot that would follow `instead`."""

@@ -77,7 +77,19 @@ class _Weighed(Schema):
     """Names in `of` may be missing on the body or among the performer's sensors."""
 
 
-class PositionTask(_Weighed):
+Phase = Literal["double", "left", "right", "flight"]
+"""Phase of support: on both feet, on the left or the right one alone, or on none."""
+
+
+class Phased(_Weighed):
+    """Keys of tasks that may act in some phases of support only."""
+
+    when: Annotated[tuple[Phase, ...], BeforeValidator(one_or_more), Field(min_length=1)] | None = None
+    """Phases of a human's support in which it acts, one or a list; absent: always. In the last level, beside a posture:
+    there weights come and go smoothly, as a strict level cannot."""
+
+
+class PositionTask(Phased):
     """Points of the body go to the positions asked of them. Rows are the world's x, y, z."""
 
     type: Literal["position"]
@@ -91,7 +103,7 @@ class PositionTask(_Weighed):
     on a small robot."""
 
 
-class LimbTask(_Weighed):
+class LimbTask(Phased):
     """Lines from anchors of the robot's profile to its landmarks take the length and direction asked, in the world,
     wherever the anchors are: arms do not pull the trunk along. Rows are the world's x, y, z."""
 
@@ -103,7 +115,7 @@ class LimbTask(_Weighed):
     """[m/rad] A limb that is off by a radian counts as much as a point that is off by so much."""
 
 
-class OrientationTask(_Weighed):
+class OrientationTask(Phased):
     """Frames of the body take the orientations asked of them. Rows are rotations about the world's x, y, z."""
 
     type: Literal["orientation"]
@@ -114,7 +126,7 @@ class OrientationTask(_Weighed):
     """One number, or one per row."""
 
 
-class AxisTask(_Weighed):
+class AxisTask(Phased):
     """`axis` of each frame points along `direction` in the heading frame (z up): soles flat, trunk upright."""
 
     type: Literal["axis"]
@@ -133,7 +145,7 @@ class AxisTask(_Weighed):
     """Of both rows."""
 
 
-class HeadingTask(_Weighed):
+class HeadingTask(Phased):
     """The left axis of each frame points to the left of the heading estimate; bending forward stays free."""
 
     type: Literal["heading"]
@@ -144,7 +156,7 @@ class HeadingTask(_Weighed):
     """Of its rows."""
 
 
-class LookAtTask(_Weighed):
+class LookAtTask(Phased):
     """`axis` of each frame aims at the point asked of it."""
 
     type: Literal["look_at"]
@@ -157,7 +169,7 @@ class LookAtTask(_Weighed):
     """Of both rows."""
 
 
-class CentreOfMassTask(_Weighed):
+class CentreOfMassTask(Phased):
     """The centre of mass is kept over the root, over the feet, or inside their support polygon."""
 
     type: Literal["centre_of_mass"]
@@ -202,7 +214,7 @@ class PostureTask(_Weighed):
     """[s] Time constant with which free joints approach it; 0: at once."""
 
 
-class CarriedTask(_Weighed):
+class CarriedTask(Phased):
     """The root of a human goes the way of the sensors that carry it, and leaves that way only slowly. It is what
     `settle` of a posture is for joints: without it, what pulls at the whole body moves it at once, as balance does."""
 
@@ -448,7 +460,16 @@ def _check(priorities: Priorities, document: Document) -> list[Problem]:
             here: KeyPath = ("levels", index, "name")
             found = f"{level.name!r}, also of level {earlier + 1}"
             problems.append(document.problem(here, "duplicate level name", found=found))
+        is_soft = index == len(priorities.levels) - 1 and any(isinstance(task, PostureTask) for task in level.tasks)
         for place, task in enumerate(level.tasks):
+            if isinstance(task, Phased) and task.when is not None:
+                here = ("levels", index, "tasks", place, "when")
+                if not is_soft:
+                    allowed = "in the last level, beside a posture: what a strict level takes comes and goes at once"
+                    problems.append(document.problem(here, "a phase of support in a strict level", allowed=allowed))
+                if isinstance(task, CentreOfMassTask) and task.mode == "support":
+                    step = "Leave it out: an inequality has no weight that could change smoothly"
+                    problems.append(document.problem(here, "a phase of support of a support task", next_step=step))
             if isinstance(task, AxisTask):
                 for key, other in (("lowered", task.lowered), ("bent", task.bent)):
                     if other is not None and _opposite(task.direction, other):

@@ -123,6 +123,9 @@ def _key_path(loc: tuple[int | str, ...], data: object) -> KeyPath:
     path: list[int | str] = []
     for index, part in enumerate(loc):
         last = index == len(loc) - 1
+        # The name of a member may be that of a key too, as of an axis task: it comes first.
+        if not last and index and isinstance(loc[index - 1], int) and _value_at(data, ("type",)) == part:
+            continue
         if isinstance(data, dict) and part in data:
             data = data[str(part)]
         elif isinstance(data, list) and isinstance(part, int) and part < len(data):

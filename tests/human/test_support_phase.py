@@ -9,7 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from retarget.human.posture_prior import LIFT_DWELL_S, CarryingFeet
+import people
+from people import reconstruct
+from retarget.human.support_phase import LIFT_DWELL_S, SHARE_SETTLE_S, CarryingFeet, PhaseShares
+from retarget.model.human_dimensions import POINTS
+from retarget.schema.priorities import Phased, load_priorities
 from retarget.sources.open import open_source
 from retarget.types import Carrying, FloatArray
 
@@ -121,3 +125,59 @@ def test_a_walk_goes_from_foot_to_foot_without_flight(shared: Path) -> None:
 def test_a_vertical_jump_is_one_flight(shared: Path) -> None:
     phases_found = changes(recorded(shared / "mocap" / "cmu_asfamc" / "02_04.amc"))
     assert phases_found.count(FLIGHT) == 1
+
+
+@settings(max_examples=30)
+@given(
+    spells=st.lists(st.tuples(st.sampled_from(Carrying), st.floats(0.0, 0.3)), min_size=1, max_size=12),
+    rate=st.sampled_from((50.0, 125.0, 500.0)),
+)
+def test_shares_of_phases_sum_to_one_and_neither_they_nor_their_speed_jump(
+    spells: list[tuple[Carrying, float]], rate: float
+) -> None:
+    shares, dt = PhaseShares(), 1.0 / rate
+    found = [dict(shares.now)]
+    for carrying, seconds in spells:
+        found += [dict(shares.step(carrying, dt)) for _ in range(round(seconds * rate))]
+    rows = np.array([list(one.values()) for one in found])
+    assert rows.min() >= 0.0
+    np.testing.assert_allclose(rows.sum(axis=1), 1.0, atol=1e-12)
+    # Two low-passes of one step: its speed is at most 1 / (e T), its acceleration 1 / T^2; products of two feet add.
+    assert np.abs(np.diff(rows, axis=0)).max(initial=0.0) <= 2.0 * dt / (np.e * SHARE_SETTLE_S)
+    speeds = np.diff(rows, axis=0) / dt
+    assert np.abs(np.diff(speeds, axis=0)).max(initial=0.0) <= 2.0 * (1.0 + 2.0 / np.e**2) * dt / SHARE_SETTLE_S**2
+
+
+@pytest.mark.parametrize("carrying", list(Carrying))
+def test_a_phase_that_stays_is_soon_all_there_is(carrying: Carrying) -> None:
+    shares = PhaseShares()
+    for _ in range(round(0.5 * RATE)):
+        shares.step(carrying, 1.0 / RATE)
+    name = {BOTH: "double"}.get(carrying, carrying.value)
+    assert dict(shares.now)[name] > 0.999  # type: ignore[index]
+
+
+def test_toes_hang_in_a_jog_and_no_joint_centre_jumps_where_feet_land_or_leave(shared: Path) -> None:
+    """Beside the same priorities whose tasks act in all phases."""
+    frames, phased = people.trial(shared, "02_03"), load_priorities("human")
+    levels = tuple(
+        level.model_copy(
+            update={
+                "tasks": tuple(
+                    task.model_copy(update={"when": None}) if isinstance(task, Phased) else task for task in level.tasks
+                )
+            }
+        )
+        for level in phased.levels
+    )
+    fixed = phased.model_copy(update={"levels": levels})
+    assert frames.joints is not None
+    toes = [POINTS.index("l_toe"), POINTS.index("r_toe")]
+    truth = np.stack([frames.joints.of("l_toe"), frames.joints.of("r_toe")], axis=1)
+    off, largest = [], []
+    for priorities in (phased, fixed):
+        run = reconstruct(frames, priorities)
+        off.append(np.linalg.norm(run.joints[:, toes] - truth, axis=-1).mean())
+        largest.append(np.linalg.norm(np.diff(run.joints, 2, axis=0), axis=-1).max())
+    assert off[0] < 0.75 * off[1]
+    assert largest[0] < largest[1] + 0.002

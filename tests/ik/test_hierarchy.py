@@ -133,6 +133,39 @@ def test_heading_turns_axes_and_leaves_bending_free() -> None:
     assert np.abs(q[3:7]) == pytest.approx([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)], abs=1e-4)
 
 
+ON_LEFT: tuple[dict[str, Any], ...] = (
+    {"name": "held", "tasks": ({"type": "position", "of": ("l_ankle", "r_ankle", "chest")},)},
+    {
+        "name": "posture",
+        "tasks": (
+            {"type": "position", "of": ("l_wrist",), "weight": 10, "when": ("left", "flight")},
+            {"type": "posture", "towards": "stand", "settle": 0.2},
+        ),
+    },
+)
+
+
+def test_a_task_of_a_phase_weighs_as_much_as_the_phase_is_there() -> None:
+    hierarchy = compiled(ON_LEFT, phased=True)
+    body, stand = human().body.solver_body(), human().posture("stand")
+    place = {name: human().body.frame(name).body for name in ("l_ankle", "r_ankle", "chest", "l_wrist")}
+    at_rest = body.forward(stand)[0]
+    goal, away = at_rest[place["l_wrist"]] + [0.0, 0.1, 0.2], []
+    for left in (0.0, 0.05, 0.5, 1.0):
+        targets = hierarchy.blank()
+        for name, link in place.items():
+            hierarchy.set_position(targets, name, goal if name == "l_wrist" else at_rest[link])
+        hierarchy.set_phases(targets, {"double": 1.0 - left, "left": 0.5 * left, "right": 0.0, "flight": 0.5 * left})
+        away.append(float(np.linalg.norm(body.forward(settled(hierarchy, targets))[0][place["l_wrist"]] - goal)))
+    assert away[0] == pytest.approx(np.hypot(0.1, 0.2), abs=1e-4)
+    assert away[0] > away[1] > away[2] > away[3]
+
+
+def test_a_body_whose_phases_nobody_knows_takes_no_task_of_one() -> None:
+    with refuses(ConfigError, "position of l_wrist", "left", "for a human"):
+        compiled(ON_LEFT)
+
+
 def test_support_edges_fill_their_slots() -> None:
     support = {"type": "centre_of_mass", "mode": "support"}
     hierarchy = compiled(({"name": "balance", "tasks": (support,)}, LEVELS[-1]))

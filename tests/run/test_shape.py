@@ -14,8 +14,9 @@ from sim.faults.sender import FakeSender
 from sim.imu import STILL
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST_MODULES = 53
-"""With the check of standing, the governor of the stop, heat, and three modules of the IMU: sample, board and tipping;
+MOST_MODULES = 55
+"""With the check of standing, the governor of the stop, heat, the phases of the performer's support, where posture and
+support are told apart, and three modules of the IMU: sample, board and tipping;
 a tick in which a stop begins plants the root."""
 RECEIVER = {"retarget/live/receivers.py"}
 """What the simulated sender of the test stands for."""

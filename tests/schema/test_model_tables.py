@@ -38,7 +38,7 @@ def test_a_key_is_listed_as_it_is_read() -> None:
 
 def test_own_keys_come_before_those_of_every_task() -> None:
     names = [key.name for key in keys_of_model(PositionTask)]
-    assert names[:4] == ["type", "of", "weight", "per"] and set(names[4:]) == {"gain", "max_error", "optional"}
+    assert names[:4] == ["type", "of", "weight", "per"] and set(names[4:]) == {"gain", "max_error", "optional", "when"}
 
 
 def test_a_section_is_a_table_of_five_columns() -> None:

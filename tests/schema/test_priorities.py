@@ -174,6 +174,43 @@ def test_what_carries_is_sensors_with_the_head_among_them(tmp_path: Path, by: st
     assert load(text.replace(by, "{l_ankle: 0.2, head: 0.6}"), tmp_path)
 
 
+SOFT = "    tasks:\n      - {type: posture"
+FLAT = "type: axis, of: l_ankle, axis: [0, 0, 1], direction: [0, 0, 1]"
+
+
+def phased(task: str, folder: Path) -> Priorities:
+    """A task beside the posture of the last level."""
+    return load(EVERYTHING.replace(SOFT, f"    tasks:\n      - {{{task}}}\n      - {{type: posture", 1), folder)
+
+
+def test_a_task_may_act_in_some_phases_of_support(tmp_path: Path) -> None:
+    for text, phases in (("flight", ("flight",)), ("[double, left]", ("double", "left"))):
+        axis = phased(f"{FLAT}, when: {text}", tmp_path).levels[-1].tasks[0]
+        assert isinstance(axis, AxisTask)
+        assert axis.when == phases
+
+
+@pytest.mark.parametrize(
+    ("task", "messages"),
+    [
+        (f"{FLAT}, when: fligt", ("when", "fligt", "flight")),
+        (f"{FLAT}, when: both", ("when", "both", "double")),
+        (f"{FLAT}, when: []", ("when",)),
+        ("type: centre_of_mass, mode: support, when: double", ("when", "support", "inequality")),
+        ("type: posture, when: double", ("when",)),
+    ],
+)
+def test_other_phases_are_refused_with_their_place(tmp_path: Path, task: str, messages: tuple[str, ...]) -> None:
+    with refuses(ConfigError, "mine.yaml:", *messages):
+        phased(task, tmp_path)
+
+
+def test_no_strict_level_comes_and_goes_with_the_phase(tmp_path: Path) -> None:
+    text = EVERYTHING.replace("mode: support", "mode: over_feet, when: double", 1)
+    with refuses(ConfigError, "mine.yaml:", "strict level", "last level"):
+        load(text, tmp_path)
+
+
 def test_a_direction_is_not_lowered_to_its_opposite(tmp_path: Path) -> None:
     posture = "      - {type: posture, stiffness"
     axis = "{type: axis, of: pelvis, axis: [0, 0, 1], direction: [0, 0, 1], lowered: [0, 0, -2]}"

@@ -20,7 +20,7 @@ from retarget.types import MM
 
 STEP_TIMES, DOUBLE_TIMES = 3.76, 0.42
 """Duration of a step, and of its double support, in sqrt(height / g): 0.576 and 0.064 s of OP3."""
-CROUCH = 0.89
+CROUCH = 0.94
 """Height of the centre of mass while it walks, as a share of that in `stand`: legs that are bent reach a step's
 length."""
 LIFT = 0.043
@@ -29,8 +29,8 @@ NARROWEST = 0.86
 """Least distance of the soles, sideways, as a share of that in `stand`."""
 LONGEST = 0.565
 """Longest step, as a share of the height."""
-FORWARD, SIDEWAYS, TURN = 0.0833, 0.0267, 0.046
-"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.125 m/s, 0.04 m/s and 0.3 rad/s
+FORWARD, SIDEWAYS, TURN = 0.0713, 0.026, 0.0472
+"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.11 m/s, 0.04 m/s and 0.3 rad/s
 of OP3. Faster, its knees would have to turn faster than they can."""
 RAMP = 0.2
 """Most that a velocity changes from step to step, as a share of the fastest: the pattern's own error grows with it."""

@@ -175,7 +175,8 @@ def modified_sine(u: float) -> float:
 def bump(u: float) -> float:
     """64 u^3 (1-u)^3 within 0 to 1: 1 in the middle; velocity and acceleration vanish at both ends."""
     u = min(max(u, 0.0), 1.0)
-    return 64.0 * (u * (1.0 - u)) ** 3
+    square = u * (1.0 - u)
+    return 64.0 * square * square * square
 
 
 def _response(u: float, a: float) -> float:

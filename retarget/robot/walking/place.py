@@ -11,6 +11,7 @@ from retarget.rotations import Quat, Vector, as_quat, as_vector, axis_turn, prod
 from retarget.types import FloatArray
 
 UP = 0.0, 0.0, 1.0
+"""Unit vector."""
 
 
 @dataclass(frozen=True)

@@ -51,53 +51,72 @@ class WalkTally:
     asked_turn_deg: float = 0.0
 
 
+class Strides:
+    """Whether a performer walks, by when their feet are in the air. `duration`: s of their last stride."""
+
+    def __init__(self, dt: float) -> None:
+        """dt: s between ticks."""
+        self._dt, self.walks = dt, False
+        self._in_air = [inf, inf]  # s since either foot was
+        self._lifts = list[float]()  # s since the last three times that a foot left the floor
+
+    @property
+    def duration(self) -> float:
+        """s of the last stride; STRIDE_S of one that is not known."""
+        return min(self._lifts[0] - self._lifts[2], LONGEST_S) if len(self._lifts) == 3 else STRIDE_S
+
+    def look(self, carrying: Carrying, *, travels: bool) -> None:
+        """Look at the feet after another tick. travels: whether their middle goes somewhere."""
+        dt, lifted = self._dt, _FOOT.get(carrying)
+        self._lifts = [since + dt for since in self._lifts]
+        for foot in (0, 1):
+            if foot == lifted and self._in_air[foot] > self._in_air[1 - foot]:
+                self._lifts = [*self._lifts[-2:], 0.0]
+            self._in_air[foot] = 0.0 if foot == lifted else self._in_air[foot] + dt
+        soon, late = sorted(self._in_air)
+        steps = soon < LIFTED_S and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
+        self.walks = steps and (self.walks or late < 3.0 * LIFTED_S or travels)
+        self._lifts = self._lifts if self.walks else self._lifts[-1:]
+
+
 class Travel:
     """How one robot is to walk with one performer. `asked`, `walked`: m gone by both, scaled, and rad turned."""
 
     def __init__(self, gait: Gait, fastest: Request, *, scale: float) -> None:
         """fastest: what the robot can. scale: of lengths, from the performer's leg to the robot's."""
-        self._scale, self._dt = scale, gait.dt
+        self._scale, self._gait = scale, gait
         self._most = np.array([fastest.forward, fastest.left, fastest.turn])
-        self._step_s, self._steps = gait.period, gait.period * self._most
-        self.restart()
-
-    def restart(self) -> None:
-        """A new performance: nobody has moved."""
+        self._strides = Strides(gait.dt)
         self._before: tuple[float, float, float] | None = None
-        longest = round(LONGEST_S / self._dt) + 1
+        longest = round(LONGEST_S / gait.dt) + 1
         self._gone = deque([np.zeros(3)], longest)  # [m, m, rad] at every tick
         self._sums = deque([np.zeros(3)], longest)  # of these
         self._followed = np.zeros(3)  # of that, what the robot has been asked for
         self._behind = np.zeros(3)
-        self._speed = np.zeros(3)
-        self._lifted = [inf, inf]  # s since either foot was in the air
-        self._lifts = list[float]()  # s since the last three times that a foot left the floor
-        self._walks, self._goes = False, False
+        self._goes = False
         self.asked, self.walked = np.zeros(2), np.zeros(2)
 
     def step(self, human: "HumanPosture", robot: Request) -> Request | None:
         """The velocity for the next step after another tick; None: stand. robot: the velocity of its present step."""
-        dt = self._dt
+        dt, step = self._gait.dt, self._gait.period * self._most
         self._gone.append(self._gone[-1] + self._moved(human))
         self._sums.append(self._sums[-1] + self._gone[-1])
-        self._look_at_feet(human)
-        walked = dt * np.array([robot.forward, robot.left, robot.turn])
-        stride = min(self._lifts[0] - self._lifts[2], LONGEST_S) if len(self._lifts) == 3 else STRIDE_S
-        count = min(round(stride / dt), len(self._gone) - 1)
-        speed, mean = np.zeros(3), self._gone[-1]
-        if self._walks:
+        self._strides.look(human.carrying, travels=self._travels())
+        walks, speed, mean = self._strides.walks, np.zeros(3), self._gone[-1]
+        if walks:
+            count = min(round(self._strides.duration / dt), len(self._gone) - 1)
             speed = (self._gone[-1] - self._gone[-1 - count]) / (count * dt)
             mean = (self._sums[-1] - self._sums[-1 - count]) / count
-        came = mean - self._followed
-        self._speed, self._followed = speed, mean
-        self._behind = np.clip(self._behind + came - walked, -LEASH * self._steps, LEASH * self._steps)
+        came, self._followed = mean - self._followed, mean
+        walked = dt * np.array([robot.forward, robot.left, robot.turn])
+        self._behind = np.clip(self._behind + came - walked, -LEASH * step, LEASH * step)
         for total, moved in ((self.asked, came), (self.walked, walked)):
             total += hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))
-        self._goes = self._walks or (self._goes and bool((np.abs(self._behind) > LEFT_OVER * self._steps).any()))
+        self._goes = walks or (self._goes and bool((np.abs(self._behind) > LEFT_OVER * step).any()))
         if not self._goes:
             self._behind = np.zeros(3)
             return None
-        forward, left, turn = (speed + self._behind / (CATCH_UP_S if self._walks else self._step_s)).tolist()
+        forward, left, turn = (speed + self._behind / (CATCH_UP_S if walks else self._gait.period)).tolist()
         return Request(forward, left, turn)
 
     def _moved(self, human: "HumanPosture") -> FloatArray:
@@ -112,20 +131,7 @@ class Travel:
         turned = arctan2(sin(yaw - before), cos(yaw - before))
         return np.array([c * (x - a) + s * (y - b), c * (y - b) - s * (x - a), turned])
 
-    def _look_at_feet(self, human: "HumanPosture") -> None:
-        """Whether the performer walks, and when they lifted a foot."""
-        dt, in_air = self._dt, _FOOT.get(human.carrying)
-        self._lifts = [since + dt for since in self._lifts]
-        for foot in (0, 1):
-            if foot == in_air and self._lifted[foot] > self._lifted[1 - foot]:
-                self._lifts = [*self._lifts[-2:], 0.0]
-            self._lifted[foot] = 0.0 if foot == in_air else self._lifted[foot] + dt
-        soon, late = sorted(self._lifted)
-        steps = soon < LIFTED_S and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
-        self._walks = steps and (self._walks or late < 3.0 * LIFTED_S or self._travels())
-        self._lifts = self._lifts if self._walks else self._lifts[-1:]
-
     def _travels(self) -> bool:
         """Whether the middle of the feet goes somewhere."""
-        far = self._gone[-1] - self._gone[max(len(self._gone) - 1 - round(LIFTED_S / self._dt), 0)]
+        far = self._gone[-1] - self._gone[max(len(self._gone) - 1 - round(LIFTED_S / self._gait.dt), 0)]
         return bool((np.abs(far) > SLOWEST * LIFTED_S * self._most)[:2].any())

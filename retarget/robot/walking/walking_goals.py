@@ -32,9 +32,9 @@ from retarget.robot.balance import leg_joints
 from retarget.robot.deflection_compensation import DeflectionCompensation, Offset
 from retarget.robot.walking.path import ROOT
 from retarget.robot.walking.pattern import Gait
+from retarget.robot.walking.place import UP
 from retarget.rotations import arc, as_quat, as_vector, axis_turn, product, rotated, rotation_vector
 
-UP = 0.0, 0.0, 1.0
 MOST_RAD = 0.35
 """Greatest offset of a goal from its posture: 0.31 rad is needed at 0.15 m/s."""
 SPEED_SHARE = 4.0

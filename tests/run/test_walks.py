@@ -1,0 +1,198 @@
+"""Runs of a robot that walks: stops and holds in the middle of a step, and what is refused before it begins."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from followers import op3
+from hardware.clock import VirtualClock
+from messages import refuses, shows
+from retarget.errors import ConfigError, RetargetError, UsageError
+from retarget.human.samples import Playback
+from retarget.model.robot import load_robot
+from retarget.robot.walking.gait import with_steps
+from retarget.robot.walking.pattern import Request
+from retarget.run.loop import Observer, Operator, Tick
+from retarget.run.options import RunOptions
+from retarget.run.prepare import Prepared, prepare
+from retarget.run.run_result import RunResult
+from retarget.run.supervisor import OperatorInput
+from retarget.schema.priorities import load_priorities
+from retarget.types import FloatArray, RunState
+from sim.mock_bus import mock_bus
+from sim.performer import synthetic_performer
+
+FORWARD = Request(forward=0.1)
+
+
+class Stick(Observer):
+    """Asks for a velocity from the time on that following begins, and notes states and postures."""
+
+    def __init__(self, asked: Callable[[float], Request | None]) -> None:
+        self._asked, self._begun = asked, 0.0
+        self.prepared: Prepared
+        self.states, self.walked = list[RunState](), list[bool]()
+        self.t = 0.0
+        """s since following began."""
+
+    def see(self, tick: Tick) -> None:
+        """Look at a tick, and ask for the next one."""
+        assert tick.output is not None and self.prepared.machine is not None
+        legs = self.prepared.machine.follower.legs
+        assert legs is not None
+        self.states.append(tick.output.run_state)
+        self.walked.append(legs.walks)
+        if RunState.FOLLOW in self.states:
+            self._begun = self._begun or tick.given.now
+            self.t = tick.given.now - self._begun
+            legs.velocity = self._asked(self.t)
+
+
+class Stops(Operator):
+    """Asks for a stop from a time on, s since following began."""
+
+    def __init__(self, stick: Stick, after: float) -> None:
+        self._stick, self._after = stick, after
+
+    def asked(self) -> OperatorInput:
+        """What is asked for."""
+        return OperatorInput(stop="it is enough" if self._stick.t > self._after else None)
+
+
+def run(stick: Stick, *, end: float = 8.0, stops: float = np.inf, lost: tuple[float, float] | None = None) -> RunResult:
+    """A run of OP3 without mass. lost: from when until when, s of the performance, its performer cannot be followed."""
+    options = RunOptions(robot="op3", steps="walk", playback=Playback(end=end))
+    frames = synthetic_performer()
+    with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        stick.prepared = prepared
+        if lost is not None:
+            prepared = replace(prepared, samples=Lost(prepared.samples, *lost))
+            stick.prepared = prepared
+        return prepared.run(Stops(stick, stops), [stick])
+
+
+class Lost:
+    """A performance whose sensors are lost for a time."""
+
+    def __init__(self, samples: object, begin: float, end: float) -> None:
+        self._samples, self._begin, self._end = samples, begin, end
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._samples, name)
+
+    def sample(self, tick: int) -> object:
+        """The sample of a tick."""
+        gone = self._begin < tick * self._samples.dt < self._end  # type: ignore[attr-defined]
+        return None if gone else self._samples.sample(tick)  # type: ignore[attr-defined]
+
+
+def soles(q: FloatArray) -> FloatArray:
+    """Places (2, 3) m of both soles, seen from the left one."""
+    at = op3().points(q[None], ("l_sole", "r_sole"))[0]
+    return np.asarray(at)
+
+
+def stands(q: FloatArray) -> bool:
+    """Whether both soles are on the floor, side by side."""
+    left, right = soles(q)
+    apart = float(np.linalg.norm((left - right)[:2]))
+    return abs(left[2] - right[2]) < 1e-4 and abs(apart - 0.095) < 1e-3
+
+
+def sent_postures(result: RunResult) -> FloatArray:
+    """Postures (T, nq) to which the robot was sent."""
+    assert result.record.robot is not None
+    return result.record.robot.q
+
+
+def test_it_walks_and_stands_again() -> None:
+    stick = Stick(lambda t: FORWARD if 0.5 < t < 4.5 else None)
+    result = run(stick)
+    q, walked = sent_postures(result), np.array(stick.walked)
+    assert result.state == RunState.OFF.value and result.stop is None
+    assert result.tally.walk is not None and result.tally.walk.steps >= 4
+    assert walked.any() and not walked[-1]
+    gone = soles(q[-1])[0] - soles(q[0])[0]
+    assert gone[0] > 0.2 and stands(q[-1])
+    refused = result.record.gated[: len(walked)][walked[: len(result.record.gated)]]
+    assert refused.mean() < 0.1, "arms alone are held back now and then"
+
+
+@pytest.mark.parametrize("after", [1.2, 1.9, 2.5, 2.7, 2.9, 3.1])
+def test_a_stop_in_the_middle_of_a_step_ends_on_both_feet(after: float) -> None:
+    """The sway to a first step, the step that is under way, two more, and the end of the pattern."""
+    stick = Stick(lambda t: FORWARD if t > 0.3 else None)
+    result = run(stick, stops=after)
+    assert result.state == RunState.OFF.value
+    stopping = [row for row, state in enumerate(stick.states) if state is RunState.STOPPING]
+    assert stopping and len(stopping) * 0.008 < 0.5 + 3 * 0.58 + 0.7
+    assert stands(sent_postures(result)[-1])
+
+
+def test_a_hold_in_the_middle_of_a_step_is_a_stand_and_then_it_walks_on() -> None:
+    stick = Stick(lambda t: FORWARD if t > 0.3 else None)
+    result = run(stick, end=13.0, lost=(3.0, 6.0))
+    q = sent_postures(result)
+    held = [row for row, state in enumerate(stick.states) if state is RunState.HOLD]
+    assert held and stands(q[held[-1]])
+    before, after = soles(q[held[-1]])[0][0], soles(q[-1])[0][0]
+    assert after - before > 0.05, "it goes on from there"
+
+
+def test_a_short_hold_does_not_end_in_the_air() -> None:
+    """The robot finishes its way to a stand, and only then walks on."""
+    stick = Stick(lambda t: FORWARD if t > 0.3 else None)
+    q = sent_postures(run(stick, end=10.0, lost=(3.0, 3.2)))
+    moved = np.diff(q[:, op3().servo_columns], axis=0)
+    limits = op3().joint_map
+    assert (np.abs(moved) <= limits.max_velocity * 0.008 + 1e-6).all()
+    assert (np.abs(np.diff(moved, axis=0)) <= limits.max_acceleration * 0.008**2 + 1e-6).all()
+    assert soles(q[-1])[0][0] - soles(q[0])[0][0] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("robot", "why"),
+    [("op3", ()), ("wolfgang", ()), ("toddlerbot", ("left_hip_roll", "1.36", "76%")), ("poppy", "3.3 mm off")],
+)
+def test_a_robot_that_cannot_stand_on_one_leg_stays_planted_and_says_so(robot: str, why: str | tuple[str, ...]) -> None:
+    """ToddlerBot's hips are too weak; Poppy's ankles do not roll, so its mass does not get over one sole."""
+    priorities, notes = with_steps(load_priorities("balanced_sustained"), load_robot(robot), "walk", parts="whole")
+    assert priorities.steps == ("planted" if why else "walk") and len(notes) == bool(why)
+    if why:
+        shows(notes[0], *([why] if isinstance(why, str) else why))
+
+
+@pytest.mark.parametrize(
+    ("steps", "root", "parts", "fault"),
+    [
+        ("follow", "free", "whole", "walk"),
+        ("walk", "suspended", "whole", "follow"),
+        ("walk", "free", "upper", "whole"),
+    ],
+)
+def test_what_a_robot_cannot_do_is_refused(steps: str, root: str, parts: str, fault: str) -> None:
+    robot = load_robot("op3", root="free" if root == "free" else "suspended")
+    with refuses(UsageError, "--steps", fault):
+        with_steps(load_priorities("balanced"), robot, steps, parts=parts)  # type: ignore[arg-type]
+    written = load_priorities("balanced").model_copy(update={"steps": steps})
+    with refuses(ConfigError, "priorities", fault):
+        with_steps(written, robot, None, parts=parts)
+
+
+def test_a_walk_needs_servos_whose_load_is_known() -> None:
+    with refuses(ConfigError, "servo", "deflection_compensation"):
+        with_steps(load_priorities("servo"), op3(), "walk", parts="whole")
+
+
+def test_options_are_checked_before_any_file() -> None:
+    for options, facts in (
+        ({"steps": "hop"}, ("hop", "planted, walk, follow")),
+        ({"steps": "shift"}, ("shift", "planted, walk, follow")),
+        ({"steps": "walk", "parts": "upper"}, "--parts upper"),
+    ):
+        with refuses(RetargetError, facts):
+            RunOptions(robot="op3", **options)  # type: ignore[arg-type]
+    with refuses(UsageError):
+        RunOptions(robot="human", steps="walk")
