@@ -50,7 +50,8 @@ def test_each_strategy_takes_a_hand_where_the_cheaper_ones_do_not(bench: Bench) 
     depths = {
         Strategy.ARM: by_arm,
         Strategy.TRUNK: np.where(by_arm > far, heights[-1], np.inf),
-        Strategy.CROUCH: np.where(np.minimum(by_arm, heights[-1]) > far, np.min(heights, axis=0), np.inf),
+        # A trunk that leans reaches much beside the legs: on the ground ahead it does not.
+        Strategy.CROUCH: np.where((heights[-1] > far) & (nodes[:, 0] > 0.1) & (nodes[:, 2] < far), heights[0], np.inf),
     }
     for strategy, depth in depths.items():
         place = nodes[np.argmin(depth)]
