@@ -452,10 +452,9 @@ class PhysicsReport:
     """A run of a robot with mass.
 
     fallen_at_s: on the run's time; how: in words. toppled: what a robot at rest did without torque, if it did not stay
-    sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried; None of a
-    robot that walked.
-    foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole that carried.
-    torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.
+    sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried; None
+    of a robot that walked. foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole
+    that carried. torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.
     realtime_factor: time of the clip by the wall time that it took; null: nothing was followed.
     """
 
