@@ -142,7 +142,7 @@ TABLES = {
                 ("02_01 (walk)", "02_01.amc", "0.3"),
                 ("figure of eight", "AV_8Walk_Meredith_HVHA_Rep1.bvh", "0.25"),
                 ("figure of eight", "AV_8Walk_Meredith_HVHA_Rep1.bvh", "1"),
-                ("walking.amc", "walking.amc", "0.3"),
+                ("02_03 (jog)", "02_03.amc", "0.3"),
                 ("49_18 (one leg)", "49_18.amc", "1"),
             )
         ),

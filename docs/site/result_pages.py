@@ -11,7 +11,7 @@ CAPTIONS = {
     "and how far feet, pelvis and heading went of the performer's.",
     "standing": "Which motions stand. Whole runs of OP3 in physics, the path to rest included, at speed 1.",
     "robustness": "OP3 through 02_06 at half speed under perturbations, 50 seeds of each kind.",
-    "walking": "OP3 walks with performers in physics (`--steps walk`): m and degrees of those asked, scaled by the leg.",
+    "walking": "OP3 walks with performers in physics: m and degrees of those asked, by the length of the leg.",
     "hanging": "OP3 on a gantry at speed 1: mean error of head, pelvis and soles, lag included.",
     "ends": "Ends of runs in simulation, with mass: with and without the table, as planned, with masses, centre of "
     "mass, friction and latency drawn, and with servos 0.6 as stiff. A third ended with the motion, the others were "

@@ -452,9 +452,9 @@ class PhysicsReport:
     """A run of a robot with mass.
 
     fallen_at_s: on the run's time; how: in words. toppled: what a robot at rest did without torque, if it did not stay
-    sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried.
-    foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole that carried.
-    torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.
+    sitting. min_zmp_margin_mm: least distance of the centre of pressure from the edge of the soles that carried; None
+    of a robot that walked. foot_slip_mm: way of each sole while it carried, and `total`. sole_tilt_max_deg: of a sole
+    that carried. torque_nm, temperature_c (hottest): per servo. self_contacts, fixture_contacts: ticks with any.
     realtime_factor: time of the clip by the wall time that it took; null: nothing was followed.
     """
 
@@ -481,7 +481,9 @@ def physics_report(run: RunResult) -> PhysicsReport | None:
     physics, robot = run.physics, run.robot
     if physics is None or robot is None:
         return None
-    fall, margin = physics.fall, physics.least_margin
+    # Soles that a walking robot lifts or puts down press on an edge.
+    walks = run.tally.walk is not None and run.tally.walk.steps > 0
+    fall, margin = physics.fall, None if walks else physics.least_margin
     slip = dict(zip(robot.profile.feet, (MM * physics.slip).tolist(), strict=True))
     size = np.abs(physics.torque)
     if len(size):

@@ -360,7 +360,7 @@ class Follower:
             self._motion.restart()
             return self._follow(asked, dt)
         upper, targets = legs.upper, self._targets
-        self.scene_obstacles.tick(upper, dt)
+        self.scene_obstacles.tick(upper, dt, seen=legs.obstacles)
         upper.solver.correct(q, velocity)
         self._reached = self._reader.read(q)
         self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
@@ -378,7 +378,7 @@ class Follower:
     def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, q = self._targets, self.hierarchy, self._q
-        self.scene_obstacles.tick(hierarchy, dt)
+        self.scene_obstacles.tick(hierarchy, dt, seen=None if self.legs is None else self.legs.obstacles)
         soles = self._soles
         if soles.balance is not None:
             if soles.stop is not None and soles.stop.footing is not None:

@@ -115,7 +115,7 @@ def test_it_walks_and_stands_again() -> None:
     assert result.tally.walk is not None and result.tally.walk.steps >= 4
     assert walked.any() and not walked[-1]
     gone = soles(q[-1])[0] - soles(q[0])[0]
-    assert gone[0] > 0.2 and stands(q[-1])
+    assert gone[0] > 0.15 and stands(q[-1])
     refused = result.record.gated[: len(walked)][walked[: len(result.record.gated)]]
     assert refused.mean() < 0.1, "arms alone are held back now and then"
 

@@ -6,8 +6,7 @@ pendulum: a step's time by sqrt(height / g), speeds by sqrt(g height).
 
 from math import sqrt
 
-import numpy as np
-
+from retarget.arithmetic import hypot
 from retarget.errors import ConfigError, UsageError
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance
@@ -61,11 +60,11 @@ def fastest(gait: Gait) -> Request:
 
 
 def clipped(gait: Gait, asked: Request) -> Request:
-    """What is asked, no faster than the robot may be asked to walk: an ellipsoid, as what legs can is shared by all."""
+    """What is asked, no faster than the robot may be asked to walk: a long step leaves a leg little to reach sideways,
+    while hips turn as they do on the spot."""
     most = fastest(gait)
-    shares = np.array([asked.forward / most.forward, asked.left / most.left, asked.turn / most.turn])
-    length = max(float(np.sqrt((shares * shares).sum())), 1.0)
-    return Request(asked.forward / length, asked.left / length, asked.turn / length)
+    length = max(hypot(asked.forward / most.forward, asked.left / most.left), 1.0)
+    return Request(asked.forward / length, asked.left / length, min(max(asked.turn, -most.turn), most.turn))
 
 
 def ramped(gait: Gait, now: Request, asked: Request) -> Request:

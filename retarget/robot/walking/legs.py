@@ -3,6 +3,7 @@
 While it stands, that is where its soles are; while it walks, it goes along under the pelvis, and turns with it.
 """
 
+from dataclasses import replace
 from math import degrees
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import StopPath
 from retarget.model.body import JointLimits
 from retarget.model.robot import TRUNK, RobotBody
+from retarget.model.scene_state import ObstaclePoses
 from retarget.robot.following_limits import servo_limits
 from retarget.robot.landmarks import PELVIS
 from retarget.robot.walking.gait import fastest, gait_of
@@ -22,6 +24,7 @@ from retarget.robot.walking.pattern import Request
 from retarget.robot.walking.place import Place, place_of, soles_at
 from retarget.robot.walking.travel import Travel, WalkTally
 from retarget.robot.walking.walker import Walker
+from retarget.rotations import multiply
 from retarget.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -62,7 +65,7 @@ class Legs:
 
     def restart(self) -> None:
         """Stand in the stance."""
-        self._place = Place()
+        self._place, self._drift = Place(), np.zeros(3)
         self._plant()
         self._walker, self._travel = None, None
 
@@ -100,6 +103,7 @@ class Legs:
             own = (one[dofs] for one in (limits.lower, limits.upper, limits.max_velocity, limits.max_acceleration))
             self._brakes = Braking(*own, dt=dt)
         self._walker.begin(stop.postures)
+        self._go_along(stop.postures[0], self._place.yaw)
         self.upper.solver.correct(q, velocity)
 
     def step(self, asked: Request | None, dt: float) -> tuple[FloatArray, FloatArray]:
@@ -118,7 +122,9 @@ class Legs:
         moved = self._robot.kinematics.difference(path.postures[row - 1], path.postures[row]) / dt
         moved[self._dofs] = velocity[self._dofs]
         moved[:6] = 0.0
+        before = self._place
         self._go_along(now, float(path.yaws[row]))
+        self._drift = np.array([self._place.x - before.x, self._place.y - before.y, 0.0]) / dt
         return self.seen(now, moved)
 
     def _go_along(self, q: FloatArray, yaw: float) -> None:
@@ -130,7 +136,7 @@ class Legs:
         """Stand where the walk has led to."""
         if self._walker is not None and self._walker.path is not None:
             self._walker.stand()
-            self._place = place_of(self._stance, self._walker.feet)
+            self._place, self._drift = place_of(self._stance, self._walker.feet), np.zeros(3)
             self._plant()
 
     def stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
@@ -190,6 +196,19 @@ class Legs:
             return q, velocity
         back = self._place.inverse
         return back.postures(q[None])[0], back.velocity(velocity)
+
+    def obstacles(self, poses: ObstaclePoses) -> ObstaclePoses:
+        """Obstacles of the world in that of the stance, which goes along with the robot."""
+        if self._place.is_origin and not self._drift.any():
+            return poses
+        back = self._place.inverse
+        return replace(
+            poses,
+            position=back.points(poses.position),
+            quat=multiply(np.array(back.turn), poses.quat),
+            linear_velocity=Place(yaw=back.yaw).points(poses.linear_velocity - self._drift),
+            angular_velocity=Place(yaw=back.yaw).points(poses.angular_velocity),
+        )
 
     def moved(self, stop: StopPath) -> StopPath:
         """A stop of a standing robot, in the world."""
