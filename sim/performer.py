@@ -120,14 +120,61 @@ def gesturing_performer(seed: int = 4, *, rate_hz: float = RATE_HZ) -> SensorFra
     return _performer(time, paths, rate_hz=rate_hz, source=f"gesturing performer, seed {seed}")
 
 
-def _performer(time: FloatArray, paths: dict[str, FloatArray], *, rate_hz: float, source: str) -> SensorFrames:
-    """The sensors, joints and skeleton of a body that moves by the values (T,) of `_PATHS` at times (T,) s."""
+STROLL_S, STROLL_STEP_S = (1.5, 11.1, 14.0), 0.8
+"""When a stroll begins and ends, and its recording; and the time of a step, s."""
+STROLL_SPEED, STROLL_LIFT, STROLL_HEIGHT = 0.38, 0.07, 0.95
+"""m/s, slow enough for a robot of a quarter of the size at half speed; how high feet are lifted, and the pelvis is,
+m."""
+STROLL_ARMS = (22.0, 12.0)
+"""How far shoulders and elbows swing, degrees."""
+
+
+def strolling_performer(*, rate_hz: float = RATE_HZ) -> SensorFrames:
+    """Someone who stands, walks some 3.6 m straight ahead and stands again, arms swinging. A foot lands where the
+    pelvis is half a step later. Otherwise as `synthetic_performer`."""
+    begin, end, duration = STROLL_S
+    time = np.arange(round(duration * rate_hz)) / rate_hz
+    shares = minimum_jerk(time, np.array([begin, begin + STROLL_STEP_S]), np.array([0.0, 1.0]))
+    walks = shares - minimum_jerk(time, np.array([end - STROLL_STEP_S, end]), np.array([0.0, 1.0]))
+    forward = STROLL_SPEED * np.cumsum(walks) / rate_hz
+    phase = np.pi * (time - begin) / STROLL_STEP_S
+    paths = {name: np.full(len(time), path.standing) for name, path in _PATHS.items()}
+    paths["forward"] = forward
+    paths["height"] = paths["height"] - walks * (STANDING_HEIGHT - STROLL_HEIGHT)
+    paths["sway"] = -0.025 * walks * sin(phase)
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        paths[f"{side}_shoulder"] = paths[f"{side}_shoulder"] - sign * walks * STROLL_ARMS[0] * sin(phase + 0.5 * np.pi)
+        paths[f"{side}_elbow"] = paths[f"{side}_elbow"] + walks * STROLL_ARMS[1]
+    feet = dict[float, FloatArray]()
+    for sign, first in ((1.0, 0), (-1.0, 1)):
+        keys, places, lift = [0.0], [0.0], np.zeros(len(time))
+        for step in range(first, round((end - begin) / STROLL_STEP_S), 2):
+            off, on = begin + step * STROLL_STEP_S, begin + (step + 1) * STROLL_STEP_S
+            keys += [off, on]
+            places += [places[-1], float(forward[min(round((on + 0.5 * STROLL_STEP_S) * rate_hz), len(forward) - 1)])]
+            u = np.clip((time - off) / STROLL_STEP_S, 0.0, 1.0)
+            lift += STROLL_LIFT * sin(np.pi * u) * sin(np.pi * u)
+        feet[sign] = np.stack([minimum_jerk(time, np.array(keys), np.array(places)), 0.0 * time, lift], axis=-1)
+    return _performer(time, paths, rate_hz=rate_hz, source="strolling performer", feet=feet)
+
+
+def _performer(
+    time: FloatArray,
+    paths: dict[str, FloatArray],
+    *,
+    rate_hz: float,
+    source: str,
+    feet: dict[float, FloatArray] | None = None,
+) -> SensorFrames:
+    """The sensors, joints and skeleton of a body that moves by the values (T,) of `_PATHS` at times (T,) s. feet: how
+    far (T, 3) m the left one (1) and the right one (-1) have gone."""
     tree = upper_body()
     pose = _upper_pose(tree, paths)
     joints = {name: pose.position[:, i] for i, name in enumerate(tree.names)}
     segments = {name: pose.orientation[:, i] for i, name in enumerate(tree.names)}
     for side, sign in (("l", 1.0), ("r", -1.0)):
-        points, turns = leg(joints["pelvis"], segments["pelvis"], sign)
+        gone = np.zeros((len(time), 3)) if feet is None else feet[sign]
+        points, turns = leg(joints["pelvis"], segments["pelvis"], sign, gone)
         joints |= {f"{side}_{name}": track for name, track in points.items()}
         segments |= {f"{side}_{name}": track for name, track in turns.items()}
     names = tuple(name for name in JOINTS if name in joints)
@@ -217,8 +264,11 @@ def _upper_pose(tree: JointTree, paths: dict[str, FloatArray]) -> JointPoses:
     return forward_kinematics(tree, local, translation)
 
 
-def leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Joint positions (T, 3) and segment orientations (T, 4) of one leg on its planted foot. sign: +1 left, -1 right.
+def leg(
+    pelvis: FloatArray, turn: FloatArray, sign: float, gone: FloatArray | None = None
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Joint positions (T, 3) and segment orientations (T, 4) of one leg on its flat foot. sign: +1 left, -1 right. gone
+    (T, 3) m: how far its foot has; None: it stays planted.
 
     The knee lies where a thigh and a shank of constant length meet, in the vertical plane of the foot's direction
     through hip and ankle.
@@ -226,7 +276,7 @@ def leg(pelvis: FloatArray, turn: FloatArray, sign: float) -> tuple[dict[str, Fl
     mirror = np.array([1.0, sign, 1.0])
     hip = pelvis + rotations.rotate(turn, HIP * mirror)
     foot = rotations.from_axis_angle([0.0, 0.0, 1.0], sign * FOOT_YAW)
-    ankle = np.broadcast_to(ANKLE * mirror, hip.shape)
+    ankle = np.broadcast_to(ANKLE * mirror, hip.shape) + (0.0 if gone is None else gone)
     line = hip - ankle
     reach = norms(line)[:, None]
     up = line / reach

@@ -344,7 +344,7 @@ def test_an_approach_that_is_refused_is_a_hold_with_a_reason_until_the_way_is_fr
     told = list(zip(states, reasons, strict=True))
     assert all("approach" in reason for state, reason in told if state is RunState.HOLD)
     assert not any(reason for state, reason in told if state is not RunState.HOLD)
-    monkeypatch.setattr(PathClearance, "__call__", lambda self, path, instead, standing: True)
+    monkeypatch.setattr(PathClearance, "__call__", lambda self, path, instead, standing, walk=None: True)
     assert all(not one.hold_reason for one in run_to(pipeline, RunState.APPROACH, ticks=50)[-50:])
 
 

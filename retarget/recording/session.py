@@ -67,7 +67,7 @@ class Session(_Strict):
     priorities: str | None
     iterations: int | None
     parts: Literal["whole", "upper"]
-    steps: Steps | None = None  # in recordings of before there were any
+    steps: Steps | Literal["shift"] | None = None  # none before there were any; `shift` stepped in place, until 0.2
     legs: Legs | None = None
     gate: bool
     scene: str | None

@@ -83,11 +83,14 @@ def lines_of(name: str, seen: object, *, planned: str = "") -> Iterator[Finding]
 
 
 def _kept(line: Mapping[str, Any], seen: object) -> bool | None:
-    """Whether the bound of a line is kept; None where it has none."""
+    """Whether the bound of a line is kept; None where it has none, or its figure is not known."""
     if "broken" in line:
         broken = figure_of(seen, line["broken"])
         return None if broken is None else not broken
     pairs = [(is_beyond, *pair) for key, is_beyond in BROKEN.items() for pair in line.get(key, {}).items()]
     if not pairs:
         return None
-    return not any(is_beyond(figure_of(seen, path), figure_of(seen, limit)) for is_beyond, path, limit in pairs)
+    figures = [(is_beyond, figure_of(seen, path), figure_of(seen, limit)) for is_beyond, path, limit in pairs]
+    if any(figure is None for _, figure, _ in figures):
+        return None
+    return not any(is_beyond(figure, limit) for is_beyond, figure, limit in figures)

@@ -1,7 +1,5 @@
 """The gallery: the performer and each robot side by side, animated; the one that is shown is small enough."""
 
-from pathlib import Path
-
 import pytest
 from PIL import Image
 
@@ -13,18 +11,20 @@ from sim.performer import synthetic_performer
 BODIES = 1 + len(ROBOTS)
 
 
-def test_the_picture_that_is_shown_moves_and_is_small() -> None:
-    with Image.open(gallery.IMAGE) as image:
-        assert getattr(image, "n_frames", 1) == round(gallery.SECONDS * FPS)
+@pytest.mark.parametrize(("name", "seconds"), [("gallery", gallery.SECONDS), ("walking", gallery.WALK_SECONDS)])
+def test_the_picture_that_is_shown_moves_and_is_small(name: str, seconds: float) -> None:
+    path = gallery.IMAGES / f"{name}.webp"
+    with Image.open(path) as image:
+        assert getattr(image, "n_frames", 1) == pytest.approx(seconds * FPS, abs=10), (
+            "pictures that are the same are one"
+        )
         assert image.width == gallery.WIDTH
-    assert gallery.IMAGE.stat().st_size <= 2e6
+    assert path.stat().st_size <= 2e6
 
 
 @pytest.mark.long
-def test_the_performer_and_each_robot_stand_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gallery, "synthetic_performer", lambda: synthetic_performer().cut(0.0, 0.5))
-    monkeypatch.setattr(gallery, "SECONDS", 0.3)
-    shown = gallery.postures()
+def test_the_performer_and_each_robot_stand_side_by_side() -> None:
+    shown = gallery.postures(ROBOTS, lambda: synthetic_performer().cut(0.0, 0.5), 0.3)
     assert len(shown) == BODIES
     first, *others = pictures(shown, width=gallery.WIDTH)
     assert len(others) == 5

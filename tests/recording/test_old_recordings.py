@@ -6,6 +6,8 @@ from typing import NamedTuple
 import pytest
 
 from hardware.guard_state import StopCause
+from messages import refuses
+from retarget.errors import UsageError
 from retarget.recording.reading import read_recording
 from retarget.recording.replay import replay
 
@@ -35,7 +37,6 @@ RECORDINGS = {
     "human_alone": Old("human", "none", 46, 46, 46, None, planned=False),
     "poppy_physics": Old("poppy", "physics", 505, 52, 504, "off"),
     "toddlerbot_upper_at_wall": Old("toddlerbot", "mock", 350, 62, 350, "standing"),
-    "one_step": Old("op3", "mock", 655, 252, 654, "off"),
     "emulator_lost_and_hot": Old("op3", "emulator", 364, 1, 363, "fault", StopCause.LIMB_LOST, "OVERHEATING"),
     "live_hold": Old("op3", "mock", 745, 191, 744, "fault", StopCause.REQUESTED, "torque off"),
     "live_paused": Old(
@@ -69,5 +70,13 @@ def test_an_old_recording_is_read_and_replays_to_its_end(name: str) -> None:
     assert old.reason in (result.reason or "")
 
 
+def test_steps_in_place_are_read_and_cannot_be_replayed() -> None:
+    """Robots walk instead since 0.2."""
+    recording = read_recording(FIXTURES / "one_step.mcap")
+    assert recording.session.steps == "shift" and len(recording.topic("/tick").rows) == 655
+    with refuses(UsageError, "--steps", "shift", "planted, walk, follow"):
+        replay(recording)
+
+
 def test_all_recordings_are_tried() -> None:
-    assert {path.stem for path in FIXTURES.iterdir()} == RECORDINGS.keys()
+    assert {path.stem for path in FIXTURES.iterdir()} == {*RECORDINGS, "one_step"}

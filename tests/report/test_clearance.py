@@ -277,6 +277,6 @@ def test_a_body_and_its_scene_share_a_model() -> None:
 def test_ankles_that_pass_close_and_crossed_arms_reach_no_robot_as_a_collision(robot: str) -> None:
     report = measure(play(close_passes(), RunOptions(robot=robot)))
     # Arms that cross are the robot's own: it may hold them apart for a tick.
-    assert report.penetrating_frames == 0 and report.gated_frames <= 1
+    assert report.penetrating_frames == 0 and report.gated_frames in (0, 1)
     nearest = report.min_clearance_mm.self
     assert nearest is not None and nearest > 0.0

@@ -8,8 +8,9 @@ import pytest
 
 from followers import op3
 from hardware.clock import VirtualClock
+from hardware.errors import RetargetError
 from messages import refuses, shows
-from retarget.errors import ConfigError, RetargetError, UsageError
+from retarget.errors import ConfigError, UsageError
 from retarget.human.samples import Playback
 from retarget.model.robot import load_robot
 from retarget.robot.walking.gait import with_steps
@@ -68,7 +69,7 @@ def run(stick: Stick, *, end: float = 8.0, stops: float = np.inf, lost: tuple[fl
     with prepare(lambda: frames, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
         stick.prepared = prepared
         if lost is not None:
-            prepared = replace(prepared, samples=Lost(prepared.samples, *lost))
+            prepared = replace(prepared, samples=Lost(prepared.samples, *lost))  # type: ignore[arg-type]
             stick.prepared = prepared
         return prepared.run(Stops(stick, stops), [stick])
 
@@ -104,7 +105,7 @@ def stands(q: FloatArray) -> bool:
 def sent_postures(result: RunResult) -> FloatArray:
     """Postures (T, nq) to which the robot was sent."""
     assert result.record.robot is not None
-    return result.record.robot.q
+    return np.asarray(result.record.robot.q)
 
 
 def test_it_walks_and_stands_again() -> None:

@@ -109,6 +109,17 @@ def way(*postures: FloatArray, carries: list[tuple[bool, bool]]) -> StopPath:
     return StopPath(np.array(postures), None, np.array(carries))
 
 
+def leaning_left(angle: float) -> FloatArray:
+    """The standing posture with legs that lean by so much, rad, both soles flat where they are."""
+    body, stand = op3().body, dict(op3().profile.postures.stand)
+    for side in "lr":
+        for joint, sign in ((f"{side}_hip_roll", 1.0), (f"{side}_ank_roll", -1.0)):
+            stand[joint] = stand.get(joint, 0.0) - sign * angle * float(body.joint_axis[body.joint_index(joint)][0])
+    q = plant(op3(), stand).q
+    q[:3] += stance().soles[0].position - op3().points(q[None], ("l_sole",))[0, 0]
+    return q
+
+
 def stepping(lift: float, *, aside: float = 0.0, rows: int = 40) -> StopPath:
     """A stand, the right leg lifted by `lift` rad of its knee and put down again, the body moved by `aside` m."""
     knee = op3().servo_columns[op3().joint_map.joints.index("r_knee")]
@@ -134,6 +145,10 @@ def test_a_walk_that_ends_on_one_foot_or_on_none_is_refused() -> None:
     for last in ((True, False), (False, True), (False, False)):
         assert not holds(way(still, still, carries=[(True, True), last]))
     assert not holds(way(still, still, still, carries=[(True, True), (False, False), (True, True)]))
+    over = leaning_left(0.25)
+    assert check().losses(stop(over, soles=1)).shortfall < 0.0, "its mass is over the left sole"
+    assert holds(way(over, over, over, carries=[(True, True), (True, False), (True, True)]))
+    assert not holds(way(over, over, over, carries=[(True, True), (True, False), (True, False)]))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

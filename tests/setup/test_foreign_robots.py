@@ -70,7 +70,7 @@ def test_what_keeps_a_run_from_beginning_is_told_before_it(
     studded: Imported, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The gate lets nothing pass."""
-    monkeypatch.setattr(PathClearance, "__call__", lambda *_: False)
+    monkeypatch.setattr(PathClearance, "__call__", lambda *_, walk=None: False)
     done = imported(on_studs(), tmp_path)
     assert len(done.problems) == 1
     shows(done.problems[0], "`rest`", "the gate refuses the approach")

@@ -343,6 +343,6 @@ def test_modes_are_reported() -> None:
 def test_no_stop_takes_such_a_time(seconds: float) -> None:
     _, solver, _ = among_obstacles()
     with pytest.raises(ValueError, match="seconds"):
-        solver.foresee(solver.q, seconds)
+        solver.foresee(solver.q[None], seconds)
     with pytest.raises(ValueError, match="pendulum"):
         solver.brake(DT, 5, pendulum=seconds)

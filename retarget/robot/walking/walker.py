@@ -36,10 +36,12 @@ from retarget.types import BoolArray, FloatArray
 
 ROWS = 8
 """Postures of the next path that are made in a tick: a path of three steps and an end is there in half a step."""
+EARLY_S = 0.15
+"""Time (s) before it is needed at which a path is there: arms get out of the way of the legs meanwhile."""
 EASE_ACCELERATION, EASE_TURN, LEAST_EASE_S = 0.4, 6.0, 0.3
 """m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, upright, its mass mid-way
 between its feet, so that its zero-moment point is moved by less than 1 cm; and the least time for that."""
-FORESEEN = 6
+FORESEEN = 10
 """Postures of a step in which arms are to keep off the legs."""
 RETRY_S = 0.2
 """After a refusal a robot that stands waits so long (s) before it tries again: arms get out of the way meanwhile."""
@@ -140,14 +142,14 @@ class Walker:
         self._before = self.path, self.row
 
     def _plan(self, path: WalkPath, asked: Request, q: FloatArray) -> None:
-        """Go on making the next path, or begin one as late as it is still there in time: then what is asked is new."""
+        """Go on making the next path, or begin one not long before it is needed: then what is asked is new."""
         if self._next is not None:
             return
         if self._sketch is None:
             end = len(path.postures) - 1
             since = path.branch if path.step is not None and self.row <= path.branch else end
             rows = (STOPPING + 1) * self.gait.ticks + round(1.0 / self.gait.dt)
-            if since - self.row > rows // ROWS + 2:
+            if since - self.row > rows // ROWS + round(EARLY_S / self.gait.dt):
                 return
             self._sketch = self._continued(path, asked, q) if since != end else self._from_stand(path, asked, q)
         if self._sketch.since < self.row:  # it is late, and the robot has begun to stop
