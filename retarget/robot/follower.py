@@ -21,7 +21,7 @@ from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import StopPath, WholeBodyStop
 from retarget.model.body import JointLimits
 from retarget.model.human_dimensions import POINTS, HumanDimensions
-from retarget.model.observers import robot_observers
+from retarget.model.observers import Observers, robot_observers
 from retarget.model.robot import TRUNK, RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.robot.arm_branches import DAMPING, ITERATIONS, ArmBranches
@@ -188,7 +188,6 @@ class Follower:
         priorities = priorities if legs_move and priorities.steps != "walk" else arms_alone(priorities)
         balance = StandingBalance(priorities, stance) if soles else None
         edges = balance.edges if legs_move and balance else None
-        self.observers = robot_observers(robot)
         margin = priorities.observers.margin
         envelope = None if edges is None else robot_envelope(robot, limits, edges=edges, margin=margin)
         self.landmark_map = LandmarkMap(robot.profile, dimensions, stance, envelope, floats=robot.floats)
@@ -243,6 +242,11 @@ class Follower:
             soles.strength,
             envelope,
         )
+
+    @property
+    def observers(self) -> Observers:
+        """The robot's."""
+        return robot_observers(self._robot)
 
     @property
     def legs(self) -> Legs | None:
