@@ -338,7 +338,8 @@ class Follower:
         """The posture after the next `dt` s."""
         asked, legs = self._ask(human, dt), self.legs
         if legs is not None:
-            speed = legs.asked(human, dt) if self._speed > AT_SPEED else None
+            speed = legs.asked(human, dt)
+            speed = speed if self._speed > AT_SPEED else None
             if speed is not None and not legs.walks:
                 legs.begin(self.stop(dt), self._q, self._solver.velocity, dt)
             if legs.walks:
@@ -473,6 +474,8 @@ class Follower:
 
     def pass_time(self, dt: float) -> None:
         """Let obstacles move on in a tick in which the follower does not lead the robot."""
+        if self.legs is not None:
+            self.legs.hold()
         self.scene_obstacles.tick(None, dt)
 
     def reseed(self, q: FloatArray, velocity: FloatArray, *, rests: bool = True) -> None:

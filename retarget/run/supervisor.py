@@ -27,7 +27,7 @@ class StateRow:
 LONGEST_HOLD_S = 4.8
 """A robot holds this long for a performer who cannot be followed, then goes to rest: 5 s after the last data."""
 LONGEST_BRAKE_S = 4.0
-"""Twice the longest stop trajectory that the whole-body stop admits (100 ticks at 100 Hz)."""
+"""Longest stop: that of a walk, which ends after two more steps (`retarget.robot.walking.gait.LONGEST_STOP_S`)."""
 LONGEST_RETURN_S = 15.0
 """Longest return to stance; then the robot goes on from where it is."""
 LONGEST_TO_REST_S = 24.0

@@ -17,8 +17,9 @@ from retarget.ik.whole_body_stop import StopPath
 from retarget.safety.clearance import PathClearance
 from retarget.safety.standing import StandingCheck
 
-MOST_OFFSET = 0.4
-"""Most, rad, that a goal of a walking robot may be from its posture: by its torque, a servo at its limit is as far."""
+MOST_OFFSET, OFFSET_SPEED = 0.4, 5.0
+"""Most, rad, that a goal of a walking robot may be from its posture, and speed at which that may change, in shares of a
+joint's own: a little more than `retarget.robot.walking.walking_goals` asks for."""
 ROUND_OFF = 1e-9
 """Angle, rad, by which a goal may miss a bound before the gate refuses it: rounding of two programs that agree is
 less."""
@@ -66,7 +67,8 @@ class Compensation(Protocol):
 
 class Gate:
     """Makes every `CheckedGoal` of a robot. Postures are joint radians (n,) in the profile's servo order; one goal per
-    tick of `dt` s. The gate keeps nothing between two goals: each is made from the one that was sent last.
+    tick of `dt` s. The gate keeps nothing between two goals but what was measured: each is made from the one that was
+    sent last.
 
     A target passes whole or not at all, with the path of its stop: that of its planner, else one on which all joints
     brake in proportion, in as many ticks as the slowest needs. Where no target passes, the next posture of the stop
@@ -150,7 +152,7 @@ class Gate:
             ahead = target if stop is None or self.standing is None else self.standing.joints(stop.postures[:2])[-1]
             nearest = partial(self._nearest, last)
             goal, compensated = self._compensation.propose(last.compensated, target, nearest, ahead=ahead, walks=walks)
-            if compensated.forced or (compensated.free and not self._bounded(goal, target)):
+            if compensated.forced or (compensated.free and not self._bounded(last, goal, target)):
                 return None
         free = compensated is not None and compensated.free
         displacement = self._admitted(last.posture, last, target) if free else self._admitted(last.joints, last, goal)
@@ -181,7 +183,9 @@ class Gate:
         if self._compensation is not None:
             nearest, ahead = partial(self._nearest, last), stop[0] if len(stop) else posture
             goal, compensated = self._compensation.propose(last.compensated, posture, nearest, ahead=ahead, walks=None)
-        if compensated is not None and compensated.free and self._bounded(goal, posture):
+        if not np.isfinite(goal).all():  # what was measured is not
+            goal, compensated = posture + (last.joints - last.posture), last.compensated
+        if compensated is not None and compensated.free and self._bounded(last, goal, posture):
             displacement = posture - last.posture
         else:
             goal = self._nearest(last, goal)
@@ -197,10 +201,14 @@ class Gate:
         """The displacement (n,) from where joints were sent last to a goal that keeps the limits; None: it does not."""
         return self._braking.admitted(start, last.displacement, goal, tolerance=ROUND_OFF)
 
-    def _bounded(self, goal: FloatArray, posture: FloatArray) -> bool:
-        """Whether a goal is finite, within the joints' ranges, and not too far from its posture."""
+    def _bounded(self, last: CheckedGoal, goal: FloatArray, posture: FloatArray) -> bool:
+        """Whether a goal is finite, within the joints' ranges, and its offset from its posture neither too large nor
+        too fast after that of the last goal."""
+        offset = goal - posture
         inside = (goal >= self._lower - ROUND_OFF) & (goal <= self._upper + ROUND_OFF)
-        return bool((inside & (np.abs(goal - posture) <= MOST_OFFSET + ROUND_OFF)).all())
+        near = np.abs(offset) <= MOST_OFFSET + ROUND_OFF
+        slow = np.abs(offset - (last.joints - last.posture)) <= OFFSET_SPEED * self._fastest
+        return bool((inside & near & slow).all())
 
     def _nearest(self, last: CheckedGoal, goal: FloatArray) -> FloatArray:
         """The goal nearest to a finite one that keeps the limits, rad (n,), clear or not; joint by joint."""

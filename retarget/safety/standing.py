@@ -16,7 +16,8 @@ SOLE_M = 0.001
 BALANCE_M = 0.003
 """Distance (m) inside the outline of the soles that carry that the centre of mass keeps on the way to a stop."""
 PRESSED_M = 0.0
-"""Distance (m) inside that outline that the zero-moment point of a robot that walks keeps."""
+"""Distance (m) inside that outline that the zero-moment point of a robot that walks keeps: the pattern's own is 20 mm
+inside, and the rest is for arms that brake."""
 MOST_FOOTHOLDS = 64
 """Footholds whose edges are kept: those of a path are ten."""
 NO_WORSE_M = 1e-7
@@ -57,10 +58,13 @@ class StandingCheck:
         plant_roots(self._robot, before, rows)
         return rows
 
-    def losses(self, stop: StopPath) -> Losses:
-        """What is lost on the path of a stop. A robot that no sole carries loses nothing."""
+    def losses(self, stop: StopPath, standing: FloatArray | None = None) -> Losses:
+        """What is lost on the path of a stop. A robot that no sole carries loses nothing. standing (nq,): as the robot
+        stands before the first posture of a walk; None: it is not known."""
         if stop.carries is not None:
-            return self._walked(stop.postures, stop.carries)
+            if standing is None:
+                return self._walked(stop.postures, stop.carries)
+            return self._walked(np.vstack([standing, stop.postures]), np.vstack([stop.carries[:1], stop.carries]))
         if stop.footing is None:
             return Losses(0.0, -np.inf)
         slip, inside = stop.footing.losses(stop.postures)
@@ -82,6 +86,9 @@ class StandingCheck:
         mass, g = body.centre_of_mass(postures), GRAVITY * self._dt * self._dt
         change = np.zeros_like(mass)
         change[1:-1] = mass[2:] - 2.0 * mass[1:-1] + mass[:-2]
+        change[0] = change[1]
+        if (g + change[:, 2]).min() <= 0.0:  # it falls
+            return Losses(slip, np.inf)
         pressed = mass[:, :2] - mass[:, 2:] * change[:, :2] / (g + change[:, 2:])
         phases = np.flatnonzero(np.concatenate([[True], (carries[1:] != carries[:-1]).any(axis=1)]))
         for first, last in zip(phases, [*phases[1:], len(carries)], strict=True):
@@ -89,7 +96,7 @@ class StandingCheck:
             if not on:
                 return Losses(np.inf, np.inf)
             inside = support_distance(pressed[first:last], self._edges_of(np.concatenate(on)))
-            shortfall = max(shortfall, PRESSED_M - float(inside.min()))
+            shortfall = float(np.maximum(shortfall, PRESSED_M - inside.min()))
         return Losses(slip, shortfall)
 
     def _edges_of(self, corners: FloatArray) -> FloatArray:
@@ -109,12 +116,11 @@ class StandingCheck:
     def holds(self, stop: StopPath, last: FloatArray, standing: FloatArray) -> bool:
         """Whether a robot keeps its soles and its balance on the path of a stop, or loses no more than on the one
         (k, n) that was verified last. standing (nq,): as it stands."""
-        lost = self.losses(stop)
+        lost = self.losses(stop, standing)
         if lost.within(Losses(SOLE_M, 0.0)):
             return True
-        if (
-            stop.carries is not None
-        ):  # the rest of a walk is made anew with each step: no stop from elsewhere is as good
+        # The rest of a walk is made anew with each step: no stop from elsewhere is as good.
+        if stop.carries is not None:
             return False
         instead = standing[None] if not len(last) else self.postures(last, standing)
         return lost.within(self.bounds(StopPath(instead, stop.footing)))

@@ -302,8 +302,8 @@ class HeadingSettings(Schema):
 
 
 Steps = Literal["planted", "walk", "follow"]
-"""What the feet of a robot do when its performer lifts one: stay; lift as well, once the mass is over the other; or,
-where something else carries the robot, whatever the performer's do."""
+"""What the feet of a robot do when its performer walks: stay; walk as well; or, where something else carries the robot,
+whatever the performer's do."""
 Legs = Literal["free"]
 """That nothing carries a robot, so that pelvis and feet are where the performer's are; else its profile says what."""
 
@@ -368,8 +368,8 @@ class Priorities(Schema):
     deflection_compensation: DeflectionCompensationSettings | None = None
     """Goals for a robot with mass on its own soles; absent: goals are postures."""
     steps: Steps | None = None
-    """What the feet do when the performer lifts one: stay; lift as well, in place, once the mass is over the other; or,
-    of a robot that hangs, whatever the performer's do. Absent: they stay, and those of a robot that hangs follow."""
+    """What the feet do when the performer walks: stay; walk as well; or, of a robot that hangs, whatever the
+    performer's do. Absent: they stay, and those of a robot that hangs follow."""
     strategies: Annotated[tuple[Literal["trunk", "crouch"], ...], Field(max_length=2)] = ()
     """How a robot on its soles gets its hands to places that its arms alone do not reach (see
     `retarget.robot.strategies`); absent: not at all."""

@@ -19,7 +19,7 @@ from oracles.frame_bounds import braking_displacement
 from oracles.frame_bounds import frame_bounds as bounds_oracle
 from retarget._solver import Braking
 from retarget.ik.whole_body_stop import StopPath
-from retarget.safety.gate import MOST_OFFSET, Compensated, Gate, PassThroughGate
+from retarget.safety.gate import MOST_OFFSET, OFFSET_SPEED, Compensated, Gate, PassThroughGate
 
 MAP = JointMap(four_servos())
 DT = 0.008
@@ -356,20 +356,30 @@ class Offset(NotedCompensation):
         return posture + self.offset, self
 
 
-@pytest.mark.parametrize(("offset", "passes"), [(0.0, True), (MOST_OFFSET, True), (-MOST_OFFSET, True), (0.41, False)])
-def test_an_offset_of_a_walk_may_come_at_once_and_has_a_bound(offset: float, passes: bool) -> None:
-    gate = Gate(MAP, dt=DT, compensation=Offset(offset))
-    goal = gate.check(gate.begin(np.zeros(4)), CHANGE)
-    assert (goal is not None) == passes
-    if goal is not None:
-        np.testing.assert_allclose(goal.joints - goal.posture, offset)
-        np.testing.assert_array_equal(goal.displacement, CHANGE)
-        after = gate.brake(goal)
-        np.testing.assert_allclose(after.joints - after.posture, offset)
+FASTEST = OFFSET_SPEED * DT * float(MAP.max_velocity.min())
+
+
+def test_an_offset_of_a_walk_is_quicker_than_a_joint_and_has_bounds() -> None:
+    held = Offset(0.0)
+    gate = Gate(MAP, dt=DT, compensation=held)
+    goal = gate.begin(np.zeros(4))
+    while held.offset < MOST_OFFSET - 0.5 * FASTEST:
+        held.offset += 0.99 * min(FASTEST, MOST_OFFSET - held.offset)
+        passed = gate.check(goal, goal.posture)
+        assert passed is not None
+        goal = passed
+        np.testing.assert_allclose(goal.joints - goal.posture, held.offset)
+        np.testing.assert_array_equal(goal.displacement, 0.0)
+    before = held.offset
+    for refused in (before + 1.01 * FASTEST, before - 1.01 * FASTEST, MOST_OFFSET + 0.01, np.nan):
+        held.offset = refused
+        assert gate.check(goal, goal.posture) is None
+    after = gate.brake(goal)  # with an offset that is not finite
+    np.testing.assert_allclose(after.joints - after.posture, before)
 
 
 def test_the_posture_of_a_walk_keeps_every_limit() -> None:
-    gate = Gate(MAP, dt=DT, compensation=Offset(0.2))
+    gate = Gate(MAP, dt=DT, compensation=Offset(0.5 * FASTEST))
     assert gate.check(gate.begin(np.zeros(4)), 1.01 * CHANGE) is None
-    top = gate.begin(MAP.upper - 0.1)
-    assert gate.check(top, MAP.upper - 0.1) is None, "the goal is beyond the joint's range"
+    top = gate.begin(MAP.upper - 0.25 * FASTEST)
+    assert gate.check(top, MAP.upper - 0.25 * FASTEST) is None, "the goal is beyond the joint's range"

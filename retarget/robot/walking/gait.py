@@ -9,11 +9,11 @@ from math import sqrt
 from retarget.arithmetic import hypot
 from retarget.errors import ConfigError, UsageError
 from retarget.ik.gravity_torque import GRAVITY
-from retarget.ik.support_polygon import Stance
+from retarget.ik.support_polygon import Stance, plant
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import ENOUGH, on_one_leg
 from retarget.robot.crouch_envelope import MISSED_M
-from retarget.robot.walking.pattern import Gait, Request
+from retarget.robot.walking.pattern import EASE, HOLD, STOPPING, SWAY_S, Gait, Request
 from retarget.schema.priorities import Priorities, Steps
 from retarget.types import MM
 
@@ -31,6 +31,9 @@ LONGEST = 0.565
 FORWARD, SIDEWAYS, TURN = 0.0713, 0.026, 0.0472
 """Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.11 m/s, 0.04 m/s and 0.3 rad/s
 of OP3. Faster, its knees would have to turn faster than they can."""
+LONGEST_STOP_S = 3.8
+"""Longest stop (s) of a robot that walks: of a sway, three steps and the end of the pattern. A taller robot takes
+longer, and stays planted."""
 RAMP = 0.2
 """Most that a velocity changes from step to step, as a share of the fastest: the pattern's own error grows with it."""
 
@@ -109,6 +112,11 @@ def with_steps(
     if steps == "walk":
         load, missed = on_one_leg(robot)
         why = f"{load}, more than {100 * ENOUGH:.0f}%" if load.share > ENOUGH else ""
+        stance = plant(robot, robot.profile.postures.stand)
+        gait = gait_of(robot, stance, dt=1.0 / robot.profile.safety.rate_hz)
+        stop = SWAY_S + (STOPPING + 1) * gait.period + (HOLD + EASE) / gait.omega
+        if stop > LONGEST_STOP_S:
+            why = f"in a walk it would need {stop:.1f} s to stop"
         if missed > MISSED_M:
             why = f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
         if why:
@@ -136,6 +144,9 @@ def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None
         return f"{name} has {len(robot.profile.feet)} soles", f"Choose --steps planted: {SOLES} are needed"
     if parts != "whole":
         return f"legs that are kept still (--parts {parts})", "Choose --parts whole"
+    left, right = (sole.outline.mean(axis=0) for sole in plant(robot, robot.profile.postures.stand).soles)
+    if left[1] <= right[1]:
+        return f"{name} has its right foot first among `feet`", "Write the left one first in the profile"
     if "pelvis" not in robot.profile.landmarks:
         return f"{name} has no landmark pelvis", "Name one in the profile, or choose --steps planted"
     return None

@@ -58,14 +58,14 @@ class Legs:
         self._soles = [sole.frame.name for sole in stance.soles]
         dofs = np.array([robot.body.dof_index(joint) for joint in robot.joint_map.joints])
         self._dofs = dofs[~carrying[dofs]]  # of servos that carry nothing
-        self.velocity: Request | None = None
+        self.velocity: Request | None
         self._walker: Walker | None = None
         self._brakes: Braking | None = None
         self.restart()
 
     def restart(self) -> None:
         """Stand in the stance."""
-        self._place, self._drift = Place(), np.zeros(3)
+        self._place, self._drift, self.velocity = Place(), np.zeros(4), None
         self._plant()
         self._walker, self._travel = None, None
 
@@ -108,23 +108,25 @@ class Legs:
 
     def step(self, asked: Request | None, dt: float) -> tuple[FloatArray, FloatArray]:
         """Go on by a tick. Returns the posture (nq,) with the legs of this tick, and its velocity (nv,), in the world
-        of the stance; where that walk is over, at rest."""
+        of the stance; where that walk is over, with legs at rest."""
         walker, q, velocity = self._walker, self.upper.solver.q, self.upper.solver.velocity
         assert walker is not None and walker.path is not None, "it walks"
         walker.step(asked, q)
-        if walker.is_over:
-            end = walker.path.postures[walker.row]
-            self.stand()
-            return self.seen(end, np.zeros(len(velocity)))
         path, row = walker.path, walker.row
         now = path.postures[row].copy()
         now[walker.others] = q[walker.others]
+        if walker.is_over:
+            moved = np.zeros(len(velocity))
+            moved[self._dofs] = velocity[self._dofs]
+            self.stand()
+            return self.seen(now, moved)
         moved = self._robot.kinematics.difference(path.postures[row - 1], path.postures[row]) / dt
         moved[self._dofs] = velocity[self._dofs]
         moved[:6] = 0.0
         before = self._place
         self._go_along(now, float(path.yaws[row]))
-        self._drift = np.array([self._place.x - before.x, self._place.y - before.y, 0.0]) / dt
+        gone = self._place.x - before.x, self._place.y - before.y, 0.0, self._place.yaw - before.yaw
+        self._drift = np.array(gone) / dt
         return self.seen(now, moved)
 
     def _go_along(self, q: FloatArray, yaw: float) -> None:
@@ -134,9 +136,9 @@ class Legs:
 
     def stand(self) -> None:
         """Stand where the walk has led to."""
-        if self._walker is not None and self._walker.path is not None:
+        if self._walker is not None:
             self._walker.stand()
-            self._place, self._drift = place_of(self._stance, self._walker.feet), np.zeros(3)
+            self._place, self._drift = place_of(self._stance, self._walker.feet), np.zeros(4)
             self._plant()
 
     def stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
@@ -168,7 +170,18 @@ class Legs:
         walker = self._walker
         if walker is not None and walker.path is not None:
             walker.locate(q)
-            self._go_along(q, float(walker.path.yaws[walker.row]))
+            if walker.path is None or walker.is_over:
+                self.stand()
+            else:
+                self._go_along(q, float(walker.path.yaws[walker.row]))
+
+    def hold(self) -> None:
+        """Go nowhere from the end of the path: the follower does not lead the robot. Nothing that the performer does
+        meanwhile is a way to go."""
+        if self._walker is not None:
+            self._walker.drop()
+        if self._travel is not None:
+            self._travel.resume()
 
     def leave_out(self, targets: FloatArray) -> None:
         """Ask nothing of what legs alone could do."""
@@ -201,13 +214,14 @@ class Legs:
         """Obstacles of the world in that of the stance, which goes along with the robot."""
         if self._place.is_origin and not self._drift.any():
             return poses
-        back = self._place.inverse
+        back, turning = self._place.inverse, np.array([0.0, 0.0, self._drift[3]])
+        carried = self._drift[:3] + np.cross(turning, poses.position - np.array([self._place.x, self._place.y, 0.0]))
         return replace(
             poses,
             position=back.points(poses.position),
             quat=multiply(np.array(back.turn), poses.quat),
-            linear_velocity=Place(yaw=back.yaw).points(poses.linear_velocity - self._drift),
-            angular_velocity=Place(yaw=back.yaw).points(poses.angular_velocity),
+            linear_velocity=Place(yaw=back.yaw).points(poses.linear_velocity - carried),
+            angular_velocity=Place(yaw=back.yaw).points(poses.angular_velocity - turning),
         )
 
     def moved(self, stop: StopPath) -> StopPath:

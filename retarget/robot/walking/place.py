@@ -6,12 +6,10 @@ import numpy as np
 
 from retarget.arithmetic import cos, sin
 from retarget.ik.support_polygon import Sole, Stance
+from retarget.robot.landmarks import UP
 from retarget.robot.walking.pattern import Foothold
 from retarget.rotations import Quat, Vector, as_quat, as_vector, axis_turn, product, rotated
 from retarget.types import FloatArray
-
-UP = 0.0, 0.0, 1.0
-"""Unit vector."""
 
 
 @dataclass(frozen=True)

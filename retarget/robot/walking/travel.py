@@ -7,7 +7,7 @@ late or slower than they are, it makes up for, but no more than two steps: so it
 
 from collections import deque
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,15 +86,19 @@ class Travel:
         """fastest: what the robot can. scale: of lengths, from the performer's leg to the robot's."""
         self._scale, self._gait = scale, gait
         self._most = np.array([fastest.forward, fastest.left, fastest.turn])
-        self._strides = Strides(gait.dt)
+        self.asked, self.walked = np.zeros(2), np.zeros(2)
+        self.resume()
+
+    def resume(self) -> None:
+        """Go on after a hold: what the performer did meanwhile is no way to go."""
+        self._strides = Strides(self._gait.dt)
         self._before: tuple[float, float, float] | None = None
-        longest = round(LONGEST_S / gait.dt) + 1
+        longest = round(LONGEST_S / self._gait.dt) + 1
         self._gone = deque([np.zeros(3)], longest)  # [m, m, rad] at every tick
         self._sums = deque([np.zeros(3)], longest)  # of these
         self._followed = np.zeros(3)  # of that, what the robot has been asked for
         self._behind = np.zeros(3)
         self._goes = False
-        self.asked, self.walked = np.zeros(2), np.zeros(2)
 
     def step(self, human: "HumanPosture", robot: Request) -> Request | None:
         """The velocity for the next step after another tick; None: stand. robot: the velocity of its present step."""
@@ -125,6 +129,8 @@ class Travel:
         left, right = human.joint("l_ankle").tolist(), human.joint("r_ankle").tolist()
         x, y = 0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1])
         yaw = arctan2(human.heading[1], human.heading[0])
+        if not isfinite(x + y + yaw):  # no posture was found
+            return np.zeros(3)
         a, b, before = (x, y, yaw) if self._before is None else self._before
         self._before = x, y, yaw
         c, s = self._scale * cos(yaw), self._scale * sin(yaw)

@@ -62,12 +62,7 @@ class Walker:
         legs = carrying[[robot.body.dof_index(joint) for joint in robot.joint_map.joints]]
         self._legs, self.others = robot.servo_columns[legs], robot.servo_columns[~legs]
         left, right = (sole.outline.mean(axis=0) for sole in stance.soles)
-        self._start = Foothold(left, 0.0), Foothold(right, 0.0)
-        self.restart()
-
-    def restart(self) -> None:
-        """Stand in the stance."""
-        self.feet, self.steps = self._start, 0
+        self.feet, self.steps = (Foothold(left, 0.0), Foothold(right, 0.0)), 0
         self.path: WalkPath | None = None
         self.row = 0
         self.stand()
@@ -118,10 +113,10 @@ class Walker:
         self.row = min(self.row + 1, len(path.postures) - 1)
 
     def through(self) -> FloatArray:
-        """Postures (k, nq), world, through which the next path leads, or this one."""
-        path = self._next or self.path
+        """Postures (k, nq), world, through which the next path leads, or the rest of this one."""
+        path, row = (self._next, 0) if self._next is not None else (self.path, self.row)
         assert path is not None, "it walks"
-        return path.postures[:: self.gait.ticks // FORESEEN].copy()
+        return path.postures[row :: self.gait.ticks // FORESEEN].copy()
 
     def locate(self, q: FloatArray) -> None:
         """Go on from a posture (nq,) to which the robot was sent instead of the last row: on the path before, where the
@@ -139,7 +134,14 @@ class Walker:
                     self._wait = round(RETRY_S / self.gait.dt)
                 self.path, self.row = path, row
                 break
+        else:  # what was sent is on no path: before a step it stands where it is
+            if self.path.step is None:
+                self.stand()
         self._before = self.path, self.row
+
+    def drop(self) -> None:
+        """Go nowhere from the path."""
+        self._sketch = self._next = None
 
     def _plan(self, path: WalkPath, asked: Request, q: FloatArray) -> None:
         """Go on making the next path, or begin one not long before it is needed: then what is asked is new."""

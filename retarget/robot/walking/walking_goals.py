@@ -30,17 +30,18 @@ from retarget.ik.support_polygon import Stance
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import leg_joints
 from retarget.robot.deflection_compensation import DeflectionCompensation, Offset
+from retarget.robot.landmarks import UP
 from retarget.robot.walking.path import ROOT
 from retarget.robot.walking.pattern import Gait
-from retarget.robot.walking.place import UP
+from retarget.robot.walking.pattern import rotated as yawed
 from retarget.rotations import arc, as_quat, as_vector, axis_turn, product, rotated, rotation_vector
 
 MOST_RAD = 0.35
 """Greatest offset of a goal from its posture: 0.31 rad is needed at 0.15 m/s."""
 SPEED_SHARE = 4.0
 """Speed at which an offset may change, in shares of a joint's own: torque comes and goes faster than shafts move."""
-BEHIND = 2
-"""Ticks by which what is measured is older than what is planned: one of the bus, and one of servo and sensor."""
+BEHIND_S = 0.008
+"""Time by which what is measured is older than what is planned, beside one cycle of the bus: of servo and sensor."""
 SMOOTH_S = 0.02
 """Time constant of the measured velocity of the mass, and of what the IMU shows: noise would accelerate goals."""
 ZMP_GAIN = 1.0
@@ -75,8 +76,6 @@ class Walked:
 class WalkingGoals:
     """A `retarget.safety.gate.Compensation`: that of a standing robot, and while it walks its own."""
 
-    most = MOST_RAD
-
     def __init__(self, robot: RobotBody, stance: Stance, standing: DeflectionCompensation, gait: Gait) -> None:
         """standing: what it has while it stands."""
         self._robot, self._standing, self._gait, self._stance = robot, standing, gait, stance
@@ -91,6 +90,7 @@ class WalkingGoals:
         self._lag = np.where(self._on_leg, [loop_lag(servo) for servo in servos], 0.0)
         self._most_change = SPEED_SHARE * limits.max_velocity * gait.dt
         self._lower, self._upper = limits.lower, limits.upper
+        self._behind = 1 + round(BEHIND_S / gait.dt)
         self._feedback = Feedback(robot, stance, gait, self._compliance)
 
     def begin(self, posture: FloatArray) -> Offset:
@@ -143,7 +143,9 @@ class WalkingGoals:
         acceleration = (ahead - 2.0 * posture + last.joints) / (dt * dt)
         torque, shares = self._seen.torques(now, accelerations)
         wanted = matmul(self._compliance, torque + self._armature * acceleration) + self._lag * speed
-        planned = (*last.planned, self._feedback.plan(now, last.planned[-1] if last.planned else None))[-BEHIND - 1 :]
+        planned = (*last.planned, self._feedback.plan(now, last.planned[-1] if last.planned else None))[
+            -self._behind - 1 :
+        ]
         wanted = wanted + self._feedback.correction(now, planned[0], shares)
         change = np.minimum(np.maximum(wanted - last.offset, -self._most_change), self._most_change)
         offset = np.minimum(np.maximum(last.offset + change, -MOST_RAD), MOST_RAD)
@@ -253,10 +255,17 @@ class Feedback:
 
     def measure(self, joints: FloatArray, imu: ImuSample | None) -> None:
         """Set what encoders (n,) rad and the IMU say."""
+        if not np.isfinite(joints).all():
+            return
         q = self._stance.q.copy()
         q[self._robot.servo_columns] = joints
         tilt, rate = np.zeros(3), np.zeros(3)
-        if imu is not None and self._link is not None and imu.valid:
+        if (
+            imu is not None
+            and self._link is not None
+            and imu.valid
+            and np.isfinite([*imu.tilt, *imu.angular_velocity]).all()
+        ):
             here = as_quat(self._robot.kinematics.orientations(q[None], [self._link])[0, 0])
             roll, pitch = imu.tilt
             up = -sin(pitch), cos(pitch) * sin(roll), cos(pitch) * cos(roll)
@@ -272,7 +281,7 @@ class Feedback:
         """The mass of a posture from both soles, after what was planned or measured `before`. share: of a new
         velocity."""
         ways = np.array(
-            [_turned((at.mass - sole)[:2], -yaw) for sole, yaw in zip(at.soles, at.yaws.tolist(), strict=True)]
+            [yawed((at.mass - sole)[:2], -yaw) for sole, yaw in zip(at.soles, at.yaws.tolist(), strict=True)]
         )
         omega, dt = self._gait.omega, self._gait.dt
         velocity = np.zeros((2, 2))
@@ -292,18 +301,12 @@ class Feedback:
         tilt, rate = (np.array(rotated(upright, as_vector(one))) for one in (self._tilt, self._rate))
         lean = TILT_GAIN * tilt + HIP_RATE_S * rate
         for side, share in enumerate(shares.tolist()):
-            x, y = _turned(shift, float(at.yaws[side])).tolist()
+            x, y = yawed(shift, float(at.yaws[side])).tolist()
             hips, ankles, force = self._hips[side], self._ankles[side], share * self._weight
             torque[ankles] = -matmul(at.axes[ankles], np.array([y * force, -x * force, 0.0]))
             offset[hips] = share * matmul(at.axes[hips], lean)
             offset[ankles] = share * ANKLE_RATE_S * matmul(at.axes[ankles], rate)
         return offset + matmul(self._compliance, torque)
-
-
-def _turned(way: FloatArray, yaw: float) -> FloatArray:
-    """A vector (2,) turned by yaw, rad."""
-    c, s = cos(yaw), sin(yaw)
-    return np.array([c * way[0] - s * way[1], s * way[0] + c * way[1]])
 
 
 def _joints_near(robot: RobotBody, stance: Stance) -> tuple[list[list[int]], list[list[int]]]:
