@@ -22,8 +22,8 @@ from sim.performer import strolling_performer, synthetic_performer
 IMAGES = ROOT / "docs" / "images"
 SECONDS, WALK_SECONDS = 11.0, 10.0
 """Of the animations: as long as the performer does each thing once, and walks."""
-WALKERS = ("op3", "wolfgang")
-"""Robots that walk."""
+WALKERS = ("op3",)
+"""Robots that walk with mass."""
 WIDTH, QUALITIES = 1080, range(40, 4, -2)
 """Pixels across, and qualities of the compression in percent: the first is taken whose animation is small enough."""
 MOST_BYTES = 2_000_000

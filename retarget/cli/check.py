@@ -19,6 +19,7 @@ from retarget.model.robot import RobotBody, load_profile, load_robot
 from retarget.robot.balance import heaviest_loads
 from retarget.robot.follower import Follower
 from retarget.robot.reach_map import map_path
+from retarget.robot.walking.gait import walks
 from retarget.run.options import RunOptions, name_with_mass
 from retarget.run.rest_trajectory import at_rest, usual_rest_trajectory
 from retarget.run.trial import try_approach, try_robot
@@ -163,6 +164,7 @@ def _robot(path: Path) -> str:
     if margin is not None:
         facts["stands"] = f"centre of mass {1e3 * margin:.0f} mm inside the edge of the soles"
         facts["carries"] = "; ".join(map(str, heaviest_loads(robot)))
+        facts["walks"] = walks(robot)
         facts["to rest"] = str(to_rest)
         how, stays = topples_at_rest(robot), profile.postures.stays_at_rest
         facts["at rest"] = f"{at_rest(robot)}; {_rests(how, stays=stays)}"

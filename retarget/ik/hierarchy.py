@@ -303,9 +303,6 @@ Build = Callable[[Priorities, BoolArray], Hierarchy]
 
 # The scene over time, handed to the hierarchy tick by tick.
 
-Seen = Callable[[ObstaclePoses], ObstaclePoses]
-"""From obstacles in the world to obstacles in another one."""
-
 
 class SceneObstacles:
     """The obstacles that one hierarchy sees. Until `begin` they stand where they are at time 0; time is s of the
@@ -343,13 +340,12 @@ class SceneObstacles:
         self.look()
         self._runs = True
 
-    def tick(self, hierarchy: Hierarchy | None, dt: float, *, seen: Seen | None = None) -> None:
-        """Set the obstacles of a hierarchy (None: of none) at the start of a tick of `dt` s, and let time go on. seen:
-        from the world to that of the hierarchy; None: they are one."""
+    def tick(self, hierarchy: Hierarchy | None, dt: float) -> None:
+        """Set the obstacles of a hierarchy (None: of none) at the start of a tick of `dt` s, and let time go on."""
         if self.scene is None:
             return
         self.now = self.scene.at(self.time) if self._runs else self.scene.at_rest(self.time)
         if hierarchy is not None:
-            hierarchy.set_obstacles(self.now if seen is None else seen(self.now))
+            hierarchy.set_obstacles(self.now)
         if self._runs:
             self.time += dt

@@ -156,7 +156,7 @@ def unlike_ticks(run: RunResult, count: int) -> list[int]:
 def least_alike(run: RunResult) -> int | None:
     """The tick at which arms and trunk of the robot are farthest from the performer's, in sum of their angles; None
     where nothing shows it."""
-    asked, q, following = performance_of(run), run.moved_q, run.record.following
+    asked, q, following = performance_of(run), run.seen_q, run.record.following
     if run.robot is None or q is None or asked is None:
         return None
     angles = [angle[following] for limb, angle in limb_angles(run.robot, q, asked).items() if limb in (*ARMS, LEAN)]

@@ -259,7 +259,7 @@ def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray
 
 def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
     """What was followed (T, k, 3) m as the body moved: the simulated one, else as it was sent."""
-    robot, sent, q = run.robot, run.record.robot, run.moved_q
+    robot, sent, q = run.robot, run.record.robot, run.seen_q
     if robot is None or sent is None or q is None or run.physics is None:
         return reached
     return robot.points(q, robot.landmark_frames(sent.landmark_names))
@@ -312,7 +312,7 @@ def _foot_path_ratio(run: RunResult, performance: ReferenceMotion | None) -> flo
 def _hands(run: RunResult, asked: ReferenceMotion | None, moved: FloatArray) -> Part:
     """How the hands followed, moved (T, k, 3) m, at the ticks at which they were asked within reach; nothing without a
     robot that has both."""
-    robot, q = run.robot, run.moved_q
+    robot, q = run.robot, run.seen_q
     if robot is None or q is None or asked is None:
         return {}
     seen = in_blocks(lambda rows: hands_from_shoulders(robot, asked.of(rows), q[rows], moved[rows]), len(moved))
@@ -330,7 +330,7 @@ def _hands(run: RunResult, asked: ReferenceMotion | None, moved: FloatArray) -> 
 
 def _likeness(run: RunResult, asked: ReferenceMotion | None) -> Part:
     """Angles between the limbs of robot and performer, and of the lean of their trunks, degrees, while it followed."""
-    robot, q = run.robot, run.moved_q
+    robot, q = run.robot, run.seen_q
     if robot is None or q is None or asked is None:
         return {}
     found = _limb_angles(run, q, asked, recorded=False)

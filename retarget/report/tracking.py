@@ -150,9 +150,6 @@ def _vertex(score: FloatArray, best: int) -> float:
 
 # Whether anything was taken from the highest level: errors of its tasks, measured on the postures that were sent.
 
-LIFTED_M = 1e-4
-"""A sole of a robot that steps is not locked to the floor when it is higher than this."""
-
 
 def top_tasks(priorities: Priorities) -> tuple[Task, ...]:
     """The tasks of the first level that asks for anything; observers, which only react, do not count."""
@@ -205,13 +202,13 @@ def _errors(task: Task, run: RunResult) -> Iterable[FloatArray]:
 
 
 def _locked(run: RunResult, name: str, error: FloatArray) -> FloatArray:
-    """The error (T,) of a sole while it is on the floor: one that swings is no task of this level. All of others."""
-    robot, sent = run.robot, run.record.robot
-    if run.tally.walk is None or robot is None or sent is None:
+    """The error (T,) of a sole while it is to stay: that of a robot that walks is no task of this level. All of
+    others."""
+    robot = run.robot
+    walks = run.tally.walk is not None and run.tally.walk.steps > 0
+    if not walks or robot is None or name not in {foot.frame for foot in robot.profile.feet.values()}:
         return error
-    if name not in {foot.frame for foot in robot.profile.feet.values()}:
-        return error
-    return np.where(robot.points(sent.q, (name,))[:, 0, 2] > LIFTED_M, np.nan, error)
+    return np.full_like(error, np.nan)
 
 
 # Where the hands are asked, seen from the torso that is asked: from the performer and constants of the robot alone.
@@ -273,7 +270,7 @@ def performance_of(run: RunResult) -> ReferenceMotion | None:
         joints=record.human_joints,
         pelvis=_pelvis_turns(run, record.human_q),
         landmark_names=sent.landmark_names,
-        landmarks=sent.landmarks_asked,
+        landmarks=run.seen(sent.landmarks_asked),
         dt=run.clip.dt,
         goes_along=_goes_along(run),
     )

@@ -3,7 +3,7 @@
 Besides following: settling at the start, and the return to stance at the end of a run.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, sqrt
 from typing import TYPE_CHECKING
@@ -30,6 +30,7 @@ from retarget.robot.balance import StandingBalance, StandingStrength, carrying_f
 from retarget.robot.crouch_envelope import Envelope, robot_envelope
 from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import (
+    PELVIS,
     AskedLandmarks,
     LandmarkMap,
     RobotReader,
@@ -45,6 +46,7 @@ from retarget.robot.landmarks import (
 from retarget.robot.strategies import REACH, Strategies, arms_alone, strategies_of
 from retarget.robot.walking.legs import Legs
 from retarget.robot.walking.pattern import Request
+from retarget.rotations import minus, plus
 from retarget.schema.priorities import Priorities
 from retarget.types import BoolArray, FloatArray, RobotPosture
 
@@ -365,7 +367,7 @@ class Follower:
             self._motion.restart()
             return self._follow(asked, dt)
         upper, targets = legs.upper, self._targets
-        self.scene_obstacles.tick(upper, dt, seen=legs.obstacles)
+        self.scene_obstacles.tick(upper, dt)
         upper.solver.correct(q, velocity)
         self._reached = self._reader.read(q)
         self._motion.aim(targets, asked, self._reached, dt, speed_override=self._speed)
@@ -377,13 +379,19 @@ class Follower:
         legs.leave_out(targets)
         upper.set_previous(targets, q, dt, settle=LED_SETTLE if is_led else inf)
         legs.foresee(q, velocity, dt)
-        self._reached = self._reader.read(upper.solver.frame(targets, dt, self._speed))
-        return self._posture(asked)
+        self._reached = reached = self._reader.read(upper.solver.frame(targets, dt, self._speed))
+        # Soles and pelvis are where the path has them, and all else goes along with the pelvis.
+        names, soles = self.landmark_map.names, {sole.frame.name for sole in self.stance.soles}
+        pelvis = names.index(PELVIS)
+        along = minus(reached.landmarks[pelvis], asked.landmarks[pelvis])
+        rows = zip(names, asked.landmarks, reached.landmarks, strict=True)
+        landmarks = [here if name in soles else plus(there, along) for name, there, here in rows]
+        return self._posture(replace(asked, landmarks=landmarks))
 
     def _advance(self, asked: AskedLandmarks, dt: float, *, to_stance: bool = False) -> None:
         """Go on by `dt` s towards what is asked. to_stance: whether the robot returns to its stance."""
         targets, hierarchy, q = self._targets, self.hierarchy, self._q
-        self.scene_obstacles.tick(hierarchy, dt, seen=None if self.legs is None else self.legs.obstacles)
+        self.scene_obstacles.tick(hierarchy, dt)
         soles = self._soles
         if soles.balance is not None:
             if soles.stop is not None and soles.stop.footing is not None:
@@ -495,6 +503,10 @@ class Follower:
         """A posture (nq,) of the world of the stance in the world."""
         return q if self.legs is None else self.legs.in_world(q)
 
+    def _points_in_world(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) m of the world of the stance in the world."""
+        return points if self.legs is None else self.legs.points_in_world(points)
+
     def _posture(self, asked: AskedLandmarks) -> RobotPosture:
         robot, q, reached = self._robot, self._in_world(self._q), self._reached
         free = robot.profile.root == "free"
@@ -504,8 +516,8 @@ class Follower:
             root_position=q[:3] if free else robot.body.body_pos[1],
             root_quaternion=q[3:7] if free else robot.body.body_quat[1],
             landmark_names=self.landmark_map.names,
-            landmarks_asked=np.array(asked.landmarks),
-            landmarks_reached=reached.points,
-            centre_of_mass=reached.centre_of_mass,
+            landmarks_asked=self._points_in_world(np.array(asked.landmarks)),
+            landmarks_reached=self._points_in_world(reached.points),
+            centre_of_mass=self._points_in_world(reached.centre_of_mass),
             observer_modes=self._solver.observer_modes,
         )

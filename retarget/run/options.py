@@ -127,7 +127,7 @@ class RunOptions:
         torque_off_at_end: End at rest, even if it topples there.
         parts whole|upper: What follows; 'upper' keeps the legs still.
         legs free: Pelvis and feet as the performer's; on no servos.
-        steps WAY: When the performer walks: planted, walk, follow (of a robot that hangs).
+        steps WAY: When the performer walks: planted (usual), walk, follow (of a robot that hangs).
         iterations (--n-ik) N: Iterations per frame at most, both stages.
         faults FILE.yaml: What goes wrong on the emulator's wire.
 
@@ -189,6 +189,13 @@ class RunOptions:
             raise UsageError("a run has one end", where="--stand-at-end", found="--torque-off-at-end as well")
         if self.legs is not None:
             self._check_free_legs()
+        if self.steps == "walk" and self.scene is not None:
+            raise UsageError(
+                "a robot walks on a free floor",
+                where="--steps walk",
+                found=f"--scene {self.scene}",
+                next_step="Leave one of them out: its way to rest is planned where it begins",
+            )
         if self.steps == "walk" and self.parts != "whole":
             raise UsageError("legs that do not move make no steps", where="--steps", found=f"--parts {self.parts}")
 

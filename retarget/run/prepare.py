@@ -390,7 +390,7 @@ def stage_priorities(
     key = f"{'retarget' if last == profile.retarget else 'standing'} {by}"
     of_human = _load_priorities(first, f"reconstruct {by}")
     of_robot = _load_priorities(last, key if options.priorities is None else "--priorities")
-    of_robot, notes = with_steps(of_robot, robot, options.steps, parts=options.parts)
+    of_robot, notes = with_steps(of_robot, robot, options.steps, parts=options.parts, mass=options.has_mass)
     if of_robot.strategies and robot.stands and not map_path(robot, of_robot).is_file():
         notes = (*notes, f"which hand places {profile.name} reaches is measured, once; it takes a minute or more")
     usual, balances = name_with_mass(robot), bool(support_tasks(of_robot))

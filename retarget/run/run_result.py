@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hardware.guard_state import Stop
+from retarget import rotations
 from retarget.human.samples import Clip, Parts
 from retarget.ik.base_pose import plant_roots
 from retarget.live.stream_report import LiveReport
@@ -220,6 +221,33 @@ class RunResult:
             q[:, :ROOT] = physics.body[rows, :ROOT]
         q[:, body.joint_qpos[body.joint_type > JointType.BALL]] = physics.body[rows, ROOT:]
         return q
+
+    def seen(self, points: FloatArray) -> FloatArray:
+        """Points (T, k, 3) m of the world as a robot sees them that walks, and turns: along the axes of its stance;
+        those of another are the same."""
+        back = self._back
+        return points if back is None else rotations.rotate(back[:, None], points)
+
+    @property
+    def seen_q(self) -> FloatArray | None:
+        """`moved_q` (T, nq) along the axes of the robot's stance."""
+        q, back = self.moved_q, self._back
+        if q is None or back is None:
+            return q
+        q = q.copy()
+        q[:, :3], q[:, 3:7] = rotations.rotate(back, q[:, :3]), rotations.multiply(back, q[:, 3:7])
+        return q
+
+    @property
+    def _back(self) -> FloatArray | None:
+        """Turns (T, 4) wxyz from the world to the axes of the stance, mid-way between the soles; None where they are
+        the same."""
+        robot, sent, walk = self.robot, self.record.robot, self.tally.walk
+        if robot is None or sent is None or walk is None or not walk.steps:
+            return None
+        soles = robot.orientations(sent.q, tuple(foot.frame for foot in robot.profile.feet.values()))
+        x, y, _ = rotations.rotate(soles, np.array([1.0, 0.0, 0.0])).sum(axis=1).T
+        return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(y, x))
 
     def _while_following(self, rows: FloatArray) -> FloatArray:
         """Rows of the ticks that followed, with NaN in all others."""

@@ -123,7 +123,7 @@ def test_it_begins_and_ends_with_the_performer(velocity: tuple[float, float, flo
     begins, ends = np.flatnonzero(np.diff(walks.astype(int)) == 1), np.flatnonzero(np.diff(walks.astype(int)) == -1)
     assert len(begins) == len(ends) == 1
     assert 0.0 <= begins[0] * DT - 1.0 < 2.0 * STEP_S
-    assert -0.1 < ends[0] * DT - 7.0 < 0.7 + 2.0 * GAIT.period
+    assert -0.1 < ends[0] * DT - 7.0 < 0.8 + 2.0 * GAIT.period
 
 
 def test_what_it_is_behind_is_bounded() -> None:

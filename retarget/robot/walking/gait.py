@@ -92,13 +92,13 @@ SOLES = 2
 
 
 def with_steps(
-    priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str
+    priorities: Priorities, robot: RobotBody, asked: Steps | None, *, parts: str, mass: bool = False
 ) -> tuple[Priorities, tuple[str, ...]]:
     """The priorities with `asked` instead of their own `steps`, and notes for the operator: a robot that is too weak to
     stand on one leg, or cannot get its weight over it, stays planted.
 
-    asked: None keeps those of the file. parts: of the robot that follow. Raises UsageError or ConfigError where this
-    robot cannot step so, as it is mounted.
+    asked: None keeps those of the file. parts: of the robot that follow. mass: whether it has any. Raises UsageError or
+    ConfigError where this robot cannot step so, as it is mounted.
     """
     steps = priorities.steps if asked is None else asked
     notes: tuple[str, ...] = ()
@@ -108,10 +108,15 @@ def with_steps(
             found, next_step = fault
             kind = ConfigError if asked is None else UsageError
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
-            raise kind(f"steps {steps} are not possible here", where=where, found=found, next_step=next_step)
+            raise kind(f"--steps {steps} is not possible here", where=where, found=found, next_step=next_step)
     if steps == "walk":
         load, missed = on_one_leg(robot)
-        why = f"{load}, more than {100 * ENOUGH:.0f}%" if load.share > ENOUGH else ""
+        why = (
+            "a robot with mass walks with an IMU, and its profile has none"
+            if mass and robot.profile.imu is None
+            else ""
+        )
+        why = f"{load}, more than {100 * ENOUGH:.0f}%" if load.share > ENOUGH else why
         stance = plant(robot, robot.profile.postures.stand)
         gait = gait_of(robot, stance, dt=1.0 / robot.profile.safety.rate_hz)
         stop = SWAY_S + (STOPPING + 1) * gait.period + (HOLD + EASE) / gait.omega
@@ -150,3 +155,16 @@ def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None
     if "pelvis" not in robot.profile.landmarks:
         return f"{name} has no landmark pelvis", "Name one in the profile, or choose --steps planted"
     return None
+
+
+def walks(robot: RobotBody) -> str:
+    """How fast a robot with mass walks, or why it does not, in words."""
+    fault = _fault("walk", robot, "whole")
+    if fault is not None:
+        return f"no: {fault[0]}"
+    priorities = Priorities.model_construct(steps="walk", deflection_compensation=True)
+    _, notes = with_steps(priorities, robot, None, parts="whole", mass=True)
+    if notes:
+        return f"no: {notes[0].partition(': ')[2]}"
+    most = fastest(gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz))
+    return f"up to {most.forward:.2f} m/s, {most.left:.2f} sideways, {most.turn:.1f} rad/s (--steps walk)"

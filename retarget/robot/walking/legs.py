@@ -3,7 +3,6 @@
 While it stands, that is where its soles are; while it walks, it goes along under the pelvis, and turns with it.
 """
 
-from dataclasses import replace
 from math import degrees
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,6 @@ from retarget.ik.tasks import SlotKind
 from retarget.ik.whole_body_stop import StopPath
 from retarget.model.body import JointLimits
 from retarget.model.robot import TRUNK, RobotBody
-from retarget.model.scene_state import ObstaclePoses
 from retarget.robot.following_limits import servo_limits
 from retarget.robot.landmarks import PELVIS
 from retarget.robot.walking.gait import fastest, gait_of
@@ -24,7 +22,6 @@ from retarget.robot.walking.pattern import Request
 from retarget.robot.walking.place import Place, place_of, soles_at
 from retarget.robot.walking.travel import Travel, WalkTally
 from retarget.robot.walking.walker import Walker
-from retarget.rotations import multiply
 from retarget.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -65,7 +62,7 @@ class Legs:
 
     def restart(self) -> None:
         """Stand in the stance."""
-        self._place, self._drift, self.velocity = Place(), np.zeros(4), None
+        self._place, self.velocity = Place(), None
         self._plant()
         self._walker, self._travel = None, None
 
@@ -123,10 +120,7 @@ class Legs:
         moved = self._robot.kinematics.difference(path.postures[row - 1], path.postures[row]) / dt
         moved[self._dofs] = velocity[self._dofs]
         moved[:6] = 0.0
-        before = self._place
         self._go_along(now, float(path.yaws[row]))
-        gone = self._place.x - before.x, self._place.y - before.y, 0.0, self._place.yaw - before.yaw
-        self._drift = np.array(gone) / dt
         return self.seen(now, moved)
 
     def _go_along(self, q: FloatArray, yaw: float) -> None:
@@ -138,7 +132,7 @@ class Legs:
         """Stand where the walk has led to."""
         if self._walker is not None:
             self._walker.stand()
-            self._place, self._drift = place_of(self._stance, self._walker.feet), np.zeros(4)
+            self._place = place_of(self._stance, self._walker.feet)
             self._plant()
 
     def stop(self, q: FloatArray, velocity: FloatArray, dt: float) -> StopPath:
@@ -203,26 +197,16 @@ class Legs:
             return now
         return q if self._place.is_origin else self._place.postures(q[None])[0]
 
+    def points_in_world(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) m in the world."""
+        return points if self._place.is_origin else self._place.points(points)
+
     def seen(self, q: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A posture (nq,) and a velocity (nv,) of the world in that of the stance."""
         if self._place.is_origin:
             return q, velocity
         back = self._place.inverse
         return back.postures(q[None])[0], back.velocity(velocity)
-
-    def obstacles(self, poses: ObstaclePoses) -> ObstaclePoses:
-        """Obstacles of the world in that of the stance, which goes along with the robot."""
-        if self._place.is_origin and not self._drift.any():
-            return poses
-        back, turning = self._place.inverse, np.array([0.0, 0.0, self._drift[3]])
-        carried = self._drift[:3] + np.cross(turning, poses.position - np.array([self._place.x, self._place.y, 0.0]))
-        return replace(
-            poses,
-            position=back.points(poses.position),
-            quat=multiply(np.array(back.turn), poses.quat),
-            linear_velocity=Place(yaw=back.yaw).points(poses.linear_velocity - carried),
-            angular_velocity=Place(yaw=back.yaw).points(poses.angular_velocity - turning),
-        )
 
     def moved(self, stop: StopPath) -> StopPath:
         """A stop of a standing robot, in the world."""

@@ -26,8 +26,11 @@ CATCH_UP_S = 1.5
 """Time (s) in which what the robot is behind would be made up for; once the performer stands, that of a step."""
 LEASH = 2.0
 """Most that it may be behind, in steps at its fastest."""
-LIFTED_S = 0.7
-"""s since a foot was lifted last, after which both stay down: longer than a walker has both on the floor."""
+MOST_TURN = 1.5
+"""Most (rad) that it may be behind in its turn while they walk on: so it faces their way in the end."""
+LIFTED_S, LIFTED = 0.7, 0.4
+"""s since a foot was lifted last, after which both stay down, or as a share of a stride if that is longer: more than a
+walker has both on the floor."""
 ONE_LEG_S = 3.0
 """A performer with one foot in the air for so long (s) stands on one leg."""
 SLOWEST = 0.25
@@ -74,7 +77,7 @@ class Strides:
                 self._lifts = [*self._lifts[-2:], 0.0]
             self._in_air[foot] = 0.0 if foot == lifted else self._in_air[foot] + dt
         soon, late = sorted(self._in_air)
-        steps = soon < LIFTED_S and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
+        steps = soon < max(LIFTED_S, LIFTED * self.duration) and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
         self.walks = steps and (self.walks or late < 3.0 * LIFTED_S or travels)
         self._lifts = self._lifts if self.walks else self._lifts[-1:]
 
@@ -113,7 +116,9 @@ class Travel:
             mean = (self._sums[-1] - self._sums[-1 - count]) / count
         came, self._followed = mean - self._followed, mean
         walked = dt * np.array([robot.forward, robot.left, robot.turn])
-        self._behind = np.clip(self._behind + came - walked, -LEASH * step, LEASH * step)
+        leash = LEASH * step
+        leash[2] = max(leash[2], MOST_TURN) if walks else leash[2]
+        self._behind = np.clip(self._behind + came - walked, -leash, leash)
         for total, moved in ((self.asked, came), (self.walked, walked)):
             total += hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))
         self._goes = walks or (self._goes and bool((np.abs(self._behind) > LEFT_OVER * step).any()))
