@@ -283,7 +283,7 @@ def performer_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
 
 def robot_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
     """The robot as it moved, with its soles: the simulated body, or what was sent where nothing has mass."""
-    robot, moved = run.robot, run.moved_q
+    robot, moved = run.robot, run.seen_q
     assert robot is not None and moved is not None
     names = tuple(robot.profile.frames)
     q = np.ascontiguousarray(moved[ticks])
