@@ -147,11 +147,10 @@ def _robot(path: Path) -> str:
         try_robot(robot, RunOptions(robot=str(path), bus=bus))
     try_approach(robot)
     models, layouts = [servo.model for servo in profile.servos.values()], profile.layouts()
-    buses = [_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()]
     facts = {
         "body": f"{profile.body_path.name}, root {profile.root}",
         "servos": ", ".join(f"{models.count(model)} x {model}" for model in dict.fromkeys(models)),
-        "buses": "; ".join(buses),
+        "buses": "; ".join(_bus(bus, layouts[bus.name]) for bus in profile.bus_specs()),
         "stiffness": _stiffness(robot),
         "calibration": _calibration(robot),
         "frames": f"{len(profile.frames)}",
@@ -171,14 +170,14 @@ def _robot(path: Path) -> str:
     if wide := tuple(questioned_ranges(robot, observers)):
         facts["warning"] = wide_ranges(wide)
     facts |= {"tick": f"{profile.safety.rate_hz:g} Hz", **safety_facts(profile.safety)}
-    named = f"reconstruct {profile.reconstruct}, retarget {profile.retarget}"
-    facts["priorities"] = f"{named}, with mass {name_with_mass(robot)}"
+    facts["priorities"] = (
+        f"reconstruct {profile.reconstruct}, retarget {profile.retarget}, with mass {name_with_mass(robot)}"
+    )
     facts["physics"] = "ready" if (missing := simulation_problem(robot)) is None else f"not possible: {missing}"
     if marked := marked_lines(read_text(path)):
         shown = ", ".join(map(str, marked[:8])) + (", ..." if len(marked) > 8 else "")
         facts["still a draft"] = f"{counted(len(marked), 'line')} marked {DRAFT}, to be corrected or confirmed: {shown}"
-    safe = to_rest is None or to_rest.is_safe
-    verdict = "good" if safe else "good, but its way to rest is not safe"
+    verdict = "good" if to_rest is None or to_rest.is_safe else "good, but its way to rest is not safe"
     return _paragraph("robot", profile, path, facts, verdict=verdict)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from hardware.guard_state import Stop
 from retarget import rotations
+from retarget.arithmetic import arctan2
 from retarget.human.samples import Clip, Parts
 from retarget.ik.base_pose import plant_roots
 from retarget.live.stream_report import LiveReport
@@ -247,7 +248,7 @@ class RunResult:
             return None
         soles = robot.orientations(sent.q, tuple(foot.frame for foot in robot.profile.feet.values()))
         x, y, _ = rotations.rotate(soles, np.array([1.0, 0.0, 0.0])).sum(axis=1).T
-        return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -np.arctan2(y, x))
+        return rotations.from_axis_angle(np.array([0.0, 0.0, 1.0]), -arctan2(y, x))
 
     def _while_following(self, rows: FloatArray) -> FloatArray:
         """Rows of the ticks that followed, with NaN in all others."""

@@ -59,6 +59,14 @@ class Stroller:
         )
 
 
+def within(asked: Request | None) -> Request:
+    """What a robot does that is asked for this."""
+    if asked is None:
+        return Request()
+    rows = zip(vars(asked).values(), vars(MOST).values(), strict=True)
+    return Request(*(float(np.clip(to, -top, top)) for to, top in rows))
+
+
 def driven(
     velocity: tuple[float, float, float], *, walk_s: float, stand_s: float = 4.0
 ) -> tuple[list[Request | None], Travel]:
@@ -68,16 +76,7 @@ def driven(
     for tick in range(round((1.0 + walk_s + stand_s) / DT)):
         asked = travel.step(performer.step(walks=1.0 < tick * DT < 1.0 + walk_s), robot)
         found.append(asked)
-        robot = (
-            Request()
-            if asked is None
-            else Request(
-                *(
-                    float(np.clip(to, -top, top))
-                    for to, top in zip(vars(asked).values(), vars(MOST).values(), strict=True)
-                )
-            )
-        )
+        robot = within(asked)
     return found, travel
 
 
@@ -137,5 +136,6 @@ def test_who_stands_on_one_leg_does_not_walk() -> None:
     travel, performer = Travel(GAIT, MOST, scale=SCALE), Stroller(np.array([0.2, 0.0, 0.0]))
     asked = [travel.step(performer.step(walks=True), Request()) for _ in range(600)]
     still = performer.step(walks=True)
-    asked += [travel.step(still, Request(forward=0.05)) for _ in range(800)]
+    for _ in range(800):
+        asked.append(travel.step(still, within(asked[-1])))
     assert asked[600] is not None and asked[-1] is None

@@ -147,8 +147,8 @@ def test_a_walk_that_ends_on_one_foot_or_on_none_is_refused() -> None:
     assert not holds(way(still, still, still, carries=[(True, True), (False, False), (True, True)]))
     over = leaning_left(0.25)
     assert check().losses(stop(over, soles=1)).shortfall < 0.0, "its mass is over the left sole"
-    assert holds(way(over, over, over, carries=[(True, True), (True, False), (True, True)]))
-    assert not holds(way(over, over, over, carries=[(True, True), (True, False), (True, False)]))
+    assert holds(way(over, over, over, carries=[(True, True), (True, False), (True, True)]), standing=over)
+    assert not holds(way(over, over, over, carries=[(True, True), (True, False), (True, False)]), standing=over)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -74,6 +74,7 @@ class StubFollower(Follower):
     """Joint angles by a script: tick -> rad (n,) from the standing posture. Landmarks are asked where they are."""
 
     hierarchy: Any = SimpleNamespace(solver=SimpleNamespace(capped=0))
+    strategies: Any = None
 
     def __init__(self, robot: RobotBody, script: FloatArray) -> None:
         self.robot = robot

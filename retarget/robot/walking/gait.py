@@ -108,7 +108,7 @@ def with_steps(
             found, next_step = fault
             kind = ConfigError if asked is None else UsageError
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
-            raise kind(f"--steps {steps} is not possible here", where=where, found=found, next_step=next_step)
+            raise kind(f"{steps} is not possible here", where=where, found=found, next_step=next_step)
     if steps == "walk":
         load, missed = on_one_leg(robot)
         why = (

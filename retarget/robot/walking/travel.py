@@ -77,7 +77,8 @@ class Strides:
                 self._lifts = [*self._lifts[-2:], 0.0]
             self._in_air[foot] = 0.0 if foot == lifted else self._in_air[foot] + dt
         soon, late = sorted(self._in_air)
-        steps = soon < max(LIFTED_S, LIFTED * self.duration) and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
+        stays = max(LIFTED_S, LIFTED * self.duration) if self.walks else LIFTED_S
+        steps = soon < stays and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
         self.walks = steps and (self.walks or late < 3.0 * LIFTED_S or travels)
         self._lifts = self._lifts if self.walks else self._lifts[-1:]
 
@@ -110,7 +111,7 @@ class Travel:
         self._sums.append(self._sums[-1] + self._gone[-1])
         self._strides.look(human.carrying, travels=self._travels())
         walks, speed, mean = self._strides.walks, np.zeros(3), self._gone[-1]
-        if walks:
+        if walks or not self._goes:
             count = min(round(self._strides.duration / dt), len(self._gone) - 1)
             speed = (self._gone[-1] - self._gone[-1 - count]) / (count * dt)
             mean = (self._sums[-1] - self._sums[-1 - count]) / count
@@ -119,12 +120,12 @@ class Travel:
         leash = LEASH * step
         leash[2] = max(leash[2], MOST_TURN) if walks else leash[2]
         self._behind = np.clip(self._behind + came - walked, -leash, leash)
-        for total, moved in ((self.asked, came), (self.walked, walked)):
-            total += hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))
         self._goes = walks or (self._goes and bool((np.abs(self._behind) > LEFT_OVER * step).any()))
         if not self._goes:
             self._behind = np.zeros(3)
             return None
+        for total, moved in ((self.asked, came), (self.walked, walked)):
+            total += hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))
         forward, left, turn = (speed + self._behind / (CATCH_UP_S if walks else self._gait.period)).tolist()
         return Request(forward, left, turn)
 
