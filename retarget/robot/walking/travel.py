@@ -111,7 +111,7 @@ class Travel:
         self._sums.append(self._sums[-1] + self._gone[-1])
         self._strides.look(human.carrying, travels=self._travels())
         walks, speed, mean = self._strides.walks, np.zeros(3), self._gone[-1]
-        if walks or not self._goes:
+        if walks or not self._goes:  # once they stand, the robot goes to where they are
             count = min(round(self._strides.duration / dt), len(self._gone) - 1)
             speed = (self._gone[-1] - self._gone[-1 - count]) / (count * dt)
             mean = (self._sums[-1] - self._sums[-1 - count]) / count
@@ -120,12 +120,12 @@ class Travel:
         leash = LEASH * step
         leash[2] = max(leash[2], MOST_TURN) if walks else leash[2]
         self._behind = np.clip(self._behind + came - walked, -leash, leash)
+        self.walked += _length(walked)
         self._goes = walks or (self._goes and bool((np.abs(self._behind) > LEFT_OVER * step).any()))
         if not self._goes:
             self._behind = np.zeros(3)
             return None
-        for total, moved in ((self.asked, came), (self.walked, walked)):
-            total += hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))
+        self.asked += _length(came)
         forward, left, turn = (speed + self._behind / (CATCH_UP_S if walks else self._gait.period)).tolist()
         return Request(forward, left, turn)
 
@@ -147,3 +147,8 @@ class Travel:
         """Whether the middle of the feet goes somewhere."""
         far = self._gone[-1] - self._gone[max(len(self._gone) - 1 - round(LIFTED_S / self._gait.dt), 0)]
         return bool((np.abs(far) > SLOWEST * LIFTED_S * self._most)[:2].any())
+
+
+def _length(moved: FloatArray) -> FloatArray:
+    """Length [m, rad] of a way forward, left and turned (3,)."""
+    return np.array([hypot(float(moved[0]), float(moved[1])), abs(float(moved[2]))])
