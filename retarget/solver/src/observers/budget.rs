@@ -111,7 +111,8 @@ impl Watch {
         }
         if self.near.len() > self.most_pairs {
             let room = |k: usize| {
-                let at_rest = self.pairs[k].at_rest.map_or(f64::INFINITY, |(n, _)| n.distance - self.set.pairs[k].margin);
+                let at_rest =
+                    self.pairs[k].at_rest.map_or(f64::INFINITY, |(n, _)| n.distance - self.set.pairs[k].margin);
                 self.pairs[k].budget.min(at_rest)
             };
             self.near.sort_unstable_by(|a, b| room(*a).total_cmp(&room(*b)));

@@ -9,8 +9,8 @@ use crate::frame::{FrameSolver, Settings};
 use crate::hierarchy::{Outcome, Problem, Stages, BUDGET, LEAST_DAMPING};
 use crate::observers::Activation;
 use crate::task::{Task, TaskKind};
-use numpy::{PyArray1, PyArrayMethods};
 use numpy::PyUntypedArrayMethods;
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 /// A body, its levels and limits, and the state of the convergence loop; see `retarget/_solver.pyi`.
