@@ -95,10 +95,10 @@ class Case:
 @dataclass
 class Outcome:
     """What happened. stood: whether it did to the end; reason: why it stopped before. steps: made. speed: reached, (3,)
-    m/s, m/s, rad/s. slip: m a step. sway: 95th percentile of the trunk's tilt, rad. fastest: 99th percentile of the
-    fastest joint, rad/s; most_offset: of a goal from its posture, rad. knee: RMS torque of the more loaded leg joint, N
-    m; warm, hot: its temperature at the end, and where it would go. gated: ticks in which the gate refused what was
-    asked, as a share."""
+    m/s, m/s, rad/s. slip: m a step. sway: 95th percentile of the trunk's tilt once it steps, rad. fastest: 99th
+    percentile of the fastest joint, rad/s; most_offset: of a goal from its posture, rad. knee: RMS torque of the more
+    loaded leg joint, N m; warm, hot: its temperature at the end, and where it would go. gated: ticks in which the gate
+    refused what was asked, as a share."""
 
     stood: bool
     reason: str
@@ -148,7 +148,8 @@ class WalkRecord(Observer):
         self._squares += torque * torque
         self._speeds.append(float(np.abs(speed).max()))
         w, i, j, k = state.root[3:].tolist()
-        self._tilts.append(math.acos(max(min(1.0 - 2.0 * (i * i + j * j), 1.0), -1.0)))
+        if self.steps:  # before, the trunk comes up from where the performer had it
+            self._tilts.append(math.acos(max(min(1.0 - 2.0 * (i * i + j * j), 1.0), -1.0)))
         self._gated.append(output.gated)
         if output.goal is not None:
             self._offsets.append(float(np.abs(output.goal.joints - output.goal.posture).max()))
@@ -168,7 +169,7 @@ class WalkRecord(Observer):
     def outcome(self, stood: bool, reason: str) -> Outcome:
         """What was counted."""
         simulation, log = self._simulation, self._witness.log
-        rms = np.sqrt(self._squares / max(len(self._tilts) - 1, 1))
+        rms = np.sqrt(self._squares / max(len(self._speeds) - 1, 1))
         worst = int(rms.argmax())
         numbers = simulation.world.drives[worst].numbers
         return Outcome(

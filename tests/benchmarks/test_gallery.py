@@ -15,7 +15,7 @@ BODIES = 1 + len(ROBOTS)
 def test_the_picture_that_is_shown_moves_and_is_small(name: str, seconds: float) -> None:
     path = gallery.IMAGES / f"{name}.webp"
     with Image.open(path) as image:
-        assert getattr(image, "n_frames", 1) == pytest.approx(seconds * FPS, abs=10), (
+        assert getattr(image, "n_frames", 1) == pytest.approx(seconds * FPS, rel=0.1), (
             "pictures that are the same are one"
         )
         assert image.width == gallery.WIDTH
