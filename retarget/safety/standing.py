@@ -15,9 +15,6 @@ SOLE_M = 0.001
 """Distance (m) that a corner of a sole may be from its place on the way to a stop."""
 BALANCE_M = 0.003
 """Distance (m) inside the outline of the soles that carry that the centre of mass keeps on the way to a stop."""
-PRESSED_M = 0.0
-"""Distance (m) inside that outline that the zero-moment point of a robot that walks keeps: the pattern's own is 20 mm
-inside, and the rest is for arms that brake."""
 MOST_FOOTHOLDS = 64
 """Footholds whose edges are kept: those of a path are ten."""
 NO_WORSE_M = 1e-7
@@ -96,7 +93,7 @@ class StandingCheck:
             if not on:
                 return Losses(np.inf, np.inf)
             inside = support_distance(pressed[first:last], self._edges_of(np.concatenate(on)))
-            shortfall = float(np.maximum(shortfall, PRESSED_M - inside.min()))
+            shortfall = float(np.maximum(shortfall, -inside.min()))  # which a NaN survives
         return Losses(slip, shortfall)
 
     def _edges_of(self, corners: FloatArray) -> FloatArray:

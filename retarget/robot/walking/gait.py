@@ -109,23 +109,8 @@ def with_steps(
             kind = ConfigError if asked is None else UsageError
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
             raise kind(f"{steps} is not possible here", where=where, found=found, next_step=next_step)
-    if steps == "walk":
-        load, missed = on_one_leg(robot)
-        why = (
-            "a robot with mass walks with an IMU, and its profile has none"
-            if mass and robot.profile.imu is None
-            else ""
-        )
-        why = f"{load}, more than {100 * ENOUGH:.0f}%" if load.share > ENOUGH else why
-        stance = plant(robot, robot.profile.postures.stand)
-        gait = gait_of(robot, stance, dt=1.0 / robot.profile.safety.rate_hz)
-        stop = SWAY_S + (STOPPING + 1) * gait.period + (HOLD + EASE) / gait.omega
-        if stop > LONGEST_STOP_S:
-            why = f"in a walk it would need {stop:.1f} s to stop"
-        if missed > MISSED_M:
-            why = f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
-        if why:
-            steps, notes = "planted", (f"both soles stay planted: {why}",)
+    if steps == "walk" and (why := _unable(robot, mass=mass)) is not None:
+        steps, notes = "planted", (f"both soles stay planted: {why}",)
     if steps == "walk" and priorities.deflection_compensation is None:
         raise ConfigError(
             "a robot walks on servos whose load is known",
@@ -157,14 +142,27 @@ def _fault(steps: Steps, robot: RobotBody, parts: str) -> tuple[str, str] | None
     return None
 
 
+def _unable(robot: RobotBody, *, mass: bool) -> str | None:
+    """Why a robot that could be asked to walk stays planted; None: it walks. mass: whether it has any."""
+    load, missed = on_one_leg(robot)
+    gait = gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz)
+    stop = SWAY_S + (STOPPING + 1) * gait.period + (HOLD + EASE) / gait.omega
+    if missed > MISSED_M:
+        return f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
+    if stop > LONGEST_STOP_S:
+        return f"in a walk it would need {stop:.1f} s to stop"
+    if load.share > ENOUGH:
+        return f"{load}, more than {100 * ENOUGH:.0f}%"
+    if mass and robot.profile.imu is None:
+        return "a robot with mass walks with an IMU, and its profile has none"
+    return None
+
+
 def walks(robot: RobotBody) -> str:
     """How fast a robot with mass walks, or why it does not, in words."""
     fault = _fault("walk", robot, "whole")
-    if fault is not None:
-        return f"no: {fault[0]}"
-    priorities = Priorities.model_construct(steps="walk", deflection_compensation=True)
-    _, notes = with_steps(priorities, robot, None, parts="whole", mass=True)
-    if notes:
-        return f"no: {notes[0].partition(': ')[2]}"
+    why = _unable(robot, mass=True) if fault is None else fault[0]
+    if why is not None:
+        return f"no: {why}"
     most = fastest(gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz))
     return f"up to {most.forward:.2f} m/s, {most.left:.2f} sideways, {most.turn:.1f} rad/s (--steps walk)"

@@ -19,7 +19,7 @@ from math import pi, sqrt
 
 import numpy as np
 
-from retarget.arithmetic import cos, dot, exp, sin
+from retarget.arithmetic import cos, exp, sin
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.types import FloatArray
 
@@ -131,13 +131,12 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, share (2,) of the
-    weight that each carries, yaw of the trunk, rad. carries: which soles press on the floor, left and right."""
+    """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, yaw of the trunk,
+    rad. carries: which soles press on the floor, left and right."""
 
     pendulum: Pendulum
     zmp: FloatArray
     soles: tuple[Pose, Pose]
-    shares: tuple[float, float]
     yaw: float
     carries: tuple[bool, bool]
 
@@ -280,12 +279,11 @@ def moment(gait: Gait, step: Step, t: float) -> Moment:
     support = Pose(np.array([*step.support.place, 0.0]), step.support.yaw)
     moving = swing(gait, step.feet[swinging], step.target, t)
     soles = (support, moving) if carrying == LEFT else (moving, support)
-    shares = _shares(soles, zmp) if t < gait.double else (1.0 - carrying, float(carrying))
     # The trunk turns evenly: from mid-way between the feet of the start to mid-way between those of the end.
     yaw = support.yaw + 0.5 * (moving.yaw - support.yaw)
     double = t < gait.double
     carries = double or carrying == LEFT, double or carrying == RIGHT
-    return Moment(in_step(gait, step, t), zmp, soles, shares, yaw, carries)
+    return Moment(in_step(gait, step, t), zmp, soles, yaw, carries)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,19 +343,9 @@ def in_halt(gait: Gait, end: Halt, t: float) -> Moment:
 
 
 def standing(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> Moment:
-    """A moment of a robot on both feet, whose weight is where the zero-moment point is on the line between them."""
-    soles = [Pose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet]
-    both = (soles[0], soles[1])
-    return Moment(pendulum, zmp, both, _shares(both, zmp), 0.5 * (feet[0].yaw + feet[1].yaw), (True, True))
-
-
-def _shares(soles: tuple[Pose, Pose], zmp: FloatArray) -> tuple[float, float]:
-    """Share of the weight on each of two soles that press on the floor: where the zero-moment point (2,) m is on the
-    line between them."""
-    right = soles[RIGHT].place[:2]
-    across = soles[LEFT].place[:2] - right
-    share = min(max(dot(zmp - right, across) / dot(across, across), 0.0), 1.0)
-    return share, 1.0 - share
+    """A moment of a robot on both feet."""
+    left, right = (Pose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet)
+    return Moment(pendulum, zmp, (left, right), 0.5 * (left.yaw + right.yaw), (True, True))
 
 
 SWAY_S = 0.5
