@@ -12,7 +12,7 @@ from retarget.robot.walking.pattern import (
     RIGHT,
     Foothold,
     Gait,
-    Moment,
+    PatternState,
     Request,
     displacement,
     next_step,
@@ -37,7 +37,7 @@ REQUESTS = pytest.mark.parametrize(
 MOST = fastest(GAIT)
 
 
-def walk(*asked: Request, feet: tuple[Foothold, Foothold] | None = None) -> list[Moment]:
+def walk(*asked: Request, feet: tuple[Foothold, Foothold] | None = None) -> list[PatternState]:
     """A walk of these requests, a step each, and its end."""
     half = np.array([0.0, 0.5 * GAIT.width])
     stand = (Foothold(half, 0.0), Foothold(-half, 0.0)) if feet is None else feet

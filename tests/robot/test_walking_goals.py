@@ -13,7 +13,7 @@ from hardware.imu import ImuSample
 from retarget.ik.support_polygon import Stance, plant
 from retarget.robot.deflection_compensation import DeflectionCompensation
 from retarget.robot.walking.gait import gait_of
-from retarget.robot.walking.walking_goals import MOST_RAD, Feedback, Seen, WalkingGoals
+from retarget.robot.walking.walking_goals import MOST_RAD, Feedback, WalkDynamics, WalkingGoals
 from retarget.types import FloatArray
 from sim.physics.mount import mount_of
 from sim.physics.perturbation import NOMINAL
@@ -63,7 +63,7 @@ def test_torques_of_limbs_are_those_of_inverse_dynamics(seed: int) -> None:
     chance = np.random.default_rng(seed)
     q = stance().q.copy()
     q[op3().servo_columns] += chance.uniform(-0.3, 0.3, len(JOINTS))
-    seen = Seen(op3(), stance())
+    seen = WalkDynamics(op3(), stance())
     acceleration = np.zeros(op3().body.nv)
     limbs = [row for row, name in enumerate(JOINTS) if "sho" in name or "el" in name]
     dofs = [op3().body.dof_index(JOINTS[row]) for row in limbs]
@@ -80,7 +80,7 @@ def test_torques_of_limbs_are_those_of_inverse_dynamics(seed: int) -> None:
 
 
 def test_at_rest_the_legs_carry_the_weight() -> None:
-    seen = Seen(op3(), stance())
+    seen = WalkDynamics(op3(), stance())
     look = seen.look(stance().q)
     torque, shares = seen.torques(look, np.zeros_like(look.masses))
     com = op3().kinematics.centre_of_mass(stance().q[None])[0]
@@ -92,7 +92,7 @@ def test_at_rest_the_legs_carry_the_weight() -> None:
 
 
 def test_the_foot_under_the_mass_carries_alone() -> None:
-    seen, q = Seen(op3(), stance()), stance().q.copy()
+    seen, q = WalkDynamics(op3(), stance()), stance().q.copy()
     q[1] += 0.0  # the mass moves, the soles stay: a whole body that is pushed sideways
     look = seen.look(q)
     aside = np.zeros_like(look.masses)
@@ -141,7 +141,7 @@ def corrected(measured: FloatArray, tilt: FloatArray, rate: FloatArray) -> dict[
     """The correction, by joint, of a robot on its left foot whose encoders say (n,), its IMU (3,), (3,)."""
     gait = gait_of(op3(), stance(), dt=DT)
     compliance = np.diag(np.full(len(JOINTS), 0.05))
-    feedback, seen = Feedback(op3(), stance(), gait, compliance), Seen(op3(), stance())
+    feedback, seen = Feedback(op3(), stance(), gait, compliance), WalkDynamics(op3(), stance())
     for _ in range(200):
         feedback.measure(measured, sample(tilt, rate))
     look = seen.look(stance().q)

@@ -151,6 +151,11 @@ def test_a_walk_that_ends_on_one_foot_or_on_none_is_refused() -> None:
     assert not holds(way(over, over, over, carries=[(True, True), (True, False), (True, False)]), standing=over)
 
 
+def test_a_walk_through_what_is_no_number_is_refused() -> None:
+    still, none = stance().q, np.full_like(stance().q, np.nan)
+    assert not holds(way(still, none, still, carries=[(True, True)] * 3))
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_sole_that_carries_stays_where_it_was_put_down(axis: int) -> None:
     for by, passes in ((0.9 * SOLE_M, True), (1.1 * SOLE_M, False)):

@@ -19,7 +19,7 @@ from retarget.robot.following_limits import servo_limits
 from retarget.robot.landmarks import PELVIS
 from retarget.robot.walking.gait import fastest, gait_of
 from retarget.robot.walking.pattern import Request
-from retarget.robot.walking.place import Place, place_of, soles_at
+from retarget.robot.walking.place import StancePlace, place_of, soles_at
 from retarget.robot.walking.travel import Travel, WalkTally
 from retarget.robot.walking.walker import Walker
 from retarget.types import BoolArray, FloatArray
@@ -62,7 +62,7 @@ class Legs:
 
     def restart(self) -> None:
         """Stand in the stance."""
-        self._place, self.velocity = Place(), None
+        self._place, self.velocity = StancePlace(), None
         self._plant()
         self._walker, self._travel = None, None
 
@@ -125,8 +125,8 @@ class Legs:
 
     def _go_along(self, q: FloatArray, yaw: float) -> None:
         """Have the world of the stance under the root of a posture (nq,), world."""
-        x, y, _ = Place(yaw=yaw).point((float(self._stance.q[0]), float(self._stance.q[1]), 0.0))
-        self._place = Place(float(q[0]) - x, float(q[1]) - y, yaw)
+        x, y, _ = StancePlace(yaw=yaw).point((float(self._stance.q[0]), float(self._stance.q[1]), 0.0))
+        self._place = StancePlace(float(q[0]) - x, float(q[1]) - y, yaw)
 
     def stand(self) -> None:
         """Stand where the walk has led to."""

@@ -15,7 +15,7 @@ from retarget.arithmetic import norm
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
-from retarget.robot.walking.pattern import Foothold, Gait, Moment, Request, Step, minimum_jerk
+from retarget.robot.walking.pattern import Foothold, Gait, PatternState, Request, Step, minimum_jerk
 from retarget.rotations import Quat, as_quat, as_vector, inverse, product, rotated, rotation_vector, turn
 from retarget.types import BoolArray, FloatArray
 
@@ -48,7 +48,7 @@ class Sketch:
 
     postures: list[FloatArray]
     velocity: FloatArray
-    moments: Sequence[Moment]
+    moments: Sequence[PatternState]
     offset: FloatArray
     turned: FloatArray
     ease: int
@@ -92,8 +92,8 @@ class PathPlanner:
         self,
         q: FloatArray,
         velocity: FloatArray,
-        start: Moment,
-        moments: Sequence[Moment],
+        start: PatternState,
+        moments: Sequence[PatternState],
         ease: int,
         asked: tuple[Step | None, Request, int, int],
     ) -> Sketch:
@@ -101,7 +101,7 @@ class PathPlanner:
         there. ease: ticks in which what q is off the pattern fades. asked: see `Sketch`."""
         return Sketch([q], velocity, moments, *self._offsets(q, start), ease, asked)
 
-    def off(self, q: FloatArray, start: Moment) -> tuple[float, float]:
+    def off(self, q: FloatArray, start: PatternState) -> tuple[float, float]:
         """How far (m, rad) a posture (nq,) is off the pattern."""
         offset, turned = self._offsets(q, start)
         return norm(offset), norm(turned)
@@ -110,7 +110,7 @@ class PathPlanner:
         """Velocity (nv,) from one posture (nq,) to the next, a tick later."""
         return self._body.difference(before, now) / self._gait.dt
 
-    def _offsets(self, q: FloatArray, start: Moment) -> tuple[FloatArray, FloatArray]:
+    def _offsets(self, q: FloatArray, start: PatternState) -> tuple[FloatArray, FloatArray]:
         """Offset (3,) m of the centre of mass, and turn (3,) rad of the root, from the pattern."""
         mass = self._body.centre_of_mass(q[None])[0]
         root = as_quat(self._body.orientations(q[None], [ROOT])[0, 0])
@@ -138,7 +138,7 @@ class PathPlanner:
         postures = np.array(sketch.postures)
         return WalkPath(postures, carries, yaws, (left, right), *sketch.asked)
 
-    def _aim(self, moment: Moment, offset: FloatArray, turned: FloatArray) -> None:
+    def _aim(self, moment: PatternState, offset: FloatArray, turned: FloatArray) -> None:
         """Write the targets of a row."""
         targets = self._targets
         for k, (sole, middle, pose) in enumerate(zip(self._soles, self._middles, moment.soles, strict=True)):

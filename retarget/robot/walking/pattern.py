@@ -122,7 +122,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class SolePose:
     """Pose of a sole: place (3,) m, yaw rad."""
 
     place: FloatArray
@@ -130,13 +130,13 @@ class Pose:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class PatternState:
     """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, yaw of the trunk,
     rad. carries: which soles press on the floor, left and right."""
 
     pendulum: Pendulum
     zmp: FloatArray
-    soles: tuple[Pose, Pose]
+    soles: tuple[SolePose, SolePose]
     yaw: float
     carries: tuple[bool, bool]
 
@@ -262,28 +262,28 @@ def sway_target(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int, zmp:
     return support.place + wanted - gait.shift * (support.place - zmp)
 
 
-def swing(gait: Gait, start: Foothold, target: Foothold, t: float) -> Pose:
+def swing(gait: Gait, start: Foothold, target: Foothold, t: float) -> SolePose:
     """Pose of the foot that swings, t s after the start of a step."""
     u = (t - gait.double) / (gait.period - gait.double)
     share = modified_sine(u)
     flat = start.place + share * (target.place - start.place)
     yaw = start.yaw + share * (target.yaw - start.yaw)
-    return Pose(np.array([flat[0], flat[1], gait.lift * bump(u)]), yaw)
+    return SolePose(np.array([flat[0], flat[1], gait.lift * bump(u)]), yaw)
 
 
-def moment(gait: Gait, step: Step, t: float) -> Moment:
+def moment(gait: Gait, step: Step, t: float) -> PatternState:
     """The pattern t s after the start of a step."""
     carrying, swinging = step.carrying, 1 - step.carrying
     loaded = smooth(t / gait.double)
     zmp = step.zmp + loaded * (step.support.place - step.zmp)
-    support = Pose(np.array([*step.support.place, 0.0]), step.support.yaw)
+    support = SolePose(np.array([*step.support.place, 0.0]), step.support.yaw)
     moving = swing(gait, step.feet[swinging], step.target, t)
     soles = (support, moving) if carrying == LEFT else (moving, support)
     # The trunk turns evenly: from mid-way between the feet of the start to mid-way between those of the end.
     yaw = support.yaw + 0.5 * (moving.yaw - support.yaw)
     double = t < gait.double
     carries = double or carrying == LEFT, double or carrying == RIGHT
-    return Moment(in_step(gait, step, t), zmp, soles, yaw, carries)
+    return PatternState(in_step(gait, step, t), zmp, soles, yaw, carries)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +326,7 @@ def halt(gait: Gait, step: Step) -> Halt:
     return Halt(feet, start, zmp, middle + none / (none - one), hold, ease)
 
 
-def in_halt(gait: Gait, end: Halt, t: float) -> Moment:
+def in_halt(gait: Gait, end: Halt, t: float) -> PatternState:
     """The pattern t s after the start of the end of a walk."""
     omega, middle = gait.omega, end.middle
     pendulum = pendulum_after(end.start, end.zmp, end.catch, omega=omega, ramp=gait.double, t=min(t, end.hold))
@@ -342,10 +342,10 @@ def in_halt(gait: Gait, end: Halt, t: float) -> Moment:
     return standing(end.feet, pendulum, zmp)
 
 
-def standing(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> Moment:
+def standing(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> PatternState:
     """A moment of a robot on both feet."""
-    left, right = (Pose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet)
-    return Moment(pendulum, zmp, (left, right), 0.5 * (left.yaw + right.yaw), (True, True))
+    left, right = (SolePose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet)
+    return PatternState(pendulum, zmp, (left, right), 0.5 * (left.yaw + right.yaw), (True, True))
 
 
 SWAY_S = 0.5
@@ -354,7 +354,7 @@ STOPPING = 2
 """Steps after the one that is under way until a walk is over: one takes the speed out, one brings the feet together."""
 
 
-def sway(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int) -> tuple[list[Moment], Step]:
+def sway(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int) -> tuple[list[PatternState], Step]:
     """From a stand with the mass mid-way between the feet to a first step in place on the foot `carrying`: the moments
     tick by tick, and the step. The mass is pushed from beside, until it falls to where the step begins."""
     time = SWAY_S
@@ -363,7 +363,7 @@ def sway(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int) -> tuple[li
     pushed = np.zeros(2)
     for _ in range(20):
         pushed = (sway_target(gait, feet, carrying, middle + pushed) - middle) / (1.0 - exp(gait.omega * time))
-    moments, pendulum = list[Moment](), Pendulum(middle, middle)
+    moments, pendulum = list[PatternState](), Pendulum(middle, middle)
     for tick in range(1, round(time / gait.dt) + 1):
         t = tick * gait.dt
         far, near = exp(gait.omega * t), exp(-gait.omega * t)
@@ -372,14 +372,14 @@ def sway(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int) -> tuple[li
     return moments, first_step(gait, feet, carrying, pendulum, middle + pushed)
 
 
-def stepped(gait: Gait, step: Step) -> list[Moment]:
+def stepped(gait: Gait, step: Step) -> list[PatternState]:
     """The moments of a step, tick by tick."""
     return [moment(gait, step, tick * gait.dt) for tick in range(1, gait.ticks + 1)]
 
 
-def way_to_stand(gait: Gait, step: Step) -> list[Moment]:
+def way_to_stand(gait: Gait, step: Step) -> list[PatternState]:
     """The moments after a step until the robot stands with its feet side by side."""
-    moments = list[Moment]()
+    moments = list[PatternState]()
     for _ in range(STOPPING):
         step = next_step(gait, step, Request())
         moments += stepped(gait, step)

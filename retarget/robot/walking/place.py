@@ -13,7 +13,7 @@ from retarget.types import FloatArray
 
 
 @dataclass(frozen=True)
-class Place:
+class StancePlace:
     """x, y m; yaw rad. At the origin, a posture is the same object in both worlds."""
 
     x: float = 0.0
@@ -23,7 +23,7 @@ class Place:
     @property
     def is_origin(self) -> bool:
         """Whether it has not moved."""
-        return self == Place()
+        return self == StancePlace()
 
     @property
     def turn(self) -> Quat:
@@ -31,10 +31,10 @@ class Place:
         return axis_turn(UP, self.yaw)
 
     @property
-    def inverse(self) -> "Place":
+    def inverse(self) -> "StancePlace":
         """The origin, as seen from here."""
         x, y, _ = rotated(axis_turn(UP, -self.yaw), (-self.x, -self.y, 0.0))
-        return Place(x, y, -self.yaw)
+        return StancePlace(x, y, -self.yaw)
 
     def point(self, local: Vector) -> Vector:
         """A point, m, of the stance's world in the world."""
@@ -62,16 +62,16 @@ class Place:
         return moved
 
 
-def place_of(stance: Stance, feet: tuple[Foothold, Foothold]) -> Place:
+def place_of(stance: Stance, feet: tuple[Foothold, Foothold]) -> StancePlace:
     """Where a stance is whose soles have their middles on these footholds."""
     middle = 0.5 * (feet[0].place + feet[1].place)
     yaw = 0.5 * (feet[0].yaw + feet[1].yaw)
     own = 0.5 * (stance.soles[0].outline.mean(axis=0) + stance.soles[1].outline.mean(axis=0))
-    x, y, _ = Place(yaw=yaw).point((float(own[0]), float(own[1]), 0.0))
-    return Place(float(middle[0]) - x, float(middle[1]) - y, yaw)
+    x, y, _ = StancePlace(yaw=yaw).point((float(own[0]), float(own[1]), 0.0))
+    return StancePlace(float(middle[0]) - x, float(middle[1]) - y, yaw)
 
 
-def soles_at(stance: Stance, place: Place) -> list[Sole]:
+def soles_at(stance: Stance, place: StancePlace) -> list[Sole]:
     """The soles of a stance that is elsewhere."""
     return [
         replace(

@@ -79,7 +79,7 @@ class WalkingGoals:
     def __init__(self, robot: RobotBody, stance: Stance, standing: DeflectionCompensation, gait: Gait) -> None:
         """standing: what it has while it stands."""
         self._robot, self._standing, self._gait, self._stance = robot, standing, gait, stance
-        self._seen = Seen(robot, stance)
+        self._dynamics = WalkDynamics(robot, stance)
         servos, limits = robot.joint_map.servos, robot.limits
         self._compliance = joint_compliance(robot)
         gear = np.array([abs(servo.gear) for servo in servos])
@@ -125,7 +125,7 @@ class WalkingGoals:
     def _begun(self, last: Offset) -> Walked:
         """At rest in the posture of the last goal."""
         q = self._planted(self._stance.q, last.posture)
-        return Walked(q, last.posture, self._seen.look(q).masses, last.compensated, ())
+        return Walked(q, last.posture, self._dynamics.look(q).masses, last.compensated, ())
 
     def _planted(self, before: FloatArray, joints: FloatArray) -> FloatArray:
         """A posture (nq,) with these joints (n,) rad, its lower sole where it was before."""
@@ -137,11 +137,11 @@ class WalkingGoals:
     def _next(self, last: Walked, posture: FloatArray, ahead: FloatArray) -> Walked:
         """The offset a tick later, in a posture (n,), with the one that follows."""
         dt, q = self._gait.dt, self._planted(last.q, posture)
-        now, after = self._seen.look(q), self._seen.look(self._planted(q, ahead))
+        now, after = self._dynamics.look(q), self._dynamics.look(self._planted(q, ahead))
         accelerations = (after.masses - 2.0 * now.masses + last.places) / (dt * dt)
         speed = (ahead - last.joints) / (2.0 * dt)
         acceleration = (ahead - 2.0 * posture + last.joints) / (dt * dt)
-        torque, shares = self._seen.torques(now, accelerations)
+        torque, shares = self._dynamics.torques(now, accelerations)
         wanted = matmul(self._compliance, torque + self._armature * acceleration) + self._lag * speed
         planned = (*last.planned, self._feedback.plan(now, last.planned[-1] if last.planned else None))[
             -self._behind - 1 :
@@ -154,7 +154,7 @@ class WalkingGoals:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class LinkStates:
     """A posture. masses (k, 3) m: of links; origins, axes (n, 3): of joints, in the world; soles (2, 3) m: their
     middles; yaws (2,), yaw rad: of the soles and of the root; mass (3,) m: centre of mass."""
 
@@ -167,7 +167,7 @@ class Look:
     mass: FloatArray
 
 
-class Seen:
+class WalkDynamics:
     """Reads postures of one robot: what inverse dynamics needs."""
 
     def __init__(self, robot: RobotBody, stance: Stance) -> None:
@@ -199,7 +199,7 @@ class Seen:
         beyond = np.array([[float(link in chain) for chain in chains] for link in moved.tolist()])
         self._links_beyond, self._soles_beyond = beyond[:, : len(links)], beyond[:, len(links) :]  # (n, k), (n, 2)
 
-    def look(self, q: FloatArray) -> Look:
+    def look(self, q: FloatArray) -> LinkStates:
         """Read a posture (nq,)."""
         points, turns, mass = self._probe.read(q)
         first, second = self._ends
@@ -210,9 +210,9 @@ class Seen:
             x, y, _ = rotated(product(as_quat(turn), as_quat(ahead)), (1.0, 0.0, 0.0))
             yaws.append(arctan2(y, x))
         *yaws, yaw = yaws
-        return Look(points[:first], points[first:second], axes, points[second:], np.array(yaws), yaw, mass)
+        return LinkStates(points[:first], points[first:second], axes, points[second:], np.array(yaws), yaw, mass)
 
-    def torques(self, at: Look, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def torques(self, at: LinkStates, accelerations: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torques (n,) N m of the joints of a posture whose link masses have accelerations (k, 3) m/s^2; and the share
         (2,) of the weight on each sole."""
         forces = self._masses[:, None] * (UPWARD + accelerations)
@@ -237,7 +237,7 @@ class Feedback:
     """Corrections of both legs by encoders and IMU, tick by tick."""
 
     def __init__(self, robot: RobotBody, stance: Stance, gait: Gait, compliance: FloatArray) -> None:
-        self._robot, self._gait, self._seen = robot, gait, Seen(robot, stance)
+        self._robot, self._gait, self._dynamics = robot, gait, WalkDynamics(robot, stance)
         self._compliance, self._stance = compliance, stance
         self._weight = GRAVITY * robot.body.total_mass
         self._share = gait.dt / (SMOOTH_S + gait.dt)
@@ -275,9 +275,9 @@ class Feedback:
             rate = np.array(rotated(product(off, here), as_vector(imu.angular_velocity)))
         self._tilt = self._tilt + self._share * (tilt - self._tilt)
         self._rate = self._rate + self._share * (rate - self._rate)
-        self._measured = self.plan(self._seen.look(q), self._measured, share=self._share)
+        self._measured = self.plan(self._dynamics.look(q), self._measured, share=self._share)
 
-    def plan(self, at: Look, before: Planned | None, *, share: float = 1.0) -> Planned:
+    def plan(self, at: LinkStates, before: Planned | None, *, share: float = 1.0) -> Planned:
         """The mass of a posture from both soles, after what was planned or measured `before`. share: of a new
         velocity."""
         ways = np.array(
@@ -290,7 +290,7 @@ class Feedback:
             velocity = known + share * ((ways - before.way) / dt - known)
         return Planned(ways, ways + velocity / omega)
 
-    def correction(self, at: Look, planned: Planned, shares: FloatArray) -> FloatArray:
+    def correction(self, at: LinkStates, planned: Planned, shares: FloatArray) -> FloatArray:
         """Offsets (n,) rad. at: the posture now; planned: of when what is measured was to be."""
         offset, torque = np.zeros(len(at.axes)), np.zeros(len(at.axes))
         if self._measured is None:
@@ -312,7 +312,7 @@ class Feedback:
 def _joints_near(robot: RobotBody, stance: Stance) -> tuple[list[list[int]], list[list[int]]]:
     """Servos of the joints of each leg that are nearer to its hip, and to its ankle, than to any other of its
     frames."""
-    names, origins = robot.joint_map.joints, Seen(robot, stance).look(stance.q).origins
+    names, origins = robot.joint_map.joints, WalkDynamics(robot, stance).look(stance.q).origins
     hips, ankles = list[list[int]](), list[list[int]]()
     legs = leg_joints(robot)
     for foot, side in enumerate("lr"):
