@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from retarget.errors import UsageError
-from retarget.ik.support_polygon import convex_hull, plant
+from retarget.ik.support_polygon import convex_hull
 from retarget.model.meshes import MIDDLE, SIDES
 from retarget.pictures.solid import SHARPER, feet_of, performer_postures, robot_postures
 from retarget.report import motion_metrics
@@ -225,7 +225,7 @@ def plot_balance(run: RunResult) -> Figure | None:
     stand = motion_metrics.standing_of(robot, sent.q)
     planned = "" if run.physics is None else ", as planned"
     figure, above, time = _over_soles(f"{robot.profile.name}: centre of mass over the support polygon{planned}")
-    _outlines(above, np.split(MM * stand.corners[0], len(robot.profile.feet)), "support polygon")
+    _outlines(above, stand.footprints(), "support polygon")
     rows, com, outside = thinned(len(stand.com)), MM * stand.com, stand.margin < -motion_metrics.OUTSIDE_M
     above.plot(-com[rows, 1], com[rows, 0], color=REACHED, linewidth=0.9, label="centre of mass")
     if outside.any():
@@ -246,11 +246,11 @@ def plot_pressure(run: RunResult) -> Figure | None:
     """Path of the centre of pressure and of the centre of mass of a simulated robot over the soles, until a fall, and
     the distance of the former from the edge of the soles that carried; 0: they begin to tip; a gap: no sole carried, or
     a hand held the robot. None without physics, or where no sole carried."""
-    robot, physics = run.robot, run.physics
-    if robot is None or physics is None or physics.least_margin is None or not robot.stands:
+    robot, physics, sent = run.robot, run.physics, run.record.robot
+    if robot is None or physics is None or sent is None or physics.least_margin is None or not robot.stands:
         return None
     figure, above, time = _over_soles(f"{robot.profile.name} in physics: centre of pressure under the soles")
-    _outlines(above, [MM * sole.outline for sole in plant(robot, robot.profile.postures.stand).soles], "both soles")
+    _outlines(above, motion_metrics.standing_of(robot, sent.q).footprints(), "both soles")
     fall = physics.fall
     stands = physics.time <= (np.inf if fall is None else fall.time)
     rows = thinned(int(np.count_nonzero(stands)))
@@ -264,9 +264,15 @@ def plot_pressure(run: RunResult) -> Figure | None:
         time.axvline(fall.time, color=WARNING, linewidth=1.0, linestyle="--")
         where = (fall.time, time.get_ylim()[1])
         time.annotate("fallen ", where, ha="right", va="top", fontsize=8, color=WARNING)
-    nearest = f"never nearer to the edge than {MM * physics.least_margin:z.1f} mm"
+    # A robot that walks rolls over edges: each step ends with the pressure on one.
+    walked = run.tally.walk is not None and run.tally.walk.steps > 0
+    nearest = "" if walked else f"never nearer to the edge than {MM * physics.least_margin:z.1f} mm"
     _finish_margin(time, float(physics.time[0]), nearest)
     return figure
+
+
+BOTH = 2
+"""Soles of a robot that made no step."""
 
 
 def _over_soles(title: str) -> tuple[Figure, Axes, Axes]:
@@ -276,10 +282,14 @@ def _over_soles(title: str) -> tuple[Figure, Axes, Axes]:
     return figure, above, time
 
 
-def _outlines(axes: Axes, soles: Sequence[FloatArray], hull_label: str) -> None:
-    """Soles where they began, (c, 2 or 3) mm each, and their hull; forward is up, left is left."""
+def _outlines(axes: Axes, footprints: Sequence[FloatArray], hull_label: str) -> None:
+    """Soles wherever they stood, (c, 3) m each, and of a robot that made no step their hull; forward is up, left is
+    left."""
+    soles = [MM * sole for sole in footprints]
     for sole in soles:
         axes.fill(-sole[:, 1], sole[:, 0], facecolor="#dddddd", edgecolor="#999999", linewidth=0.8)
+    if len(soles) > BOTH:
+        return
     hull = convex_hull(np.concatenate(soles)[:, :2])
     closed = np.vstack([hull, hull[:1]])
     axes.plot(-closed[:, 1], closed[:, 0], color=MIDDLE, linewidth=1.0, linestyle="--", label=hull_label)

@@ -32,6 +32,8 @@ TIPS_MM, TOUCH_MM = 0.05, -1e-3
 are inside each other."""
 ROUND_OFF = 1e-4
 """Nearer to its limit than this, rad, a joint is at it."""
+WALKED_M = 0.1
+"""Way of a performer, m, scaled by the leg, from which on it counts how much of it a robot walks."""
 STAYS = 0.7
 """Feet that make a smaller share of the performer's path stay where they are: a third of a motion is seen."""
 STAGES = {"page": "from picture to page", "network": "from page to run", "goal": "from run to goals"}
@@ -188,8 +190,15 @@ class RunFigures:
 
     @property
     def left_behind_m(self) -> float | None:
-        """How far the performer goes from a robot whose feet stay."""
-        return self.report.travelled_m.performer if (self.report.foot_path_ratio or 0.0) < STAYS else None
+        """How far the performer goes from a robot whose feet are to stay."""
+        left = self.report.walk is None and (self.report.foot_path_ratio or 0.0) < STAYS
+        return self.report.travelled_m.performer if left else None
+
+    @property
+    def walk_missing(self) -> float | None:
+        """Share of the way that a robot which walks does not make; None: the performer goes nowhere."""
+        walk = self.report.walk
+        return None if walk is None or walk.asked_m < WALKED_M else 1.0 - walk.walked_m / walk.asked_m
 
     @property
     def not_turned_deg(self) -> float | None:

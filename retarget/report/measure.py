@@ -404,14 +404,11 @@ def _joint_positions(run: RunResult) -> FloatArray:
 
 
 def limits_broken(run: RunResult) -> LimitViolations:
-    """Measured on the goals that were sent; of a robot that walks on the postures that they hold, and of a human alone
-    on its own."""
-    moved, kept = moved_joints(run), run.record
+    """Measured on `limited_positions`."""
+    moved, kept, positions = moved_joints(run), run.record, motion_metrics.limited_positions(run)
     if kept.robot is None:
-        return limit_violations(moved.positions, moved.limits, moved.dt, from_rest=False)
-    walks = run.robot is not None and run.tally.walk is not None
-    goals = np.vstack([kept.start, kept.robot.q[:, run.robot.servo_columns] if walks and run.robot else kept.goals])
-    return limit_violations(goals, moved.limits, moved.dt, from_rest=kept.from_start, to_rest=kept.to_end)
+        return limit_violations(positions, moved.limits, moved.dt, from_rest=False)
+    return limit_violations(positions, moved.limits, moved.dt, from_rest=kept.from_start, to_rest=kept.to_end)
 
 
 def _clearances(run: RunResult) -> Part:
@@ -426,21 +423,23 @@ def _clearances(run: RunResult) -> Part:
 
 
 def _standing(run: RunResult) -> Part:
-    """Centre of mass and soles of the postures that were sent, slide alone where nothing stands; nothing for a body
-    without feet or without free root."""
+    """Centre of mass and soles of the postures that were sent: the former alone of a robot that made steps, slide
+    alone where nothing stands; nothing for a body without feet or without free root."""
     robot, sent = run.robot, run.record.robot
     if robot is None or sent is None or not robot.on_floor or not len(sent.q):
         return {}
     stand = motion_metrics.standing_of(robot, sent.q if robot.stands else sent.q[run.record.following])
     known = stand.margin[np.isfinite(stand.margin)]
+    margin = MM * float(known.min()) if known.size else None
+    found = {"com_outside_support_frames": int(np.count_nonzero(stand.outside)), "com_margin_mm": margin}
+    if run.tally.walk is not None and run.tally.walk.steps:  # soles that go elsewhere do not slide
+        return found
     soles = zip(np.moveaxis(stand.place, 1, 0), stand.soles, strict=True)
     slides = [motion_metrics.foot_slide(place, corners[..., 2].min(axis=1)) for place, corners in soles]
     if not robot.stands:
         return {"foot_slide_mm": MM * max(slides)}
-    return {
-        "com_outside_support_frames": int(np.count_nonzero(stand.outside)),
+    return found | {
         "foot_slide_mm": MM * max(slides),
-        "com_margin_mm": MM * float(known.min()) if known.size else None,
         "soles": Soles(MM * float(np.abs(stand.place[..., 2]).max()), float(np.rad2deg(stand.tilt.max()))),
     }
 

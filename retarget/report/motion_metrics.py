@@ -172,11 +172,17 @@ class LimitUse:
     acceleration: Nearest | None
 
 
+def limited_positions(run: RunResult) -> FloatArray:
+    """Joint positions (T, n) that keep limits: goals, after the one that was there before; of a robot that walks the
+    postures that they hold, as their offset has a bound of its own; of a human its postures."""
+    moved, sent = moved_joints(run).positions, run.record.robot
+    return moved if sent is None else np.vstack([sent.start, sent.goals if run.tally.walk is None else moved])
+
+
 def limit_use(run: RunResult) -> LimitUse:
-    """The use of limits by the goals that were sent (of a human: by its postures), by finite differences."""
-    moved, sent = moved_joints(run), run.record.robot
-    names, limits, dt = moved.names, moved.limits, moved.dt
-    positions = moved.positions if sent is None else np.vstack([sent.start, sent.goals])
+    """The use of limits, by finite differences."""
+    moved = moved_joints(run)
+    names, limits, dt, positions = moved.names, moved.limits, moved.dt, limited_positions(run)
     if len(positions) < 3 or not names:
         return LimitUse(None, None, None)
     room, fastest, hardest = np.zeros((3, len(names)))
@@ -325,6 +331,11 @@ def support_margin(centre_of_mass: FloatArray, corners: FloatArray) -> FloatArra
     return np.asarray(np.where(touching.any(axis=1), margin, np.nan))
 
 
+AT_REST_M, STEP_M = 2e-5, 2e-3
+"""A sole that moves by less than this in a tick is at rest, and one that is farther from its last place than this has
+made a step."""
+
+
 @dataclass(frozen=True, eq=False)
 class Standing:
     """A robot over its k soles in T postures: com (T, 3) m; margin (T,) m, see `support_margin`; place (T, k, 3) m and
@@ -341,6 +352,19 @@ class Standing:
     def soles(self) -> list[FloatArray]:
         """Corners (T, c, 3) m of each sole, world."""
         return np.split(self.corners, np.cumsum(self.sizes)[:-1], axis=1)
+
+    def footprints(self) -> list[FloatArray]:
+        """Corners (c, 3) m of a sole, world, at each place where it stands: at the start, and after each step."""
+        found = list[FloatArray]()
+        for sole in self.soles:
+            last = sole[0]
+            found.append(last)
+            rests = np.abs(np.diff(sole, axis=0)).max(axis=(1, 2)) < AT_REST_M
+            for row in np.flatnonzero(rests[1:] & ~rests[:-1]) + 2:
+                if np.abs(sole[row] - last).max() > STEP_M and sole[row, :, 2].max() < STEP_M:
+                    last = sole[row]
+                    found.append(last)
+        return found
 
     @property
     def outside(self) -> BoolArray:

@@ -13,6 +13,9 @@ from messages import refuses, shows
 from retarget.errors import ConfigError, UsageError
 from retarget.human.samples import Playback
 from retarget.model.robot import load_robot
+from retarget.report.findings import RunFigures
+from retarget.report.measure import measure
+from retarget.report.motion_metrics import limit_use, standing_of
 from retarget.robot.walking.gait import with_steps
 from retarget.robot.walking.pattern import Request
 from retarget.run.loop import Observer, Operator, Tick
@@ -23,7 +26,7 @@ from retarget.run.supervisor import OperatorInput
 from retarget.schema.priorities import load_priorities
 from retarget.types import FloatArray, RunState
 from sim.mock_bus import mock_bus
-from sim.performer import synthetic_performer
+from sim.performer import strolling_performer, synthetic_performer
 
 FORWARD = Request(forward=0.1)
 
@@ -197,3 +200,23 @@ def test_options_are_checked_before_any_file() -> None:
             RunOptions(robot="op3", **options)  # type: ignore[arg-type]
     with refuses(UsageError):
         RunOptions(robot="human", steps="walk")
+
+
+def test_the_report_of_a_walk_judges_postures_and_says_how_far_it_went() -> None:
+    """Of the strolling performer: whose soles go elsewhere do not slide, and whose goals hold torque may jump."""
+    options = RunOptions(robot="op3", steps="walk")
+    with prepare(strolling_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
+        result = prepared.run()
+    report, use = measure(result), limit_use(result)
+    assert report.walk is not None and report.walk.steps > 8
+    assert report.soles is None and report.foot_slide_mm is None and report.com_margin_mm is not None
+    assert use.velocity is not None and use.velocity.share <= 1.0 + 1e-6
+    assert use.acceleration is not None and use.acceleration.share <= 1.0 + 1e-6
+    prints = standing_of(op3(), sent_postures(result)).footprints()
+    assert abs(len(prints) - (2 + report.walk.steps)) <= 2, "one for each sole at first, and one for each step"
+    gone = float(np.linalg.norm((prints[-1] - prints[0]).mean(axis=0)[:2]))
+    assert gone == pytest.approx(report.walk.walked_m, abs=0.1)
+    seen = RunFigures(result, report)
+    assert seen.left_behind_m is None and seen.walk_missing == pytest.approx(
+        1.0 - report.walk.walked_m / report.walk.asked_m
+    )

@@ -154,7 +154,7 @@ def _unable(robot: RobotBody, *, mass: bool) -> str | None:
     if load.share > ENOUGH:
         return f"{load}, more than {100 * ENOUGH:.0f}%"
     if mass and robot.profile.imu is None:
-        return "a robot with mass walks with an IMU, and its profile has none"
+        return "on servos or in physics it walks with an IMU, and its profile has none"
     return None
 
 
