@@ -59,11 +59,15 @@ class Stroller:
         )
 
 
+def velocity_of(asked: Request) -> tuple[float, float, float]:
+    return asked.forward, asked.left, asked.turn
+
+
 def within(asked: Request | None) -> Request:
     """What a robot does that is asked for this."""
     if asked is None:
         return Request()
-    rows = zip(vars(asked).values(), vars(MOST).values(), strict=True)
+    rows = zip(velocity_of(asked), velocity_of(MOST), strict=True)
     return Request(*(float(np.clip(to, -top, top)) for to, top in rows))
 
 
@@ -82,7 +86,7 @@ def driven(
 
 def middle(asked: list[Request | None]) -> FloatArray:
     """The mean of what is asked in the middle of a walk (3,), and how it varies (3,)."""
-    rows = np.array([list(vars(one).values()) for one in asked[600:1000] if one is not None])
+    rows = np.array([velocity_of(one) for one in asked[600:1000] if one is not None])
     assert len(rows) == 400
     return np.array([rows.mean(axis=0), np.ptp(rows, axis=0)])
 

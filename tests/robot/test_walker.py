@@ -69,7 +69,7 @@ def walked(one: Walker, asked: Request | None, ticks: int, q: FloatArray) -> Way
 def kept(name: str, path: WalkPath) -> None:
     """A path keeps what the gate checks of it."""
     one = robot(name)
-    lost = StandingCheck(one, stance(name), dt=dt(name)).losses(StopPath(path.postures, None, path.carries))
+    lost = StandingCheck(one, stance(name), dt=dt(name)).losses(StopPath(path.postures, None, path.pattern.carries))
     assert lost.slip < 0.1 * SOLE_M and lost.shortfall < -0.003
     joints, servos = np.ascontiguousarray(path.postures[:, one.servo_columns]), one.joint_map
     gate = Braking(servos.lower, servos.upper, servos.max_velocity, servos.max_acceleration, dt=dt(name))
@@ -120,7 +120,7 @@ def test_where_a_path_is_refused_it_stays_on_the_one_before() -> None:
     while one.path is path:
         row = one.row
         one.step(FORWARD, q)
-    assert path is not None and row == path.branch
+    assert path is not None and row == path.landed
     steps = one.steps
     one.locate(path.postures[row + 1])
     assert one.path is path and one.row == row + 1 and one.steps == steps - 1

@@ -13,11 +13,11 @@ from retarget.ik.support_polygon import Stance, plant
 from retarget.model.robot import RobotBody
 from retarget.robot.balance import ENOUGH, on_one_leg
 from retarget.robot.crouch_envelope import MISSED_M
-from retarget.robot.walking.pattern import EASE, HOLD, STOPPING, SWAY_S, Gait, Request
+from retarget.robot.walking.pattern import CATCH, EASE, Gait, Request
 from retarget.schema.priorities import Priorities, Steps
 from retarget.types import MM
 
-STEP_TIMES, DOUBLE_TIMES = 3.76, 0.42
+STEP_TIMES, DOUBLE_TIMES = 3.76, 0.3
 """Duration of a step, and of its double support, in sqrt(height / g): 0.576 and 0.064 s of OP3."""
 CROUCH = 0.94
 """Height of the centre of mass while it walks, as a share of that in `stand`: legs that are bent reach a step's
@@ -26,9 +26,10 @@ LIFT = 0.043
 """Greatest height of the foot that swings, as a share of that height: 10 mm of OP3. Knees need torque for more."""
 NARROWEST = 0.86
 """Least distance of the soles, sideways, as a share of that in `stand`."""
-LONGEST = 0.565
+STRAIGHTEST, REACHING, LOWER = 1.032, 1.0745, 0.284
+LONGEST = 0.45
 """Longest step, as a share of the height."""
-FORWARD, SIDEWAYS, TURN = 0.0713, 0.026, 0.0472
+FORWARD, SIDEWAYS, TURN = 0.0972, 0.026, 0.0472
 """Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.11 m/s, 0.04 m/s and 0.3 rad/s
 of OP3. Faster, its knees would have to turn faster than they can."""
 LONGEST_STOP_S = 3.8
@@ -62,27 +63,20 @@ def fastest(gait: Gait) -> Request:
     return Request(FORWARD * speed, SIDEWAYS * speed, TURN * speed / gait.height)
 
 
-def clipped(gait: Gait, asked: Request) -> Request:
-    """What is asked, no faster than the robot may be asked to walk: a long step leaves a leg little to reach sideways,
-    while hips turn as they do on the spot."""
+def clipped(gait: Gait, asked: Request, time: float) -> Request:
+    """What is asked, no faster than the robot may be asked to walk, in a step of so many s: a long step leaves a leg
+    little to reach sideways, while hips turn as they do on the spot."""
     most = fastest(gait)
-    length = max(hypot(asked.forward / most.forward, asked.left / most.left), 1.0)
+    far = min(most.forward, gait.longest / time)
+    length = max(hypot(asked.forward / far, asked.left / most.left), 1.0)
     return Request(asked.forward / length, asked.left / length, min(max(asked.turn, -most.turn), most.turn))
 
 
-def ramped(gait: Gait, now: Request, asked: Request) -> Request:
-    """The velocity of the next step, on the way from that of the last one to what is asked, as far as that is
-    possible."""
-    most, to = fastest(gait), clipped(gait, asked)
-
-    def toward(at: float, wanted: float, largest: float) -> float:
-        return at + min(max(wanted - at, -RAMP * largest), RAMP * largest)
-
-    return Request(
-        toward(now.forward, to.forward, most.forward),
-        toward(now.left, to.left, most.left),
-        toward(now.turn, to.turn, most.turn),
-    )
+def walking_heights(gait: Gait, far: float) -> tuple[float, float]:
+    """Heights (m) of the centre of mass in a step of `far` m: while both feet are on the floor, where legs reach to both
+    sides, and over one of them."""
+    high = STRAIGHTEST * gait.height
+    return min(high, REACHING * gait.height - LOWER * far), high
 
 
 # Whether a robot walks: its priority file says so, or `--steps` instead, and its root and legs whether it can.
@@ -146,7 +140,7 @@ def _unable(robot: RobotBody, *, mass: bool) -> str | None:
     """Why a robot that could be asked to walk stays planted; None: it walks. mass: whether it has any."""
     load, missed = on_one_leg(robot)
     gait = gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz)
-    stop = SWAY_S + (STOPPING + 1) * gait.period + (HOLD + EASE) / gait.omega
+    stop = 2.0 * gait.period + (CATCH + EASE) / gait.omega
     if missed > MISSED_M:
         return f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
     if stop > LONGEST_STOP_S:

@@ -120,7 +120,7 @@ class Legs:
         moved = self._robot.kinematics.difference(path.postures[row - 1], path.postures[row]) / dt
         moved[self._dofs] = velocity[self._dofs]
         moved[:6] = 0.0
-        self._go_along(now, float(path.yaws[row]))
+        self._go_along(now, float(path.pattern.yaws[row]))
         return self.seen(now, moved)
 
     def _go_along(self, q: FloatArray, yaw: float) -> None:
@@ -146,7 +146,7 @@ class Legs:
         on_path = np.minimum(np.arange(row, max(end + 1, row + len(rows))), end)
         postures = path.postures[on_path]
         postures[:, others] = rows[np.minimum(np.arange(len(postures)), len(rows) - 1)]
-        return StopPath(postures, None, path.carries[on_path])
+        return StopPath(postures, None, path.pattern.carries[on_path])
 
     def foresee(self, q: FloatArray, velocity: FloatArray, dt: float) -> None:
         """Let all else keep off where the legs will be. q (nq,), velocity (nv,): now, in the world of the stance."""
@@ -167,7 +167,7 @@ class Legs:
             if walker.path is None or walker.is_over:
                 self.stand()
             else:
-                self._go_along(q, float(walker.path.yaws[walker.row]))
+                self._go_along(q, float(walker.path.pattern.yaws[walker.row]))
 
     def hold(self) -> None:
         """Go nowhere from the end of the path: the follower does not lead the robot. Nothing that the performer does

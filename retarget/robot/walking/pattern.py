@@ -1,4 +1,5 @@
-"""Step pattern of a walking robot: divergent component of motion, footholds, and the path of the foot that swings.
+"""Step pattern of a walking robot: where its feet, its zero-moment point and its mass are, tick by tick, through some
+steps to a stand.
 
 The mass is a linear inverted pendulum of constant height h over a floor, w = sqrt(g/h), whose zero-moment point is z
 (T. Takenaka et al., IROS 2009; J. Englsberger et al., IEEE T-RO 31(2), 2015):
@@ -6,14 +7,16 @@ The mass is a linear inverted pendulum of constant height h over a floor, w = sq
     xi  = c + c'/w     xi'  =  w (xi - z)      divergent component of motion
     eta = c - c'/w     eta' = -w (eta - z)     convergent one;  c = (xi + eta)/2,  c' = w (xi - eta)/2
 
-A step of T seconds begins with a double support of Td, in which z goes from the old sole to the new one as 3u^2 - 2u^3;
-then z stays, and the other foot swings. With A = exp(w T), e = xi - z at the start, d the way of z in the step:
-e(T) = A (e + f d). So e + f d is what grows, and the next foothold is where it is as the request asks (dead beat).
+Steps say where soles are and when, and that says where z goes: while both soles carry, from one over the middle to the
+other; then it stays. Since the end is a stand, xi is known there, and follows backward from z, which no error survives;
+eta follows forward. So a step may last as long as it likes. What xi is off at the start, and eta at the end, two
+bumps of z take away, one at the start and one at the end.
 
 Everything here is a function of data in a plane of the floor: m, s, rad, x forward and y left.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from math import pi, sqrt
 
@@ -21,11 +24,20 @@ import numpy as np
 
 from retarget.arithmetic import cos, exp, sin
 from retarget.ik.gravity_torque import GRAVITY
-from retarget.types import FloatArray
+from retarget.types import BoolArray, FloatArray
 
 LEFT, RIGHT = 0, 1
 OUTWARD = (1.0, -1.0)
 """Sign of y on the outer side of the left and of the right foot."""
+RAMP = 1.3
+"""Time, in 1/w, in which the zero-moment point goes from a sole to the middle, or from there to a sole; both at once
+where both soles carry for less than twice that."""
+CATCH = 2.0
+"""Time, in 1/w, in which what the mass is off at the start is taken away. The shorter, the farther goes the zero-moment
+point."""
+ROLL = 0.35
+EASE = 3.9
+"""Time, in 1/w, in which the mass comes to rest after the last step."""
 
 
 @dataclass(frozen=True)
@@ -45,38 +57,38 @@ class Gait:
 
     @property
     def period(self) -> float:
-        """Duration T of a step, s."""
+        """Duration of a step, s."""
         return self.ticks * self.dt
-
-    @property
-    def double(self) -> float:
-        """Duration Td of its double support, s."""
-        return self.double_ticks * self.dt
 
     @cached_property
     def omega(self) -> float:
         """w, 1/s."""
         return sqrt(GRAVITY / self.height)
 
-    @cached_property
-    def growth(self) -> float:
-        """A = exp(w T)."""
-        return exp(self.omega * self.period)
+    def natural(self, time: float) -> int:
+        """Ticks of a time in 1/w."""
+        return round(time / (self.omega * self.dt))
 
-    @cached_property
-    def shift(self) -> float:
-        """f: the share of a step's way d by which its double support pushes the divergent component."""
-        a = self.omega * self.double
-        return 1.0 - _response(0.0, a) + exp(-a) * (_response(1.0, a) - 1.0)
+
+@dataclass(frozen=True)
+class Swing:
+    """The last swing of a performer's foot. foot: LEFT or RIGHT; since: s since its middle; period: s from there to the
+    middle of the other foot's."""
+
+    foot: int
+    since: float
+    period: float
 
 
 @dataclass(frozen=True)
 class Request:
-    """Velocity asked of a robot, in its own frame: forward and left m/s, turn rad/s."""
+    """Velocity asked of a robot, in its own frame: forward and left m/s, turn rad/s. swing: of the performer with
+    whom it is to keep step; None: with nobody."""
 
     forward: float = 0.0
     left: float = 0.0
     turn: float = 0.0
+    swing: Swing | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,53 +104,43 @@ class Foothold:
 
 
 @dataclass(frozen=True, eq=False)
-class Pendulum:
-    """State of the mass: divergent and convergent component (2,) m each."""
+class Step:
+    """One step. carrying: LEFT or RIGHT. target: where the other sole lands. double, single: ticks in which both soles
+    carry, and then one."""
+
+    carrying: int
+    target: Foothold
+    double: int
+    single: int
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """A walk, tick by tick. divergent, convergent: components of the mass, zmp: zero-moment point, (k, 2) m each; height
+    (k,) m of the mass. soles (k, 2, 4): x, y, z m and yaw rad of the left and the right one. carries (k, 2): which of
+    them do."""
 
     divergent: FloatArray
     convergent: FloatArray
+    zmp: FloatArray
+    height: FloatArray
+    soles: FloatArray
+    carries: BoolArray
 
     @property
     def mass(self) -> FloatArray:
-        """Centre of mass (2,) m."""
-        return 0.5 * (self.divergent + self.convergent)
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One step. carrying: LEFT or RIGHT. feet: where both soles are at its start; target: where the other lands. start:
-    state of the mass. zmp: (2,) m, from where the zero-moment point comes."""
-
-    carrying: int
-    feet: tuple[Foothold, Foothold]
-    target: Foothold
-    start: Pendulum
-    zmp: FloatArray
+        """Centre of mass (k, 3) m."""
+        return np.column_stack([0.5 * (self.divergent + self.convergent), self.height])
 
     @property
-    def support(self) -> Foothold:
-        """Where the sole is that carries."""
-        return self.feet[self.carrying]
+    def yaws(self) -> FloatArray:
+        """Yaw (k,) rad of the trunk: mid-way between those of the soles."""
+        return 0.5 * (self.soles[:, 0, 3] + self.soles[:, 1, 3])
 
-
-@dataclass(frozen=True, eq=False)
-class SolePose:
-    """Pose of a sole: place (3,) m, yaw rad."""
-
-    place: FloatArray
-    yaw: float
-
-
-@dataclass(frozen=True, eq=False)
-class PatternState:
-    """The pattern at one time: state of the mass, zero-moment point (2,) m, poses of both soles, yaw of the trunk,
-    rad. carries: which soles press on the floor, left and right."""
-
-    pendulum: Pendulum
-    zmp: FloatArray
-    soles: tuple[SolePose, SolePose]
-    yaw: float
-    carries: tuple[bool, bool]
+    def feet(self, row: int) -> tuple[Foothold, Foothold]:
+        """Where both soles are, of which none is in the air."""
+        left, right = (Foothold(sole[:2], float(sole[3])) for sole in self.soles[row])
+        return left, right
 
 
 def rotated(way: FloatArray, yaw: float) -> FloatArray:
@@ -147,10 +149,17 @@ def rotated(way: FloatArray, yaw: float) -> FloatArray:
     return np.array([c * way[0] - s * way[1], s * way[0] + c * way[1]])
 
 
-def smooth(u: float) -> float:
+def smooth(u: FloatArray) -> FloatArray:
     """3u^2 - 2u^3 within 0 to 1."""
-    u = min(max(u, 0.0), 1.0)
+    u = np.minimum(np.maximum(u, 0.0), 1.0)
     return u * u * (3.0 - 2.0 * u)
+
+
+def bump(u: FloatArray) -> FloatArray:
+    """64 u^3 (1-u)^3 within 0 to 1: 1 in the middle; velocity and acceleration vanish at both ends."""
+    u = np.minimum(np.maximum(u, 0.0), 1.0)
+    square = u * (1.0 - u)
+    return 64.0 * square * square * square
 
 
 def minimum_jerk(u: float) -> float:
@@ -171,218 +180,108 @@ def modified_sine(u: float) -> float:
     return (2.0 + pi * u - 2.25 * sin((pi + 4.0 * pi * u) / 3.0)) / (4.0 + pi)
 
 
-def bump(u: float) -> float:
-    """64 u^3 (1-u)^3 within 0 to 1: 1 in the middle; velocity and acceleration vanish at both ends."""
-    u = min(max(u, 0.0), 1.0)
-    square = u * (1.0 - u)
-    return 64.0 * square * square * square
-
-
-def _response(u: float, a: float) -> float:
-    """Particular solution of x' = a (x - s) for s = 3u^2 - 2u^3, by u: s + s'/a + s''/a^2 + s'''/a^3."""
-    return u * u * (3.0 - 2.0 * u) + (6.0 * u * (1.0 - u) + ((6.0 - 12.0 * u) - 12.0 / a) / a) / a
-
-
-def _component(start: FloatArray, zmp: FloatArray, to: FloatArray, rate: float, ramp: float, t: float) -> FloatArray:
-    """x (2,) after t s of x' = rate (x - z), z from `zmp` to `to` within `ramp` s."""
-    a = rate * ramp
-    u = min(t / ramp, 1.0)
-    way = to - zmp
-    x = zmp + way * _response(u, a) + exp(rate * u * ramp) * (start - zmp - way * _response(0.0, a))
-    return x if t <= ramp else to + exp(rate * (t - ramp)) * (x - to)
-
-
-def pendulum_after(
-    start: Pendulum, zmp: FloatArray, to: FloatArray, *, omega: float, ramp: float, t: float
-) -> Pendulum:
-    """State of the mass after t s in which the zero-moment point (2,) m goes from `zmp` to `to` within `ramp` s, and
-    stays."""
-    return Pendulum(
-        _component(start.divergent, zmp, to, omega, ramp, t), _component(start.convergent, zmp, to, -omega, ramp, t)
-    )
-
-
-def in_step(gait: Gait, step: Step, t: float) -> Pendulum:
-    """State of the mass t s after the start of a step."""
-    return pendulum_after(step.start, step.zmp, step.support.place, omega=gait.omega, ramp=gait.double, t=t)
-
-
-def displacement(gait: Gait, request: Request, swinging: int) -> tuple[FloatArray, float]:
-    """Way (2,) m from the sole that carries to where the other lands, in its frame, and the turn, rad. Sideways the
-    foot on that side makes the whole way, so that soles never come nearer than the width."""
-    side, turn = OUTWARD[swinging], request.turn * gait.period
-    sideways = 2.0 * request.left * gait.period if side * request.left > 0.0 else 0.0
+def landing(gait: Gait, support: Foothold, request: Request, swinging: int, time: float) -> Foothold:
+    """Where the foot that swings lands beside or before the one that carries, in a step of `time` s. Sideways the foot
+    on that side makes the whole way, so that soles never come nearer than the width."""
+    side, turn = OUTWARD[swinging], request.turn * time
+    sideways = 2.0 * request.left * time if side * request.left > 0.0 else 0.0
     half = np.array([0.0, 0.5 * side * gait.width])
-    way = half + np.array([request.forward * gait.period, sideways]) + rotated(half, turn)
-    return way, turn
-
-
-def offset(gait: Gait, way: FloatArray, after: FloatArray) -> FloatArray:
-    """b (2,) m: divergent component from the new sole at the start of a step which has led by `way`, where steps go on
-    as `after`, `way`, `after`, ... for ever."""
-    grown, shift = gait.growth, gait.shift
-    return (grown * (after - grown * shift * way) + way - grown * shift * after) / (grown * grown - 1.0)
-
-
-def foothold(gait: Gait, step: Step, request: Request) -> Foothold:
-    """Where the foot that swings lands: there the mass goes on as `request` asks (dead beat), within bounds."""
-    swinging = 1 - step.carrying
-    way, turn = displacement(gait, request, swinging)
-    after, _ = displacement(gait, request, step.carrying)
-    wanted = offset(gait, way, rotated(after, turn)) + gait.shift * way
-    end = in_step(gait, step, gait.period).divergent
-    support, shift = step.support, gait.shift
-    place = (end - shift * support.place - rotated(wanted, support.yaw)) / (1.0 - shift)
-    local = rotated(place - support.place, -support.yaw)
-    side = OUTWARD[swinging]
-    x = min(max(float(local[0]), -gait.longest), gait.longest)
-    y = side * min(max(side * float(local[1]), gait.narrowest), 2.0 * gait.width)
+    x, y = (half + np.array([request.forward * time, sideways]) + rotated(half, turn)).tolist()
+    x = min(max(x, -gait.longest), gait.longest)
+    y = side * min(max(side * y, gait.narrowest), 2.0 * gait.width)
     return support.moved(np.array([x, y]), turn)
 
 
-def next_step(gait: Gait, step: Step, request: Request) -> Step:
-    """The step that follows a step."""
-    feet = (step.target, step.feet[1]) if step.carrying == RIGHT else (step.feet[0], step.target)
-    start = in_step(gait, step, gait.period)
-    made = Step(1 - step.carrying, feet, step.target, start, step.support.place)
-    return replace(made, target=foothold(gait, made, request))
+def standing(feet: tuple[Foothold, Foothold], mass: FloatArray, ticks: int) -> Pattern:
+    """A robot that rests on both feet, its mass at (3,) m, for so many ticks."""
+    place, height = np.tile(mass[:2], (ticks, 1)), np.full(ticks, mass[2])
+    soles = np.array([[*foot.place, 0.0, foot.yaw] for foot in feet])
+    return Pattern(place, place, place, height, np.tile(soles, (ticks, 1, 1)), np.ones((ticks, 2), dtype=np.bool_))
 
 
-def first_step(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int, start: Pendulum, zmp: FloatArray) -> Step:
-    """The first step from a stand, in place, with the zero-moment point at `zmp` (2,) m until then."""
-    made = Step(carrying, feet, feet[1 - carrying], start, zmp)
-    return replace(made, target=foothold(gait, made, Request()))
+def walk(gait: Gait, begun: Pattern, row: int, steps: Sequence[Step], heights: tuple[float, float]) -> Pattern:
+    """The pattern that goes on from a row of another, in which both soles are on the floor, through steps to a stand
+    half-way between both feet. Its first row is that one. heights: of the mass, m, while both feet are on the floor,
+    and in the middle of a step, where the leg that carries is upright."""
+    soles, carries, zmp = [begun.soles[row : row + 1]], [np.ones((1, 2), dtype=np.bool_)], [begun.zmp[row : row + 1]]
+    risen = [np.zeros(1)]
+    for step in steps:
+        now = soles[-1][-1]
+        support, u = now[step.carrying, :2], np.arange(1, step.single + 1) / step.single
+        roll = ROLL * 0.5 * (step.target.place - now[1 - step.carrying, :2])
+        zmp += [
+            _transfer(gait, zmp[-1][-1], 0.5 * (now[0, :2] + now[1, :2]), support - roll, step.double),
+            support + (2.0 * smooth(u) - 1.0)[:, None] * roll,
+        ]
+        both, swung = _planted(now, step.double), _planted(now, step.single)
+        swung[:, 1 - step.carrying] = _swing(gait, now[1 - step.carrying], step.target, u)
+        soles += [both, swung]
+        risen += [np.zeros(step.double), bump(u)]
+        carries += [np.ones((step.double, 2), dtype=np.bool_), np.ones((step.single, 2), dtype=np.bool_)]
+        carries[-1][:-1, 1 - step.carrying] = False  # in the last tick it has landed
+    last, ticks = soles[-1][-1], gait.natural(EASE)
+    middle = 0.5 * (last[0, :2] + last[1, :2])
+    soles.append(_planted(last, ticks))
+    carries.append(np.ones((ticks, 2), dtype=np.bool_))
+    zmp.append(_transfer(gait, zmp[-1][-1], middle, middle, ticks))
+    risen.append(np.zeros(ticks))
+    pressed, (low, high) = np.concatenate(zmp), heights
+    divergent, convergent = _swayed(gait, pressed, begun.divergent[row], begun.convergent[row], middle)
+    height = low + (high - low) * np.concatenate(risen)
+    return Pattern(divergent, convergent, pressed, height, np.concatenate(soles), np.concatenate(carries))
 
 
-def sway_target(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int, zmp: FloatArray) -> FloatArray:
-    """Divergent component (2,) m from which a first step in place goes on for ever."""
-    way, _ = displacement(gait, Request(), 1 - carrying)
-    support = feet[carrying]
-    wanted = rotated(offset(gait, -way, way) + gait.shift * -way, support.yaw)
-    return support.place + wanted - gait.shift * (support.place - zmp)
+def _planted(soles: FloatArray, ticks: int) -> FloatArray:
+    """Soles (2, 4) that stay for some ticks."""
+    return np.tile(soles, (ticks, 1, 1))
 
 
-def swing(gait: Gait, start: Foothold, target: Foothold, t: float) -> SolePose:
-    """Pose of the foot that swings, t s after the start of a step."""
-    u = (t - gait.double) / (gait.period - gait.double)
-    share = modified_sine(u)
-    flat = start.place + share * (target.place - start.place)
-    yaw = start.yaw + share * (target.yaw - start.yaw)
-    return SolePose(np.array([flat[0], flat[1], gait.lift * bump(u)]), yaw)
+def _swing(gait: Gait, sole: FloatArray, target: Foothold, u: FloatArray) -> FloatArray:
+    """Way (k, 4) of the sole that swings, at shares u (k,) of the time from 0 to 1."""
+    share = np.array([modified_sine(one) for one in u.tolist()])
+    to = np.array([*target.place, 0.0, target.yaw])
+    way = sole + share[:, None] * (to - sole)
+    way[:, 2] = gait.lift * bump(u)
+    way[-1] = to
+    return way
 
 
-def moment(gait: Gait, step: Step, t: float) -> PatternState:
-    """The pattern t s after the start of a step."""
-    carrying, swinging = step.carrying, 1 - step.carrying
-    loaded = smooth(t / gait.double)
-    zmp = step.zmp + loaded * (step.support.place - step.zmp)
-    support = SolePose(np.array([*step.support.place, 0.0]), step.support.yaw)
-    moving = swing(gait, step.feet[swinging], step.target, t)
-    soles = (support, moving) if carrying == LEFT else (moving, support)
-    # The trunk turns evenly: from mid-way between the feet of the start to mid-way between those of the end.
-    yaw = support.yaw + 0.5 * (moving.yaw - support.yaw)
-    double = t < gait.double
-    carries = double or carrying == LEFT, double or carrying == RIGHT
-    return PatternState(in_step(gait, step, t), zmp, soles, yaw, carries)
+def _transfer(gait: Gait, at: FloatArray, middle: FloatArray, to: FloatArray, ticks: int) -> FloatArray:
+    """Way (k, 2) m of the zero-moment point over the middle of both soles, tick by tick."""
+    ramp, t = min(gait.natural(RAMP), ticks), np.arange(1, ticks + 1)[:, None]
+    return at + smooth(t / ramp) * (middle - at) + smooth((t - (ticks - ramp)) / ramp) * (to - middle)
 
 
-@dataclass(frozen=True, eq=False)
-class Halt:
-    """The end of a walk on both feet: the zero-moment point goes from `zmp` to `catch` within a double support, stays,
-    for `hold` s since the start, and goes on to the middle within `ease` s, where the mass comes to rest. feet: where
-    both soles stay. start: state of the mass."""
-
-    feet: tuple[Foothold, Foothold]
-    start: Pendulum
-    zmp: FloatArray
-    catch: FloatArray
-    hold: float
-    ease: float
-
-    @property
-    def middle(self) -> FloatArray:
-        """Mid-way between the soles (2,) m."""
-        return 0.5 * (self.feet[0].place + self.feet[1].place)
+def _swayed(
+    gait: Gait, zmp: FloatArray, divergent: FloatArray, convergent: FloatArray, middle: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Both components (k, 2) m of the mass, from where they are, (2,) m each, to rest in the middle (2,) m. Two bumps
+    are added to `zmp` (k, 2) m for that."""
+    count, kept = len(zmp), exp(-gait.omega * gait.dt)
+    ticks = np.arange(count)[:, None]
+    early = bump(ticks / min(gait.natural(CATCH), count - 1))
+    late = bump((ticks - (count - 1 - gait.natural(EASE))) / gait.natural(EASE))
+    off = divergent - _divergent(zmp, middle, kept)[0], middle - _convergent(zmp, convergent, kept)[-1]
+    none = np.zeros(1)
+    a, b = (float(_divergent(one, none, kept)[0, 0]) for one in (early, late))
+    c, d = (float(_convergent(one, none, kept)[-1, 0]) for one in (early, late))
+    zmp += (early * (d * off[0] - b * off[1]) + late * (a * off[1] - c * off[0])) / (a * d - b * c)
+    return _divergent(zmp, middle, kept), _convergent(zmp, convergent, kept)
 
 
-HOLD, EASE = 1.3, 2.6
-"""Times of the end of a walk, in 1/w: until the mass is caught, and until it rests from there. The shorter, the nearer
-the zero-moment point comes to the edge of the soles."""
+def _divergent(zmp: FloatArray, end: FloatArray, kept: float) -> FloatArray:
+    """The divergent component (k, n) m that ends at (n,) m, by the zero-moment point (k, n) m, which between two ticks
+    is at the mean of both. kept: exp(-w dt)."""
+    columns = []
+    for row, last in zip(zmp.T.tolist(), end.tolist(), strict=True):
+        way = [last]
+        for now, after in zip(row[-2::-1], row[:0:-1], strict=True):
+            between = 0.5 * (now + after)
+            way.append(between + kept * (way[-1] - between))
+        columns.append(way[::-1])
+    return np.ascontiguousarray(np.array(columns).T)
 
 
-def halt(gait: Gait, step: Step) -> Halt:
-    """The end of a walk after a step."""
-    hold, ease = HOLD / gait.omega, EASE / gait.omega
-    last = next_step(gait, step, Request())
-    feet, start, zmp = last.feet, last.start, last.zmp
-    middle = 0.5 * (feet[0].place + feet[1].place)
-
-    def missed(catch: FloatArray) -> FloatArray:
-        caught = pendulum_after(start, zmp, catch, omega=gait.omega, ramp=gait.double, t=hold)
-        return pendulum_after(caught, catch, middle, omega=gait.omega, ramp=ease, t=ease).divergent - middle
-
-    # What is missed is linear in the point that catches.
-    none, one = missed(middle), missed(middle + 1.0)
-    return Halt(feet, start, zmp, middle + none / (none - one), hold, ease)
-
-
-def in_halt(gait: Gait, end: Halt, t: float) -> PatternState:
-    """The pattern t s after the start of the end of a walk."""
-    omega, middle = gait.omega, end.middle
-    pendulum = pendulum_after(end.start, end.zmp, end.catch, omega=omega, ramp=gait.double, t=min(t, end.hold))
-    zmp = end.zmp + smooth(t / gait.double) * (end.catch - end.zmp)
-    if t > end.hold:
-        pendulum = pendulum_after(pendulum, end.catch, middle, omega=omega, ramp=end.ease, t=t - end.hold)
-        zmp = end.catch + smooth((t - end.hold) / end.ease) * (middle - end.catch)
-        # The convergent component would take seconds to get there, and what is left of rounding in the other would
-        # grow.
-        left = 1.0 - smooth((t - end.hold) / end.ease)
-        divergent = pendulum.divergent if left else middle
-        pendulum = Pendulum(divergent, middle + left * (pendulum.convergent - middle))
-    return standing(end.feet, pendulum, zmp)
-
-
-def standing(feet: tuple[Foothold, Foothold], pendulum: Pendulum, zmp: FloatArray) -> PatternState:
-    """A moment of a robot on both feet."""
-    left, right = (SolePose(np.array([*foot.place, 0.0]), foot.yaw) for foot in feet)
-    return PatternState(pendulum, zmp, (left, right), 0.5 * (left.yaw + right.yaw), (True, True))
-
-
-SWAY_S = 0.5
-"""Time in which the weight of a robot that stands sways to where its first step begins."""
-STOPPING = 2
-"""Steps after the one that is under way until a walk is over: one takes the speed out, one brings the feet together."""
-
-
-def sway(gait: Gait, feet: tuple[Foothold, Foothold], carrying: int) -> tuple[list[PatternState], Step]:
-    """From a stand with the mass mid-way between the feet to a first step in place on the foot `carrying`: the moments
-    tick by tick, and the step. The mass is pushed from beside, until it falls to where the step begins."""
-    time = SWAY_S
-    middle = 0.5 * (feet[0].place + feet[1].place)
-    # xi = z - (z - m) exp(w t) with a zero-moment point z that stays; where it is to be depends on z by little.
-    pushed = np.zeros(2)
-    for _ in range(20):
-        pushed = (sway_target(gait, feet, carrying, middle + pushed) - middle) / (1.0 - exp(gait.omega * time))
-    moments, pendulum = list[PatternState](), Pendulum(middle, middle)
-    for tick in range(1, round(time / gait.dt) + 1):
-        t = tick * gait.dt
-        far, near = exp(gait.omega * t), exp(-gait.omega * t)
-        pendulum = Pendulum(middle + pushed * (1.0 - far), middle + pushed * (1.0 - near))
-        moments.append(standing(feet, pendulum, middle + pushed))
-    return moments, first_step(gait, feet, carrying, pendulum, middle + pushed)
-
-
-def stepped(gait: Gait, step: Step) -> list[PatternState]:
-    """The moments of a step, tick by tick."""
-    return [moment(gait, step, tick * gait.dt) for tick in range(1, gait.ticks + 1)]
-
-
-def way_to_stand(gait: Gait, step: Step) -> list[PatternState]:
-    """The moments after a step until the robot stands with its feet side by side."""
-    moments = list[PatternState]()
-    for _ in range(STOPPING):
-        step = next_step(gait, step, Request())
-        moments += stepped(gait, step)
-    end = halt(gait, step)
-    ticks = round((end.hold + end.ease) / gait.dt) + 1
-    return moments + [in_halt(gait, end, tick * gait.dt) for tick in range(1, ticks + 1)]
+def _convergent(zmp: FloatArray, start: FloatArray, kept: float) -> FloatArray:
+    """The convergent component (k, n) m that starts at (n,) m, as `_divergent` says."""
+    return _divergent(zmp[::-1], start, kept)[::-1]

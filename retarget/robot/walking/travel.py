@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget.arithmetic import arctan2, cos, hypot, sin
-from retarget.robot.walking.pattern import Gait, Request
+from retarget.human.support_phase import FOOT_SPEED_SETTLE_S, LIFT_DWELL_S, TOUCHDOWN_DWELL_S
+from retarget.robot.walking.pattern import Gait, Request, Swing
 from retarget.types import Carrying, FloatArray
 
 if TYPE_CHECKING:
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
 STRIDE_S, LONGEST_S = 2.0, 5.0
 """Duration (s) of a stride that is not known yet, and the longest. The performer's velocity is a mean over their last
 stride: within it their feet go by turns, and pelvis and shoulders swing."""
+STEP_S = 0.7
+"""Duration (s) of a step that is not known yet."""
+SEEN_S = 0.5 * (LIFT_DWELL_S + TOUCHDOWN_DWELL_S) + FOOT_SPEED_SETTLE_S
+"""Time (s) by which the middle of a swing is seen late."""
 CATCH_UP_S = 1.5
 """Time (s) in which what the robot is behind would be made up for; once the performer stands, that of a step."""
 LEASH = 2.0
@@ -62,19 +67,37 @@ class Strides:
         self._dt, self.walks = dt, False
         self._in_air = [inf, inf]  # s since either foot was
         self._lifts = list[float]()  # s since the last three times that a foot left the floor
+        self._foot = 0  # the last of these
+        self._swung: tuple[int, float] | None = (
+            None  # the foot that was in the air last, and s since the middle of that
+        )
 
     @property
     def duration(self) -> float:
         """s of the last stride; STRIDE_S of one that is not known."""
         return min(self._lifts[0] - self._lifts[2], LONGEST_S) if len(self._lifts) == 3 else STRIDE_S
 
+    @property
+    def swing(self) -> Swing | None:
+        """The last swing of a foot, or the first one while it lasts; None: there was none."""
+        if not self._lifts:
+            return None
+        period = self._lifts[-2] - self._lifts[-1] if len(self._lifts) == 2 else 0.5 * self.duration
+        period = STEP_S if len(self._lifts) == 1 else period
+        foot, since = self._swung or (self._foot, self._lifts[-1] - 0.5 * STEP_S)
+        return Swing(foot, since, period)
+
     def look(self, carrying: Carrying, *, travels: bool) -> None:
         """Look at the feet after another tick. travels: whether their middle goes somewhere."""
         dt, lifted = self._dt, _FOOT.get(carrying)
         self._lifts = [since + dt for since in self._lifts]
+        self._swung = (self._swung[0], self._swung[1] + dt) if self._swung else None
+        if self._lifts and self._in_air[self._foot] == 0.0 and lifted != self._foot:  # it has landed
+            self._swung = self._foot, 0.5 * self._lifts[-1] + SEEN_S
         for foot in (0, 1):
             if foot == lifted and self._in_air[foot] > self._in_air[1 - foot]:
                 self._lifts = [*self._lifts[-2:], 0.0]
+                self._foot = foot
             self._in_air[foot] = 0.0 if foot == lifted else self._in_air[foot] + dt
         soon, late = sorted(self._in_air)
         stays = max(LIFTED_S, LIFTED * self.duration) if self.walks else LIFTED_S
@@ -126,8 +149,10 @@ class Travel:
             self._behind = np.zeros(3)
             return None
         self.asked += _length(came)
-        forward, left, turn = (speed + self._behind / (CATCH_UP_S if walks else self._gait.period)).tolist()
-        return Request(forward, left, turn)
+        forward, left, turn = (
+            speed + self._behind / (max(CATCH_UP_S, 0.5 * self._strides.duration) if walks else self._gait.period)
+        ).tolist()
+        return Request(forward, left, turn, self._strides.swing)
 
     def _moved(self, human: "HumanPosture") -> FloatArray:
         """How far the middle of both feet went since the last tick, forward and left of the performer, scaled, m; and

@@ -13,40 +13,37 @@ import numpy as np
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
-from retarget.robot.walking.gait import ramped
+from retarget.arithmetic import hypot, norm
+from retarget.robot.walking.gait import clipped, walking_heights
 from retarget.robot.walking.path import PathPlanner, Sketch, WalkPath
 from retarget.robot.walking.pattern import (
+    CATCH,
+    EASE,
     LEFT,
     RIGHT,
-    STOPPING,
     Foothold,
     Gait,
-    PatternState,
-    Pendulum,
     Request,
     Step,
-    moment,
-    next_step,
+    landing,
     standing,
-    stepped,
-    sway,
-    way_to_stand,
+    walk,
 )
 from retarget.types import BoolArray, FloatArray
 
-ROWS = 8
+ROWS = 24
 """Postures of the next path that are made in a tick: a path of three steps and an end is there in half a step."""
-EARLY_S = 0.15
+EARLY_S = 0.35
 """Time (s) before it is needed at which a path is there: arms get out of the way of the legs meanwhile."""
-EASE_ACCELERATION, EASE_TURN, LEAST_EASE_S = 0.4, 6.0, 0.3
+SHORTEST, LONGEST = 0.9, 1.7
+"""Bounds of a step that is made in time with a performer, in those of the gait."""
+EASE_ACCELERATION, EASE_TURN = 0.4, 6.0
 """m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, upright, its mass mid-way
 between its feet, so that its zero-moment point is moved by less than 1 cm; and the least time for that."""
 FORESEEN = 10
 """Postures of a step in which arms are to keep off the legs."""
-RETRY_S = 0.2
+RETRY_S = 0.1
 """After a refusal a robot that stands waits so long (s) before it tries again: arms get out of the way meanwhile."""
-NEAR_M, NEAR_RAD = 0.005, 0.02
-"""A robot that is so near to there sways to its first step."""
 PEAK = 5.78
 """Largest acceleration of a minimum jerk, by its way over the square of its time."""
 
@@ -76,32 +73,30 @@ class Walker:
         self._sketch: Sketch | None = None
         self._next: WalkPath | None = None
         self._wait = 0  # ticks
+        self._stands = False
 
     def begin(self, stop: FloatArray) -> None:
         """Begin to walk: come to rest first, on a path of postures (k, nq) from the one in which the robot is."""
-        count = len(stop)
-        yaw = 0.5 * (self.feet[0].yaw + self.feet[1].yaw)
-        both, yaws = np.ones((count, 2), dtype=np.bool_), np.full(count, yaw)
-        self.path, self.row = WalkPath(stop, both, yaws, self.feet, None, Request(), count - 1, 0), 0
+        pattern = standing(self.feet, self._planner.mass(stop[-1]), len(stop))
+        self.path, self.row = WalkPath(stop, pattern, (), Request(), 0), 0
         self._before = self.path, 0
 
     @property
     def speed(self) -> Request:
         """At which its present step goes."""
-        return Request() if self.path is None or self.row > self.path.branch else self.path.speed
+        return Request() if self.path is None or self.row > self.path.landed else self.path.speed
 
     @property
     def is_over(self) -> bool:
-        """Whether the robot is at the end of its path, and goes nowhere from there."""
-        at_end = self.path is not None and self.row == len(self.path.postures) - 1
-        return at_end and self._sketch is None and self._next is None
+        """Whether the robot is at the end of its path, and is to go nowhere from there."""
+        return self._stands and self.path is not None and self.row == len(self.path.postures) - 1
 
     def step(self, asked: Request | None, q: FloatArray) -> None:
         """Go on by a tick, to `row` of `path`. asked: velocity in the robot's own frame, m/s and rad/s; None: it is to
         stand. q (nq,): its posture."""
         path = self.path
         assert path is not None, "it walks"
-        self._before = path, self.row
+        self._before, self._stands = (path, self.row), asked is None
         if asked is None:
             self._sketch = self._next = None
         else:
@@ -109,7 +104,7 @@ class Walker:
         self._wait = max(self._wait - 1, 0)
         if self._next is not None and self.row == self._next.since and not self._wait:
             path, self.row, self._next = self._next, 0, None
-            self.path, self.steps = path, self.steps + (path.step is not None)
+            self.path, self.steps = path, self.steps + bool(path.steps)
         self.row = min(self.row + 1, len(path.postures) - 1)
 
     def through(self) -> FloatArray:
@@ -129,75 +124,87 @@ class Walker:
             row = min(row, len(path.postures) - 1)
             if np.array_equal(path.postures[row, self._legs], q[self._legs]):
                 if path is not self.path:  # where it stands, it tries again
-                    self.steps -= self.path.step is not None
+                    self.steps -= bool(self.path.steps)
                     self._sketch, self._next = None, self.path if row == self.path.since else None
                     self._wait = round(RETRY_S / self.gait.dt)
                 self.path, self.row = path, row
                 break
         else:  # what was sent is on no path: before a step it stands where it is
-            if self.path.step is None:
+            if not self.path.steps:
                 self.stand()
         self._before = self.path, self.row
 
     def drop(self) -> None:
         """Go nowhere from the path."""
-        self._sketch = self._next = None
+        self._sketch, self._next, self._stands = None, None, True
 
     def _plan(self, path: WalkPath, asked: Request, q: FloatArray) -> None:
         """Go on making the next path, or begin one not long before it is needed: then what is asked is new."""
         if self._next is not None:
             return
         if self._sketch is None:
-            end = len(path.postures) - 1
-            since = path.branch if path.step is not None and self.row <= path.branch else end
-            rows = (STOPPING + 1) * self.gait.ticks + round(1.0 / self.gait.dt)
-            if since - self.row > rows // ROWS + round(EARLY_S / self.gait.dt):
+            since = self._since(path)
+            if since is None:
                 return
-            self._sketch = self._continued(path, asked, q) if since != end else self._from_stand(path, asked, q)
-        if self._sketch.since < self.row:  # it is late, and the robot has begun to stop
+            self._sketch = self._sketched(path, since, asked, q)
+        if self._sketch.since < self.row:  # it is late, and the robot goes on to its stand
             self._sketch = None
         elif self._planner.advance(self._sketch, ROWS):
-            self._next, self._sketch = self._planner.whole(self._sketch), None
+            done, self._sketch = self._sketch, None
+            self._next = WalkPath(np.array(done.postures), done.pattern, done.steps, done.speed, done.since)
 
-    def _continued(self, path: WalkPath, asked: Request, q: FloatArray) -> Sketch:
-        """The path that follows the step of a path."""
-        assert path.step is not None, "it makes a step"
-        gait, speed = self.gait, ramped(self.gait, path.speed, asked)
-        step = next_step(gait, path.step, speed)
-        return self._sketched(path, path.branch, q, moment(gait, step, 0.0), [], step, speed, ease=gait.ticks)
+    def _since(self, path: WalkPath) -> int | None:
+        """The row from which another step is to begin, if that is to be made now."""
+        gait, end = self.gait, len(path.postures) - 1
+        rows = 2 * LONGEST * gait.ticks + gait.natural(CATCH + EASE)
+        early = self.row + rows // ROWS + round(EARLY_S / gait.dt)
+        since = path.landed if self.row <= path.landed else end
+        return since if since <= early else None
 
-    def _from_stand(self, path: WalkPath, asked: Request, q: FloatArray) -> Sketch:
-        """The path from the end of a path to where steps may begin, the mass mid-way between the feet, at its walking
-        height; or from there that of a first step, to which it sways."""
-        gait, feet, end = self.gait, path.feet, len(path.postures) - 1
-        middle = 0.5 * (feet[0].place + feet[1].place)
-        start = standing(feet, Pendulum(middle, middle), middle)
-        moved, turned = self._planner.off(path.postures[end], start)
-        if moved < NEAR_M and turned < NEAR_RAD:
-            swayed, step = sway(gait, feet, LEFT if asked.left < 0.0 else RIGHT)
-            return self._sketched(path, end, q, start, swayed, step, Request(), ease=len(swayed))
-        ease = max(sqrt(PEAK * moved / EASE_ACCELERATION), sqrt(PEAK * turned / EASE_TURN), LEAST_EASE_S)
-        ticks = round(ease / gait.dt)
-        return self._sketched(path, end, q, start, [start] * (ticks + 1), None, Request(), ease=ticks)
-
-    def _sketched(
-        self,
-        path: WalkPath,
-        since: int,
-        q: FloatArray,
-        start: PatternState,
-        before: list[PatternState],
-        step: Step | None,
-        speed: Request,
-        *,
-        ease: int,
-    ) -> Sketch:
-        """A path that goes on from row `since` of another, through moments before a step, that step if there is one, at
-        a speed, and to a stand."""
+    def _sketched(self, path: WalkPath, since: int, asked: Request, q: FloatArray) -> Sketch:
+        """A path that goes on from row `since` of another: a step as it is asked for, one that brings the feet
+        together, and a stand."""
+        gait, planner = self.gait, self._planner
         first = path.postures[since].copy()
         first[self.others] = q[self.others]
-        velocity = self._planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
-        moments = before if step is None else before + stepped(self.gait, step)
-        branch = len(moments)
-        moments = moments if step is None else moments + way_to_stand(self.gait, step)
-        return self._planner.sketch(first, velocity, start, moments, ease, (step, speed, branch, since))
+        velocity = planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
+        rests = since > path.landed or not path.steps
+        begun, row = (standing(path.feet, planner.mass(first), 1), 0) if rests else (path.pattern, since)
+        swinging, ticks = self._in_time(path, since - self.row, asked, rests=rests)
+        time = ticks * gait.dt
+        speed = clipped(gait, asked, time)
+        heights = walking_heights(gait, hypot(speed.forward, speed.left) * time)
+        offset, turned = planner.off(first, np.array([*begun.mass[row, :2], heights[0]]), float(begun.yaws[row]))
+        ease = self._ease_ticks(offset, turned) if rests else ticks
+        # A mass that rests is pushed to one side before the foot on the other is lifted.
+        double, single = gait.double_ticks, ticks - gait.double_ticks
+        support = begun.feet(row)[1 - swinging]
+        target = landing(gait, support, speed, swinging, time)
+        step = Step(1 - swinging, target, max(gait.natural(CATCH), ease) if rests else double, single)
+        beside = landing(gait, target, Request(), 1 - swinging, gait.period)
+        steps = step, Step(swinging, beside, double, gait.ticks - double)
+        pattern = walk(gait, begun, row, steps, heights)
+        return Sketch([first], velocity, pattern, offset, turned, ease, steps, speed, since)
+
+    def _in_time(self, path: WalkPath, ahead: int, asked: Request, *, rests: bool) -> tuple[int, int]:
+        """The foot that makes the next step, which begins so many ticks ahead, and the ticks of that step: in time with
+        the performer's feet, where those are neither too fast nor too slow for that."""
+        gait, swing = self.gait, asked.swing
+        next_foot = path.steps[0].carrying if not rests else LEFT if asked.left > 0.0 else RIGHT
+        least, most = round(SHORTEST * gait.ticks), round(LONGEST * gait.ticks)
+        if swing is None or not least <= (ticks := round(swing.period / gait.dt)) <= most:
+            return next_foot, gait.ticks
+        double = gait.natural(CATCH) if rests else gait.double_ticks
+        middle = round(swing.since / gait.dt) + ahead + double + (ticks - gait.double_ticks) // 2
+
+        def late(foot: int) -> int:
+            """Ticks by which the middle of that foot's swing is later than the performer's, or earlier."""
+            return (middle - (0 if foot == swing.foot else ticks) + ticks) % (2 * ticks) - ticks
+
+        foot = min((next_foot, 1 - next_foot), key=lambda foot: abs(late(foot))) if rests else next_foot
+        return foot, min(max(ticks - late(foot), least), most)
+
+    def _ease_ticks(self, offset: FloatArray, turned: FloatArray) -> int:
+        """Ticks in which a robot that begins to walk gets to its walking height, upright."""
+        ease = max(sqrt(PEAK * norm(offset) / EASE_ACCELERATION), sqrt(PEAK * norm(turned) / EASE_TURN))
+        return max(round(ease / self.gait.dt), 1)
