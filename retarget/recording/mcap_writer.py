@@ -141,6 +141,7 @@ ROWS = 1024
 """Eight seconds at 125 Hz."""
 CLEARED = (
     *("readings", "asked", "sampled", "read", "written", "kept", "sensor_valid", "clock"),
+    "velocity_asked",
     *STAGES,
 )
 """The fields that say what happened in a cycle: in a new row nothing has."""
