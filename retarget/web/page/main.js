@@ -1,7 +1,7 @@
 // The page of a run: what it shows, in which view, in which words. The server pauses the robot when poses stay away.
 
 import { CAMERA, Camera, cameraMissing } from "./camera.js";
-import { DeadMan, listenForHolding, listenForStop } from "./controls.js";
+import { DeadMan, Stick, listenForHolding, listenForStop } from "./controls.js";
 import { Headset, headsetMissing } from "./headset.js";
 import { LINK, Link, median } from "./link.js";
 import { Scene } from "./scene.js";
@@ -82,6 +82,7 @@ function ended() {
 function welcomed(message) {
   page.welcome = message;
   if (message.dead_man) deadMan.use();
+  document.body.dataset.stick = message.stick;
   document.title = message.robot;
   document.body.dataset.performs = message.performs;
   if (!message.performs) byId("taken").lastChild.textContent = "The performer";
@@ -287,6 +288,7 @@ function wire() {
   for (const button of document.querySelectorAll("[data-input]")) button.onclick = () => choose(button.dataset.input);
   listenForStop(stop);
   listenForHolding(deadMan, byId("pad"));
+  new Stick((message) => link.say(message), document.querySelectorAll(".stick"));
   document.addEventListener("visibilitychange", () => {
     if (document.hidden) letGo();
     else stayAwake();
