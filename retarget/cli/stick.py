@@ -12,6 +12,7 @@ from retarget.robot.walking.pattern import Request
 Shares = tuple[float, float, float]
 """Velocity forward, to the left, and turning to the left, each from -1 to 1: shares of the robot's fastest walk."""
 STAND: Shares = (0.0, 0.0, 0.0)
+"""Nothing is asked for."""
 
 
 class Stick(Protocol):
@@ -42,6 +43,7 @@ KEYS: dict[str, Shares] = {
     "e": (0.0, 0.0, -1.0),
     "x": STAND,
 }
+"""Shares that the keys ask for."""
 KEYS_HELP = "w and s (held) walk forward and back, a and d sideways, q and e turn, x stands"
 
 

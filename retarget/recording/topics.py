@@ -108,8 +108,7 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         fields(GOALS, JOINT_STATE, names, kept(GOALS), **of_joints),
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
-        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT))),
-        fields(STICK, "geometry_msgs/msg/TwistStamped", (), _has_stick, frame_id=robot.body.body_names[1]),
+        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT)) + [_stick_topic(robot)]),
     ]
     made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
@@ -120,9 +119,11 @@ def _has_imu(cycles: RunTable) -> NDArray[np.bool_]:
     return np.asarray((cycles.read != Done.NOT) & ~np.isnan(cycles.imu_time))
 
 
-def _has_stick(cycles: RunTable) -> NDArray[np.bool_]:
-    """The cycles (T,) in which a stick was in force."""
-    return ~np.isnan(cycles.velocity_asked[:, 0])
+def _stick_topic(robot: RobotBody) -> Topic:
+    """What a stick asked for, in the cycles in which one was in force."""
+    which = lambda cycles: ~np.isnan(cycles.velocity_asked[:, 0])  # noqa: E731
+    values = lambda cycles: {"twist": cycles.velocity_asked}  # noqa: E731
+    return _topic(STICK, "geometry_msgs/msg/TwistStamped", (), which, values, {"frame_id": robot.body.body_names[1]})
 
 
 def _imu_topics(robot: RobotBody) -> list[Topic]:
