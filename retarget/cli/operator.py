@@ -57,13 +57,13 @@ def walking_words(asked: Request | None) -> str:
     """What a stick asks for, in words; "" for nothing."""
     if asked is None or asked == Request():
         return ""
-    forward, left, turn = asked.forward, asked.left, asked.turn
-    parts = {
-        f"{abs(forward):.2f} m/s {'forward' if forward > 0.0 else 'back'}": forward,
-        f"{abs(left):.2f} m/s to the {'left' if left > 0.0 else 'right'}": left,
-        f"{abs(turn):.2f} rad/s, turning {'left' if turn > 0.0 else 'right'}": turn,
-    }
-    return f"the stick asks for {', '.join(words for words, value in parts.items() if value)}"
+    ways = (
+        (asked.forward, "m/s forward", "m/s back"),
+        (asked.left, "m/s to the left", "m/s to the right"),
+        (asked.turn, "rad/s to the left", "rad/s to the right"),
+    )
+    parts = [f"{abs(value):.2f} {more if value > 0.0 else less}" for value, more, less in ways if value]
+    return f"the stick asks for {', '.join(parts)}"
 
 
 class RunOperator(Operator):

@@ -427,6 +427,7 @@ def test_pads_ask_for_a_walk_while_a_finger_is_on_one(browser: Any, stand_in: St
     stand_in.welcome["stick"] = True
     with opened(browser, stand_in) as page:
         choose(page, "watch")
+        before = stand_in.connections
         for across in ("turn", "left"):
             pad = page.locator(f".stick[data-across={across}]")
             pad.wait_for()
@@ -442,9 +443,14 @@ def test_pads_ask_for_a_walk_while_a_finger_is_on_one(browser: Any, stand_in: St
             stand_in.wait(lambda across=across: newest()["forward"] == 1.0 and abs(newest()[across]) < 0.03)
             page.mouse.up()
             stand_in.wait(lambda: not any(newest().values()))
+        page.mouse.move(box["x"] + 5, box["y"] + 5)
+        page.mouse.down()
+        stand_in.wait(lambda: any(newest().values()))
+        stand_in.drop()  # a link that comes back begins with nothing pressed
+        stand_in.wait(lambda: stand_in.connections > before and stand_in.pages)
         count = len(stand_in.messages("stick"))
         page.wait_for_timeout(500)
-        assert len(stand_in.messages("stick")) == count, "who lets go says so once"
+        assert len(stand_in.messages("stick")) == count, "who has let go says nothing"
 
 
 def test_a_run_without_a_stick_has_no_pads(browser: Any, stand_in: StandIn) -> None:

@@ -28,9 +28,7 @@ PAGE = "page"
 """`--dead-man` or `--stick` on the page."""
 LABEL = "H on the page, a finger on its pad, or the grip of a controller"
 """What the operator has to hold."""
-
-
-PADS = "the pads of the page, with one finger each or the mouse; people who look after the robot have them"
+PADS = "the pads on the page of those who look after the robot, while a finger or the mouse holds one"
 
 
 class PageControl:

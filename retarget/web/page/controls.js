@@ -71,7 +71,7 @@ export class Stick {
     this.say = say;
     this.fingers = new Map(); // from pad to where its finger is, -1 to 1
     for (const pad of pads) this.listen(pad);
-    for (const event of ["blur", "pagehide"]) addEventListener(event, () => [...this.fingers.keys()].forEach((pad) => this.release(pad)));
+    for (const event of ["blur", "pagehide"]) addEventListener(event, () => this.letGo());
     setInterval(() => this.fingers.size && this.tick(), EVERY_MS);
   }
 
@@ -90,6 +90,10 @@ export class Stick {
     pad.addEventListener("pointermove", (event) => this.fingers.has(pad) && move(event));
     for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) pad.addEventListener(end, () => this.release(pad));
     pad.addEventListener("contextmenu", (event) => event.preventDefault());
+  }
+
+  letGo() {
+    for (const pad of [...this.fingers.keys()]) this.release(pad);
   }
 
   release(pad) {

@@ -32,6 +32,7 @@ const page = {
 
 const link = new Link(hear, linked);
 const deadMan = new DeadMan((message) => link.say(message), (held) => byId("pad").classList.toggle("held", held));
+const stick = new Stick((message) => link.say(message), document.querySelectorAll(".stick"));
 const camera = new Camera(byId("video"), byId("overlay"), sendPoses);
 const scene = new Scene(byId("human"), byId("robot"), byId("layers"), byId("joint"));
 const headset = new Headset({ send: sendPoses, deadMan, scene, stop, ended: () => choose("choose"), words: headline });
@@ -49,9 +50,10 @@ function stop() {
   show();
 }
 
-// Something took the performer away: the dead man counts again when it is taken anew.
+// Something took the page away: dead man and stick count again when they are taken anew.
 function letGo() {
   deadMan.release();
+  stick.letGo();
   headset.letGo();
 }
 
@@ -288,7 +290,6 @@ function wire() {
   for (const button of document.querySelectorAll("[data-input]")) button.onclick = () => choose(button.dataset.input);
   listenForStop(stop);
   listenForHolding(deadMan, byId("pad"));
-  new Stick((message) => link.say(message), document.querySelectorAll(".stick"));
   document.addEventListener("visibilitychange", () => {
     if (document.hidden) letGo();
     else stayAwake();
