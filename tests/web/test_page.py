@@ -440,7 +440,7 @@ def test_pads_ask_for_a_walk_while_a_finger_is_on_one(browser: Any, stand_in: St
             assert 0.05 < np.median(np.diff(at)) < 0.15, "ten a second"
             assert newest() == pytest.approx({"forward": 0.0, "left": 0.0, "turn": 0.0} | {across: 0.5}, abs=0.03)
             page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] - 100.0)
-            stand_in.wait(lambda across=across: newest()["forward"] == 1.0 and abs(newest()[across]) < 0.03)
+            stand_in.wait(lambda: newest()["forward"] == 1.0 and abs(newest()["left"] + newest()["turn"]) < 0.03)
             page.mouse.up()
             stand_in.wait(lambda: not any(newest().values()))
         page.mouse.move(box["x"] + 5, box["y"] + 5)

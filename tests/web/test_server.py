@@ -294,7 +294,8 @@ JUNK = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.
 @given(st.dictionaries(st.sampled_from(["forward", "left", "turn", "up"]), JUNK))
 def test_whatever_a_page_asks_for_is_within_range_or_refused(said: dict[str, Any]) -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    numbers = [one for one in map(said.get, ("forward", "left", "turn")) if type(one) in (int, float)]
+    shares = [said.get(name) for name in ("forward", "left", "turn")]
+    numbers = [one for one in shares if isinstance(one, int | float) and not isinstance(one, bool)]
     is_valid = len(numbers) == 3 and all(-1.0 <= one <= 1.0 for one in numbers)
     with ours, theirs:
         ours.setblocking(False)
