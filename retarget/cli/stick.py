@@ -2,7 +2,7 @@
 web page is `retarget.cli.web.control.PageControl`."""
 
 from collections.abc import Callable
-from math import hypot, inf
+from math import copysign, hypot, inf
 from typing import Protocol
 
 from hardware.errors import HardwareError
@@ -23,9 +23,13 @@ class Stick(Protocol):
         device causes."""
 
 
+DEAD_ZONE = 0.15
+"""A smaller share is none: worn sticks do not come back to the centre, and no finger goes straight."""
+
+
 def velocity_of(shares: Shares, fastest: Request) -> Request:
     """The velocity of these shares of a robot's fastest walk. On a slant it is no faster than straight on."""
-    forward, left, turn = shares
+    forward, left, turn = (copysign(max(abs(share) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), share) for share in shares)
     length = max(hypot(forward, left), 1.0)
     return Request(fastest.forward * forward / length, fastest.left * left / length, fastest.turn * turn)
 
@@ -72,8 +76,6 @@ ABS_X, ABS_Y, ABS_Z, ABS_RX = 0, 1, 2, 3
 """Axes of the left stick, and to the right of the right one; gamepads without ABS_RX have it as ABS_Z."""
 SHOULDERS = {0x136, 0x137, 0x138, 0x139}
 """BTN_TL, BTN_TR, BTN_TL2, BTN_TR2."""
-DEAD_ZONE = 0.15
-"""Share of its way from the centre within which a stick counts as let go: worn ones do not come back to the centre."""
 
 
 class Gamepad(EventDevice):
@@ -110,6 +112,4 @@ class Gamepad(EventDevice):
 
 def _share(value: int, least: int, greatest: int) -> float:
     """Share, -1 to 1, of a stick's way forward or to the left: its axes point backward and to the right."""
-    share = 1.0 - 2.0 * (min(max(value, least), greatest) - least) / (greatest - least)
-    beyond = max(abs(share) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE)
-    return beyond if share > 0.0 else -beyond
+    return 1.0 - 2.0 * (min(max(value, least), greatest) - least) / (greatest - least)

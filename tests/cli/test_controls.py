@@ -267,10 +267,10 @@ def test_a_gamepad_walks_while_a_shoulder_button_is_held(gamepad: tuple[Gamepad,
     device.event(EV_ABS, ABS_X, 0)
     device.event(EV_ABS, ABS_RX, 32767)
     assert stick.shares(1e6) == (-1.0, 1.0, -1.0), "a stick that is not moved sends nothing"
-    device.event(EV_ABS, ABS_X, 127 + 18)  # within the dead zone
-    device.event(EV_ABS, ABS_RX, -18841)  # half of what is beyond it
+    device.event(EV_ABS, ABS_X, 300)
+    device.event(EV_ABS, ABS_RX, -16384)
     device.event(EV_ABS, ABS_Y, 128)
-    assert stick.shares(1e6) == pytest.approx((0.0, 0.0, 0.5), abs=1e-4)
+    assert stick.shares(1e6) == pytest.approx((0.0, -1.0, 0.5), abs=0.004)
     device.event(EV_KEY, BTN_TL, 0)
     assert stick.shares(1e6) == STAND
 
@@ -321,10 +321,11 @@ def test_whatever_a_gamepad_sends_the_shares_are_within_their_range(
         stick.close()
 
 
-def test_a_slant_is_no_faster_than_straight_on() -> None:
+def test_a_stick_has_a_dead_zone_and_is_no_faster_on_a_slant_than_straight_on() -> None:
     most = Request(0.1, 0.04, 0.3)
-    assert velocity_of((1.0, 0.0, -0.5), most) == Request(0.1, 0.0, -0.15)
-    assert vars(velocity_of((0.3, 0.4, 0.0), most)) == pytest.approx({"forward": 0.03, "left": 0.016, "turn": 0.0})
+    assert velocity_of((0.14, -0.14, 0.14), most) == Request()
+    assert velocity_of((1.0, 0.0, -1.0), most) == Request(0.1, 0.0, -0.3)
+    assert vars(velocity_of((0.32, -0.49, 0.1), most)) == pytest.approx({"forward": 0.02, "left": -0.016, "turn": 0.0})
     both = velocity_of((1.0, -1.0, 1.0), most)
     assert (both.forward / 0.1) ** 2 + (both.left / 0.04) ** 2 == pytest.approx(1.0) and both.turn == 0.3
 
