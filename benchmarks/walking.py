@@ -51,7 +51,8 @@ from retarget.model.robot import RobotBody, load_robot
 from retarget.robot.walking.pattern import Request
 from retarget.run.loop import Observer, Tick
 from retarget.run.options import RunOptions
-from retarget.run.prepare import performance_of, prepare_for
+from retarget.run.prepare import Prepared, performance_of, prepare_for
+from retarget.run.supervisor import OperatorInput
 from retarget.types import RunState
 from sim.imu import ImuErrors, ImuStandIn, SensedMotion
 from sim.physics.bus import PhysicsBus
@@ -114,6 +115,10 @@ class Outcome:
     gated: float
 
 
+IN_PLACE = Request(forward=1e-9)
+"""Steps in place: a stick that asks for nothing asks to stand."""
+
+
 class WalkRecord(Observer):
     """Asks for the velocity of a case, and counts the ticks of its walk."""
 
@@ -121,6 +126,7 @@ class WalkRecord(Observer):
         self._case, self._simulation, self._witness, self._stop = case, simulation, witness, stop
         self._begun: float | None = None
         self.robot: Any = None
+        self.velocity = Request()
         self._places: list[tuple[float, float, float, float]] = []
         self._tilts, self._speeds, self._offsets, self._gated = [0.0], [0.0], [0.0], [False]
         self._squares = np.zeros(len(simulation.world.drives))
@@ -137,7 +143,8 @@ class WalkRecord(Observer):
             self._push(now)
         t, case = now - self._begun, self._case
         walks = 1.0 < t < case.seconds - STOP_S
-        legs.velocity = Request(case.forward, case.left, case.turn) if walks else None
+        asked = Request(case.forward, case.left, case.turn)
+        self.velocity = (IN_PLACE if asked == Request() else asked) if walks else Request()
         if t > case.seconds:
             self._stop.ask("the case is over")
         if not legs.walks:
@@ -198,6 +205,18 @@ class WalkRecord(Observer):
         return [way / passed for way in ways]
 
 
+class Steers(RunOperator):
+    """Asks for what a record asks for."""
+
+    def __init__(self, prepared: Prepared, stop: StopRequest, record: WalkRecord) -> None:
+        super().__init__(prepared, stop)
+        self._record = record
+
+    def ask(self, state: RunState | None) -> OperatorInput:
+        """What is asked for now."""
+        return replace(super().ask(state), velocity=self._record.velocity)
+
+
 def drawn_world(robot: RobotBody, case: Case) -> tuple[Simulation, SensedMotion, float]:
     """A simulation of the robot with what its seed draws, its IMU, and by how much its goals are late, s."""
     chance = np.random.default_rng(1000 + case.seed)
@@ -250,7 +269,7 @@ def run_case(case: Case) -> list[Outcome]:
     with prepare_for(perform, options, clock=VirtualClock(), make_bus=make_bus, robot=robot) as prepared:
         assert prepared.machine is not None, "it has a robot"
         record.robot = prepared.machine.follower
-        run = prepared.run(RunOperator(prepared, stop), [record])
+        run = prepared.run(Steers(prepared, stop, record), [record])
     stopped = run.stop is not None and run.stop.reason != "the case is over"
     return [record.outcome(witness.fall is None and not stopped, run.stop.reason if stopped and run.stop else "")]
 

@@ -4,13 +4,11 @@ Each is a `Control`, which only asks. `RunOperator` carries out what they ask fo
 """
 
 import errno
-import fcntl
 import json
 import os
 import select
 import socket
 import stat
-import struct
 import sys
 import termios
 import tty
@@ -21,9 +19,10 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import Protocol
 
-from hardware.errors import HardwareError
 from hardware.realtime import Scheduling, refuse_scheduling
+from retarget.cli.event_device import EventDevice
 from retarget.cli.exit import ForcedStopKey, Press
+from retarget.cli.stick import Gamepad, KeyStick
 from retarget.cli.stop import MAX_LINE, WHERE, connect_to
 from retarget.errors import UsageError, renamed_to
 from retarget.types import RunState
@@ -106,13 +105,15 @@ INPUT_MODES = 0
 
 class Keyboard:
     """The keyboard of a terminal. Space stops, and again forces torque off; p pauses and goes on; h takes a heading;
-    the dead-man key grips. Ctrl-C stays a signal; Ctrl-S does not stop the output."""
+    the dead-man key grips; those of a stick walk. Ctrl-C stays a signal; Ctrl-S does not stop the output."""
 
-    def __init__(self, fd: int | None = None, *, dead_man: HeldKey | None = None) -> None:
+    def __init__(
+        self, fd: int | None = None, *, dead_man: HeldKey | None = None, stick: KeyStick | None = None
+    ) -> None:
         """fd: of a terminal; None: standard input, if it is one."""
         self._fd = sys.stdin.fileno() if fd is None and has_terminal() else fd
         self._before: list[object] | None = None
-        self._space, self._dead_man, self._held = ForcedStopKey(), dead_man, False
+        self._space, self._dead_man, self._held, self._stick = ForcedStopKey(), dead_man, False, stick
         if self._fd is not None:
             self._before = termios.tcgetattr(self._fd)
             tty.setcbreak(self._fd, termios.TCSANOW)
@@ -130,6 +131,8 @@ class Keyboard:
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
         """Return what the keys ask for, as `Control.poll` says."""
         pressed = self.pressed()
+        if self._stick is not None:
+            self._stick.press(pressed, now)
         if count := pressed.count(" "):
             yield PRESSES[self._space.pressed(count, now)], SPACE
         for key in pressed:
@@ -154,39 +157,22 @@ class Keyboard:
         return data.decode("utf-8", errors="ignore")
 
 
-# A pedal, button or keyboard, read from Linux's event device (evdev): which keys are down, and when they go up.
-
-EVENT = struct.Struct("@llHHi")
-"""A `struct input_event` (linux/input.h): two words of time, type, code, value."""
-EV_SYN, EV_KEY = 0, 1
-SYN_DROPPED = 3
-UP, DOWN = 0, 1
-"""Values of EV_KEY; 2 is a repeat, which is ignored."""
-MOST_CODE = 0x2FF
-"""KEY_MAX."""
-EVIOCGVERSION = 0x80044501
-"""Request that only an event device answers."""
-MOST_EVENTS, MOST_READS = 64, 8
-"""Bounds of what one call reads."""
-BY_ID = Path("/dev/input/by-id")
+# A pedal, a button, or a key of its own device.
 
 
-class Pedal:
+class Pedal(EventDevice):
     """An open event device as a dead-man control. Pressed means pressed since it was opened: a key that is down before
     counts from its next press.
 
-    code: the only key that counts, as `evtest` shows it; None: any. label: what the operator has to hold. lost: why the
-    device sends no more events, "" while it does.
+    code: the only key that counts, as `evtest` shows it; None: any. label: what the operator has to hold.
     """
 
     def __init__(self, path: str, *, code: int | None = None) -> None:
-        """Raises HardwareError: no such device, not for this user, or no event device."""
-        self.path, self._code, self.lost = path, code, ""
+        """Raises HardwareError as an EventDevice does."""
+        super().__init__(path)
+        self._code = code
         self.label = f"the pedal {path}"
-        self._down: set[int] = set()
-        self._rest = b""
         self._held = False
-        self._fd: int | None = _opened(path)
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
         """Return what the pedal asks for, as `Control.poll` says. A device that is lost counts as released for good."""
@@ -199,76 +185,11 @@ class Pedal:
             self._held = held
             yield GRIPS[held]
 
-    def close(self) -> None:
-        """Close it; twice does no harm."""
-        fd, self._fd = self._fd, None
-        self._down.clear()
-        if fd is not None:
-            with suppress(OSError):
-                os.close(fd)
-
     def pressed(self) -> bool:
         """Whether a key that counts is down now; never, once the device is lost."""
-        for _ in range(MOST_READS):
-            data = self._read()
-            if not data:
-                break
-            data = self._rest + data
-            whole = len(data) - len(data) % EVENT.size
-            self._rest = data[whole:]
-            for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
-                if kind == EV_SYN and code == SYN_DROPPED:  # a release may be among what the kernel dropped
-                    self._down.clear()
-                elif kind == EV_KEY and code <= MOST_CODE and self._code in (None, code):
-                    if value == DOWN:
-                        self._down.add(code)
-                    elif value == UP:
-                        self._down.discard(code)
-        return bool(self._down)
-
-    def _read(self) -> bytes:
-        if self._fd is None:
-            return b""
-        try:
-            data = os.read(self._fd, MOST_EVENTS * EVENT.size)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            self._lose(error.strerror or str(error))
-            return b""
-        if not data:
-            self._lose("it has ended")
-        return data
-
-    def _lose(self, reason: str) -> None:
-        self.lost = self.lost or reason
-        self.close()
-
-
-def _opened(path: str) -> int:
-    try:
-        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except PermissionError as error:
-        step = "Join the group of such devices: sudo usermod -aG input $USER, then log in again"
-        raise HardwareError("this device is not for this user", where=path, then=step) from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise HardwareError(f"the device cannot be opened: {reason}", where=path, then=_which()) from error
-    try:
-        if not stat.S_ISFIFO(os.fstat(fd).st_mode):
-            fcntl.ioctl(fd, EVIOCGVERSION, b"\0" * 4)
-    except OSError as error:
-        os.close(fd)
-        raise HardwareError("this is no event device", where=path, then=_which()) from error
-    return fd
-
-
-def _which() -> str:
-    with suppress(OSError):
-        names = sorted(str(entry) for entry in BY_ID.iterdir() if entry.name.endswith(("-kbd", "-joystick")))
-        if names:
-            return f"Plugged in are: {', '.join(names[:10])}"
-    return "Plug it in, and see which it is: ls /dev/input/by-id, or sudo evtest"
+        for _ in self._events():
+            pass
+        return bool(self._down) if self._code is None else self._code in self._down
 
 
 # The dead-man control: a robot moves only while a pedal, a key of its own device, or a key of the terminal is held.
@@ -292,18 +213,37 @@ def open_dead_man(text: str, *, terminal: bool) -> HeldKey | Pedal:
         return Pedal(path, code=int(code) if code else None)
     if len(text) != 1 or not text.isascii() or not text.isalnum() or text in TAKEN:
         raise _refused(text, "this cannot be held")
-    if not terminal:
-        raise UsageError(
-            "there is no terminal on which a key could be held",
-            where="--dead-man",
-            found=text,
-            next_step="Run it in a terminal, or use a pedal (pedal:DEVICE)",
-        )
+    _refuse_no_terminal("--dead-man", text, terminal=terminal, instead="a pedal (pedal:DEVICE)")
     return HeldKey(text)
 
 
 def _refused(text: str, what: str) -> UsageError:
     return UsageError(what, where="--dead-man", found=repr(text[:80]), allowed=ALLOWED)
+
+
+def _refuse_no_terminal(option: str, text: str, *, terminal: bool, instead: str) -> None:
+    if not terminal:
+        step = f"Run it in a terminal, or use {instead}"
+        raise UsageError("there is no terminal on which a key could be held", where=option, found=text, next_step=step)
+
+
+# The stick, by which the operator asks for a velocity.
+
+STICK_KEYS, GAMEPAD = "keys", "gamepad:"
+
+
+def open_stick(text: str, *, terminal: bool, notify: Callable[[str], object]) -> KeyStick | Gamepad:
+    """The stick of `--stick`. terminal: whether there is one to press keys on; notify: receives that it is lost.
+
+    Raises UsageError: no stick, or keys without a terminal; HardwareError: no such device, or not for this user.
+    """
+    if text.startswith(GAMEPAD):
+        return Gamepad(text.removeprefix(GAMEPAD), notify=notify)
+    if text != STICK_KEYS:
+        allowed = f"{STICK_KEYS}, page, or {GAMEPAD}/dev/input/..."
+        raise UsageError("this is no stick", where="--stick", found=repr(text[:80]), allowed=allowed)
+    _refuse_no_terminal("--stick", text, terminal=terminal, instead=f"a gamepad ({GAMEPAD}DEVICE)")
+    return KeyStick()
 
 
 # The stop file: its appearance stops the robot.
@@ -494,6 +434,7 @@ class Oversight:
 
     Operator of a live stream:
         dead_man KEY|pedal:FILE|page: The robot moves only while this is held.
+        stick keys|gamepad:FILE|page: It walks as this asks, with --steps walk.
         stop_file FILE: Stop when this file appears.
         control_socket [PATH]: Be stopped or held by `retarget stop` and others.
 
@@ -503,6 +444,7 @@ class Oversight:
     """
 
     dead_man: str | None = None
+    stick: str | None = None
     stop_file: Path | None = None
     control_socket: str | None = None
     realtime: int | None = None
@@ -524,12 +466,20 @@ def refuse_oversight(oversight: Oversight, *, virtual: bool) -> None:
             already, step = " already", "Remove it"
         what = f"the file that stops the robot {state}{already}"
         raise UsageError(what, where="--stop-file", found=str(file), next_step=step)
-    if virtual and oversight.dead_man is not None:
+    held = {"--dead-man": oversight.dead_man, "--stick": oversight.stick}
+    for option in filter(held.__getitem__, held) if virtual else ():
         raise UsageError(
-            "a key cannot be held on virtual time",
-            where="--dead-man",
+            "nothing can be held on virtual time",
+            where=option,
             found="a recording on simulated servos",
             next_step="Leave it out, or use a live sender",
+        )
+    if oversight.stick == STICK_KEYS and oversight.dead_man is not None and len(oversight.dead_man) == 1:
+        raise UsageError(
+            "a keyboard repeats one key at a time",
+            where="--stick keys",
+            found=f"--dead-man {oversight.dead_man}",
+            next_step="Use a pedal (pedal:DEVICE), or a gamepad as the stick",
         )
     refuse_scheduling(oversight.scheduling)
 

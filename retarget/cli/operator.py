@@ -16,6 +16,8 @@ from retarget.cli.application import console, log
 from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import Asked, Control, LiveStatus
 from retarget.cli.exit import REASONS, SUSPENDED, StopRequest
+from retarget.cli.stick import Stick, velocity_of
+from retarget.robot.walking.pattern import Request
 from retarget.run.loop import Observer, Operator, Tick
 from retarget.run.prepare import Prepared
 from retarget.run.supervisor import AT_RISK, OperatorInput
@@ -51,12 +53,25 @@ class Clutched(Protocol):
         """Take the present direction as straight ahead. Whether there is one."""
 
 
+def walking_words(asked: Request | None) -> str:
+    """What a stick asks for, in words; "" for nothing."""
+    if asked is None or asked == Request():
+        return ""
+    ways = (
+        (asked.forward, "m/s forward", "m/s back"),
+        (asked.left, "m/s to the left", "m/s to the right"),
+        (asked.turn, "rad/s to the left", "rad/s to the right"),
+    )
+    parts = [f"{abs(value):.2f} {more if value > 0.0 else less}" for value, more, less in ways if value]
+    return f"the stick asks for {', '.join(parts)}"
+
+
 class RunOperator(Operator):
     """Asks for what signals, the page, the controls and the fall of a simulated robot ask for.
 
     stop: signals ask it for a stop, and so does `ask`. page: of the run, if it has one. controls, dead_man: of a live
-    run, and whether one of them grips, without which the robot holds. Each request is carried out before it is
-    reported.
+    run, and whether one of them grips, without which the robot holds. stick: asks for a velocity, of a robot that
+    walks. Each request is carried out before it is reported.
     """
 
     def __init__(
@@ -68,6 +83,7 @@ class RunOperator(Operator):
         page: ViewFeed | None = None,
         controls: Sequence[Control] = (),
         dead_man: bool = False,
+        stick: Stick | None = None,
         notify: Notify = lambda text: None,
     ) -> None:
         self.stop = stop
@@ -75,6 +91,9 @@ class RunOperator(Operator):
         self._bench, self._page, self._controls, self._notify = bench, page, controls, notify
         self._holds = frozenset[Asked]()
         self._since: float | None = None  # [s] when the robot began to hold on purpose
+        legs = None if self._machine is None else self._machine.follower.legs
+        self._stick, self._velocity = stick, None if stick is None else Request()
+        self._fastest = Request() if legs is None or stick is None else legs.fastest(prepared.samples.dt)
         if dead_man:
             self._engage(frozenset({Asked.RELEASE}))
 
@@ -88,6 +107,10 @@ class RunOperator(Operator):
             with caught(failures, StopCause.SOURCE):
                 for asked, reason in control.poll(now):
                     self._carry_out(asked, reason)
+        if self._stick is not None:
+            self._velocity = Request()
+            with caught(failures, StopCause.SOURCE):
+                self._velocity = velocity_of(self._stick.shares(now), self._fastest)
         if self._since is not None and now - self._since > LONGEST_S:
             self.stop.ask(f"paused by the operator for {LONGEST_S:g} s")
         if self._bench is not None and self._machine is not None:
@@ -98,7 +121,7 @@ class RunOperator(Operator):
 
     def asked(self) -> OperatorInput:
         """What was asked for so far, by signals too."""
-        return OperatorInput(self.stop.why or None, self.stop.torque_off)
+        return OperatorInput(self.stop.why or None, self.stop.torque_off, velocity=self._velocity)
 
     @property
     def engaged(self) -> bool:
@@ -128,10 +151,12 @@ class RunOperator(Operator):
         return "following" if status.followed else "holding"
 
     def state_and_reason(self) -> tuple[str, str]:
-        """The present state of a live run, in a few words, and why the performer is not followed, "" where he is."""
+        """The present state of a live run, in a few words, and why the performer is not followed; where he is, what a
+        stick asks for, or ""."""
         words, stop = self.words(), self.status().stop
         held = self._performer.hold_reason or ("" if self._machine is None else self._machine.supervisor.hold_reason)
-        return words, stop or (held if words == "holding" else "")
+        asked = {"holding": held, "following": walking_words(self._velocity)}
+        return words, stop or asked.get(words, "")
 
     @property
     def _performer(self) -> Clutched:

@@ -39,6 +39,7 @@ from retarget.cli.controls import (
     StopFile,
     has_terminal,
     open_dead_man,
+    open_stick,
     refuse_oversight,
 )
 from retarget.cli.exit import (
@@ -54,9 +55,10 @@ from retarget.cli.exit import (
 )
 from retarget.cli.operator import Announcer, RunLines, RunOperator, live_state
 from retarget.cli.session import Session
+from retarget.cli.stick import GAMEPAD_HELP, KEYS_HELP, Gamepad, KeyStick
 from retarget.cli.stop import socket_path
 from retarget.cli.view import opened_page, viewing
-from retarget.cli.web.control import LABEL, PAGE, PageControl, opened_web
+from retarget.cli.web.control import LABEL, PADS, PAGE, PageControl, opened_web
 from retarget.errors import InputError, UsageError
 from retarget.frames import SensorFrames
 from retarget.human.samples import Performance, Playback
@@ -116,7 +118,7 @@ class CommandRun:
         self.feed: ViewFeed | None = None
         self.receiver: PoseReceiver | None = None
         self.control: PageControl | None = None
-        """Poses and control of the page of `web://`; None for another source."""
+        """Poses and control of the page of `web://`, and the latter of a page with a stick; else None."""
 
     def prepared(
         self, perform: Perform, supervisor: Supervisor | None = None, *, robot: RobotBody | None = None
@@ -134,9 +136,9 @@ class CommandRun:
         )
 
     @contextmanager
-    def page(self) -> Iterator[None]:
-        """Show the page of the run, if it has one, from now on."""
-        with opened_page(self.outputs.view, self.options, self.notify) as self.feed:
+    def page(self, *, stick: bool = False) -> Iterator[None]:
+        """Show the page of the run, if it has one, from now on. stick: it has pads by which the robot walks."""
+        with opened_page(self.outputs.view, self.options, self.notify, stick=stick) as self.feed:
             yield
 
     def enter(self, supervisor: Supervisor, state: RunState) -> None:
@@ -149,7 +151,9 @@ class CommandRun:
     def live_page(self, address: StreamAddress, live: "StreamOptions") -> Iterator[None]:
         """Show the page of a live run. That of `web://` also shows what is notified."""
         if address.kind != "web":
-            with self.page():
+            with self.page(stick=live.oversight.stick == PAGE):
+                if self.feed is not None and live.oversight.stick == PAGE:
+                    self.control = PageControl(self.feed, self.notify)
                 yield
             return
         with opened_web(
@@ -157,6 +161,7 @@ class CommandRun:
             self.options.robot,
             listen=live.listen,
             dead_man=live.oversight.dead_man == PAGE,
+            stick=live.oversight.stick == PAGE,
             notify=self.notify,
         ) as (self.feed, self.receiver):
             said, show = self.notify, self.feed.note
@@ -389,6 +394,9 @@ class StreamOptions:
                 step = f"Use --dead-man {PAGE}, on a second device if need be"
                 raise UsageError("web:// has a dead-man control of its own", where="--dead-man", next_step=step)
             return
+        if self.oversight.stick == PAGE and view is None:
+            step = "Add --view, or use web://"
+            raise UsageError("this run has no page", where=f"--stick {PAGE}", next_step=step)
         of_web = {
             "--listen": self.listen,
             "--use-generated-legs": self.use_generated_legs and not source.startswith("replay:"),
@@ -413,7 +421,7 @@ def follow_live(
     refuse_oversight(live.oversight, virtual=type(run.clock) is VirtualClock)
     with detached_screens(), ExitStack() as stack:
         controls = stack.enter_context(ExitStack())
-        devices, dead_man = _opened(live.oversight, controls, run.lines.log, status=lambda: operator.status())
+        devices, dead_man, stick = _opened(live.oversight, controls, run.lines.log, status=lambda: operator.status())
         tap = _raw_tap(live.record_raw, address, stack, overwrite=outputs.overwrite)
         stack.enter_context(run.live_page(address, live))
         notify = run.notify
@@ -426,8 +434,9 @@ def follow_live(
                 stop,
                 bench=run.bench,
                 page=run.feed,
-                controls=[_keyboard(dead_man, stack, run.lines.log), *devices, *filter(None, [run.control])],
+                controls=[_keyboard(dead_man, stick, stack, run.lines.log), *devices, *filter(None, [run.control])],
                 dead_man=live.oversight.dead_man is not None,
+                stick=run.control if live.oversight.stick == PAGE else stick,
                 notify=notify,
             )
             page = stack.enter_context(run.viewing(prepared, operator.state_and_reason))
@@ -465,7 +474,7 @@ def _begun(
             )
         except InputError as error:
             came = run.clock.now() - began < begins.patience  # else the page was not even opened
-            if run.control is None or not run.options.simulated or not came:
+            if run.control is None or run.receiver is None or not run.options.simulated or not came:
                 raise
             run.notify(f"{error} It begins again in {AGAIN_S:g} s.")
             run.lines.try_again()
@@ -536,8 +545,9 @@ def _raw_tap(path: Path | None, address: StreamAddress, stack: ExitStack, *, ove
 
 def _opened(
     oversight: Oversight, stack: ExitStack, notify: Notify, *, status: Callable[[], LiveStatus]
-) -> tuple[list[Control], HeldKey | Pedal | None]:
-    """The controls besides the keyboard, open until `stack` closes, and the dead-man control, which may be a key."""
+) -> tuple[list[Control], HeldKey | Pedal | None, KeyStick | Gamepad | None]:
+    """The controls besides the keyboard, open until `stack` closes; the dead-man control, which may be a key, and the
+    stick, which may be keys."""
     opened: list[Control] = []
     if oversight.control_socket is not None:
         goes_on = GOES_ON if has_terminal() else NEVER_GOES_ON
@@ -553,17 +563,28 @@ def _opened(
         if isinstance(dead_man, Pedal):
             stack.callback(dead_man.close)
             opened.append(dead_man)
+    stick = None
+    if oversight.stick == PAGE:
+        notify(f"stick: {PADS}")
+    elif oversight.stick is not None:
+        stick = open_stick(oversight.stick, terminal=has_terminal(), notify=notify)
+        if isinstance(stick, Gamepad):
+            stack.callback(stick.close)
+            notify(f"stick: {GAMEPAD_HELP}")
     if oversight.stop_file is not None:
         opened.append(StopFile(oversight.stop_file))
-    return opened, dead_man
+    return opened, dead_man, stick
 
 
-def _keyboard(dead_man: HeldKey | Pedal | None, stack: ExitStack, notify: Notify) -> Keyboard:
+def _keyboard(
+    dead_man: HeldKey | Pedal | None, stick: KeyStick | Gamepad | None, stack: ExitStack, notify: Notify
+) -> Keyboard:
     """The keyboard, open until `stack` closes; says which keys do what."""
-    keyboard = Keyboard(dead_man=dead_man if isinstance(dead_man, HeldKey) else None)
+    walks = stick if isinstance(stick, KeyStick) else None
+    keyboard = Keyboard(dead_man=dead_man if isinstance(dead_man, HeldKey) else None, stick=walks)
     stack.callback(keyboard.close)
     if has_terminal():
-        notify(HELP)
+        notify(HELP if walks is None else f"{HELP}, {KEYS_HELP}")
     if dead_man is not None:
         notify(f"hold {dead_man.label}: the robot moves only while it is held")
     return keyboard
@@ -648,6 +669,10 @@ class RunRequest:
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
             refuse_given([*given(self.file, but=("stature",)), *start, *pose], "motion file")
             self.live.refuse_pages(self.source, self.view)
+            if self.live.oversight.stick is not None and options.steps != "walk":
+                found = "no --steps" if options.steps is None else f"--steps {options.steps}"
+                step = "Add --steps walk, or leave it out"
+                raise UsageError("a stick is for a robot that walks", where="--stick", found=found, next_step=step)
         else:
             streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
             refuse_given(streams, "live stream")

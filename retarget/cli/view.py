@@ -61,13 +61,17 @@ def view(
 
 
 @contextmanager
-def opened_page(port: int | None, options: RunOptions, notify: Notify) -> Iterator[ViewFeed | None]:
+def opened_page(
+    port: int | None, options: RunOptions, notify: Notify, *, stick: bool = False
+) -> Iterator[ViewFeed | None]:
     """The page of a run on a port of this machine, before anything is known of the performer; None: there is none.
-    notify: receives its address. Raises RefusedError for a page that does not open."""
+    notify: receives its address. stick: the robot walks as its pads ask. Raises RefusedError for a page that does not
+    open."""
     if port is None:
         yield None
         return
-    with open_feed(Settings(listen=False, port=port, robot=options.robot, performs=False)) as feed:
+    settings = Settings(listen=False, port=port, robot=options.robot, performs=False, stick=stick)
+    with open_feed(settings) as feed:
         notify(f"Look at it: {feed.address}")
         yield feed
 

@@ -140,7 +140,7 @@ class RecordingFile:
 ROWS = 1024
 """Eight seconds at 125 Hz."""
 CLEARED = (
-    *("readings", "asked", "sampled", "read", "written", "kept", "sensor_valid", "clock"),
+    *("readings", "asked", "velocity_asked", "sampled", "read", "written", "kept", "sensor_valid", "clock"),
     *STAGES,
 )
 """The fields that say what happened in a cycle: in a new row nothing has."""

@@ -40,6 +40,7 @@ from retarget.recording.topics import (
     RECORDED,
     SENSORS,
     SERVOS,
+    STICK,
     TICK,
     TRUTH,
     sent_postures,
@@ -360,7 +361,7 @@ def _cycles(recording: Recording) -> RunTable:
     if cycles.tick[asked].max() >= session.ticks:
         raise ValueError("more ticks than its session has")
     cycles.q_servos[:], cycles.human_q[:], cycles.truth[:] = np.nan, np.nan, np.nan
-    for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH, IMU, CONTACT} & set(recording.topics):
+    for topic in {SERVOS, GOALS, HUMAN_POSTURE, TRUTH, IMU, CONTACT, STICK} & set(recording.topics):
         at, known = _places(cycles, recording.topics[topic])
         for name, own in message_fields(topic).items():
             cycles.known[own][at] = recording.topics[topic].rows[name][known]

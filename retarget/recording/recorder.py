@@ -106,6 +106,8 @@ class CycleObserver(Observer):
             Asked.OUTSIDE: operator.fault is not None,
         }
         rows.asked[at] = sum(flag for flag, is_so in asked.items() if is_so)
+        if (stick := operator.velocity) is not None:
+            rows.velocity_asked[at] = stick.forward, stick.left, 0.0, 0.0, 0.0, stick.turn
         if servos is not None:
             rows.read[at] = Done.WELL
             rows.bus_time[at], rows.retries[at], rows.error_rate[at] = servos.time, servos.retries, servos.error_rate

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isnan
 from typing import ClassVar
 
 import numpy as np
@@ -21,6 +22,7 @@ from retarget.recording.cycles import Asked, Done, now_of
 from retarget.recording.reading import Recording
 from retarget.recording.session import Session, machine_name
 from retarget.recording.topics import SERVO_FIELDS
+from retarget.robot.walking.pattern import Request
 from retarget.run.loop import Observer
 from retarget.run.prepare import prepare_for
 from retarget.run.run_result import RunResult
@@ -180,15 +182,21 @@ class RecordedInputs:
         return ServoStates(**states, time=time, retries=retries, error_rate=error_rate, imu=imu)
 
     def _operator(self) -> OperatorInput:
+        velocity = self._velocity()
         if not self._is_recorded:
-            return OperatorInput(torque_off=self._cycle > self._last)
+            return OperatorInput(torque_off=self._cycle > self._last, velocity=velocity)
         stop = "stopped, as recorded" if self._asked(Asked.STOP) else None
         fault = None
         if self._asked(Asked.OUTSIDE):
             name, _, reason = self._text("outside").partition(": ")
             causes = [cause for cause in StopCause if cause.value == name]
             fault = causes[0] if causes else StopCause.REQUESTED, reason or "as recorded"
-        return OperatorInput(stop, self._asked(Asked.TORQUE_OFF), fault)
+        return OperatorInput(stop, self._asked(Asked.TORQUE_OFF), fault, velocity)
+
+    def _velocity(self) -> Request | None:
+        """What a stick asked for."""
+        forward, left, _, _, _, turn = self._cycles.velocity_asked[self._row].tolist()
+        return None if isnan(forward) else Request(forward, left, turn)
 
     def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
         samples = self._samples

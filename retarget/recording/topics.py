@@ -17,7 +17,7 @@ from retarget.types import FloatArray
 
 SENSORS, JOINTS, GOALS, SERVOS, TICK = "/sensors", "/joint_states", "/goals", "/servos", "/tick"
 LANDMARKS, HUMAN_JOINTS, HUMAN_POSTURE, FRAMES = "/landmarks", "/human/joints", "/human/posture", "/tf"
-EVENTS, TRUTH, IMU, CONTACT = "/events", "/truth", "/imu", "/contact"
+EVENTS, TRUTH, IMU, CONTACT, STICK = "/events", "/truth", "/imu", "/contact", "/cmd_vel"
 WORLD, POSTURE, JOINT_STATE = "world", "retarget_msgs/msg/Posture", "sensor_msgs/msg/JointState"
 STEP = 2.0**-16
 """Step, m or rad, to which such numbers are rounded: 15 um. Most of their bytes are then zeros."""
@@ -108,7 +108,7 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
         fields(GOALS, JOINT_STATE, names, kept(GOALS), **of_joints),
         fields(SERVOS, "retarget_msgs/msg/Servos", names, lambda cycles: cycles.read != Done.NOT, **of_joints),
         _frames(robot, kept(FRAMES)),
-        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT))),
+        *(_imu_topics(robot) + _contact_topics(robot, kept(CONTACT)) + [_stick_topic(robot)]),
     ]
     made += [fields(TRUTH, POSTURE, named["truth"], kept(TRUTH))] if named.get("truth") else []
     return [*made, points(LANDMARKS, named["landmarks"], "landmarks_asked")]
@@ -117,6 +117,13 @@ def topics(widths: Widths, named: Mapping[str, tuple[str, ...]], *, dt: float, r
 def _has_imu(cycles: RunTable) -> NDArray[np.bool_]:
     """The cycles (T,) in which an IMU was read with the servos."""
     return np.asarray((cycles.read != Done.NOT) & ~np.isnan(cycles.imu_time))
+
+
+def _stick_topic(robot: RobotBody) -> Topic:
+    """What a stick asked for, in the cycles in which one was in force."""
+    which = lambda cycles: ~np.isnan(cycles.velocity_asked[:, 0])  # noqa: E731
+    values = lambda cycles: {"twist": cycles.velocity_asked}  # noqa: E731
+    return _topic(STICK, "geometry_msgs/msg/TwistStamped", (), which, values, {"frame_id": robot.body.body_names[1]})
 
 
 def _imu_topics(robot: RobotBody) -> list[Topic]:

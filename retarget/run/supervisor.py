@@ -12,6 +12,7 @@ from hardware.clock import Clock
 from hardware.guard import Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from retarget.human.samples import PerformerInput
+from retarget.robot.walking.pattern import Request
 from retarget.types import RunState
 
 
@@ -186,11 +187,13 @@ class End(Enum):
 class OperatorInput:
     """What the operator asks for. stop: why the robot is to stop, None: it is not. torque_off: whether torque is to go
     off at once; it counts once the robot stops. fault: cause and reason of a stop that is latched whatever the state:
-    the robot has fallen."""
+    the robot has fallen. velocity: asked by a stick, all zeros to stand; None: there is none, so the robot walks with
+    the performer."""
 
     stop: str | None = None
     torque_off: bool = False
     fault: tuple[StopCause, str] | None = None
+    velocity: Request | None = None
 
 
 @dataclass(frozen=True, slots=True)

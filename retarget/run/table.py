@@ -90,6 +90,13 @@ class RunTable:
     asked: BitArray = _field("", "`Asked` before the cycle, and answered with yes", topic="/tick")
     clock: FloatArray = _field("s", "what the clock said", READINGS, topic="/tick")
     readings: ModeArray = _field("", "number of readings of the clock", topic="/tick")
+    velocity_asked: FloatArray = _field(
+        "m/s, rad/s",
+        "twist that a stick asks of the robot: forward, left, up, and turns about these; NaN: there is none",
+        6,
+        topic="/cmd_vel.twist",
+        fill=np.nan,
+    )
 
     time_captured: FloatArray = _stage("when the newest frame of a stream was captured")
     time_arrived: FloatArray = _stage("when that frame arrived")

@@ -331,7 +331,9 @@ def _situation(machine: Machine, motion: RobotMotion, state: TickState, hold_rea
 
 def _target(machine: Machine, motion: RobotMotion, state: TickState, given: TickInput) -> Target | None:
     """What the controller of the present state asks for; None: brake, or stand."""
-    guard, run_state = machine.guard, machine.supervisor.state
+    guard, run_state, legs = machine.guard, machine.supervisor.state, machine.follower.legs
+    if legs is not None:
+        legs.velocity = given.operator.velocity
     if run_state in TO_REST and guard.is_silent:  # goals that no servo hears would come as one step
         return motion.brake(run_state, state.commanded)
     pressed = None if machine.contact is None or run_state is not RunState.HOLD else machine.contact.pressed

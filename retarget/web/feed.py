@@ -66,14 +66,15 @@ MOST_WORDS = 1024
 class Settings:
     """How the page is served. listen: on every interface, with HTTPS, and not on this machine alone. port: of TCP, 0
     for any. robot: name or file of its profile. performs: a browser may be the performer, and pause the robot; else it
-    looks on, and can only stop it. dead_man: the robot moves only while it is held. poses: number of the socket to the
-    run for poses, -1: none."""
+    looks on, and can only stop it. dead_man: the robot moves only while it is held. stick: it walks as the pads ask.
+    poses: number of the socket to the run for poses, -1: none."""
 
     listen: bool
     port: int
     robot: str
     performs: bool = True
     dead_man: bool = False
+    stick: bool = False
     poses: int = -1
 
 

@@ -14,9 +14,9 @@ from retarget.web.feed import BUFFER_BYTES, Settings, ViewFeed, open_feed
 HEADER = struct.Struct("<dI")
 """Before each frame of poses: when it arrived, s of this machine's monotonic clock, and the number of its performer."""
 PAUSE, GO_ON = "pause", "go on"
-GRIP, RELEASE, HEALTH, NOTE = "grip ", "release ", "health ", "note "
-"""Words of the page to the run. Behind the last four stand the number of a dead-man control, twice, what a browser says
-of itself, as JSON, and a sentence."""
+GRIP, RELEASE, STICK, HEALTH, NOTE = "grip ", "release ", "stick ", "health ", "note "
+"""Words of the page to the run. Behind the last five stand the number of a dead-man control, twice, three shares (-1 to
+1) of the fastest walk, what a browser says of itself, as JSON, and a sentence."""
 
 
 class PoseReceiver:

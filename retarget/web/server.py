@@ -7,13 +7,14 @@ browser.
 The page sends JSON: `hello` with an input and a name; poses, as docs/live.md has them, or 33 landmarks of a camera,
 `{"axes": "camera", "time": 12.345, "frame": 741, "size": [640, 480], "landmarks": [[u, v, x, y, z, visibility], ...]}`.
 u and v are shares of the picture's width and height; x, y and z are metres with the hips as origin, x to the right of
-the picture, y down and z away from the camera. It may also send `stop`, `pause`, `go on`, `held` (ten times a second,
-true or false) and `health`. The server sends `welcome` or `refused`, `note`, `paused` (why, "" where it is not),
-`scene` (triangles of each link), and `state` 25 times a second, with the poses of all links behind it, see
-`packed_state`.
+the picture, y down and z away from the camera. It may also send `stop`, `pause`, `go on`, `health`, and ten times a
+second `held` (true or false) and `stick` (`forward`, `left` and `turn`, each -1 to 1). The server sends `welcome` or
+`refused`, `note`, `paused` (why, "" where it is not), `scene` (triangles of each link), and `state` 25 times a second,
+with the poses of all links behind it, see `packed_state`.
 
-A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop the robot, and
-that of `web://` pause it. Nothing is served without the key in its address, and one performer at a time is heard.
+A browser is a performer, whose poses go on to the run byte for byte, or looks on. Any of them may stop the robot, that
+of `web://` pause it, and that of a run with `--stick page` let it walk. Nothing is served without the key in its
+address, and one performer at a time is heard.
 """
 
 import asyncio
@@ -60,7 +61,7 @@ from retarget.web.feed import (
     Settings,
     unpacked,
 )
-from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, NOTE, PAUSE, RELEASE
+from retarget.web.link import GO_ON, GRIP, HEADER, HEALTH, NOTE, PAUSE, RELEASE, STICK
 from retarget.web.runtime import runtime_folder
 from retarget.web.serving import Pages
 from retarget.web.shown import Cast, live_tracks
@@ -115,6 +116,9 @@ class Client:
 
 class _Ended(Exception):
     """A client that is sent away; its text says why."""
+
+
+OTHER_PAGE = "the page says something else than its server understands: load it anew"
 
 
 @dataclass(eq=False)
@@ -177,7 +181,7 @@ class PageServer:
         client.identity, given = str(hello.get("id", ""))[:64], str(hello.get("input"))
         inputs = ("camera", "headset", "watch") if self.settings.performs else ("watch",)
         if hello.get("say") != "hello" or given not in inputs or not client.identity:
-            raise _Ended("the page says something else than its server understands: load it anew")
+            raise _Ended(OTHER_PAGE)
         if len(self.clients) >= MOST_CLIENTS:
             raise _Ended(f"more than {MOST_CLIENTS} pages are open: close one")
         if given != "watch":
@@ -191,6 +195,7 @@ class PageServer:
             "performs": settings.performs,
             "runtime": runtime_folder() is not None,
             "dead_man": settings.dead_man,
+            "stick": settings.stick,
         }
         self.clients[client] = None
         for text in (json.dumps(welcome), *self.said.values()):
@@ -227,9 +232,10 @@ class PageServer:
             self._forward(client, message.encode(), now)
             return
         said = _parsed(message)
-        act = _SAYINGS.get(str(said["say"]))
-        if act is None or not (self.settings.performs or said["say"] in LOOKING_ON):
-            raise _Ended("the page says something else than its server understands: load it anew")
+        say, settings = str(said["say"]), self.settings
+        act, is_asked = _SAYINGS.get(say), settings.stick if say == "stick" else settings.performs or say in LOOKING_ON
+        if act is None or not is_asked:
+            raise _Ended(OTHER_PAGE)
         act(self, client, said)
 
     def _forward(self, client: Client, frame: bytes, now: float) -> None:
@@ -264,6 +270,13 @@ class PageServer:
             raise _Ended(f"more than {MOST_HOLDS} pages have used a dead-man control: end the run, and start it anew")
         number = self._holds.setdefault(client.identity, len(self._holds))
         self._word(f"{GRIP if said.get('held') is True else RELEASE}{number}")
+
+    def steer(self, client: Client, said: dict[str, Any]) -> None:
+        """A pad is held: how fast the robot is to walk."""
+        shares = [said.get(name) for name in ("forward", "left", "turn")]
+        if not all(type(one) in (int, float) and abs(one) <= 1.0 for one in shares):  # type: ignore[arg-type]
+            raise _Ended(OTHER_PAGE)
+        self._word(STICK + " ".join(f"{one:.3f}" for one in shares))
 
     def pong(self, client: Client, said: dict[str, Any]) -> None:
         """Answer at once: the page measures the way there and back."""
@@ -419,6 +432,7 @@ _SAYINGS: dict[str, Callable[[PageServer, Client, dict[str, Any]], None]] = {
     "pause": PageServer.pause,
     "go on": PageServer.pause,
     "held": PageServer.hold,
+    "stick": PageServer.steer,
     "ping": PageServer.pong,
     "health": PageServer.health,
 }
@@ -446,7 +460,7 @@ def _parsed(message: str | bytes) -> dict[str, Any]:
     except (ValueError, RecursionError):
         said = None
     if not isinstance(said, dict) or "say" not in said:
-        raise _Ended("the page says something else than its server understands: load it anew")
+        raise _Ended(OTHER_PAGE)
     return said
 
 

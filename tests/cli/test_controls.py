@@ -11,6 +11,8 @@ import random
 import select
 import socket
 import stat
+import struct
+import tempfile
 import termios
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -24,7 +26,6 @@ from hypothesis import strategies as st
 from hardware.errors import HardwareError
 from messages import refuses, shows
 from retarget.cli.controls import (
-    EVENT,
     LET_GO_S,
     MOST_CLIENTS,
     NEEDED,
@@ -38,13 +39,18 @@ from retarget.cli.controls import (
     Pedal,
     StopFile,
     open_dead_man,
+    open_stick,
     refuse_oversight,
 )
+from retarget.cli.event_device import ABS_INFO, EV_ABS, EV_KEY, EV_SYN, EVENT, EVIOCGABS, SYN_DROPPED
+from retarget.cli.stick import ABS_RX, ABS_X, ABS_Y, LAPSE_S, STAND, Gamepad, KeyStick, velocity_of
 from retarget.cli.stop import MAX_LINE, connect_to, socket_path
 from retarget.errors import UsageError
+from retarget.robot.walking.pattern import Request
 
 HELD_KEY_DT = 0.01
-KEY_B, BTN_TRIGGER = 48, 0x120
+EVENT_RANGE = struct.pack("@2i", 0, 255)
+KEY_B, BTN_TRIGGER, BTN_TL, BTN_SOUTH = 48, 0x120, 0x136, 0x130
 
 
 def asked(control: Control, now: float = 0.0) -> list[Asked]:
@@ -209,6 +215,131 @@ def test_a_pedal_with_and_without_a_key(device: Device, text: str, code: int, co
     device.event(1, code, 1)
     assert asked(dead_man) == [Asked.GRIP] * counts
     dead_man.close()
+
+
+def test_keys_of_a_stick_walk_from_the_first_press_to_the_lapse(terminal: tuple[int, int]) -> None:
+    master, end = terminal
+    stick = KeyStick()
+    keys = Keyboard(end, stick=stick)
+    assert stick.shares(0.0) == STAND
+    for now, pressed, found in (
+        (1.0, b"w", (1.0, 0.0, 0.0)),
+        (1.0 + LAPSE_S, b"", (1.0, 0.0, 0.0)),  # a keyboard waits before it repeats
+        (1.01 + LAPSE_S, b"", STAND),
+        (2.0, b"ws", (-1.0, 0.0, 0.0)),
+        (2.1, b"a", (0.0, 1.0, 0.0)),
+        (2.2, b"e", (0.0, 0.0, -1.0)),
+        (2.3, b"kP", (0.0, 0.0, -1.0)),  # other keys change nothing
+        (2.4, b"qx", STAND),
+    ):
+        os.write(master, pressed)
+        assert asked(keys, now) == [] and stick.shares(now) == found, pressed
+    os.write(master, b"w ")
+    assert asked(keys, 3.0) == [Asked.STOP], "space stops, whatever walks"
+    keys.close()
+
+
+@pytest.fixture
+def gamepad(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Gamepad, Device, list[str]]]:
+    """With its device, and what it says. Its left stick goes from 0 to 255, its right one as most do."""
+    ranges = {ABS_X: (0, 255), ABS_Y: (0, 255), ABS_RX: (-32768, 32767)}
+
+    def answer(fd: int, request: int, info: bytearray) -> None:
+        info[:] = ABS_INFO.pack(7, *ranges[request - EVIOCGABS], 0, 15, 0)
+
+    monkeypatch.setattr("fcntl.ioctl", answer)
+    said = list[str]()
+    made = open_stick(f"gamepad:{device.path}", terminal=False, notify=said.append)
+    assert isinstance(made, Gamepad)
+    yield made, device, said
+    made.close()
+
+
+def test_a_gamepad_walks_while_a_shoulder_button_is_held(gamepad: tuple[Gamepad, Device, list[str]]) -> None:
+    stick, device, _ = gamepad
+    device.event(EV_ABS, ABS_Y, 0)
+    assert stick.shares(0.0) == STAND, "no button"
+    device.event(EV_KEY, BTN_SOUTH, 1)
+    assert stick.shares(0.0) == STAND, "another button"
+    device.event(EV_KEY, BTN_TL, 1)
+    assert stick.shares(0.0) == (1.0, 0.0, 0.0)
+    device.event(EV_ABS, ABS_Y, 255)
+    device.event(EV_ABS, ABS_X, 0)
+    device.event(EV_ABS, ABS_RX, 32767)
+    assert stick.shares(1e6) == (-1.0, 1.0, -1.0), "a stick that is not moved sends nothing"
+    device.event(EV_ABS, ABS_X, 300)
+    device.event(EV_ABS, ABS_RX, -16384)
+    device.event(EV_ABS, ABS_Y, 128)
+    assert stick.shares(1e6) == pytest.approx((0.0, -1.0, 0.5), abs=0.004)
+    device.event(EV_KEY, BTN_TL, 0)
+    assert stick.shares(1e6) == STAND
+
+
+def test_a_gamepad_whose_events_were_dropped_stands_until_they_come_anew(
+    gamepad: tuple[Gamepad, Device, list[str]],
+) -> None:
+    stick, device, _ = gamepad
+    device.event(EV_KEY, BTN_TL, 1)
+    device.event(EV_ABS, ABS_Y, 0)
+    assert stick.shares(0.0) != STAND
+    device.event(EV_SYN, SYN_DROPPED, 0)
+    assert stick.shares(0.0) == STAND
+    device.event(EV_KEY, BTN_TL, 1)
+    assert stick.shares(0.0) == STAND, "where the stick is now is not known"
+    device.event(EV_ABS, ABS_Y, 0)
+    assert stick.shares(0.0) == (1.0, 0.0, 0.0)
+
+
+def test_a_gamepad_that_is_gone_stands_for_good_and_says_so_once(gamepad: tuple[Gamepad, Device, list[str]]) -> None:
+    stick, device, said = gamepad
+    device.event(EV_KEY, BTN_TL, 1)
+    device.event(EV_ABS, ABS_Y, 0)
+    assert stick.shares(0.0) != STAND
+    device.unplug()
+    assert stick.shares(0.0) == stick.shares(0.1) == STAND
+    (text,) = said
+    shows(text.replace(device.path, "/dev/input/event7"))
+
+
+@settings(max_examples=200)
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 0x3FF), st.integers(-(2**31), 2**31 - 1))), st.binary())
+def test_whatever_a_gamepad_sends_the_shares_are_within_their_range(
+    events: list[tuple[int, int, int]], junk: bytes
+) -> None:
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        device, patch = Device(folder / "event7"), stack.enter_context(pytest.MonkeyPatch.context())
+        stack.callback(device.unplug)
+        patch.setattr("fcntl.ioctl", lambda fd, request, info: info.__setitem__(slice(4, 12), EVENT_RANGE))
+        stick = Gamepad(device.path, notify=lambda text: None)
+        device.event(EV_KEY, BTN_TL, 1)
+        for kind, code, value in events:
+            device.event(kind, code, value)
+            assert all(-1.0 <= share <= 1.0 for share in stick.shares(0.0))
+        os.write(device.fd, junk)
+        assert all(-1.0 <= share <= 1.0 for share in stick.shares(0.0))
+        stick.close()
+
+
+def test_a_stick_has_a_dead_zone_and_is_no_faster_on_a_slant_than_straight_on() -> None:
+    most = Request(0.1, 0.04, 0.3)
+    assert velocity_of((0.14, -0.14, 0.14), most) == Request()
+    assert velocity_of((1.0, 0.0, -1.0), most) == Request(0.1, 0.0, -0.3)
+    assert vars(velocity_of((0.32, -0.49, 0.1), most)) == pytest.approx({"forward": 0.02, "left": -0.016, "turn": 0.0})
+    both = velocity_of((1.0, -1.0, 1.0), most)
+    assert (both.forward / 0.1) ** 2 + (both.left / 0.04) ** 2 == pytest.approx(1.0) and both.turn == 0.3
+
+
+def test_what_is_no_stick_is_refused(device: Device) -> None:
+    for text, terminal in (("joy", True), ("gamepad", True), ("keys", False)):
+        with refuses(UsageError, "--stick", text):
+            open_stick(text, terminal=terminal, notify=print)
+    with refuses(HardwareError):  # a pipe has no axes
+        open_stick(f"gamepad:{device.path}", terminal=False, notify=print)
+    for oversight, virtual in ((Oversight(stick="page"), True), (Oversight(stick="keys", dead_man="b"), False)):
+        with refuses(UsageError, "--stick"):
+            refuse_oversight(oversight, virtual=virtual)
+    refuse_oversight(Oversight(stick="keys", dead_man="pedal:/dev/input/event5"), virtual=False)
 
 
 def test_a_stop_file_counts_as_there_wherever_it_cannot_be_looked_for(tmp_path: Path) -> None:

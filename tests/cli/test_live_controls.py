@@ -28,10 +28,13 @@ from retarget.cli.controls import (
 )
 from retarget.cli.exit import StopRequest
 from retarget.cli.operator import LONGEST_S, REMINDER_S, TOO_SOON, Announcer, RunOperator
+from retarget.cli.stick import KeyStick
 from retarget.cli.stop import connect_to
 from retarget.live.begin import LiveOptions
 from retarget.live.performer import LivePerformer
+from retarget.robot.walking.gait import LONGEST_STOP_S
 from retarget.run.loop import Operator
+from retarget.run.options import RunOptions
 from retarget.run.prepare import Prepared
 from retarget.run.record import Phase
 from retarget.run.rest_trajectory import EndPlan
@@ -62,8 +65,8 @@ class Script:
 class Typed(Keyboard):
     """A keyboard that types by itself, by the number of the look."""
 
-    def __init__(self, keys: Mapping[int, str]) -> None:
-        super().__init__()
+    def __init__(self, keys: Mapping[int, str], *, stick: KeyStick | None = None) -> None:
+        super().__init__(stick=stick)
         self._keys, self._looks = keys, 0
 
     def pressed(self) -> str:
@@ -142,6 +145,34 @@ def test_let_go_it_holds_within_two_ticks_and_stands_soon() -> None:
         assert "hold" in states[first : first + 4], states[first - 1 : first + 8]
         still = slice(first + round(0.35 / DT), first + round((ended - begun) / DT) - 1)
         assert steps[still].max() == 0.0, begun
+
+
+@pytest.mark.long
+def test_a_key_walks_and_a_dead_man_that_is_let_go_ends_the_walk_within_two_steps() -> None:
+    rig, stick, let_go = rigged(12.0), KeyStick(), 1250
+    rig.run_options = RunOptions(robot="op3", steps="walk")
+    keys = Typed(dict.fromkeys(range(1, 4000, 5), "w"), stick=stick)
+    walks, steps, words = list[bool](), list[int](), list[tuple[str, str]]()
+    with rig.prepared() as prepared:
+        machine, control = prepared.machine, grip(lambda poll: poll < let_go)
+        assert machine is not None and machine.follower.legs is not None
+        legs = machine.follower.legs
+        operator = RunOperator(prepared, StopRequest(), controls=[keys, control], dead_man=True, stick=stick)
+
+        class Watched(Operator):
+            def ask(self, state: RunState | None) -> OperatorInput:
+                walks.append(legs.walks)
+                steps.append(legs.tally().steps)
+                words.append(operator.state_and_reason())
+                return operator.ask(state)
+
+        result = prepared.run(Watched(), [])
+    moved = np.abs(np.diff(goals_of(result), axis=0)).max(axis=1)
+    stood = slice(let_go + round(LONGEST_STOP_S / DT), let_go + round((LONGEST_STOP_S + 0.5) / DT))
+    assert walks[let_go - 1] and steps[let_go] >= 3 and moved[let_go : let_go + 20].max() > 0.0
+    assert moved[stood].max() == 0.0 and steps[-1] == steps[let_go], "it begins no other step"
+    assert result.tally.walk is not None and result.tally.walk.asked_m > 0.3
+    shows(words[let_go - 10][1])
 
 
 @pytest.mark.long

@@ -23,6 +23,8 @@ FILES = {
 RUN = "run --robot op3 --source sample --save s.npz"
 LIVE = "run --robot human --source json://127.0.0.1:14150"
 REPLAYED = "run --robot human --source replay://nowhere.raw"
+WALKS = "run --robot op3 --source json://127.0.0.1:14150"
+WALKED = "run --robot op3 --source replay://nowhere.raw"
 EMULATE = "emulate --robot op3 --link link"
 FIT = "fit-observers op3"
 
@@ -61,6 +63,7 @@ TYPED = [
     f"{RUN} --scene s.yaml",
     f"{RUN} --realtime 0",
     f"{RUN} --dead-man b --control-socket",
+    f"{RUN} --steps walk --stick keys",
     f"{RUN} --person anna --check-sides",
     "run --robot human --source sample --parts upper",
     "run --robot human --source sample --no-gate",
@@ -72,6 +75,13 @@ TYPED = [
     f"{REPLAYED} --speed 2",
     f"{LIVE} --realtime 0",
     f"{LIVE} --dead-man b",
+    f"{LIVE} --stick keys",
+    f"{WALKS} --steps planted --stick keys",
+    f"{WALKS} --steps walk --stick keys",
+    f"{WALKS} --steps walk --stick joy",
+    f"{WALKS} --steps walk --stick page",
+    f"{WALKS} --steps walk --stick gamepad:/dev/null",
+    f"{WALKED} --steps walk --stick keys",
     f"{LIVE} --control-socket /nowhere/x",
     f"{LIVE} --start 3",
     "emulate --robot op4 --link link",

@@ -32,7 +32,8 @@ from retarget.recording.replay import (
     replay,
     what_computes,
 )
-from retarget.recording.topics import IMU
+from retarget.recording.topics import IMU, STICK
+from retarget.robot.walking.pattern import Request
 from retarget.run.loop import Operator
 from retarget.run.options import RunOptions
 from retarget.run.run_result import RunResult
@@ -151,6 +152,33 @@ class Fallen(Operator):
         if self._fails:
             raise RuntimeError("no terminal")
         return OperatorInput(fault=(StopCause.FALLEN, "the robot has fallen: over a wire"))
+
+
+class Steers(Operator):
+    """Asks for a walk on a curve for 300 ticks of 8 ms, and then for a stand."""
+
+    def __init__(self) -> None:
+        self._ticks = iter(range(10_000))
+
+    def ask(self, state: RunState | None) -> OperatorInput:
+        walks = state is RunState.FOLLOW and next(self._ticks) < 300
+        return OperatorInput(velocity=Request(0.07, -0.0123, 0.1) if walks else Request())
+
+
+@pytest.mark.long
+def test_a_walk_that_a_stick_asked_for_is_walked_again(tmp_path: Path) -> None:
+    """Without what was asked, as a recording of before has it, the robot stays where its performer stays."""
+    options = RunOptions(robot="op3", steps="walk")
+    run = record(tmp_path / "run.mcap", options=options, seconds=4.5, operator=Steers())
+    found, walk = run.read(), run.result.tally.walk
+    assert walk is not None and walk.steps >= 3 and walk.walked_m > 0.03
+    assert walk.asked_m == pytest.approx(300 * 0.008 * np.hypot(0.07, 0.0123)), "asked by the stick"
+    again = replay(found)
+    same(again, run.result)
+    assert again.result.tally.walk == walk
+    stands = replay(replace(found, topics={name: rows for name, rows in found.topics.items() if name != STICK}))
+    assert stands.result.tally.walk is not None and stands.result.tally.walk.steps == 0
+    assert stands.difference.differ > 0
 
 
 def stopped_by_the_operator() -> Operator:

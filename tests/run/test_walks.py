@@ -28,14 +28,15 @@ from retarget.types import FloatArray, RunState
 from sim.mock_bus import mock_bus
 from sim.performer import strolling_performer, synthetic_performer
 
-FORWARD = Request(forward=0.1)
+FORWARD, STAND = Request(forward=0.1), Request()
 
 
 class Stick(Observer):
     """Asks for a velocity from the time on that following begins, and notes states and postures."""
 
-    def __init__(self, asked: Callable[[float], Request | None]) -> None:
+    def __init__(self, asked: Callable[[float], Request]) -> None:
         self._asked, self._begun = asked, 0.0
+        self.velocity = STAND
         self.prepared: Prepared
         self.states, self.walked = list[RunState](), list[bool]()
         self.t = 0.0
@@ -51,18 +52,19 @@ class Stick(Observer):
         if RunState.FOLLOW in self.states:
             self._begun = self._begun or tick.given.now
             self.t = tick.given.now - self._begun
-            legs.velocity = self._asked(self.t)
+            self.velocity = self._asked(self.t)
 
 
-class Stops(Operator):
-    """Asks for a stop from a time on, s since following began."""
+class Steers(Operator):
+    """Asks for the velocity of a stick, and for a stop from a time on, s since following began."""
 
     def __init__(self, stick: Stick, after: float) -> None:
         self._stick, self._after = stick, after
 
     def asked(self) -> OperatorInput:
         """What is asked for."""
-        return OperatorInput(stop="it is enough" if self._stick.t > self._after else None)
+        stop = "it is enough" if self._stick.t > self._after else None
+        return OperatorInput(stop, velocity=self._stick.velocity)
 
 
 def run(stick: Stick, *, end: float = 8.0, stops: float = np.inf, lost: tuple[float, float] | None = None) -> RunResult:
@@ -74,7 +76,7 @@ def run(stick: Stick, *, end: float = 8.0, stops: float = np.inf, lost: tuple[fl
         if lost is not None:
             prepared = replace(prepared, samples=Lost(prepared.samples, *lost))  # type: ignore[arg-type]
             stick.prepared = prepared
-        return prepared.run(Stops(stick, stops), [stick])
+        return prepared.run(Steers(stick, stops), [stick])
 
 
 class Lost:
@@ -112,7 +114,7 @@ def sent_postures(result: RunResult) -> FloatArray:
 
 
 def test_it_walks_and_stands_again() -> None:
-    stick = Stick(lambda t: FORWARD if 0.5 < t < 4.5 else None)
+    stick = Stick(lambda t: FORWARD if 0.5 < t < 4.5 else STAND)
     result = run(stick)
     q, walked = sent_postures(result), np.array(stick.walked)
     assert result.state == RunState.OFF.value and result.stop is None
@@ -127,7 +129,7 @@ def test_it_walks_and_stands_again() -> None:
 @pytest.mark.parametrize("after", [1.2, 1.9, 2.5, 2.7, 2.9, 3.1])
 def test_a_stop_in_the_middle_of_a_step_ends_on_both_feet(after: float) -> None:
     """The sway to a first step, the step that is under way, two more, and the end of the pattern."""
-    stick = Stick(lambda t: FORWARD if t > 0.3 else None)
+    stick = Stick(lambda t: FORWARD if t > 0.3 else STAND)
     result = run(stick, stops=after)
     assert result.state == RunState.OFF.value
     stopping = [row for row, state in enumerate(stick.states) if state is RunState.STOPPING]
@@ -136,7 +138,7 @@ def test_a_stop_in_the_middle_of_a_step_ends_on_both_feet(after: float) -> None:
 
 
 def test_a_hold_in_the_middle_of_a_step_is_a_stand_and_then_it_walks_on() -> None:
-    stick = Stick(lambda t: FORWARD if t > 0.3 else None)
+    stick = Stick(lambda t: FORWARD if t > 0.3 else STAND)
     result = run(stick, end=13.0, lost=(3.0, 6.0))
     q = sent_postures(result)
     held = [row for row, state in enumerate(stick.states) if state is RunState.HOLD]
@@ -147,7 +149,7 @@ def test_a_hold_in_the_middle_of_a_step_is_a_stand_and_then_it_walks_on() -> Non
 
 def test_a_short_hold_does_not_end_in_the_air() -> None:
     """The robot finishes its way to a stand, and only then walks on."""
-    stick = Stick(lambda t: FORWARD if t > 0.3 else None)
+    stick = Stick(lambda t: FORWARD if t > 0.3 else STAND)
     q = sent_postures(run(stick, end=10.0, lost=(3.0, 3.2)))
     moved = np.diff(q[:, op3().servo_columns], axis=0)
     limits = op3().joint_map

@@ -137,7 +137,7 @@ class StandIn:
                 news.cancel()
 
     async def _begin(self, connection: ServerConnection) -> None:
-        known = {"robot": "op3", "performs": True, "dead_man": False}
+        known = {"robot": "op3", "performs": True, "dead_man": False, "stick": False}
         runtime = self.runtime or "runtime/vision_bundle.mjs" in self.files
         await connection.send(json.dumps({"hear": "welcome", "runtime": runtime} | known | self.welcome))
         if self.scene:

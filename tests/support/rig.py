@@ -75,6 +75,7 @@ class StubFollower(Follower):
 
     hierarchy: Any = SimpleNamespace(solver=SimpleNamespace(capped=0))
     strategies: Any = None
+    legs: Any = None
 
     def __init__(self, robot: RobotBody, script: FloatArray) -> None:
         self.robot = robot

@@ -420,6 +420,46 @@ def test_a_run_with_a_dead_man_has_the_pad_from_the_start(browser: Any, stand_in
         assert not stand_in.wait(lambda: stand_in.messages("held"))[-1].message["held"]
 
 
+def test_pads_ask_for_a_walk_while_a_finger_is_on_one(browser: Any, stand_in: StandIn) -> None:
+    def newest() -> dict[str, float]:
+        return {name: share for name, share in stand_in.messages("stick")[-1].message.items() if name != "say"}
+
+    stand_in.welcome["stick"] = True
+    with opened(browser, stand_in) as page:
+        choose(page, "watch")
+        before = stand_in.connections
+        for across in ("turn", "left"):
+            pad = page.locator(f".stick[data-across={across}]")
+            pad.wait_for()
+            box = pad.bounding_box()
+            page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"])
+            assert not stand_in.messages("stick") or not any(newest().values()), "nothing presses"
+            page.mouse.down()
+            since = stand_in.wait(lambda: stand_in.messages("stick"))[-1].at
+            at = np.array([said.at for said in ten_more(stand_in, "stick", since)])
+            assert 0.05 < np.median(np.diff(at)) < 0.15, "ten a second"
+            assert newest() == pytest.approx({"forward": 0.0, "left": 0.0, "turn": 0.0} | {across: 0.5}, abs=0.03)
+            page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] - 100.0)
+            stand_in.wait(lambda: newest()["forward"] == 1.0 and abs(newest()["left"] + newest()["turn"]) < 0.03)
+            page.mouse.up()
+            stand_in.wait(lambda: not any(newest().values()))
+        page.mouse.move(box["x"] + 5, box["y"] + 5)
+        page.mouse.down()
+        stand_in.wait(lambda: any(newest().values()))
+        stand_in.drop()  # a link that comes back begins with nothing pressed
+        stand_in.wait(lambda: stand_in.connections > before and stand_in.pages)
+        count = len(stand_in.messages("stick"))
+        page.wait_for_timeout(500)
+        assert len(stand_in.messages("stick")) == count, "who has let go says nothing"
+
+
+def test_a_run_without_a_stick_has_no_pads(browser: Any, stand_in: StandIn) -> None:
+    with opened(browser, stand_in) as page:
+        choose(page, "watch")
+        page.locator("#stop").wait_for()
+        assert page.locator(".stick:visible").count() == 0
+
+
 # What the performer sees.
 
 

@@ -3,23 +3,29 @@
 import hashlib
 import json
 import math
+import socket
 import ssl
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
+from unittest.mock import Mock
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from followers import dimensions, op3, performer
-from hardware.clock import MonotonicClock
+from hardware.clock import MonotonicClock, VirtualClock
 from hardware.imu import from_roll_pitch_yaw
+from messages import shows
 from retarget.cli.controls import Asked
+from retarget.cli.stick import STAND, Shares
 from retarget.cli.web.control import HELD_S, PageControl, directions
 from retarget.errors import ConfigError
 from retarget.live.admission import Datagram
@@ -31,6 +37,8 @@ from retarget.web.link import PoseReceiver, open_web
 
 client = pytest.importorskip("websockets.sync.client", reason="the extra web is not installed")
 from websockets.exceptions import InvalidStatus  # noqa: E402  (where it is installed)
+
+from retarget.web.server import PageServer  # noqa: E402  (needs websockets)
 
 WAIT_S = 20.0
 """How long an answer may take on a busy machine, s: it is there within milliseconds."""
@@ -249,6 +257,58 @@ def test_a_dead_man_control_lapses_with_its_page() -> None:
             olga.say(say="held", held=True)
             assert one.asked() == [Asked.GRIP]
         assert one.asked() == [Asked.RELEASE], "the page is gone"
+
+
+def test_pads_steer_a_run_that_asks_for_them_until_they_are_let_go() -> None:
+    with page(performs=False, stick=True) as one, one.browser("watch", "olga") as olga:
+        assert olga.hear("welcome")["stick"]
+
+        def shares() -> Shares:
+            one.control.listen()
+            assert not [*one.control.poll(one.clock.now())]
+            return one.control.shares(one.clock.now())
+
+        assert shares() == STAND
+        olga.say(say="stick", forward=1, left=-0.25, turn=0.125)
+        assert one.until(lambda: shares() == (1.0, -0.25, 0.125))
+        assert one.until(lambda: shares() == STAND), "the page says nothing any more"
+        olga.say(say="stick", forward=0.5, left=0, turn=0)
+        assert one.until(lambda: shares() != STAND)
+        olga.say(say="stick", forward=0, left=0, turn=0)
+        assert one.until(lambda: shares() == STAND)
+
+
+@pytest.mark.parametrize("performs", [True, False])
+def test_nobody_steers_a_run_that_does_not_ask_for_it(performs: bool) -> None:
+    with page(performs=performs) as one, one.browser("watch", "olga") as olga:
+        assert not olga.hear("welcome")["stick"]
+        olga.say(say="stick", forward=1.0, left=0.0, turn=0.0)
+        shows(olga.hear("refused")["why"])
+        assert one.control.shares(one.clock.now()) == STAND
+
+
+JUNK = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.lists(st.floats(), max_size=2)
+
+
+@settings(max_examples=300)
+@given(st.dictionaries(st.sampled_from(["forward", "left", "turn", "up"]), JUNK))
+def test_whatever_a_page_asks_for_is_within_range_or_refused(said: dict[str, Any]) -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    shares = [said.get(name) for name in ("forward", "left", "turn")]
+    numbers = [one for one in shares if isinstance(one, int | float) and not isinstance(one, bool)]
+    is_valid = len(numbers) == 3 and all(-1.0 <= one <= 1.0 for one in numbers)
+    with ours, theirs:
+        ours.setblocking(False)
+        server = PageServer(Settings(listen=False, port=0, robot="op3", stick=True), theirs, None, VirtualClock())
+        try:
+            server.steer(Mock(), said)
+        except Exception:  # noqa: BLE001 - what it raises is private
+            assert not is_valid
+            return
+        assert is_valid
+        control = PageControl(ViewFeed(ours, 0), lambda text: None)
+        assert not [*control.poll(0.0)] and all(-1.0 <= share <= 1.0 for share in control.shares(HELD_S))
+        assert control.shares(HELD_S + 0.01) == STAND
 
 
 class Words:

@@ -11,33 +11,36 @@ from typing import Any
 
 from retarget.cli.application import log
 from retarget.cli.controls import GRIPS, Asked
+from retarget.cli.stick import STAND, Shares
 from retarget.errors import ConfigError, install_step
 from retarget.live.address import WEB_PORT, StreamAddress
 from retarget.types import News, Notify
 from retarget.web.feed import MOST_WORDS, Settings, ViewFeed
-from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, PoseReceiver, open_web
+from retarget.web.link import GO_ON, GRIP, HEALTH, NOTE, PAUSE, RELEASE, STICK, PoseReceiver, open_web
 from retarget.web.runtime import runtime_folder
 
 HELD_S = 0.3
-"""A dead-man control that is not confirmed for so long counts as let go, s: three messages of its page."""
+"""A dead-man control or a pad that is not confirmed for so long counts as let go, s: three messages of its page."""
 MOST_HEALTH = 600
 """What a page said of itself that is kept: ten minutes, once a second."""
 PAUSED = "paused on the page: the robot holds until it goes on there"
 PAGE = "page"
-"""`--dead-man` on the page."""
+"""`--dead-man` or `--stick` on the page."""
 LABEL = "H on the page, a finger on its pad, or the grip of a controller"
 """What the operator has to hold."""
+PADS = "the pads on the page of those who look after the robot, while a finger or the mouse holds one"
 
 
 class PageControl:
-    """What is asked for on the page: pause and go on, and its dead-man control. STOP comes by the feed itself.
-    notify: receives what the page's process says. health: what performers' pages said of themselves."""
+    """What is asked for on the page: pause and go on, its dead-man control and its stick. STOP comes by the feed
+    itself. notify: receives what the page's process says. health: what performers' pages said of themselves."""
 
     def __init__(self, feed: ViewFeed, notify: Notify) -> None:
         self._feed, self._notify = feed, notify
         self._asked: deque[str] = deque(maxlen=MOST_WORDS)
         self._gripped = dict[str, float]()  # [s] when each dead-man control in use was last confirmed
         self._held: bool | None = None  # None: none is in use
+        self._stick, self._steered = STAND, -inf  # what the pads asked for last, and when [s]
         self.health: deque[dict[str, Any]] = deque(maxlen=MOST_HEALTH)
 
     def poll(self, now: float) -> Iterator[tuple[Asked, str]]:
@@ -53,10 +56,17 @@ class PageControl:
                 self._gripped[word.removeprefix(GRIP)] = now
             elif word.startswith(RELEASE):
                 self._gripped[word.removeprefix(RELEASE)] = -inf
+            elif word.startswith(STICK):
+                forward, left, turn = map(float, word.removeprefix(STICK).split())
+                self._stick, self._steered = (forward, left, turn), now
         held = all(now - at <= HELD_S for at in self._gripped.values())  # a page that is gone has let go
         if self._gripped and held is not self._held:
             self._held = held
             yield GRIPS[held]
+
+    def shares(self, now: float) -> Shares:
+        """What the pads ask for, as `Stick.shares` says."""
+        return self._stick if now - self._steered <= HELD_S else STAND
 
     def listen(self) -> None:
         """Report what the page's process says, and keep what is asked for."""
@@ -90,6 +100,7 @@ def opened_web(
     *,
     listen: bool = False,
     dead_man: bool = False,
+    stick: bool = False,
     notify: Notify,
 ) -> Iterator[tuple[ViewFeed, PoseReceiver]]:
     """The page of a run, and the poses that it sends. Says where it is, with a code for a phone to read. Raises
@@ -104,7 +115,7 @@ def opened_web(
             found=str(error),
             next_step=install_step("websockets", "segno", "trustme"),
         ) from error
-    settings = Settings(listen=listen, port=address.port, robot=robot, dead_man=dead_man)
+    settings = Settings(listen=listen, port=address.port, robot=robot, dead_man=dead_man, stick=stick)
     with open_web(settings) as (feed, receiver):
         where, _, fingerprint = feed.address.partition(" ")
         for line in directions(where, fingerprint):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget._solver import Braking
+from retarget.arithmetic import hypot
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, footing
 from retarget.ik.tasks import SlotKind
@@ -31,9 +32,14 @@ NO_SPACES = np.zeros((0, 4))
 """Half-spaces of a mass that may be anywhere."""
 
 
+def _length(velocity: Request) -> FloatArray:
+    """Length (2,) of a velocity, m/s, and of its turn, rad/s."""
+    return np.array([hypot(velocity.forward, velocity.left), abs(velocity.turn)])
+
+
 class Legs:
-    """Legs of one robot. upper: leads all else while they walk, by the same priorities. velocity: asked by a stick, in
-    the robot's own frame; None: the performer's."""
+    """Legs of one robot. upper: leads all else while they walk, by the same priorities. velocity: asked by a stick in
+    this tick, in the robot's own frame, all zeros to stand; None: they walk with the performer."""
 
     def __init__(
         self,
@@ -87,8 +93,16 @@ class Legs:
         if self._travel is None:
             gait = gait_of(self._robot, self._stance, dt=dt)
             self._travel = Travel(gait, fastest(gait), scale=self._scale)
-        performer = self._travel.step(human, Request() if self._walker is None else self._walker.speed)
-        return performer if self.velocity is None else self.velocity
+        speed, stick = Request() if self._walker is None else self._walker.speed, self.velocity
+        if stick is None:
+            return self._travel.step(human, speed)
+        self._travel.walked += dt * _length(speed)
+        self._travel.asked += dt * _length(stick)
+        return None if stick == Request() else stick
+
+    def fastest(self, dt: float) -> Request:
+        """The fastest that they may be asked to walk, in ticks of `dt` s."""
+        return fastest(gait_of(self._robot, self._stance, dt=dt))
 
     def begin(self, stop: StopPath | None, q: FloatArray, velocity: FloatArray, dt: float) -> None:
         """Begin to walk. stop: how the robot stops now, world. q (nq,), velocity (nv,): in the world of the stance."""

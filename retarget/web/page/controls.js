@@ -61,6 +61,53 @@ export function listenForHolding(deadMan, pad) {
   pad.addEventListener("contextmenu", (event) => event.preventDefault());
 }
 
+const within = (share) => Math.max(-1, Math.min(1, share));
+
+// Pads by which a robot walks: up and down is forward and back, across is what the pad says. It counts while a finger is
+// on one, and whatever takes the finger away from the page lets go.
+export class Stick {
+  // say(message): to the server.
+  constructor(say, pads) {
+    this.say = say;
+    this.fingers = new Map(); // from pad to where its finger is, -1 to 1
+    for (const pad of pads) this.listen(pad);
+    for (const event of ["blur", "pagehide"]) addEventListener(event, () => this.letGo());
+    setInterval(() => this.fingers.size && this.tick(), EVERY_MS);
+  }
+
+  listen(pad) {
+    const move = (event) => {
+      const box = pad.getBoundingClientRect();
+      const across = within(1 - (2 * (event.clientX - box.left)) / box.width), forward = within(1 - (2 * (event.clientY - box.top)) / box.height);
+      this.fingers.set(pad, { forward, [pad.dataset.across]: across });
+      pad.classList.add("held");
+    };
+    pad.addEventListener("pointerdown", (event) => {
+      pad.setPointerCapture(event.pointerId);
+      move(event);
+      this.tick();
+    });
+    pad.addEventListener("pointermove", (event) => this.fingers.has(pad) && move(event));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) pad.addEventListener(end, () => this.release(pad));
+    pad.addEventListener("contextmenu", (event) => event.preventDefault());
+  }
+
+  letGo() {
+    for (const pad of [...this.fingers.keys()]) this.release(pad);
+  }
+
+  release(pad) {
+    pad.classList.remove("held");
+    if (this.fingers.delete(pad)) this.tick();
+  }
+
+  tick() {
+    const asked = { forward: 0, left: 0, turn: 0 };
+    for (const finger of this.fingers.values()) for (const [name, share] of Object.entries(finger)) asked[name] = within(asked[name] + share);
+    this.say({ say: "stick", ...asked });
+  }
+}
+
 // Space and Escape stop, before any button with the focus gets them.
 export function listenForStop(stop) {
   addEventListener("keydown", (event) => {

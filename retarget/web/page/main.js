@@ -1,7 +1,7 @@
 // The page of a run: what it shows, in which view, in which words. The server pauses the robot when poses stay away.
 
 import { CAMERA, Camera, cameraMissing } from "./camera.js";
-import { DeadMan, listenForHolding, listenForStop } from "./controls.js";
+import { DeadMan, Stick, listenForHolding, listenForStop } from "./controls.js";
 import { Headset, headsetMissing } from "./headset.js";
 import { LINK, Link, median } from "./link.js";
 import { Scene } from "./scene.js";
@@ -32,6 +32,7 @@ const page = {
 
 const link = new Link(hear, linked);
 const deadMan = new DeadMan((message) => link.say(message), (held) => byId("pad").classList.toggle("held", held));
+const stick = new Stick((message) => link.say(message), document.querySelectorAll(".stick"));
 const camera = new Camera(byId("video"), byId("overlay"), sendPoses);
 const scene = new Scene(byId("human"), byId("robot"), byId("layers"), byId("joint"));
 const headset = new Headset({ send: sendPoses, deadMan, scene, stop, ended: () => choose("choose"), words: headline });
@@ -49,9 +50,10 @@ function stop() {
   show();
 }
 
-// Something took the performer away: the dead man counts again when it is taken anew.
+// Something took the page away: dead man and stick count again when they are taken anew.
 function letGo() {
   deadMan.release();
+  stick.letGo();
   headset.letGo();
 }
 
@@ -82,6 +84,7 @@ function ended() {
 function welcomed(message) {
   page.welcome = message;
   if (message.dead_man) deadMan.use();
+  document.body.dataset.stick = message.stick;
   document.title = message.robot;
   document.body.dataset.performs = message.performs;
   if (!message.performs) byId("taken").lastChild.textContent = "The performer";
