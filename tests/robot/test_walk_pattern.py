@@ -1,7 +1,5 @@
 """The step pattern of a walk: equations of motion, changes of support, feet, and its end."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -143,7 +141,8 @@ def test_a_foot_leaves_the_floor_and_comes_down_at_rest(asked: Request) -> None:
 def test_steps_become_what_is_asked(asked: Request, ticks: int) -> None:
     """Over two steps the feet have gone and turned as far as the request says."""
     whole, _ = walked([(asked, ticks)] * 9)
-    landed = np.flatnonzero(whole.carries.all(axis=1)[1:] & ~whole.carries.all(axis=1)[:-1]) + 1
+    both = np.asarray(whole.carries.all(axis=1))
+    landed = np.flatnonzero(both[1:] & ~both[:-1]) + 1
     first, last = landed[4], landed[6]
     went = 0.5 * (whole.soles[last, :, :2] - whole.soles[first, :, :2]).sum(axis=0)
     yaw, turned = float(whole.yaws[first]), float(whole.yaws[last] - whole.yaws[first])

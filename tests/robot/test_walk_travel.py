@@ -67,8 +67,8 @@ def within(asked: Request | None) -> Request:
     """What a robot does that is asked for this."""
     if asked is None:
         return Request()
-    rows = zip(velocity_of(asked), velocity_of(MOST), strict=True)
-    return Request(*(float(np.clip(to, -top, top)) for to, top in rows))
+    forward, left, turn = np.clip(velocity_of(asked), -np.array(velocity_of(MOST)), velocity_of(MOST)).tolist()
+    return Request(forward, left, turn)
 
 
 def driven(

@@ -73,8 +73,8 @@ def clipped(gait: Gait, asked: Request, time: float) -> Request:
 
 
 def walking_heights(gait: Gait, far: float) -> tuple[float, float]:
-    """Heights (m) of the centre of mass in a step of `far` m: while both feet are on the floor, where legs reach to both
-    sides, and over one of them."""
+    """Heights (m) of the centre of mass in a step of `far` m: while both feet are on the floor, where legs reach
+    forward and back, and over one of them."""
     high = STRAIGHTEST * gait.height
     return min(high, REACHING * gait.height - LOWER * far), high
 

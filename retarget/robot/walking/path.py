@@ -51,8 +51,8 @@ class WalkPath:
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """A path in the making, of which so many postures are there. velocity (nv,): in the first row. offset (3,) m, turned
-    (3,) rad: of centre of mass and root from the pattern there, which fade within `ease` ticks."""
+    """A path in the making, of which so many postures are there. velocity (nv,): in the first row. offset (3,) m,
+    turned (3,) rad: of centre of mass and root from the pattern there, which fade within `ease` ticks."""
 
     postures: list[FloatArray]
     velocity: FloatArray
@@ -95,15 +95,16 @@ class PathPlanner:
 
     def mass(self, q: FloatArray) -> FloatArray:
         """Centre of mass (3,) m of a posture (nq,)."""
-        return self._body.centre_of_mass(q[None])[0]
+        mass: FloatArray = self._body.centre_of_mass(q[None])[0]
+        return mass
 
     def velocity(self, before: FloatArray, now: FloatArray) -> FloatArray:
         """Velocity (nv,) from one posture (nq,) to the next, a tick later."""
         return self._body.difference(before, now) / self._gait.dt
 
     def off(self, q: FloatArray, mass: FloatArray, yaw: float) -> tuple[FloatArray, FloatArray]:
-        """How far the centre of mass of a posture (nq,) is off a place (3,) m, and how far, (3,) rad, its root is turned
-        from upright at a yaw, rad."""
+        """How far the centre of mass of a posture (nq,) is off a place (3,) m, and how far, (3,) rad, its root is
+        turned from upright at a yaw, rad."""
         root = as_quat(self._body.orientations(q[None], [ROOT])[0, 0])
         return self.mass(q) - mass, np.array(rotation_vector(product(root, inverse(self._pelvis(yaw)))))
 
@@ -120,8 +121,8 @@ class PathPlanner:
         return len(sketch.postures) == whole
 
     def _aim(self, soles: FloatArray, mass: FloatArray, yaw: float, turned: FloatArray) -> None:
-        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw rad of the trunk, and how far (3,) rad it
-        is turned from upright."""
+        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw rad of the trunk, and how far (3,) rad
+        it is turned from upright."""
         targets = self._targets
         for k, (sole, middle, pose) in enumerate(zip(self._soles, self._middles, soles, strict=True)):
             about = turn((0.0, 0.0, float(pose[3])))

@@ -116,9 +116,9 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """A walk, tick by tick. divergent, convergent: components of the mass, zmp: zero-moment point, (k, 2) m each; height
-    (k,) m of the mass. soles (k, 2, 4): x, y, z m and yaw rad of the left and the right one. carries (k, 2): which of
-    them do."""
+    """A walk, tick by tick. divergent, convergent: components of the mass, zmp: zero-moment point, (k, 2) m each;
+    height (k,) m of the mass. soles (k, 2, 4): x, y, z m and yaw rad of the left and the right one. carries (k, 2):
+    which of them do."""
 
     divergent: FloatArray
     convergent: FloatArray

@@ -3,17 +3,17 @@
 It is always on a path that ends standing (`WalkPath`), and the gate verifies each goal with the rest of that path.
 While a step is under way, the path of the next one, with its own end, is made; the robot goes over to it where that
 step ends. Where none was asked for, or the gate refuses it, the robot stays on the path that it is on: so it stands
-after at most two more steps.
+after at most one more step, and tries again from there.
 """
 
-from math import sqrt
+from math import ceil, sqrt
 
 import numpy as np
 
+from retarget.arithmetic import hypot, norm
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
-from retarget.arithmetic import hypot, norm
 from retarget.robot.walking.gait import clipped, walking_heights
 from retarget.robot.walking.path import PathPlanner, Sketch, WalkPath
 from retarget.robot.walking.pattern import (
@@ -32,20 +32,19 @@ from retarget.robot.walking.pattern import (
 from retarget.types import BoolArray, FloatArray
 
 ROWS = 24
-"""Postures of the next path that are made in a tick: a path of three steps and an end is there in half a step."""
+"""Postures of the next path that are made in a tick, 0.05 ms each: a path is there in 0.1 s."""
 EARLY_S = 0.35
 """Time (s) before it is needed at which a path is there: arms get out of the way of the legs meanwhile."""
 SHORTEST, LONGEST = 0.9, 1.7
-"""Bounds of a step that is made in time with a performer, in those of the gait."""
+"""Bounds of a step in time with a performer, in those of the gait. A shorter one would need faster servos; a longer
+one, at the same velocity, legs that reach farther, hence bend more: they would look less like the performer's."""
 EASE_ACCELERATION, EASE_TURN = 0.4, 6.0
-"""m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, upright, its mass mid-way
-between its feet, so that its zero-moment point is moved by less than 1 cm; and the least time for that."""
-FORESEEN = 10
-"""Postures of a step in which arms are to keep off the legs."""
-RETRY_S = 0.1
-"""After a refusal a robot that stands waits so long (s) before it tries again: arms get out of the way meanwhile."""
+"""m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, and upright: so its zero-moment
+point is moved by less than 1 cm."""
 PEAK = 5.78
 """Largest acceleration of a minimum jerk, by its way over the square of its time."""
+FORESEEN = 10
+"""Postures of a step in which arms are to keep off the legs."""
 
 
 class Walker:
@@ -60,6 +59,7 @@ class Walker:
         self._legs, self.others = robot.servo_columns[legs], robot.servo_columns[~legs]
         left, right = (sole.outline.mean(axis=0) for sole in stance.soles)
         self.feet, self.steps = (Foothold(left, 0.0), Foothold(right, 0.0)), 0
+        self._bounds = round(SHORTEST * gait.ticks), round(LONGEST * gait.ticks)  # of a step in time
         self.path: WalkPath | None = None
         self.row = 0
         self.stand()
@@ -72,8 +72,8 @@ class Walker:
         self._before: tuple[WalkPath | None, int] = (None, 0)  # where the robot is if the last row was not taken
         self._sketch: Sketch | None = None
         self._next: WalkPath | None = None
-        self._wait = 0  # ticks
-        self._stands = False
+        self._foreseen: WalkPath | None = None  # the last one that was made
+        self._stands = False  # whether it is to
 
     def begin(self, stop: FloatArray) -> None:
         """Begin to walk: come to rest first, on a path of postures (k, nq) from the one in which the robot is."""
@@ -98,18 +98,18 @@ class Walker:
         assert path is not None, "it walks"
         self._before, self._stands = (path, self.row), asked is None
         if asked is None:
-            self._sketch = self._next = None
+            self._sketch = self._next = self._foreseen = None
         else:
             self._plan(path, asked, q)
-        self._wait = max(self._wait - 1, 0)
-        if self._next is not None and self.row == self._next.since and not self._wait:
-            path, self.row, self._next = self._next, 0, None
+        if self._next is not None and self.row == self._next.since:
+            path, self.row, self._next, self._foreseen = self._next, 0, None, None
             self.path, self.steps = path, self.steps + bool(path.steps)
         self.row = min(self.row + 1, len(path.postures) - 1)
 
     def through(self) -> FloatArray:
-        """Postures (k, nq), world, through which the next path leads, or the rest of this one."""
-        path, row = (self._next, 0) if self._next is not None else (self.path, self.row)
+        """Postures (k, nq), world, through which the next path leads, or the one that was refused, or the rest of this
+        one."""
+        path, row = (self.path, self.row) if self._foreseen is None else (self._foreseen, 0)
         assert path is not None, "it walks"
         return path.postures[row :: self.gait.ticks // FORESEEN].copy()
 
@@ -123,10 +123,9 @@ class Walker:
                 continue
             row = min(row, len(path.postures) - 1)
             if np.array_equal(path.postures[row, self._legs], q[self._legs]):
-                if path is not self.path:  # where it stands, it tries again
+                if path is not self.path:  # it was refused: where the robot stands, another one is made
                     self.steps -= bool(self.path.steps)
-                    self._sketch, self._next = None, self.path if row == self.path.since else None
-                    self._wait = round(RETRY_S / self.gait.dt)
+                    self._sketch, self._next, self._foreseen = None, None, self.path
                 self.path, self.row = path, row
                 break
         else:  # what was sent is on no path: before a step it stands where it is
@@ -136,7 +135,8 @@ class Walker:
 
     def drop(self) -> None:
         """Go nowhere from the path."""
-        self._sketch, self._next, self._stands = None, None, True
+        self._sketch = self._next = self._foreseen = None
+        self._stands = True
 
     def _plan(self, path: WalkPath, asked: Request, q: FloatArray) -> None:
         """Go on making the next path, or begin one not long before it is needed: then what is asked is new."""
@@ -152,12 +152,12 @@ class Walker:
         elif self._planner.advance(self._sketch, ROWS):
             done, self._sketch = self._sketch, None
             self._next = WalkPath(np.array(done.postures), done.pattern, done.steps, done.speed, done.since)
+            self._foreseen = self._next
 
     def _since(self, path: WalkPath) -> int | None:
         """The row from which another step is to begin, if that is to be made now."""
         gait, end = self.gait, len(path.postures) - 1
-        rows = 2 * LONGEST * gait.ticks + gait.natural(CATCH + EASE)
-        early = self.row + rows // ROWS + round(EARLY_S / gait.dt)
+        early = self.row + ceil((2 * self._bounds[1] + gait.natural(CATCH + EASE)) / ROWS) + round(EARLY_S / gait.dt)
         since = path.landed if self.row <= path.landed else end
         return since if since <= early else None
 
@@ -189,11 +189,14 @@ class Walker:
     def _in_time(self, path: WalkPath, ahead: int, asked: Request, *, rests: bool) -> tuple[int, int]:
         """The foot that makes the next step, which begins so many ticks ahead, and the ticks of that step: in time with
         the performer's feet, where those are neither too fast nor too slow for that."""
-        gait, swing = self.gait, asked.swing
-        next_foot = path.steps[0].carrying if not rests else LEFT if asked.left > 0.0 else RIGHT
-        least, most = round(SHORTEST * gait.ticks), round(LONGEST * gait.ticks)
+        gait, swing, least, most = self.gait, asked.swing, *self._bounds
+        feet: tuple[int, ...] = (LEFT, RIGHT) if asked.left > 0.0 else (RIGHT, LEFT)
+        if not rests:
+            feet = (path.steps[0].carrying,)
+        elif self._foreseen is not None:  # it was refused, and arms get out of the way of that foot
+            feet = (1 - self._foreseen.steps[0].carrying,)
         if swing is None or not least <= (ticks := round(swing.period / gait.dt)) <= most:
-            return next_foot, gait.ticks
+            return feet[0], gait.ticks
         double = gait.natural(CATCH) if rests else gait.double_ticks
         middle = round(swing.since / gait.dt) + ahead + double + (ticks - gait.double_ticks) // 2
 
@@ -201,7 +204,7 @@ class Walker:
             """Ticks by which the middle of that foot's swing is later than the performer's, or earlier."""
             return (middle - (0 if foot == swing.foot else ticks) + ticks) % (2 * ticks) - ticks
 
-        foot = min((next_foot, 1 - next_foot), key=lambda foot: abs(late(foot))) if rests else next_foot
+        foot = min(feet, key=lambda foot: abs(late(foot)))
         return foot, min(max(ticks - late(foot), least), most)
 
     def _ease_ticks(self, offset: FloatArray, turned: FloatArray) -> int:
