@@ -277,6 +277,7 @@ def run_case(case: Case) -> list[Outcome]:
 REQUESTS: dict[str, dict[str, float]] = {
     "in place": {},
     "0.10 m/s": {"forward": 0.10},
+    "0.15 m/s": {"forward": 0.15},
     "sideways 0.04 m/s": {"left": 0.04},
     "turn 0.3 rad/s": {"turn": 0.3},
     "0.10, half stiffness, planned so": {"forward": 0.10, "stiffness": 0.5, "planned": 0.5},

@@ -27,7 +27,7 @@ STEP_S = 0.7
 """Duration (s) of a step that is not known yet."""
 SEEN_S = 0.5 * (LIFT_DWELL_S + TOUCHDOWN_DWELL_S) + FOOT_SPEED_SETTLE_S
 """Time (s) by which the middle of a swing is seen late."""
-CATCH_UP_S = 1.5
+CATCH_UP_S = 2.5
 """Time (s) in which what the robot is behind would be made up for; once the performer stands, that of a step."""
 LEASH = 2.0
 """Most that it may be behind, in steps at its fastest."""
