@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from retarget._solver import Braking
-from retarget.arithmetic import hypot
 from retarget.ik.hierarchy import Hierarchy
 from retarget.ik.support_polygon import Stance, footing
 from retarget.ik.tasks import SlotKind
@@ -30,11 +29,6 @@ if TYPE_CHECKING:
 
 NO_SPACES = np.zeros((0, 4))
 """Half-spaces of a mass that may be anywhere."""
-
-
-def _length(velocity: Request) -> FloatArray:
-    """Length (2,) of a velocity, m/s, and of its turn, rad/s."""
-    return np.array([hypot(velocity.forward, velocity.left), abs(velocity.turn)])
 
 
 class Legs:
@@ -93,12 +87,8 @@ class Legs:
         if self._travel is None:
             gait = gait_of(self._robot, self._stance, dt=dt)
             self._travel = Travel(gait, fastest(gait), scale=self._scale)
-        speed, stick = Request() if self._walker is None else self._walker.speed, self.velocity
-        if stick is None:
-            return self._travel.step(human, speed)
-        self._travel.walked += dt * _length(speed)
-        self._travel.asked += dt * _length(stick)
-        return None if stick == Request() else stick
+        speed = Request() if self._walker is None else self._walker.speed
+        return self._travel.step(human, speed) if self.velocity is None else self._travel.steer(speed, self.velocity)
 
     def fastest(self, dt: float) -> Request:
         """The fastest that they may be asked to walk, in ticks of `dt` s."""
@@ -122,7 +112,7 @@ class Legs:
         of the stance; where that walk is over, with legs at rest."""
         walker, q, velocity = self._walker, self.upper.solver.q, self.upper.solver.velocity
         assert walker is not None and walker.path is not None, "it walks"
-        walker.step(asked, q)
+        walker.step(asked, q, None if self._travel is None else self._travel.swing)
         path, row = walker.path, walker.row
         now = path.postures[row].copy()
         now[walker.others] = q[walker.others]

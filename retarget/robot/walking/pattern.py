@@ -71,24 +71,22 @@ class Gait:
 
 
 @dataclass(frozen=True)
-class Swing:
-    """The last swing of a performer's foot. foot: LEFT or RIGHT; since: s since its middle; period: s from there to the
-    middle of the other foot's."""
-
-    foot: int
-    since: float
-    period: float
-
-
-@dataclass(frozen=True)
 class Request:
-    """Velocity asked of a robot, in its own frame: forward and left m/s, turn rad/s. swing: of the performer with
-    whom it is to keep step; None: with nobody."""
+    """Velocity asked of a robot, in its own frame: forward and left m/s, turn rad/s."""
 
     forward: float = 0.0
     left: float = 0.0
     turn: float = 0.0
-    swing: Swing | None = None
+
+
+@dataclass(frozen=True)
+class Swing:
+    """The last swing of a foot of a performer with whom a robot is to keep step. foot: LEFT or RIGHT; since: s since
+    its middle; period: s from there to the middle of the other foot's."""
+
+    foot: int
+    since: float
+    period: float
 
 
 @dataclass(frozen=True, eq=False)

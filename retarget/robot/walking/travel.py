@@ -50,7 +50,7 @@ _FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
 @dataclass(frozen=True)
 class WalkTally:
     """How a robot walked. steps: made. walked_m, turned_deg: gone by it; asked_m, asked_turn_deg: by the performer, m
-    scaled by the leg."""
+    scaled by the leg, or by a stick."""
 
     steps: int = 0
     walked_m: float = 0.0
@@ -107,18 +107,20 @@ class Strides:
 
 
 class Travel:
-    """How one robot is to walk with one performer. `asked`, `walked`: m gone by both, scaled, and rad turned."""
+    """How one robot is to walk with one performer, or as a stick says. `asked`, `walked`: m gone by both, scaled, and
+    rad turned. `swing`: of the performer with whom it is to keep step; None: with nobody."""
 
     def __init__(self, gait: Gait, fastest: Request, *, scale: float) -> None:
         """fastest: what the robot can. scale: of lengths, from the performer's leg to the robot's."""
         self._scale, self._gait = scale, gait
+        self.swing: Swing | None
         self._most = np.array([fastest.forward, fastest.left, fastest.turn])
         self.asked, self.walked = np.zeros(2), np.zeros(2)
         self.resume()
 
     def resume(self) -> None:
         """Go on after a hold: what the performer did meanwhile is no way to go."""
-        self._strides = Strides(self._gait.dt)
+        self._strides, self.swing = Strides(self._gait.dt), None
         self._before: tuple[float, float, float] | None = None
         longest = round(LONGEST_S / self._gait.dt) + 1
         self._gone = deque([np.zeros(3)], longest)  # [m, m, rad] at every tick
@@ -133,6 +135,7 @@ class Travel:
         self._gone.append(self._gone[-1] + self._moved(human))
         self._sums.append(self._sums[-1] + self._gone[-1])
         self._strides.look(human.carrying, travels=self._travels())
+        self.swing = self._strides.swing
         walks, speed, mean = self._strides.walks, np.zeros(3), self._gone[-1]
         if walks or not self._goes:  # once they stand, the robot goes to where they are
             count = min(round(self._strides.duration / dt), len(self._gone) - 1)
@@ -152,7 +155,14 @@ class Travel:
         forward, left, turn = (
             speed + self._behind / (max(CATCH_UP_S, 0.5 * self._strides.duration) if walks else self._gait.period)
         ).tolist()
-        return Request(forward, left, turn, self._strides.swing)
+        return Request(forward, left, turn)
+
+    def steer(self, robot: Request, stick: Request) -> Request | None:
+        """As `step`, of a robot that a stick asks for a velocity, all zeros to stand."""
+        self.swing = None
+        for gone, one in ((self.walked, robot), (self.asked, stick)):
+            gone += self._gait.dt * _length(np.array([one.forward, one.left, one.turn]))
+        return None if stick == Request() else stick
 
     def _moved(self, human: "HumanPosture") -> FloatArray:
         """How far the middle of both feet went since the last tick, forward and left of the performer, scaled, m; and

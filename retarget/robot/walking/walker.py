@@ -25,6 +25,7 @@ from retarget.robot.walking.pattern import (
     Gait,
     Request,
     Step,
+    Swing,
     landing,
     standing,
     walk,
@@ -91,16 +92,16 @@ class Walker:
         """Whether the robot is at the end of its path, and is to go nowhere from there."""
         return self._stands and self.path is not None and self.row == len(self.path.postures) - 1
 
-    def step(self, asked: Request | None, q: FloatArray) -> None:
+    def step(self, asked: Request | None, q: FloatArray, swing: Swing | None = None) -> None:
         """Go on by a tick, to `row` of `path`. asked: velocity in the robot's own frame, m/s and rad/s; None: it is to
-        stand. q (nq,): its posture."""
+        stand. q (nq,): its posture. swing: of the performer with whom it is to keep step; None: with nobody."""
         path = self.path
         assert path is not None, "it walks"
         self._before, self._stands = (path, self.row), asked is None
         if asked is None:
             self._sketch = self._next = self._foreseen = None
         else:
-            self._plan(path, asked, q)
+            self._plan(path, asked, q, swing)
         if self._next is not None and self.row == self._next.since:
             path, self.row, self._next, self._foreseen = self._next, 0, None, None
             self.path, self.steps = path, self.steps + bool(path.steps)
@@ -138,7 +139,7 @@ class Walker:
         self._sketch = self._next = self._foreseen = None
         self._stands = True
 
-    def _plan(self, path: WalkPath, asked: Request, q: FloatArray) -> None:
+    def _plan(self, path: WalkPath, asked: Request, q: FloatArray, swing: Swing | None) -> None:
         """Go on making the next path, or begin one not long before it is needed: then what is asked is new."""
         if self._next is not None:
             return
@@ -146,7 +147,7 @@ class Walker:
             since = self._since(path)
             if since is None:
                 return
-            self._sketch = self._sketched(path, since, asked, q)
+            self._sketch = self._sketched(path, since, asked, q, swing)
         if self._sketch.since < self.row:  # it is late, and the robot goes on to its stand
             self._sketch = None
         elif self._planner.advance(self._sketch, ROWS):
@@ -161,7 +162,7 @@ class Walker:
         since = path.landed if self.row <= path.landed else end
         return since if since <= early else None
 
-    def _sketched(self, path: WalkPath, since: int, asked: Request, q: FloatArray) -> Sketch:
+    def _sketched(self, path: WalkPath, since: int, asked: Request, q: FloatArray, swing: Swing | None) -> Sketch:
         """A path that goes on from row `since` of another: a step as it is asked for, one that brings the feet
         together, and a stand."""
         gait, planner = self.gait, self._planner
@@ -170,7 +171,7 @@ class Walker:
         velocity = planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
         rests = since > path.landed or not path.steps
         begun, row = (standing(path.feet, planner.mass(first), 1), 0) if rests else (path.pattern, since)
-        swinging, ticks = self._in_time(path, since - self.row, asked, rests=rests)
+        swinging, ticks = self._in_time(path, since - self.row, swing, rests=rests, left=asked.left > 0.0)
         time = ticks * gait.dt
         speed = clipped(gait, asked, time)
         heights = walking_heights(gait, hypot(speed.forward, speed.left) * time)
@@ -186,11 +187,11 @@ class Walker:
         pattern = walk(gait, begun, row, steps, heights)
         return Sketch([first], velocity, pattern, offset, turned, ease, steps, speed, since)
 
-    def _in_time(self, path: WalkPath, ahead: int, asked: Request, *, rests: bool) -> tuple[int, int]:
+    def _in_time(self, path: WalkPath, ahead: int, swing: Swing | None, *, rests: bool, left: bool) -> tuple[int, int]:
         """The foot that makes the next step, which begins so many ticks ahead, and the ticks of that step: in time with
         the performer's feet, where those are neither too fast nor too slow for that."""
-        gait, swing, least, most = self.gait, asked.swing, *self._bounds
-        feet: tuple[int, ...] = (LEFT, RIGHT) if asked.left > 0.0 else (RIGHT, LEFT)
+        gait, least, most = self.gait, *self._bounds
+        feet: tuple[int, ...] = (LEFT, RIGHT) if left else (RIGHT, LEFT)
         if not rests:
             feet = (path.steps[0].carrying,)
         elif self._foreseen is not None:  # it was refused, and arms get out of the way of that foot
