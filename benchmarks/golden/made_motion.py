@@ -7,10 +7,13 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 CLIP_HZ, CLIP_S = 60, 4.0
+WALK_S, STEP_S, STRIDE_DEG, KNEE_DEG, SPEED = (0.8, 4.0, 5.0), 0.7, 22.0, 50.0, 0.5
+"""The walk: its begin, its end and that of the clip, s; duration of a step, s; how far thighs swing and a knee bends,
+and metres a second."""
 STREAM_HZ, STILL_S, MOVES_S = 60, 5.0, 12.0
 """The stream stands still while the countdown runs, and moves from then on."""
 # Joint, parent, offset in cm (y up, z forward, x left).
@@ -38,20 +41,51 @@ JOINTS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
 
 def write_clip(path: Path) -> Path:
     """Arms swing and bend, the trunk leans and turns, the knees give way a little."""
+    return _write(path, CLIP_S, _angles, lambda time: 0.0)
+
+
+def write_walk(path: Path) -> Path:
+    """Someone who stands, walks straight ahead and stands again, arms swinging."""
+    begin, end, whole = WALK_S
+    return _write(path, whole, _walking, lambda time: 100.0 * SPEED * (min(max(time, begin), end) - begin))
+
+
+def _write(
+    path: Path, seconds: float, angles_at: Callable[[float], dict[str, Sequence[float]]], ahead: Callable[[float], float]
+) -> Path:
+    """Write a clip of angles, degrees, whose hips are so far ahead, cm, and as high as the longer leg."""
     order: list[str] = []
     lines = ["HIERARCHY", *_joint_lines("Hips", 0, order), "MOTION"]
-    frames = round(CLIP_S * CLIP_HZ)
+    frames = round(seconds * CLIP_HZ)
     lines += [f"Frames: {frames}", f"Frame Time: {1.0 / CLIP_HZ:.9f}"]
     for frame in range(frames):
-        angles = _angles(frame / CLIP_HZ)
-        bend = math.radians(angles["LeftUpLeg"][1])
-        height = 92.0 - 81.0 * (1.0 - math.cos(bend))
-        values = [0.0, height, 0.0]
+        angles = angles_at(frame / CLIP_HZ)
+        reached = []
+        for side in ("Left", "Right"):
+            thigh = math.radians(angles.get(f"{side}UpLeg", (0.0, 0.0))[1])
+            shank = thigh + math.radians(angles.get(f"{side}Leg", (0.0, 0.0))[1])
+            reached.append(41.0 * math.cos(thigh) + 40.0 * math.cos(shank))
+        values = [0.0, 11.0 + max(reached), ahead(frame / CLIP_HZ)]
         for name in order:
             values += angles.get(name, (0.0, 0.0, 0.0))
         lines.append(" ".join(f"{value:.4f}" for value in values))
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
     return path
+
+
+def _walking(time: float) -> dict[str, Sequence[float]]:
+    """Degrees about z, x and y of the joints that turn in the walk."""
+    begin, end, _ = WALK_S
+    share = min(max(time - begin, 0.0), max(end - time, 0.0), 0.4) / 0.4
+    phase = math.pi * (time - begin) / STEP_S
+    angles: dict[str, Sequence[float]] = {}
+    for side, sign in (("Left", 1.0), ("Right", -1.0)):
+        swing, bend = math.cos(phase), max(sign * math.sin(phase), 0.0)
+        angles[f"{side}UpLeg"] = (0.0, share * (sign * STRIDE_DEG * swing - 0.4 * KNEE_DEG * bend), 0.0)
+        angles[f"{side}Leg"] = (0.0, share * KNEE_DEG * bend, 0.0)
+        angles[f"{side}Arm"] = (-75.0 * sign, 0.0, 0.0)
+        angles[f"{side}ForeArm"] = (0.0, 0.0, -sign * (20.0 + share * 10.0 * sign * swing))
+    return angles
 
 
 def _joint_lines(name: str, depth: int, order: list[str]) -> list[str]:

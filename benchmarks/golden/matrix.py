@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.golden.made_motion import write_clip, write_stream
+from benchmarks.golden.made_motion import write_clip, write_stream, write_walk
 
 ROBOTS = ("op3", "poppy", "toddlerbot", "wolfgang")
 BUSES = ("mock", "emulator", "physics")
@@ -110,6 +110,7 @@ def small_matrix(folder: Path) -> list[Run]:
     return [
         _followed("op3 stream emulator", "op3", "emulator", stream),
         *(_followed(f"{robot} clip mock", robot, "mock", clip) for robot in ("poppy", "toddlerbot", "wolfgang")),
+        _followed("op3 walk mock", "op3", "mock", ("--source", str(write_walk(folder / "walk.bvh")), "--steps", "walk")),
         _human("paper", clip),
     ]
 
