@@ -51,7 +51,10 @@ def write_walk(path: Path) -> Path:
 
 
 def _write(
-    path: Path, seconds: float, angles_at: Callable[[float], dict[str, Sequence[float]]], ahead: Callable[[float], float]
+    path: Path,
+    seconds: float,
+    angles_at: Callable[[float], dict[str, Sequence[float]]],
+    ahead: Callable[[float], float],
 ) -> Path:
     """Write a clip of angles, degrees, whose hips are so far ahead, cm, and as high as the longer leg."""
     order: list[str] = []

@@ -110,7 +110,9 @@ def small_matrix(folder: Path) -> list[Run]:
     return [
         _followed("op3 stream emulator", "op3", "emulator", stream),
         *(_followed(f"{robot} clip mock", robot, "mock", clip) for robot in ("poppy", "toddlerbot", "wolfgang")),
-        _followed("op3 walk mock", "op3", "mock", ("--source", str(write_walk(folder / "walk.bvh")), "--steps", "walk")),
+        _followed(
+            "op3 walk mock", "op3", "mock", ("--source", str(write_walk(folder / "walk.bvh")), "--steps", "walk")
+        ),
         _human("paper", clip),
     ]
 

@@ -23,7 +23,18 @@ from retarget.robot.walking.pattern import (
 )
 from retarget.types import FloatArray
 
-GAIT = Gait(ticks=72, double_ticks=6, dt=0.008, height=0.23, width=0.095, lift=0.01, narrowest=0.082, longest=0.1)
+GAIT = Gait(
+    ticks=72,
+    least_ticks=65,
+    most_ticks=122,
+    double_ticks=6,
+    dt=0.008,
+    height=0.23,
+    width=0.095,
+    lift=0.01,
+    narrowest=0.082,
+    longest=0.1,
+)
 REQUESTS = pytest.mark.parametrize(
     "asked",
     [

@@ -18,35 +18,42 @@ from retarget.schema.priorities import Priorities, Steps
 from retarget.types import MM
 
 STEP_TIMES, DOUBLE_TIMES = 3.76, 0.3
-"""Duration of a step, and of its double support, in sqrt(height / g): 0.576 and 0.064 s of OP3."""
-CROUCH = 0.94
-"""Height of the centre of mass while it walks, as a share of that in `stand`: legs that are bent reach a step's
-length."""
+"""Duration of a step, and of its double support, in sqrt(height / g): 0.592 and 0.048 s of OP3."""
+SHORTEST, LONGEST_TIME = 0.9, 1.7
+"""Bounds of a step in time with a performer, in those of the gait. A shorter one would need faster servos; a longer
+one, at the same velocity, legs that reach farther, hence bend more: they would look less like the performer's."""
+WALKING_HEIGHT = 0.94
+"""Height of the centre of mass in the pattern of a walk, as a share of that in `stand`."""
+STRAIGHTEST, REACHING, LOWER = 1.032, 1.0745, 0.284
+"""Height of the mass over the foot that carries, as a share of that: straighter knees would have to turn too fast.
+While both feet are on the floor it is lower, so that legs reach forward and back: by the second less the third for a
+step as long as the height, 0.98 of `stand` for short ones of OP3, and 0.91 for 90 mm. Less, and knees need more speed
+and acceleration; more, and they bend more than the performer's."""
 LIFT = 0.043
 """Greatest height of the foot that swings, as a share of that height: 10 mm of OP3. Knees need torque for more."""
 NARROWEST = 0.86
 """Least distance of the soles, sideways, as a share of that in `stand`."""
-STRAIGHTEST, REACHING, LOWER = 1.032, 1.0745, 0.284
 LONGEST = 0.45
-"""Longest step, as a share of the height."""
+"""Longest step, as a share of the height. In a longer one, bent legs of OP3 come too near to its trunk."""
 FORWARD, SIDEWAYS, TURN = 0.0972, 0.026, 0.0472
-"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.11 m/s, 0.04 m/s and 0.3 rad/s
-of OP3. Faster, its knees would have to turn faster than they can."""
+"""Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.15 m/s, 0.04 m/s and 0.3 rad/s
+of OP3. At 0.18 m/s its hips and knees would have to speed up faster than they can, and it stumbles."""
 LONGEST_STOP_S = 3.8
-"""Longest stop (s) of a robot that walks: of a sway, three steps and the end of the pattern. A taller robot takes
-longer, and stays planted."""
-RAMP = 0.2
-"""Most that a velocity changes from step to step, as a share of the fastest: the pattern's own error grows with it."""
+"""Longest stop (s) of a robot that walks: of two steps, and what is before and after them. A taller robot takes longer,
+and stays planted."""
 
 
 def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
     """The gait of a robot in its stance on two soles, in ticks of `dt` s."""
-    height = CROUCH * float(robot.body.solver_body().centre_of_mass(stance.q[None])[0, 2])
+    height = WALKING_HEIGHT * float(robot.body.solver_body().centre_of_mass(stance.q[None])[0, 2])
     time = sqrt(height / GRAVITY)
     left, right = (sole.outline.mean(axis=0) for sole in stance.soles)
     width = float(left[1] - right[1])
+    ticks = STEP_TIMES * time / dt
     return Gait(
-        ticks=round(STEP_TIMES * time / dt),
+        ticks=round(ticks),
+        least_ticks=round(SHORTEST * ticks),
+        most_ticks=round(LONGEST_TIME * ticks),
         double_ticks=max(round(DOUBLE_TIMES * time / dt), 2),
         dt=dt,
         height=height,
@@ -140,7 +147,7 @@ def _unable(robot: RobotBody, *, mass: bool) -> str | None:
     """Why a robot that could be asked to walk stays planted; None: it walks. mass: whether it has any."""
     load, missed = on_one_leg(robot)
     gait = gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz)
-    stop = 2.0 * gait.period + (CATCH + EASE) / gait.omega
+    stop = (1.0 + LONGEST_TIME) * gait.period + (CATCH + EASE) / gait.omega
     if missed > MISSED_M:
         return f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
     if stop > LONGEST_STOP_S:

@@ -36,17 +36,22 @@ CATCH = 2.0
 """Time, in 1/w, in which what the mass is off at the start is taken away. The shorter, the farther goes the zero-moment
 point."""
 ROLL = 0.35
+"""Way of the zero-moment point on the sole that carries, to both sides of its middle, in lengths of a step: so the mass
+goes on while a foot swings, and legs need not reach so far."""
 EASE = 3.9
 """Time, in 1/w, in which the mass comes to rest after the last step."""
 
 
 @dataclass(frozen=True)
 class Gait:
-    """Times and sizes of steps. ticks: of a step, of `dt` s each; double_ticks: of its double support. height: of the
-    centre of mass over the floor, m. width: between the centres of the soles, m. lift: greatest height of the foot
-    that swings, m. narrowest, longest: bounds of a step, sideways and forward, m."""
+    """Times and sizes of steps. ticks: of a step, of `dt` s each; least_ticks, most_ticks: of one in time with a
+    performer; double_ticks: of double support in each. height: of the centre of mass over the floor, m. width: between
+    the centres of the soles, m. lift: greatest height of the foot that swings, m. narrowest, longest: bounds of a step,
+    sideways and forward, m."""
 
     ticks: int
+    least_ticks: int
+    most_ticks: int
     double_ticks: int
     dt: float
     height: float

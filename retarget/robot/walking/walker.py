@@ -36,9 +36,6 @@ ROWS = 24
 """Postures of the next path that are made in a tick, 0.05 ms each: a path is there in 0.1 s."""
 EARLY_S = 0.35
 """Time (s) before it is needed at which a path is there: arms get out of the way of the legs meanwhile."""
-SHORTEST, LONGEST = 0.9, 1.7
-"""Bounds of a step in time with a performer, in those of the gait. A shorter one would need faster servos; a longer
-one, at the same velocity, legs that reach farther, hence bend more: they would look less like the performer's."""
 EASE_ACCELERATION, EASE_TURN = 0.4, 6.0
 """m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, and upright: so its zero-moment
 point is moved by less than 1 cm."""
@@ -60,7 +57,6 @@ class Walker:
         self._legs, self.others = robot.servo_columns[legs], robot.servo_columns[~legs]
         left, right = (sole.outline.mean(axis=0) for sole in stance.soles)
         self.feet, self.steps = (Foothold(left, 0.0), Foothold(right, 0.0)), 0
-        self._bounds = round(SHORTEST * gait.ticks), round(LONGEST * gait.ticks)  # of a step in time
         self.path: WalkPath | None = None
         self.row = 0
         self.stand()
@@ -158,7 +154,7 @@ class Walker:
     def _since(self, path: WalkPath) -> int | None:
         """The row from which another step is to begin, if that is to be made now."""
         gait, end = self.gait, len(path.postures) - 1
-        early = self.row + ceil((2 * self._bounds[1] + gait.natural(CATCH + EASE)) / ROWS) + round(EARLY_S / gait.dt)
+        early = self.row + ceil((2 * gait.most_ticks + gait.natural(CATCH + EASE)) / ROWS) + round(EARLY_S / gait.dt)
         since = path.landed if self.row <= path.landed else end
         return since if since <= early else None
 
@@ -184,19 +180,20 @@ class Walker:
         step = Step(1 - swinging, target, max(gait.natural(CATCH), ease) if rests else double, single)
         beside = landing(gait, target, Request(), 1 - swinging, gait.period)
         steps = step, Step(swinging, beside, double, gait.ticks - double)
-        pattern = walk(gait, begun, row, steps, heights)
+        pattern, share = walk(gait, begun, row, steps, heights), ticks / (step.double + step.single)
+        speed = Request(share * speed.forward, share * speed.left, share * speed.turn)
         return Sketch([first], velocity, pattern, offset, turned, ease, steps, speed, since)
 
     def _in_time(self, path: WalkPath, ahead: int, swing: Swing | None, *, rests: bool, left: bool) -> tuple[int, int]:
         """The foot that makes the next step, which begins so many ticks ahead, and the ticks of that step: in time with
         the performer's feet, where those are neither too fast nor too slow for that."""
-        gait, least, most = self.gait, *self._bounds
+        gait = self.gait
         feet: tuple[int, ...] = (LEFT, RIGHT) if left else (RIGHT, LEFT)
         if not rests:
             feet = (path.steps[0].carrying,)
         elif self._foreseen is not None:  # it was refused, and arms get out of the way of that foot
             feet = (1 - self._foreseen.steps[0].carrying,)
-        if swing is None or not least <= (ticks := round(swing.period / gait.dt)) <= most:
+        if swing is None or not gait.least_ticks <= (ticks := round(swing.period / gait.dt)) <= gait.most_ticks:
             return feet[0], gait.ticks
         double = gait.natural(CATCH) if rests else gait.double_ticks
         middle = round(swing.since / gait.dt) + ahead + double + (ticks - gait.double_ticks) // 2
@@ -206,7 +203,7 @@ class Walker:
             return (middle - (0 if foot == swing.foot else ticks) + ticks) % (2 * ticks) - ticks
 
         foot = min(feet, key=lambda foot: abs(late(foot)))
-        return foot, min(max(ticks - late(foot), least), most)
+        return foot, min(max(ticks - late(foot), gait.least_ticks), gait.most_ticks)
 
     def _ease_ticks(self, offset: FloatArray, turned: FloatArray) -> int:
         """Ticks in which a robot that begins to walk gets to its walking height, upright."""
