@@ -137,9 +137,16 @@ TABLES = {
             *("worse hand, mm", "fallen", "soles tip, degrees", "slip, mm"),
         ),
         tuple(
-            ((f"{words}, {speed}",), name, f"--robot op3 --bus physics --steps walk --speed {speed}")
+            (
+                (f"{words}, {speed}",),
+                name,
+                f"--robot op3 --bus physics --steps walk --speed {speed}"
+                + (" --skeleton FOLDER/skeleton.asf" if name == "walking.amc" else ""),
+            )
             for words, name, speed in (
                 ("02_01 (walk)", "02_01.amc", "0.3"),
+                ("02_01 (walk)", "02_01.amc", "0.6"),
+                ("walking.amc", "walking.amc", "0.3"),
                 ("figure of eight", "AV_8Walk_Meredith_HVHA_Rep1.bvh", "0.25"),
                 ("figure of eight", "AV_8Walk_Meredith_HVHA_Rep1.bvh", "1"),
                 ("02_03 (jog)", "02_03.amc", "0.3"),
@@ -162,7 +169,7 @@ TABLES = {
 
 @dataclass(frozen=True)
 class ReportedRun:
-    """A recording, and the options of its run."""
+    """A recording, and the options of its run. FOLDER in them is that of the recording."""
 
     recording: str
     options: str
@@ -177,7 +184,8 @@ class Found:
 
 def report_of(run: ReportedRun) -> list[Found]:
     """Run it, and read its report. A run that ends early has one too. Raises SystemExit where there is none."""
-    recording, options = Path(run.recording), run.options.split()
+    recording = Path(run.recording)
+    options = run.options.replace("FOLDER", str(recording.parent)).split()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.json"
         words = [sys.executable, "-m", "retarget", "run", "--source", str(recording), "--report", str(path), *options]
