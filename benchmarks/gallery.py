@@ -20,7 +20,7 @@ from sim.mock_bus import mock_bus
 from sim.performer import strolling_performer, synthetic_performer
 
 IMAGES = ROOT / "docs" / "images"
-SECONDS, WALK_SECONDS = 11.0, 10.0
+SECONDS, WALK_SECONDS = 11.0, 8.0
 """Of the animations: as long as the performer does each thing once, and walks."""
 WALKERS = ("op3",)
 """Robots that walk with mass."""

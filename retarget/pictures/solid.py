@@ -67,6 +67,9 @@ BLUR, SHADOW_PX, DARK = 0.036, 160, 52
 """How far a shadow is out of focus, in heights, its pixels across, and how dark it is of 255."""
 FADED, FARTHEST = 3.0, 4.0
 """Where a shadow is no more, in BLUR beyond what casts it, and half the floor on which shadows fall, in heights."""
+PITCH, MARKS, MARK, GOES = 0.25, 2, 0.012, 0.3
+"""Marks on the floor of a body that goes somewhere, farther than the last of these: distance from one to the next, how
+many there are to each side, and their radius, in heights."""
 COARSE = 4
 """Pixels of a picture to one of a shadow, which is out of focus anyway."""
 
@@ -77,7 +80,7 @@ class DrawnPostures:
 
     poses (p, k, 7): of its links, position and wxyz; size: of a height, m. soles: outlines (p, c, 3) on the ground.
     recorded (p, e, 3): ends of thin black lines over it, pairs of points in `bones`. around: the same body with its
-    obstacles, which are seen through.
+    obstacles, which are seen through. marks (p, m, 3): on the floor.
     """
 
     solid: SolidBody
@@ -87,6 +90,7 @@ class DrawnPostures:
     recorded: FloatArray | None = None
     bones: tuple[tuple[int, int], ...] = ()
     around: "DrawnPostures | None" = None
+    marks: FloatArray | None = None
 
     @cached_property
     def _surface(self) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
@@ -127,6 +131,14 @@ class DrawnPostures:
         """How far to the right the shadow of one posture reaches in the picture: the light comes from the left."""
         across, _, _ = project(np.pad(_fallen(self.points(pose)), ((0, 0), (0, 1))))
         return float(across.max()) + FADED * BLUR
+
+    def draw_floor(self, picture: Image.Image, pose: int, *, place: tuple[float, float], scale: float) -> None:
+        """Draw the marks on the floor of one posture, as `draw` says."""
+        if self.marks is not None:
+            across, up, _ = project(self.marks[pose])
+            pen, radius = ImageDraw.Draw(picture), MARK * scale
+            for x, y in zip((place[0] + scale * across).tolist(), (place[1] - scale * up).tolist(), strict=True):
+                pen.ellipse((x - radius, y - 0.5 * radius, x + radius, y + 0.5 * radius), "#c0c0c0")
 
     def draw(self, picture: Image.Image, pose: int, *, place: tuple[float, float], scale: float) -> None:
         """Draw one posture with its origin at `place`, pixels across and down. scale: pixels to a height."""
@@ -277,7 +289,10 @@ def performer_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
     if truth is not None and run.robot is None:
         recorded = (turned(truth[ticks], facing) - feet) / size
         bones = tuple((record.human_joint_names.index(a), record.human_joint_names.index(b)) for a, b in HUMAN_BONES)
-    drawn = DrawnPostures(run.human.solid, _standing(poses, feet, size), size, recorded=recorded, bones=bones)
+    marks = _marks(feet / size, facing)
+    drawn = DrawnPostures(
+        run.human.solid, _standing(poses, feet, size), size, recorded=recorded, bones=bones, marks=marks
+    )
     return drawn if run.robot is not None else _among(drawn, run, ticks, feet, facing)
 
 
@@ -290,8 +305,10 @@ def robot_postures(run: RunResult, ticks: Sequence[int]) -> DrawnPostures:
     points = robot.points(q, names)
     feet, size = feet_of(points, names), _size(points, names)
     soles = tuple((sole - feet) / size for sole in motion_metrics.standing_of(robot, q).soles)
-    drawn = DrawnPostures(robot.solid, _standing(robot.solid.poses(q), feet, size), size, soles)
-    return _among(drawn, run, ticks, feet, np.array([[1.0, 0.0]]))
+    facing = np.array([[1.0, 0.0]])
+    marks = _marks(feet / size, facing)
+    drawn = DrawnPostures(robot.solid, _standing(robot.solid.poses(q), feet, size), size, soles, marks=marks)
+    return _among(drawn, run, ticks, feet, facing)
 
 
 def obstacles(run: RunResult, rows: Sequence[int] | IntArray) -> tuple[list[Mesh], FloatArray] | None:
@@ -340,6 +357,18 @@ def feet_of(points: FloatArray, names: tuple[str, ...]) -> FloatArray:
     centre = points[:, feet].mean(axis=1, keepdims=True)
     centre[..., 2] = 0.0
     return np.asarray(centre)
+
+
+def _marks(feet: FloatArray, facing: FloatArray) -> FloatArray | None:
+    """Marks of the floor (p, m, 3) as seen from feet (p, 1, 3), all in heights, of a body that faces `facing` (p or 1,
+    2) in a world whose floor they are on; None where it goes nowhere."""
+    if np.ptp(feet, axis=0).max() < GOES:
+        return None
+    ahead = np.arange(-MARKS, MARKS + 1.0)
+    grid = np.stack([*np.meshgrid(ahead, ahead), np.zeros((len(ahead), len(ahead)))], axis=-1).reshape(-1, 3)
+    back = facing * np.array([1.0, -1.0])
+    marks = PITCH * (np.round(turned(feet, back) / PITCH) + grid)
+    return np.asarray(turned(marks, facing) - feet)
 
 
 def _size(points: FloatArray, names: tuple[str, ...]) -> float:
@@ -391,9 +420,12 @@ def pictures(shown: Mapping[str, DrawnPostures], *, width: int | None = None) ->
     for pose in range(count):
         picture = Image.new("RGB", (SHARPER * size[0], SHARPER * size[1]), "white")
         pen = ImageDraw.Draw(picture)
-        for (title, body), place in zip(shown.items(), (SHARPER * scale * places).tolist(), strict=True):
-            pen.text((place, 0.0), title, "#555555", anchor="ma", font_size=0.55 * TITLE * SHARPER * scale)
-            body.draw(picture, pose, place=(place, SHARPER * scale * top), scale=SHARPER * scale)
+        at = [(place, SHARPER * scale * top) for place in (SHARPER * scale * places).tolist()]
+        for body, place in zip(shown.values(), at, strict=True):
+            body.draw_floor(picture, pose, place=place, scale=SHARPER * scale)
+        for (title, body), place in zip(shown.items(), at, strict=True):
+            pen.text((place[0], 0.0), title, "#555555", anchor="ma", font_size=0.55 * TITLE * SHARPER * scale)
+            body.draw(picture, pose, place=place, scale=SHARPER * scale)
         yield picture.reduce(SHARPER)
 
 
