@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from messages import refuses, shows
 from retarget.errors import ConfigError, UsageError
 from retarget.human.samples import Playback
 from retarget.model.robot import load_robot
+from retarget.pictures.solid import PITCH, moving
 from retarget.report.findings import RunFigures
 from retarget.report.measure import measure
 from retarget.report.motion_metrics import limit_use, standing_of
@@ -128,12 +130,12 @@ def test_it_walks_and_stands_again() -> None:
 
 @pytest.mark.parametrize("after", [1.2, 1.9, 2.5, 2.7, 2.9, 3.1])
 def test_a_stop_in_the_middle_of_a_step_ends_on_both_feet(after: float) -> None:
-    """The sway to a first step, the step that is under way, two more, and the end of the pattern."""
+    """The way to a first step, the step that is under way, one more, and the end of the pattern."""
     stick = Stick(lambda t: FORWARD if t > 0.3 else STAND)
     result = run(stick, stops=after)
     assert result.state == RunState.OFF.value
     stopping = [row for row, state in enumerate(stick.states) if state is RunState.STOPPING]
-    assert stopping and len(stopping) * 0.008 < 0.5 + 3 * 0.58 + 0.7
+    assert stopping and len(stopping) * 0.008 < 0.5 + 2 * 0.6 + 0.7
     assert stands(sent_postures(result)[-1])
 
 
@@ -204,11 +206,47 @@ def test_options_are_checked_before_any_file() -> None:
         RunOptions(robot="human", steps="walk")
 
 
-def test_the_report_of_a_walk_judges_postures_and_says_how_far_it_went() -> None:
-    """Of the strolling performer: whose soles go elsewhere do not slide, and whose goals hold torque may jump."""
+@cache
+def strolled() -> RunResult:
+    """OP3 walks with the strolling performer."""
     options = RunOptions(robot="op3", steps="walk")
     with prepare(strolling_performer, options, clock=VirtualClock(), make_bus=mock_bus) as prepared:
-        result = prepared.run()
+        return prepared.run()
+
+
+def test_it_keeps_step_with_the_performer() -> None:
+    """From its third step on, the same foot is ahead, and legs look alike."""
+    result = strolled()
+    following, record = result.record.following, result.record
+    names = record.human_joint_names
+    left, right = (record.human_joints[following, names.index(f"{side}_ankle"), 0] for side in "lr")
+    ahead = op3().points(sent_postures(result)[following], ("l_sole", "r_sole"))[:, :, 0]
+    steps = slice(round(4.0 / 0.008), round(10.0 / 0.008))
+    assert np.corrcoef((left - right)[steps], (ahead[:, 0] - ahead[:, 1])[steps])[0, 1] > 0.8
+    likeness = measure(result).likeness_deg
+    assert likeness is not None and likeness["thighs"].mean < 14.0 and likeness["shanks"].mean < 14.0
+
+
+def test_the_floor_of_a_walk_is_seen_to_go_by() -> None:
+    """Marks go back as far as the robot goes on, all alike; a body that stays has none."""
+    drawn = moving(strolled())["op3"]
+    assert drawn.marks is not None
+    moved = np.diff(drawn.marks, axis=0)[..., :2] / PITCH
+    moved -= np.round(moved)
+    np.testing.assert_allclose(moved - moved[:, :1], 0.0, atol=1e-9)
+    assert np.abs(moved).max() > 0.01
+    with prepare(
+        synthetic_performer,
+        RunOptions(robot="op3", playback=Playback(end=0.3)),
+        clock=VirtualClock(),
+        make_bus=mock_bus,
+    ) as prepared:
+        assert moving(prepared.run())["op3"].marks is None
+
+
+def test_the_report_of_a_walk_judges_postures_and_says_how_far_it_went() -> None:
+    """Of the strolling performer: whose soles go elsewhere do not slide, and whose goals hold torque may jump."""
+    result = strolled()
     report, use = measure(result), limit_use(result)
     assert report.walk is not None and report.walk.steps > 8
     assert report.soles is None and report.foot_slide_mm is None and report.com_margin_mm is not None
