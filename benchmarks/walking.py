@@ -155,7 +155,7 @@ class WalkRecord(Observer):
         self._squares += torque * torque
         self._speeds.append(float(np.abs(speed).max()))
         w, i, j, k = state.root[3:].tolist()
-        if self.steps:  # before, the trunk comes up from where the performer had it
+        if self.steps > 1:  # before, the trunk comes up from where the performer had it
             self._tilts.append(math.acos(max(min(1.0 - 2.0 * (i * i + j * j), 1.0), -1.0)))
         self._gated.append(output.gated)
         if output.goal is not None:
