@@ -12,6 +12,7 @@ from hardware.clock import Clock
 from hardware.guard import Guard, Torque
 from hardware.guard_state import StopCategory, StopCause
 from retarget.human.samples import PerformerInput
+from retarget.robot.walking.gait import LONGEST_STOP_S as LONGEST_WALK_STOP_S
 from retarget.robot.walking.pattern import Request
 from retarget.types import RunState
 
@@ -27,8 +28,8 @@ class StateRow:
 
 LONGEST_HOLD_S = 4.8
 """A robot holds this long for a performer who cannot be followed, then goes to rest: 5 s after the last data."""
-LONGEST_BRAKE_S = 4.0
-"""Longest stop: that of a walk, which ends after two more steps (`retarget.robot.walking.gait.LONGEST_STOP_S`)."""
+LONGEST_BRAKE_S = LONGEST_WALK_STOP_S + 0.2
+"""Longest stop: that of a walk, which ends after at most two steps."""
 LONGEST_RETURN_S = 15.0
 """Longest return to stance; then the robot goes on from where it is."""
 LONGEST_TO_REST_S = 24.0

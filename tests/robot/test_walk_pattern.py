@@ -11,6 +11,7 @@ from retarget.robot.walking.pattern import (
     CATCH,
     LEFT,
     RIGHT,
+    ROLL,
     Foothold,
     Gait,
     Pattern,
@@ -32,7 +33,6 @@ GAIT = Gait(
     height=0.23,
     width=0.095,
     lift=0.01,
-    narrowest=0.082,
     longest=0.1,
 )
 REQUESTS = pytest.mark.parametrize(
@@ -116,15 +116,17 @@ def test_the_zero_moment_point_is_under_the_soles_that_carry(asked: Request) -> 
             continue
         sole = whole.soles[row, int(carries[1])]
         x, y = rotated(whole.zmp[row] - sole[:2], -float(sole[3])).tolist()
-        assert abs(x) < 0.045 and abs(y) < 0.02
+        assert abs(x) < ROLL * 0.14 * 72 * GAIT.dt + 0.01 and abs(y) < 0.02
 
 
 @REQUESTS
 def test_nothing_jumps_where_the_support_changes_or_a_path_goes_on_from_another(asked: Request) -> None:
     """Mass, zero-moment point, yaw and both soles go on where they were."""
     whole, _ = walked([(asked, 72), (asked, 66), (Request(), 90), (asked, 72), (asked, 120), (asked, 72)])
-    assert np.abs(np.diff(whole.mass[:, :2], axis=0)).max() < 0.004
-    assert np.abs(np.diff(whole.zmp, axis=0)).max() < 0.045
+    assert np.abs(accelerations(whole.mass[:, :2])).max() < 8.0
+    # The zero-moment point goes 0.1 m in six ticks, 1.5 times as fast in the middle of those.
+    assert np.abs(np.diff(whole.zmp, axis=0)).max() < 1.5 * 0.14 / 6 + 0.005
+    assert np.abs(np.diff(whole.zmp, 2, axis=0)).max() < 0.02
     assert np.abs(np.diff(whole.yaws)).max() < 0.01
     assert np.abs(np.diff(whole.soles, axis=0)).max() < 0.014
 
@@ -183,7 +185,7 @@ def test_a_walk_ends_on_both_feet_side_by_side_wherever_it_began(
         np.testing.assert_allclose(path.mass[-2], path.mass[-1], atol=1e-5)
         for soles, mid in zip(path.soles, path.yaws, strict=True):
             apart = rotated(soles[LEFT, :2] - soles[RIGHT, :2], -float(mid))[1]
-            assert apart > GAIT.narrowest - 0.006
+            assert apart > 0.8 * GAIT.width
 
 
 @given(requests, st.floats(0.4, 2.0))

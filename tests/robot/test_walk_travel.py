@@ -143,3 +143,14 @@ def test_who_stands_on_one_leg_does_not_walk() -> None:
     for _ in range(800):
         asked.append(travel.step(still, within(asked[-1])))
     assert asked[600] is not None and asked[-1] is None
+
+
+def test_a_new_walk_has_nothing_of_the_one_before() -> None:
+    """Foot, phase and duration of steps are those of the new one."""
+    travel, performer = Travel(GAIT, MOST, scale=SCALE), Stroller(np.array([0.2, 0.0, 0.0]))
+    for tick in range(round(14.0 / DT)):
+        travel.step(performer.step(walks=not 3.0 < tick * DT < 13.0), Request())
+        if 12.0 < tick * DT < 13.0:
+            assert travel.swing is None
+    assert travel.swing is not None
+    assert abs(travel.swing.since) < 1.0 and 0.4 < travel.swing.period < 0.9

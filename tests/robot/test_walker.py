@@ -18,7 +18,7 @@ from retarget.robot.following_limits import following_limits, servo_limits
 from retarget.robot.landmarks import standing_dofs
 from retarget.robot.walking.gait import fastest, gait_of
 from retarget.robot.walking.path import WalkPath
-from retarget.robot.walking.pattern import Request
+from retarget.robot.walking.pattern import Request, Swing
 from retarget.robot.walking.walker import Walker
 from retarget.safety.standing import SOLE_M, StandingCheck
 from retarget.types import FloatArray
@@ -53,11 +53,16 @@ def walker(name: str = "op3") -> Walker:
 Ways = list[tuple[WalkPath, int]]
 
 
-def walked(one: Walker, asked: Request | None, ticks: int, q: FloatArray) -> Ways:
-    """Where it is on which path, tick by tick, until it stands."""
+def swung(t: float, period: float | None) -> Swing | None:
+    """The last swing of a performer whose left foot is in the middle of one at t = 0, and then the feet in turn."""
+    return None if period is None else Swing(int(t / period) % 2, t % period, period)
+
+
+def walked(one: Walker, asked: Request | None, ticks: int, q: FloatArray, *, period: float | None = None) -> Ways:
+    """Where it is on which path, tick by tick, until it stands. period: of a performer's steps, s."""
     found = list[tuple[WalkPath, int]]()
-    for _ in range(ticks):
-        one.step(asked, q)
+    for tick in range(ticks):
+        one.step(asked, q, swung(one.gait.dt * tick, period))
         assert one.path is not None
         found.append((one.path, one.row))
         if one.is_over:
@@ -77,15 +82,60 @@ def kept(name: str, path: WalkPath) -> None:
 
 
 @pytest.mark.parametrize("name", ["op3", "wolfgang"])
-@pytest.mark.parametrize("share", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (-0.7, 0.0, 0.7), (0.0, 1.0, 0.0)])
-def test_every_path_keeps_soles_pressure_and_limits_to_its_end(name: str, share: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize(
+    "share", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (-0.7, 0.0, 0.7), (0.0, 1.0, 0.0), (0.5, -0.7, -1.0)]
+)
+@pytest.mark.parametrize("period", [None, 1.05, 1.3, 1.65], ids=lambda period: f"{period} times")
+def test_every_path_keeps_soles_pressure_and_limits_to_its_end(
+    name: str, share: tuple[float, float, float], period: float | None
+) -> None:
+    """Alone, and in time with a performer whose steps last longer than its own."""
     one, most = walker(name), fastest(gait_of(robot(name), stance(name), dt=dt(name)))
     asked = Request(share[0] * most.forward, share[1] * most.left, share[2] * most.turn)
-    ticks = 9 * one.gait.ticks
-    paths = {id(path): path for path, _ in walked(one, asked, ticks, stance(name).q)}
-    assert one.steps > 4 and len(paths) > 5
+    ticks, period = 9 * one.gait.ticks, None if period is None else period * one.gait.period
+    paths = {id(path): path for path, _ in walked(one, asked, ticks, stance(name).q, period=period)}
+    assert one.steps >= 4 and len(paths) > 4
     for path in list(paths.values())[1:]:  # the first is the stand
         kept(name, path)
+
+
+@pytest.mark.parametrize("period", [0.56, 0.65, 0.8, 0.98])
+@pytest.mark.parametrize("begins", [0.0, 0.2, 0.45])
+def test_it_keeps_step_with_a_performer(period: float, begins: float) -> None:
+    """The middle of its third swing, and of all that follow, is that of one of the same foot of theirs."""
+    one, q, lifted, off = walker(), stance().q, list[tuple[int, int]](), list[float]()
+    for tick in range(900):
+        one.step(FORWARD, q, swung(begins + one.gait.dt * tick, period))
+        assert one.path is not None
+        carries = one.path.pattern.carries[one.row].tolist()
+        if not all(carries):
+            lifted.append((tick, carries.index(False)))
+        elif lifted and lifted[-1][0] == tick - 1:
+            foot = lifted[-1][1]
+            first = next(
+                at
+                for (at, one_foot), after in zip(lifted[::-1], [*lifted[-2::-1], (-9, 0)], strict=True)
+                if after[0] != at - 1
+            )
+            middle = begins + one.gait.dt * 0.5 * (first + tick)
+            off.append((middle - foot * period + period) % (2.0 * period) - period)
+    assert len(off) > 4 and np.abs(off[2:]).max() < 0.1 and abs(off[-1]) < 0.02
+
+
+def test_a_path_that_is_late_is_dropped() -> None:
+    """The robot goes on to its stand, and from there."""
+    one, q = walker(), stance().q
+    walked(one, FORWARD, 200, q)
+    while one.path is not None and one.row + 4 < one.path.landed:
+        one.step(FORWARD, q)
+    assert one.path is not None
+    one.locate(one.path.postures[one.row + 1])
+    for _ in range(6):
+        assert one.path is not None
+        one.locate(one.path.postures[min(one.row + 1, len(one.path.postures) - 1)])
+    steps = one.steps
+    walked(one, FORWARD, 400, q)
+    assert one.steps > steps
 
 
 def test_it_goes_where_it_is_asked_and_stands_as_in_its_stance() -> None:

@@ -6,7 +6,7 @@ pendulum: a step's time by sqrt(height / g), speeds by sqrt(g height).
 
 from math import sqrt
 
-from retarget.arithmetic import hypot
+from retarget.arithmetic import hypot, sin
 from retarget.errors import ConfigError, UsageError
 from retarget.ik.gravity_torque import GRAVITY
 from retarget.ik.support_polygon import Stance, plant
@@ -20,8 +20,9 @@ from retarget.types import MM
 STEP_TIMES, DOUBLE_TIMES = 3.76, 0.3
 """Duration of a step, and of its double support, in sqrt(height / g): 0.592 and 0.048 s of OP3."""
 SHORTEST, LONGEST_TIME = 0.9, 1.7
-"""Bounds of a step in time with a performer, in those of the gait. A shorter one would need faster servos; a longer
-one, at the same velocity, legs that reach farther, hence bend more: they would look less like the performer's."""
+"""Durations of the shortest and of the longest step in time with a performer, as shares of the gait's own. A shorter
+step would need faster servos. A longer one, at the same velocity, needs legs that reach farther, hence bend more: they
+would look less like the performer's."""
 WALKING_HEIGHT = 0.94
 """Height of the centre of mass in the pattern of a walk, as a share of that in `stand`."""
 STRAIGHTEST, REACHING, LOWER = 1.032, 1.0745, 0.284
@@ -31,16 +32,16 @@ step as long as the height, 0.98 of `stand` for short ones of OP3, and 0.91 for 
 and acceleration; more, and they bend more than the performer's."""
 LIFT = 0.043
 """Greatest height of the foot that swings, as a share of that height: 10 mm of OP3. Knees need torque for more."""
-NARROWEST = 0.86
-"""Least distance of the soles, sideways, as a share of that in `stand`."""
 LONGEST = 0.45
 """Longest step, as a share of the height. In a longer one, bent legs of OP3 come too near to its trunk."""
 FORWARD, SIDEWAYS, TURN = 0.0972, 0.026, 0.0472
 """Fastest walk, forward and sideways by sqrt(g height), and turn by sqrt(g / height): 0.15 m/s, 0.04 m/s and 0.3 rad/s
 of OP3. At 0.18 m/s its hips and knees would have to speed up faster than they can, and it stumbles."""
+MOST_EASE_S = 0.9
+"""Longest time (s) in which a robot that begins to walk gets to its walking height, and upright."""
 LONGEST_STOP_S = 3.8
-"""Longest stop (s) of a robot that walks: of two steps, and what is before and after them. A taller robot takes longer,
-and stays planted."""
+"""Longest stop (s) of a robot that walks, from the first posture of a path to its end: the supervisor allows 0.2 s
+more. A taller robot takes longer, and stays planted."""
 
 
 def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
@@ -59,7 +60,6 @@ def gait_of(robot: RobotBody, stance: Stance, *, dt: float) -> Gait:
         height=height,
         width=width,
         lift=LIFT * height,
-        narrowest=NARROWEST * width,
         longest=LONGEST * height,
     )
 
@@ -71,17 +71,19 @@ def fastest(gait: Gait) -> Request:
 
 
 def clipped(gait: Gait, asked: Request, time: float) -> Request:
-    """What is asked, no faster than the robot may be asked to walk, in a step of so many s: a long step leaves a leg
-    little to reach sideways, while hips turn as they do on the spot."""
+    """A velocity that is no faster than the robot may be asked to walk, in a step of so many s: a long step leaves a
+    leg little to reach forward, and less to reach sideways, while hips turn as they do on the spot."""
     most = fastest(gait)
-    far = min(most.forward, gait.longest / time)
-    length = max(hypot(asked.forward / far, asked.left / most.left), 1.0)
-    return Request(asked.forward / length, asked.left / length, min(max(asked.turn, -most.turn), most.turn))
+    turn = min(max(asked.turn, -most.turn), most.turn)
+    reach = gait.longest - 0.5 * gait.width * abs(sin(turn * time))  # soles that turn are before and behind each other
+    forward, left = min(most.forward, reach / time), most.left * min(gait.period / time, 1.0)
+    length = max(hypot(asked.forward / forward, asked.left / left), 1.0)
+    return Request(asked.forward / length, asked.left / length, turn)
 
 
 def walking_heights(gait: Gait, far: float) -> tuple[float, float]:
-    """Heights (m) of the centre of mass in a step of `far` m: while both feet are on the floor, where legs reach
-    forward and back, and over one of them."""
+    """Heights (m) of the centre of mass in a step of `far` m: while both feet are on the floor and legs reach forward
+    and back, and over one of them."""
     high = STRAIGHTEST * gait.height
     return min(high, REACHING * gait.height - LOWER * far), high
 
@@ -147,7 +149,7 @@ def _unable(robot: RobotBody, *, mass: bool) -> str | None:
     """Why a robot that could be asked to walk stays planted; None: it walks. mass: whether it has any."""
     load, missed = on_one_leg(robot)
     gait = gait_of(robot, plant(robot, robot.profile.postures.stand), dt=1.0 / robot.profile.safety.rate_hz)
-    stop = (1.0 + LONGEST_TIME) * gait.period + (CATCH + EASE) / gait.omega
+    stop = (1.0 + LONGEST_TIME) * gait.period + max(MOST_EASE_S, CATCH / gait.omega) + EASE / gait.omega
     if missed > MISSED_M:
         return f"its mass does not come over one sole while both are flat ({MM * missed:.1f} mm off)"
     if stop > LONGEST_STOP_S:

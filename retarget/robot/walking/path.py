@@ -1,11 +1,11 @@
 """Paths of a walking robot: postures of root and legs for a pattern, tick by tick, until it stands on both feet.
 
-Soles come first, then the centre of mass, then a pelvis that is upright; within the limits of the servos. Joints that
-carry nothing stay as they were when the path was begun: where they go meanwhile moves the zero-moment point by as much
-as the mass, and the next step has them where they are then.
+Soles come first, then the centre of mass, then an upright pelvis; within the limits of the servos. Joints that carry
+nothing stay in the path as they were when it was begun. They move all the same, and the centre of mass with them; the
+next path begins with their new angles.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from retarget._solver import Solver, Task
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
-from retarget.robot.walking.pattern import Foothold, Gait, Pattern, Request, Step, minimum_jerk
+from retarget.robot.walking.pattern import Foothold, Gait, Pattern, Request, Step, modified_sine
 from retarget.rotations import Quat, as_quat, as_vector, inverse, product, rotated, rotation_vector, turn
 from retarget.types import BoolArray, FloatArray
 
@@ -23,46 +23,36 @@ ROOT = 1
 
 @dataclass(frozen=True, eq=False)
 class WalkPath:
-    """postures (k, nq), m, wxyz and rad, world, tick by tick: first the one from which it goes on, last the robot
-    stands. pattern: of as many rows. steps: with which it begins: the one that was asked for, and one that brings the
-    feet together; none where none was. speed: of the first. since: the row of the path before from which it goes on."""
+    """postures (k, nq), m, wxyz and rad, world, tick by tick: the robot goes on from the first, and stands in the last.
+    pattern: it has as many rows. step: the path begins with it, and one that brings the feet together follows; None:
+    the robot only comes to rest. landed: the row with which the step ends, or the last. speed: the mean velocity of the
+    step. since: the path goes on from this row of the path before."""
 
     postures: FloatArray
     pattern: Pattern
-    steps: tuple[Step, ...]
+    step: Step | None
+    landed: int
     speed: Request
     since: int
 
     @property
     def feet(self) -> tuple[Foothold, Foothold]:
-        """Where both soles are at its end."""
+        """Both soles at its end."""
         return self.pattern.feet(-1)
-
-    @property
-    def landed(self) -> int:
-        """The row with which its first step ends."""
-        return self.steps[0].double + self.steps[0].single if self.steps else len(self.postures) - 1
-
-    @property
-    def free(self) -> int:
-        """The last row after that in which both soles are still on the floor."""
-        return self.landed + (self.steps[1].double if self.steps else 0)
 
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """A path in the making, of which so many postures are there. velocity (nv,): in the first row. offset (3,) m,
-    turned (3,) rad: of centre of mass and root from the pattern there, which fade within `ease` ticks."""
+    """A path in the making. path: it has no postures yet but the first; postures: made so far. velocity (nv,): of the
+    first. offset (3,) m, turned (3,) rad: of centre of mass and root from the pattern there, which fade within `ease`
+    ticks."""
 
+    path: WalkPath
     postures: list[FloatArray]
     velocity: FloatArray
-    pattern: Pattern
     offset: FloatArray
     turned: FloatArray
     ease: int
-    steps: tuple[Step, ...]
-    speed: Request
-    since: int
 
 
 class PathPlanner:
@@ -103,26 +93,28 @@ class PathPlanner:
         return self._body.difference(before, now) / self._gait.dt
 
     def off(self, q: FloatArray, mass: FloatArray, yaw: float) -> tuple[FloatArray, FloatArray]:
-        """How far the centre of mass of a posture (nq,) is off a place (3,) m, and how far, (3,) rad, its root is
-        turned from upright at a yaw, rad."""
+        """The offset (3,) m of the centre of mass of a posture (nq,) from a place (3,) m, and the turn (3,) rad of its
+        root from upright at a yaw, rad."""
         root = as_quat(self._body.orientations(q[None], [ROOT])[0, 0])
         return self.mass(q) - mass, np.array(rotation_vector(product(root, inverse(self._pelvis(yaw)))))
 
-    def advance(self, sketch: Sketch, rows: int) -> bool:
-        """Make so many more rows of a path; whether it is whole."""
-        solver, pattern, done = self._solver, sketch.pattern, len(sketch.postures)
+    def advance(self, sketch: Sketch, rows: int) -> WalkPath | None:
+        """Make so many more rows of a path. Returns the path once it is whole, else None."""
+        solver, pattern, done = self._solver, sketch.path.pattern, len(sketch.postures)
         if done == 1:
             solver.reset(sketch.postures[0], sketch.velocity)
         mass, yaws, whole = pattern.mass, pattern.yaws.tolist(), len(pattern.zmp)
         for row in range(done, min(done + rows, whole)):
-            left = 1.0 - minimum_jerk(row / sketch.ease)
+            left = 1.0 - modified_sine(row / sketch.ease)
             self._aim(pattern.soles[row], mass[row] + left * sketch.offset, yaws[row], left * sketch.turned)
             sketch.postures.append(solver.frame(self._targets, self._gait.dt, 1.0))
-        return len(sketch.postures) == whole
+        if len(sketch.postures) < whole:
+            return None
+        return replace(sketch.path, postures=np.array(sketch.postures))
 
     def _aim(self, soles: FloatArray, mass: FloatArray, yaw: float, turned: FloatArray) -> None:
-        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw rad of the trunk, and how far (3,) rad
-        it is turned from upright."""
+        """Write the targets of a row: soles (2, 4), centre of mass (3,) m, yaw rad of the trunk, and its turn (3,) rad
+        from upright."""
         targets = self._targets
         for k, (sole, middle, pose) in enumerate(zip(self._soles, self._middles, soles, strict=True)):
             about = turn((0.0, 0.0, float(pose[3])))

@@ -8,9 +8,9 @@ The mass is a linear inverted pendulum of constant height h over a floor, w = sq
     eta = c - c'/w     eta' = -w (eta - z)     convergent one;  c = (xi + eta)/2,  c' = w (xi - eta)/2
 
 Steps say where soles are and when, and that says where z goes: while both soles carry, from one over the middle to the
-other; then it stays. Since the end is a stand, xi is known there, and follows backward from z, which no error survives;
-eta follows forward. So a step may last as long as it likes. What xi is off at the start, and eta at the end, two
-bumps of z take away, one at the start and one at the end.
+other, and then forward on the one that carries. The end is a stand, so xi is known there, and is integrated backward
+from it, which is stable; eta is integrated forward, which is stable too. So a step may last for any time. Both are
+linear in z: two bumps of z, at the start and at the end, make xi begin, and eta end, where they must.
 
 Everything here is a function of data in a plane of the floor: m, s, rad, x forward and y left.
 """
@@ -29,25 +29,25 @@ from retarget.types import BoolArray, FloatArray
 LEFT, RIGHT = 0, 1
 OUTWARD = (1.0, -1.0)
 """Sign of y on the outer side of the left and of the right foot."""
+# Times in 1/w. The shorter they are, the more the zero-moment point has to move; each was made shorter until it came to
+# within 3 cm of the edge of OP3's soles, which the balance against errors and pushes needs.
 RAMP = 1.3
-"""Time, in 1/w, in which the zero-moment point goes from a sole to the middle, or from there to a sole; both at once
+"""Time in which the zero-moment point goes from a sole to the middle, or from there to a sole; it does both at once
 where both soles carry for less than twice that."""
 CATCH = 2.0
-"""Time, in 1/w, in which what the mass is off at the start is taken away. The shorter, the farther goes the zero-moment
-point."""
-ROLL = 0.35
-"""Way of the zero-moment point on the sole that carries, to both sides of its middle, in lengths of a step: so the mass
-goes on while a foot swings, and legs need not reach so far."""
+"""Time in which the mass takes up a new plan, at the start of a path; one that rests is pushed to a sole meanwhile."""
 EASE = 3.9
-"""Time, in 1/w, in which the mass comes to rest after the last step."""
+"""Time in which the mass comes to rest after the last step."""
+ROLL = 0.35
+"""While one sole carries, the zero-moment point goes forward on it, from behind its middle to before it by this share
+of a step. So the mass goes on while a foot swings, and legs need not reach so far."""
 
 
 @dataclass(frozen=True)
 class Gait:
     """Times and sizes of steps. ticks: of a step, of `dt` s each; least_ticks, most_ticks: of one in time with a
     performer; double_ticks: of double support in each. height: of the centre of mass over the floor, m. width: between
-    the centres of the soles, m. lift: greatest height of the foot that swings, m. narrowest, longest: bounds of a step,
-    sideways and forward, m."""
+    the centres of the soles, m. lift: greatest height of the foot that swings, m. longest: step forward, m."""
 
     ticks: int
     least_ticks: int
@@ -57,7 +57,6 @@ class Gait:
     height: float
     width: float
     lift: float
-    narrowest: float
     longest: float
 
     @property
@@ -71,7 +70,7 @@ class Gait:
         return sqrt(GRAVITY / self.height)
 
     def natural(self, time: float) -> int:
-        """Ticks of a time in 1/w."""
+        """The ticks of a time in 1/w."""
         return round(time / (self.omega * self.dt))
 
 
@@ -141,7 +140,7 @@ class Pattern:
         return 0.5 * (self.soles[:, 0, 3] + self.soles[:, 1, 3])
 
     def feet(self, row: int) -> tuple[Foothold, Foothold]:
-        """Where both soles are, of which none is in the air."""
+        """Both footholds in a row in which no sole is in the air."""
         left, right = (Foothold(sole[:2], float(sole[3])) for sole in self.soles[row])
         return left, right
 
@@ -165,15 +164,13 @@ def bump(u: FloatArray) -> FloatArray:
     return 64.0 * square * square * square
 
 
-def minimum_jerk(u: float) -> float:
-    """10u^3 - 15u^4 + 6u^5 within 0 to 1 (T. Flash and N. Hogan, J. Neuroscience 5(7), 1985)."""
-    u = min(max(u, 0.0), 1.0)
-    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
+PEAK = 5.53
+"""Largest acceleration of `modified_sine`."""
 
 
 def modified_sine(u: float) -> float:
     """From 0 to 1 within 0 to 1: quarters of sines of acceleration, fast ones at both ends and a slow one between (the
-    cam of that name). Velocity and acceleration vanish at both ends; their peaks, 1.76 and 5.53, are less than those of
+    cam of that name). Velocity and acceleration vanish at both ends; their peaks, 1.76 and PEAK, are less than those of
     minimum jerk, 1.88 and 5.77, and speed is what a servo lacks first."""
     u = min(max(u, 0.0), 1.0)
     if u > 0.5:
@@ -184,15 +181,12 @@ def modified_sine(u: float) -> float:
 
 
 def landing(gait: Gait, support: Foothold, request: Request, swinging: int, time: float) -> Foothold:
-    """Where the foot that swings lands beside or before the one that carries, in a step of `time` s. Sideways the foot
-    on that side makes the whole way, so that soles never come nearer than the width."""
+    """The foothold of the foot that swings beside or before the one that carries, in a step of `time` s. Sideways the
+    foot on that side makes the whole way, so that soles never come nearer than the width."""
     side, turn = OUTWARD[swinging], request.turn * time
     sideways = 2.0 * request.left * time if side * request.left > 0.0 else 0.0
     half = np.array([0.0, 0.5 * side * gait.width])
-    x, y = (half + np.array([request.forward * time, sideways]) + rotated(half, turn)).tolist()
-    x = min(max(x, -gait.longest), gait.longest)
-    y = side * min(max(side * y, gait.narrowest), 2.0 * gait.width)
-    return support.moved(np.array([x, y]), turn)
+    return support.moved(half + np.array([request.forward * time, sideways]) + rotated(half, turn), turn)
 
 
 def standing(feet: tuple[Foothold, Foothold], mass: FloatArray, ticks: int) -> Pattern:
@@ -229,7 +223,7 @@ def walk(gait: Gait, begun: Pattern, row: int, steps: Sequence[Step], heights: t
     zmp.append(_transfer(gait, zmp[-1][-1], middle, middle, ticks))
     risen.append(np.zeros(ticks))
     pressed, (low, high) = np.concatenate(zmp), heights
-    divergent, convergent = _swayed(gait, pressed, begun.divergent[row], begun.convergent[row], middle)
+    divergent, convergent = _through(gait, pressed, begun.divergent[row], begun.convergent[row], middle)
     height = low + (high - low) * np.concatenate(risen)
     return Pattern(divergent, convergent, pressed, height, np.concatenate(soles), np.concatenate(carries))
 
@@ -255,7 +249,7 @@ def _transfer(gait: Gait, at: FloatArray, middle: FloatArray, to: FloatArray, ti
     return at + smooth(t / ramp) * (middle - at) + smooth((t - (ticks - ramp)) / ramp) * (to - middle)
 
 
-def _swayed(
+def _through(
     gait: Gait, zmp: FloatArray, divergent: FloatArray, convergent: FloatArray, middle: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Both components (k, 2) m of the mass, from where they are, (2,) m each, to rest in the middle (2,) m. Two bumps
@@ -265,9 +259,11 @@ def _swayed(
     early = bump(ticks / min(gait.natural(CATCH), count - 1))
     late = bump((ticks - (count - 1 - gait.natural(EASE))) / gait.natural(EASE))
     off = divergent - _divergent(zmp, middle, kept)[0], middle - _convergent(zmp, convergent, kept)[-1]
-    none = np.zeros(1)
-    a, b = (float(_divergent(one, none, kept)[0, 0]) for one in (early, late))
-    c, d = (float(_convergent(one, none, kept)[-1, 0]) for one in (early, late))
+    # Both bumps change xi at the start by a, b and eta at the end by c, d, so their heights h solve
+    # [[a, b], [c, d]] h = off.
+    rest = np.zeros(1)
+    a, b = (float(_divergent(one, rest, kept)[0, 0]) for one in (early, late))
+    c, d = (float(_convergent(one, rest, kept)[-1, 0]) for one in (early, late))
     zmp += (early * (d * off[0] - b * off[1]) + late * (a * off[1] - c * off[0])) / (a * d - b * c)
     return _divergent(zmp, middle, kept), _convergent(zmp, convergent, kept)
 

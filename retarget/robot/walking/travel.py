@@ -68,9 +68,8 @@ class Strides:
         self._in_air = [inf, inf]  # s since either foot was
         self._lifts = list[float]()  # s since the last three times that a foot left the floor
         self._foot = 0  # the last of these
-        self._swung: tuple[int, float] | None = (
-            None  # the foot that was in the air last, and s since the middle of that
-        )
+        # The foot that was in the air last, and s since the middle of that.
+        self._swung: tuple[int, float] | None = None
 
     @property
     def duration(self) -> float:
@@ -103,7 +102,8 @@ class Strides:
         stays = max(LIFTED_S, LIFTED * self.duration) if self.walks else LIFTED_S
         steps = soon < stays and bool(self._lifts) and self._lifts[-1] < ONE_LEG_S
         self.walks = steps and (self.walks or late < 3.0 * LIFTED_S or travels)
-        self._lifts = self._lifts if self.walks else self._lifts[-1:]
+        if not self.walks:
+            self._lifts, self._swung = [since for since in self._lifts[-1:] if since < ONE_LEG_S], None
 
 
 class Travel:

@@ -14,12 +14,13 @@ from retarget.arithmetic import hypot, norm
 from retarget.ik.support_polygon import Stance
 from retarget.model.body import JointLimits
 from retarget.model.robot import RobotBody
-from retarget.robot.walking.gait import clipped, walking_heights
+from retarget.robot.walking.gait import MOST_EASE_S, clipped, walking_heights
 from retarget.robot.walking.path import PathPlanner, Sketch, WalkPath
 from retarget.robot.walking.pattern import (
     CATCH,
     EASE,
     LEFT,
+    PEAK,
     RIGHT,
     Foothold,
     Gait,
@@ -35,14 +36,13 @@ from retarget.types import BoolArray, FloatArray
 ROWS = 24
 """Postures of the next path that are made in a tick, 0.05 ms each: a path is there in 0.1 s."""
 EARLY_S = 0.35
-"""Time (s) before it is needed at which a path is there: arms get out of the way of the legs meanwhile."""
+"""Time (s) before it is needed at which the path of a next step is there: arms get out of the way of legs meanwhile.
+With 0.15 s, paths were refused in the middle of a walk with hanging arms (CMU 02_01). A first step is tried at once."""
 EASE_ACCELERATION, EASE_TURN = 0.4, 6.0
 """m/s^2 and rad/s^2 with which a robot that begins to walk gets to its walking height, and upright: so its zero-moment
 point is moved by less than 1 cm."""
-PEAK = 5.78
-"""Largest acceleration of a minimum jerk, by its way over the square of its time."""
-FORESEEN = 10
-"""Postures of a step in which arms are to keep off the legs."""
+FORESEEN_S = 0.056
+"""Time (s) from one to the next of the postures that arms are to keep off."""
 
 
 class Walker:
@@ -67,25 +67,29 @@ class Walker:
             self.feet = self.path.feet
         self.path = None
         self._before: tuple[WalkPath | None, int] = (None, 0)  # where the robot is if the last row was not taken
+        self.drop()
+
+    def drop(self) -> None:
+        """Go nowhere from the path."""
         self._sketch: Sketch | None = None
         self._next: WalkPath | None = None
-        self._foreseen: WalkPath | None = None  # the last one that was made
-        self._stands = False  # whether it is to
+        self._refused: WalkPath | None = None
+        self._stands = True  # whether it is to
 
     def begin(self, stop: FloatArray) -> None:
         """Begin to walk: come to rest first, on a path of postures (k, nq) from the one in which the robot is."""
         pattern = standing(self.feet, self._planner.mass(stop[-1]), len(stop))
-        self.path, self.row = WalkPath(stop, pattern, (), Request(), 0), 0
+        self.path, self.row = WalkPath(stop, pattern, None, len(stop) - 1, Request(), 0), 0
         self._before = self.path, 0
 
     @property
     def speed(self) -> Request:
-        """At which its present step goes."""
+        """The velocity of its present step."""
         return Request() if self.path is None or self.row > self.path.landed else self.path.speed
 
     @property
     def is_over(self) -> bool:
-        """Whether the robot is at the end of its path, and is to go nowhere from there."""
+        """True where the robot is at the end of its path, and is to go nowhere from there."""
         return self._stands and self.path is not None and self.row == len(self.path.postures) - 1
 
     def step(self, asked: Request | None, q: FloatArray, swing: Swing | None = None) -> None:
@@ -93,22 +97,24 @@ class Walker:
         stand. q (nq,): its posture. swing: of the performer with whom it is to keep step; None: with nobody."""
         path = self.path
         assert path is not None, "it walks"
-        self._before, self._stands = (path, self.row), asked is None
+        self._before = path, self.row
         if asked is None:
-            self._sketch = self._next = self._foreseen = None
+            self.drop()
         else:
+            self._stands = False
             self._plan(path, asked, q, swing)
         if self._next is not None and self.row == self._next.since:
-            path, self.row, self._next, self._foreseen = self._next, 0, None, None
-            self.path, self.steps = path, self.steps + bool(path.steps)
+            path, self.row = self._next, 0
+            self.path, self.steps, self._next, self._refused = path, self.steps + 1, None, None
         self.row = min(self.row + 1, len(path.postures) - 1)
 
     def through(self) -> FloatArray:
         """Postures (k, nq), world, through which the next path leads, or the one that was refused, or the rest of this
         one."""
-        path, row = (self.path, self.row) if self._foreseen is None else (self._foreseen, 0)
+        ahead = self._next or self._refused
+        path, row = (self.path, self.row) if ahead is None else (ahead, 0)
         assert path is not None, "it walks"
-        return path.postures[row :: self.gait.ticks // FORESEEN].copy()
+        return path.postures[row :: max(round(FORESEEN_S / self.gait.dt), 1)].copy()
 
     def locate(self, q: FloatArray) -> None:
         """Go on from a posture (nq,) to which the robot was sent instead of the last row: on the path before, where the
@@ -121,35 +127,27 @@ class Walker:
             row = min(row, len(path.postures) - 1)
             if np.array_equal(path.postures[row, self._legs], q[self._legs]):
                 if path is not self.path:  # it was refused: where the robot stands, another one is made
-                    self.steps -= bool(self.path.steps)
-                    self._sketch, self._next, self._foreseen = None, None, self.path
+                    self.steps -= 1
+                    self._sketch, self._next, self._refused = None, None, self.path
                 self.path, self.row = path, row
                 break
         else:  # what was sent is on no path: before a step it stands where it is
-            if not self.path.steps:
+            if self.path.step is None:
                 self.stand()
         self._before = self.path, self.row
 
-    def drop(self) -> None:
-        """Go nowhere from the path."""
-        self._sketch = self._next = self._foreseen = None
-        self._stands = True
-
     def _plan(self, path: WalkPath, asked: Request, q: FloatArray, swing: Swing | None) -> None:
         """Go on making the next path, or begin one not long before it is needed: then what is asked is new."""
+        for ahead in (self._next, None if self._sketch is None else self._sketch.path):
+            if ahead is not None and ahead.since < self.row:  # it is late, and the robot goes on to its stand
+                self._next = self._sketch = None
         if self._next is not None:
             return
-        if self._sketch is None:
-            since = self._since(path)
-            if since is None:
-                return
+        if self._sketch is not None:
+            self._next = self._planner.advance(self._sketch, ROWS)
+            self._sketch = None if self._next is not None else self._sketch
+        elif (since := self._since(path)) is not None:
             self._sketch = self._sketched(path, since, asked, q, swing)
-        if self._sketch.since < self.row:  # it is late, and the robot goes on to its stand
-            self._sketch = None
-        elif self._planner.advance(self._sketch, ROWS):
-            done, self._sketch = self._sketch, None
-            self._next = WalkPath(np.array(done.postures), done.pattern, done.steps, done.speed, done.since)
-            self._foreseen = self._next
 
     def _since(self, path: WalkPath) -> int | None:
         """The row from which another step is to begin, if that is to be made now."""
@@ -165,47 +163,63 @@ class Walker:
         first = path.postures[since].copy()
         first[self.others] = q[self.others]
         velocity = planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
-        rests = since > path.landed or not path.steps
+        rests = since > path.landed or path.step is None
         begun, row = (standing(path.feet, planner.mass(first), 1), 0) if rests else (path.pattern, since)
-        swinging, ticks = self._in_time(path, since - self.row, swing, rests=rests, left=asked.left > 0.0)
-        time = ticks * gait.dt
-        speed = clipped(gait, asked, time)
-        heights = walking_heights(gait, hypot(speed.forward, speed.left) * time)
-        offset, turned = planner.off(first, np.array([*begun.mass[row, :2], heights[0]]), float(begun.yaws[row]))
-        ease = self._ease_ticks(offset, turned) if rests else ticks
-        # A mass that rests is pushed to one side before the foot on the other is lifted.
-        double, single = gait.double_ticks, ticks - gait.double_ticks
-        support = begun.feet(row)[1 - swinging]
-        target = landing(gait, support, speed, swinging, time)
-        step = Step(1 - swinging, target, max(gait.natural(CATCH), ease) if rests else double, single)
-        beside = landing(gait, target, Request(), 1 - swinging, gait.period)
-        steps = step, Step(swinging, beside, double, gait.ticks - double)
-        pattern, share = walk(gait, begun, row, steps, heights), ticks / (step.double + step.single)
-        speed = Request(share * speed.forward, share * speed.left, share * speed.turn)
-        return Sketch([first], velocity, pattern, offset, turned, ease, steps, speed, since)
 
-    def _in_time(self, path: WalkPath, ahead: int, swing: Swing | None, *, rests: bool, left: bool) -> tuple[int, int]:
-        """The foot that makes the next step, which begins so many ticks ahead, and the ticks of that step: in time with
-        the performer's feet, where those are neither too fast nor too slow for that."""
-        gait = self.gait
-        feet: tuple[int, ...] = (LEFT, RIGHT) if left else (RIGHT, LEFT)
+        def off(heights: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+            return planner.off(first, np.array([*begun.mass[row, :2], heights[0]]), float(begun.yaws[row]))
+
+        double = gait.double_ticks
+        if rests:  # its mass is pushed to one side before the foot on the other is lifted, and comes to its height
+            double = max(gait.natural(CATCH), self._ease_ticks(*off(self._heights(asked, gait.ticks))))
+        feet = self._feet(path, rests=rests, left=asked.left > 0.0)
+        swinging, ticks = self._in_time(feet, since - self.row + double, swing)
+        time = ticks * gait.dt
+        speed, heights = clipped(gait, asked, time), self._heights(asked, ticks)
+        target = landing(gait, begun.feet(row)[1 - swinging], speed, swinging, time)
+        beside = landing(gait, target, Request(), 1 - swinging, gait.period)
+        step = Step(1 - swinging, target, double, ticks - gait.double_ticks)
+        last = Step(swinging, beside, gait.double_ticks, gait.ticks - gait.double_ticks)
+        pattern, landed = walk(gait, begun, row, (step, last), heights), step.double + step.single
+        speed = Request(*(ticks / landed * one for one in (speed.forward, speed.left, speed.turn)))
+        made = WalkPath(first[None], pattern, step, landed, speed, since)
+        return Sketch(made, [first], velocity, *off(heights), double if rests else ticks)
+
+    def _heights(self, asked: Request, ticks: int) -> tuple[float, float]:
+        """Heights of the mass, m, in a step of so many ticks, as `walking_heights` says."""
+        time = ticks * self.gait.dt
+        speed = clipped(self.gait, asked, time)
+        return walking_heights(self.gait, hypot(speed.forward, speed.left) * time)
+
+    def _ease_ticks(self, offset: FloatArray, turned: FloatArray) -> int:
+        """Ticks in which a robot that begins to walk gets to its walking height, upright."""
+        ease = max(sqrt(PEAK * norm(offset) / EASE_ACCELERATION), sqrt(PEAK * norm(turned) / EASE_TURN))
+        return round(min(ease, MOST_EASE_S) / self.gait.dt)
+
+    def _feet(self, path: WalkPath, *, rests: bool, left: bool) -> tuple[int, ...]:
+        """The feet that may make the next step, the better one first."""
         if not rests:
-            feet = (path.steps[0].carrying,)
-        elif self._foreseen is not None:  # it was refused, and arms get out of the way of that foot
-            feet = (1 - self._foreseen.steps[0].carrying,)
+            return () if path.step is None else (path.step.carrying,)
+        if self._refused is not None and self._refused.step is not None:  # arms get out of the way of that foot
+            return (1 - self._refused.step.carrying,)
+        return (LEFT, RIGHT) if left else (RIGHT, LEFT)
+
+    def _in_time(self, feet: tuple[int, ...], lift: int, swing: Swing | None) -> tuple[int, int]:
+        """The foot that makes the next step, and the ticks of that step: in time with the performer's feet, where those
+        are neither too fast nor too slow for that. lift: ticks from now until the robot lifts that foot."""
+        gait = self.gait
         if swing is None or not gait.least_ticks <= (ticks := round(swing.period / gait.dt)) <= gait.most_ticks:
             return feet[0], gait.ticks
-        double = gait.natural(CATCH) if rests else gait.double_ticks
-        middle = round(swing.since / gait.dt) + ahead + double + (ticks - gait.double_ticks) // 2
+        middle = round(swing.since / gait.dt) + lift + (ticks - gait.double_ticks) // 2
 
         def late(foot: int) -> int:
             """Ticks by which the middle of that foot's swing is later than the performer's, or earlier."""
             return (middle - (0 if foot == swing.foot else ticks) + ticks) % (2 * ticks) - ticks
 
-        foot = min(feet, key=lambda foot: abs(late(foot)))
-        return foot, min(max(ticks - late(foot), gait.least_ticks), gait.most_ticks)
+        def cure(foot: int) -> float:
+            """Steps after which it would be in time: they can be longer by much, and shorter by little."""
+            ticks_late = late(foot)
+            return max(ticks_late / (ticks - gait.least_ticks + 1), -ticks_late / (gait.most_ticks - ticks + 1))
 
-    def _ease_ticks(self, offset: FloatArray, turned: FloatArray) -> int:
-        """Ticks in which a robot that begins to walk gets to its walking height, upright."""
-        ease = max(sqrt(PEAK * norm(offset) / EASE_ACCELERATION), sqrt(PEAK * norm(turned) / EASE_TURN))
-        return max(round(ease / self.gait.dt), 1)
+        foot = min(feet, key=cure)
+        return foot, min(max(ticks - late(foot), gait.least_ticks), gait.most_ticks)
