@@ -669,7 +669,8 @@ class RunRequest:
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
             refuse_given([*given(self.file, but=("stature",)), *start, *pose], "motion file")
             self.live.refuse_pages(self.source, self.view)
-            if self.live.oversight.stick is not None and options.steps != "walk":
+            may_walk = options.steps == "walk" or (options.steps is None and options.priorities is not None)
+            if self.live.oversight.stick is not None and not may_walk:
                 found = "no --steps" if options.steps is None else f"--steps {options.steps}"
                 step = "Add --steps walk, or leave it out"
                 raise UsageError("a stick is for a robot that walks", where="--stick", found=found, next_step=step)

@@ -19,8 +19,8 @@ class Stick(Protocol):
     """Something by which the operator asks for a velocity."""
 
     def shares(self, now: float) -> Shares:
-        """What is asked for at `now`, s; STAND unless it is fresh. Never waits, and raises nothing that a person or a
-        device causes."""
+        """The shares that are asked for at `now`, s; STAND where nothing is held any more. Never waits, and raises
+        nothing that a person or a device causes."""
 
 
 DEAD_ZONE = 0.15
@@ -38,7 +38,7 @@ def velocity_of(shares: Shares, fastest: Request) -> Request:
 
 LAPSE_S = 0.6
 """Time, s, for which a key counts after it came: keyboards wait half a second before they repeat."""
-KEYS: dict[str, Shares] = {
+WALK_KEYS: dict[str, Shares] = {
     "w": (1.0, 0.0, 0.0),
     "s": (-1.0, 0.0, 0.0),
     "a": (0.0, 1.0, 0.0),
@@ -60,11 +60,11 @@ class KeyStick:
     def press(self, keys: str, now: float) -> None:
         """Take the keys that came until `now`, s."""
         for key in keys:
-            if key in KEYS:
-                self._shares, self._until = KEYS[key], now + LAPSE_S
+            if key in WALK_KEYS:
+                self._shares, self._until = WALK_KEYS[key], now + LAPSE_S
 
     def shares(self, now: float) -> Shares:
-        """What is asked for, as `Stick.shares` says."""
+        """The shares, as `Stick.shares` says."""
         return self._shares if now <= self._until else STAND
 
 
@@ -95,7 +95,8 @@ class Gamepad(EventDevice):
             raise HardwareError("this device has no two sticks", where=path, then=step)
 
     def shares(self, now: float) -> Shares:
-        """What is asked for, as `Stick.shares` says. Once the device is lost, it is to stand for good."""
+        """The shares, as `Stick.shares` says. A stick that is held still sends no events, so they count while a
+        shoulder button is down; once the device is lost, the robot is to stand for good."""
         for kind, code, value in self._events():
             if kind == EV_ABS and code in self._ranges:
                 self._shares[code] = _share(value, *self._ranges[code])

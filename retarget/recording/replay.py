@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isnan
+from math import isfinite
 from typing import ClassVar
 
 import numpy as np
@@ -194,9 +194,9 @@ class RecordedInputs:
         return OperatorInput(stop, self._asked(Asked.TORQUE_OFF), fault, velocity)
 
     def _velocity(self) -> Request | None:
-        """What a stick asked for."""
+        """The velocity that a stick asked for; None: there was none."""
         forward, left, _, _, _, turn = self._cycles.velocity_asked[self._row].tolist()
-        return None if isnan(forward) else Request(forward, left, turn)
+        return Request(forward, left, turn) if isfinite(forward + left + turn) else None
 
     def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
         samples = self._samples

@@ -89,6 +89,8 @@ MOST_SAID = 200
 """Characters of a sentence of a page that are shown."""
 REPORTED_AGAIN_S, MOST_REPORTED = 10.0, 50
 """The same sentence goes to the terminal again after so long, s; and so many are known apart."""
+STEERS_S = 0.3
+"""A page whose pad is held and that has not said so for so long, s, steers no more."""
 LOST_S = 0.5
 """A performer whose page sends no frame for so long, s, or leaves, pauses the robot, which has held since 0.2 s. It
 goes on when asked to."""
@@ -143,6 +145,8 @@ class PageServer:
     """The same of who the robot follows."""
     _holds: dict[str, int] = field(default_factory=dict)
     """Numbers of the pages that have used a dead-man control, by their identity."""
+    _steers: tuple[Client | None, float] = None, -np.inf
+    """The browser that steers, and until when [s] it does unless it says so again."""
     _stop: bool = False
     _reported: dict[str, float] = field(default_factory=dict)
     """When a sentence went to the terminal."""
@@ -233,8 +237,9 @@ class PageServer:
             return
         said = _parsed(message)
         say, settings = str(said["say"]), self.settings
-        act, is_asked = _SAYINGS.get(say), settings.stick if say == "stick" else settings.performs or say in LOOKING_ON
-        if act is None or not is_asked:
+        may = settings.stick if say == "stick" else settings.performs or say in LOOKING_ON
+        act = _SAYINGS.get(say) if may else None
+        if act is None:
             raise _Ended(OTHER_PAGE)
         act(self, client, said)
 
@@ -272,10 +277,14 @@ class PageServer:
         self._word(f"{GRIP if said.get('held') is True else RELEASE}{number}")
 
     def steer(self, client: Client, said: dict[str, Any]) -> None:
-        """A pad is held: how fast the robot is to walk."""
+        """A pad is held, or let go: how fast the robot is to walk. One page at a time steers, until it lets go."""
         shares = [said.get(name) for name in ("forward", "left", "turn")]
         if not all(type(one) in (int, float) and abs(one) <= 1.0 for one in shares):  # type: ignore[arg-type]
             raise _Ended(OTHER_PAGE)
+        steers, until = self._steers
+        if steers is not client and self.clock.now() < until:
+            return
+        self._steers = client, self.clock.now() + STEERS_S if any(shares) else -np.inf
         self._word(STICK + " ".join(f"{one:.3f}" for one in shares))
 
     def pong(self, client: Client, said: dict[str, Any]) -> None:

@@ -278,6 +278,26 @@ def test_pads_steer_a_run_that_asks_for_them_until_they_are_let_go() -> None:
         assert one.until(lambda: shares() == STAND)
 
 
+def test_one_page_at_a_time_steers() -> None:
+    """What another says meanwhile neither turns nor stops the robot."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        ours.setblocking(False)
+        clock, olga, pete = VirtualClock(), Mock(), Mock()
+        server = PageServer(Settings(listen=False, port=0, robot="op3", stick=True), theirs, None, clock)
+        control = PageControl(ViewFeed(ours, 0), lambda text: None)
+
+        def after(client: Mock, forward: float) -> float:
+            server.steer(client, {"forward": forward, "left": 0.0, "turn": 0.0})
+            assert not [*control.poll(clock.now())]
+            return control.shares(clock.now())[0]
+
+        assert after(olga, 0.5) == after(pete, -1.0) == after(pete, 0.0) == 0.5
+        assert after(olga, 0.0) == 0.0 and after(pete, -1.0) == -1.0
+        clock.sleep_until(clock.now() + 1.0)
+        assert after(olga, 0.25) == 0.25, "pete's page says nothing any more"
+
+
 @pytest.mark.parametrize("performs", [True, False])
 def test_nobody_steers_a_run_that_does_not_ask_for_it(performs: bool) -> None:
     with page(performs=performs) as one, one.browser("watch", "olga") as olga:
