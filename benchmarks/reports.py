@@ -85,7 +85,9 @@ def walking(report: Report) -> list[str]:
     limbs = [f"{likeness[limb]['mean']:.0f}" for limb in ("upper_arms", "thighs", "shanks")]
     gone = f"{walk['walked_m']:.2f} / {walk['asked_m']:.2f}"
     turned = f"{walk['turned_deg']:.0f} / {walk['asked_turn_deg']:.0f}"
-    return [str(walk["steps"]), gone, turned, *limbs, f"{hand:.0f}", *standing(report)[:3]]
+    fallen, tips, slip, *_ = standing(report)
+    slip = f"{float(slip) / max(walk['steps'], 1):.1f}"
+    return [str(walk["steps"]), gone, turned, *limbs, f"{hand:.0f}", fallen, tips, slip]
 
 
 def hanging(report: Report) -> list[str]:
@@ -134,7 +136,7 @@ TABLES = {
         (
             "performer, speed",
             *("steps", "m walked / asked", "degrees turned / asked", "upper arms", "thighs", "shanks, degrees"),
-            *("worse hand, mm", "fallen", "soles tip, degrees", "slip, mm"),
+            *("worse hand, mm", "fallen", "soles tip, degrees", "slip, mm a step"),
         ),
         tuple(
             (
