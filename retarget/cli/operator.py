@@ -55,7 +55,7 @@ class Clutched(Protocol):
 
 
 def walking_words(asked: Request | None) -> str:
-    """What a stick asks for, in words; "" for nothing."""
+    """The velocity that a stick asks for, in words; "" for none."""
     if asked is None or asked == Request():
         return ""
     ways = (

@@ -49,7 +49,7 @@ _FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
 
 @dataclass(frozen=True)
 class WalkTally:
-    """How a robot walked. steps: made. walked_m, turned_deg: gone by it; asked_m, asked_turn_deg: by the performer, m
+    """What became of a walk. steps: made. walked_m, turned_deg: gone by it; asked_m, asked_turn_deg: by the performer, m
     scaled by the leg, or by a stick."""
 
     steps: int = 0
@@ -60,7 +60,8 @@ class WalkTally:
 
 
 class Strides:
-    """Whether a performer walks, by when their feet are in the air. `duration`: s of their last stride."""
+    """Finds out when a performer's feet are in the air, and from that whether they walk. `duration`: s of their last
+    stride."""
 
     def __init__(self, dt: float) -> None:
         """dt: s between ticks."""
@@ -107,8 +108,9 @@ class Strides:
 
 
 class Travel:
-    """How one robot is to walk with one performer, or as a stick says. `asked`, `walked`: m gone by both, scaled, and
-    rad turned. `swing`: of the performer with whom it is to keep step; None: with nobody."""
+    """Turns the travel of one performer, or the velocity of a stick, into the velocity that is asked of one robot.
+    `asked`, `walked`: m gone by both, scaled, and rad turned. `swing`: of the performer with whom the robot is to keep
+    step; None: with nobody."""
 
     def __init__(self, gait: Gait, fastest: Request, *, scale: float) -> None:
         """fastest: what the robot can. scale: of lengths, from the performer's leg to the robot's."""
