@@ -49,8 +49,8 @@ _FOOT = {Carrying.LEFT: 1, Carrying.RIGHT: 0}
 
 @dataclass(frozen=True)
 class WalkTally:
-    """What became of a walk. steps: made. walked_m, turned_deg: gone by it; asked_m, asked_turn_deg: by the performer, m
-    scaled by the leg, or by a stick."""
+    """What became of a walk. steps: made. walked_m, turned_deg: gone by the robot; asked_m, asked_turn_deg: by the
+    performer, m scaled by the leg, or by a stick."""
 
     steps: int = 0
     walked_m: float = 0.0
