@@ -258,10 +258,11 @@ def _ways(run: RunResult, performance: ReferenceMotion | None, moved: FloatArray
 
 
 def _moved(run: RunResult, reached: FloatArray) -> FloatArray:
-    """What was followed (T, k, 3) m as the body moved: the simulated one, else as it was sent."""
+    """What was followed (T, k, 3) m as the body moved, the simulated one, else as it was sent; along the axes of the
+    stance of a robot that walks."""
     robot, sent, q = run.robot, run.record.robot, run.seen_q
     if robot is None or sent is None or q is None or run.physics is None:
-        return reached
+        return run.seen(reached)
     return robot.points(q, robot.landmark_frames(sent.landmark_names))
 
 

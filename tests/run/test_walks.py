@@ -214,6 +214,14 @@ def strolled() -> RunResult:
         return prepared.run()
 
 
+def test_hands_of_a_robot_that_has_turned_are_seen_from_where_it_is() -> None:
+    """They follow a performer who stands as well as those of a robot that stands."""
+    result = run(Stick(lambda t: Request(turn=0.3) if 0.5 < t < 7.0 else STAND), end=9.0)
+    tally, hands = result.tally.walk, measure(result).reachable_hands_mm
+    assert tally is not None and tally.turned_deg > 60.0
+    assert hands is not None and hands["worse"] < 60.0
+
+
 def test_it_keeps_step_with_the_performer() -> None:
     """From its third step on, the same foot is ahead, and legs look alike."""
     result = strolled()
