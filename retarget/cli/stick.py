@@ -59,7 +59,7 @@ class KeyStick:
 
     def press(self, keys: str, now: float) -> None:
         """Take the keys that came until `now`, s."""
-        for key in keys:
+        for key in keys.lower():
             if key in WALK_KEYS:
                 self._shares, self._until = WALK_KEYS[key], now + LAPSE_S
 

@@ -157,7 +157,7 @@ def _unable(robot: RobotBody, *, mass: bool) -> str | None:
     if load.share > ENOUGH:
         return f"{load}, more than {100 * ENOUGH:.0f}%"
     if mass and robot.profile.imu is None:
-        return "on servos or in physics it walks with an IMU, and its profile has none"
+        return "it needs an IMU, and its profile has none (on the mock bus it walks without)"
     return None
 
 
