@@ -17,7 +17,6 @@ from retarget.cli.buses import PhysicsBench
 from retarget.cli.controls import Asked, Control, LiveStatus
 from retarget.cli.exit import REASONS, SUSPENDED, StopRequest
 from retarget.cli.stick import Stick, velocity_of
-from retarget.errors import UsageError
 from retarget.robot.walking.pattern import Request
 from retarget.run.loop import Observer, Operator, Tick
 from retarget.run.prepare import Prepared
@@ -94,9 +93,6 @@ class RunOperator(Operator):
         self._since: float | None = None  # [s] when the robot began to hold on purpose
         legs = None if self._machine is None else self._machine.follower.legs
         self._stick, self._velocity = stick, None if stick is None else Request()
-        if stick is not None and legs is None:
-            step = "Leave it out; `retarget check` says whether a robot walks, and why not"
-            raise UsageError("this robot stays planted", where="--stick", next_step=step)
         self._fastest = Request() if legs is None else legs.fastest(prepared.samples.dt)
         if dead_man:
             self._engage(frozenset({Asked.RELEASE}))

@@ -68,16 +68,17 @@ from retarget.live.open_stream import open_stream
 from retarget.live.performer import LivePerformer
 from retarget.live.playout import LIGHT
 from retarget.live.raw_recording import RawTap
-from retarget.model.robot import RobotBody
+from retarget.model.robot import RobotBody, load_robot
 from retarget.pictures.outputs import Outputs
 from retarget.recording.recorder import Recorder
 from retarget.report.findings import FOLLOWING, findings, heading, remarks, sentence
 from retarget.report.measure import best_likeness, measure, measure_latest
 from retarget.report.report import Report
 from retarget.report.unfollowed import UnfollowedNotice
+from retarget.robot.walking.gait import PLANTED
 from retarget.run.loop import Observer, Progress, RowObserver
 from retarget.run.options import RunOptions
-from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for
+from retarget.run.prepare import Perform, Prepared, performance_of, prepare_for, stage_priorities
 from retarget.run.run_result import RunResult
 from retarget.run.supervisor import Supervisor
 from retarget.schema.catalogue import HUMAN
@@ -669,15 +670,28 @@ class RunRequest:
             pose = ["--keep-calibration-frame"] if played.keep_calibration_frame else []
             refuse_given([*given(self.file, but=("stature",)), *start, *pose], "motion file")
             self.live.refuse_pages(self.source, self.view)
-            may_walk = options.steps == "walk" or (options.steps is None and options.priorities is not None)
-            if self.live.oversight.stick is not None and not may_walk:
-                found = "no --steps" if options.steps is None else f"--steps {options.steps}"
-                step = "Add --steps walk, or leave it out"
-                raise UsageError("a stick is for a robot that walks", where="--stick", found=found, next_step=step)
+            if self.live.oversight.stick is not None:
+                _refuse_planted(options)
         else:
             streams = [*given(self.live, but=WITHOUT_EFFECT), *given(self.live.oversight, but=SCHEDULING)]
             refuse_given(streams, "live stream")
         return options, replace(outputs, view=self.view, best_likeness=self.best_likeness, verbose=self.verbose)
+
+
+def _refuse_planted(options: RunOptions) -> None:
+    """Raise UsageError for a stick of a robot that does not walk, before anybody stands still to be measured."""
+    robot = None if options.is_human else load_robot(options.robot, root=options.root)
+    _, priorities, notes = stage_priorities(robot, options)
+    if priorities is not None and priorities.steps == "walk":
+        return
+    found, step = (
+        "no --steps" if options.steps is None else f"--steps {options.steps}",
+        "Add --steps walk, or leave it out",
+    )
+    for note in notes:
+        if note.startswith(PLANTED):
+            found, step = note, "Leave it out"
+    raise UsageError("a stick is for a robot that walks", where="--stick", found=found, next_step=step)
 
 
 def run(request: RunRequest, session: Session = None) -> None:

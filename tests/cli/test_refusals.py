@@ -77,6 +77,7 @@ TYPED = [
     f"{LIVE} --dead-man b",
     f"{LIVE} --stick keys",
     f"{WALKS} --steps planted --stick keys",
+    f"{LIVE.replace('human', 'poppy')} --steps walk --stick keys",
     f"{WALKS} --steps walk --stick keys",
     f"{WALKS} --steps walk --stick joy",
     f"{WALKS} --steps walk --stick page",

@@ -90,6 +90,8 @@ def walking_heights(gait: Gait, far: float) -> tuple[float, float]:
 
 # Whether a robot walks: its priority file says so, or `--steps` instead, and its root and legs whether it can.
 
+PLANTED = "both soles stay planted"
+"""With these words begins the note for the operator of a robot that does not walk though it is asked to."""
 SOLES = 2
 """Soles of a robot that walks."""
 
@@ -113,7 +115,7 @@ def with_steps(
             where = f"priorities {priorities.name}, steps" if asked is None else "--steps"
             raise kind(f"{steps} is not possible here", where=where, found=found, next_step=next_step)
     if steps == "walk" and (why := _unable(robot, mass=mass)) is not None:
-        steps, notes = "planted", (f"both soles stay planted: {why}",)
+        steps, notes = "planted", (f"{PLANTED}: {why}",)
     if steps == "walk" and priorities.deflection_compensation is None:
         raise ConfigError(
             "a robot walks on servos whose load is known",
