@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, isnan
 from typing import ClassVar
 
 import numpy as np
@@ -194,9 +194,11 @@ class RecordedInputs:
         return OperatorInput(stop, self._asked(Asked.TORQUE_OFF), fault, velocity)
 
     def _velocity(self) -> Request | None:
-        """The velocity that a stick asked for; None: there was none."""
+        """The velocity that a stick asked for; None: there was none. What is no number asks to stand."""
         forward, left, _, _, _, turn = self._cycles.velocity_asked[self._row].tolist()
-        return Request(forward, left, turn) if isfinite(forward + left + turn) else None
+        if isnan(forward):
+            return None
+        return Request(forward, left, turn) if isfinite(forward + left + turn) else Request()
 
     def _performer(self, tick: int, *, approached: bool) -> PerformerInput:
         samples = self._samples

@@ -163,7 +163,7 @@ class Walker:
         first = path.postures[since].copy()
         first[self.others] = q[self.others]
         velocity = planner.velocity(path.postures[max(since - 1, 0)], path.postures[since])
-        rests = since > path.landed or path.step is None
+        rests = since > path.landed or path.step is None  # else it goes on from a step that has landed
         begun, row = (standing(path.feet, planner.mass(first), 1), 0) if rests else (path.pattern, since)
 
         def off(heights: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
@@ -172,7 +172,7 @@ class Walker:
         double = gait.double_ticks
         if rests:  # its mass is pushed to one side before the foot on the other is lifted, and comes to its height
             double = max(gait.natural(CATCH), self._ease_ticks(*off(self._heights(asked, gait.ticks))))
-        feet = self._feet(path, rests=rests, left=asked.left > 0.0)
+        feet = self._feet(None if rests else path.step, left=asked.left > 0.0)
         swinging, ticks = self._in_time(feet, since - self.row + double, swing)
         time = ticks * gait.dt
         speed, heights = clipped(gait, asked, time), self._heights(asked, ticks)
@@ -196,10 +196,11 @@ class Walker:
         ease = max(sqrt(PEAK * norm(offset) / EASE_ACCELERATION), sqrt(PEAK * norm(turned) / EASE_TURN))
         return round(min(ease, MOST_EASE_S) / self.gait.dt)
 
-    def _feet(self, path: WalkPath, *, rests: bool, left: bool) -> tuple[int, ...]:
-        """The feet that may make the next step, the better one first."""
-        if not rests:
-            return () if path.step is None else (path.step.carrying,)
+    def _feet(self, before: Step | None, *, left: bool) -> tuple[int, ...]:
+        """The feet that may make the next step, the better one first. before: the step that it follows; None: the robot
+        rests."""
+        if before is not None:
+            return (before.carrying,)
         if self._refused is not None and self._refused.step is not None:  # arms get out of the way of that foot
             return (1 - self._refused.step.carrying,)
         return (LEFT, RIGHT) if left else (RIGHT, LEFT)
