@@ -22,7 +22,7 @@ from retarget.ik.whole_body_stop import StopPath
 from retarget.model.robot import RobotBody
 from retarget.robot.follower import Follower
 from retarget.robot.landmarks import standing_dofs
-from retarget.safety.contact import Press, way_back
+from retarget.safety.contact import Press, return_path
 from retarget.safety.gate import Gate
 from retarget.safety.governor import CommandGovernor
 from retarget.types import FloatArray, HumanPosture, RobotPosture, RunState
@@ -388,7 +388,7 @@ class ComeToRest(Controller):
         None: the gate follows the stop."""
         self._follower.pass_time(self._dt)
         if self.pressed is not None and self._standing is not None and not self._follower.walks:
-            path = way_back(self.pressed, commanded.goal, self._robot.joint_map, dt=self._dt)
+            path = return_path(self.pressed, commanded.goal, self._robot.joint_map, dt=self._dt)
             if path is not None:
                 postures = self._standing.postures(path, commanded.standing)
                 return Target(path[0], postures[0], StopPath(postures, self._follower.footing))

@@ -44,7 +44,7 @@ from retarget.safety.contact import ContactDetector
 from retarget.safety.force_limit import with_max_force
 from retarget.safety.gate import Compensation, Gate, PassThroughGate
 from retarget.safety.standing import StandingCheck
-from retarget.safety.tipping import tip_watch_of
+from retarget.safety.tipping import TipWatch
 from retarget.schema.catalogue import Kind, entries
 from retarget.schema.performer import Performer, load_performer
 from retarget.schema.priorities import Priorities, check_for_human, load_priorities, naming_file
@@ -277,7 +277,8 @@ def prepare_for(
     )
     of_follower = tuple(filter(None, (follower.note,)))
     _say(of_follower, notify)
-    real, watch = not options.simulated, tip_watch_of(robot, dt=dt)
+    real = not options.simulated
+    watch = TipWatch(robot, dt=dt) if robot.stands and robot.profile.imu is not None else None
     if real and end_plan.why:  # it must be said: at the end somebody has to be there
         notify(f"note: at the end it stands, with torque, until you hold it and switch torque off: {end_plan.why}")
     limits = _limits(robot, has_deadlines=real if has_deadlines is None else has_deadlines)

@@ -131,7 +131,7 @@ def _played(robot: RobotBody, stance: Stance, gate: Gate, keyframes: tuple[str, 
         postures.append(commanded.q)
         if moves.has_arrived(commanded):
             return RestTrajectory(keyframes, "", _margin(robot, stance, np.array(postures)))
-    near = "" if clearance is None else clearance.in_the_way(robot_observers(robot).names)
+    near = "" if clearance is None else clearance.limiting_pair(robot_observers(robot).names)
     refused = f"{near} come too near to each other" if near else "a goal is beyond the limits, or it takes too long"
     return RestTrajectory(keyframes, refused, _margin(robot, stance, np.array(postures)))
 

@@ -349,7 +349,7 @@ class Supervisor:
                 guard.switch_off(StopCause.REQUESTED, FORCED_STOP)
         elif event is Event.FALLS:
             guard.latch(StopCause.FALLEN, situation.falls)
-            guard.give_way()
+            guard.reduce_drive()
         elif event is Event.TIMEOUT and self.state is RunState.FALLING:
             guard.switch_off(StopCause.FALLEN, situation.falls)
         elif event is Event.STOP and operator.stop is not None:

@@ -156,7 +156,7 @@ class Machine:
     def refused(self) -> str:
         """What was in the way of the goal that the gate checked last, in words; "" where it passed."""
         clearance = self.gate.clearance
-        way = "" if clearance is None else clearance.in_the_way(robot_observers(self.robot).names)
+        way = "" if clearance is None else clearance.limiting_pair(robot_observers(self.robot).names)
         return f"the gate refused goals that bring {way} too near to each other" if way else ""
 
 

@@ -1,1 +1,2 @@
-"""The gate that every goal passes, and the clearance that it asks about."""
+"""The last checks of a run. In: goals with their stops, servo states. Out: checked goals, contacts, falls. Imports
+`ik`."""

@@ -1,4 +1,4 @@
-"""Swept clearance: the collision check of the gate for a path of goals, and contact where a motion begins."""
+"""Swept clearance: the collision check of the gate along a path of goals, and contact at the start of a motion."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,25 +15,23 @@ from retarget.model.robot import RobotBody
 from retarget.model.scene_state import SceneState
 from retarget.types import FloatArray
 
-# Following error: how far servos are from their goals, and how much of that their lag does not explain.
-
 REMEMBERED_S = 0.25
-"""A servo at a goal of the last so many seconds lags; one that is elsewhere has left its trajectory."""
+"""[s] A servo at a goal of this last period lags behind; one elsewhere has left its trajectory."""
 ROUNDING_TICKS = 2.0
-"""Encoder steps by which a good servo may be off: its goal and its position are both rounded, and it holds within a
-step."""
+"""[encoder steps] Goal and position are rounded, and a good servo holds within a step."""
 
 
 class FollowingError:
-    """The goals (n,) rad of the last ticks, a range for each joint. tick_rad (n,): rad per encoder step."""
+    """The servo errors that lag behind the goals of the last REMEMBERED_S does not explain."""
 
     def __init__(self, tick_rad: FloatArray, *, dt: float) -> None:
+        """tick_rad (n,): rad per encoder step."""
         self._slack = ROUNDING_TICKS * np.abs(tick_rad)
         self._goals = np.zeros((max(2, round(REMEMBERED_S / dt)), tick_rad.size))
         self._row = 0
 
     def seed(self, position: FloatArray) -> None:
-        """Take `position` (n,) rad for all earlier goals."""
+        """Use `position` (n,) rad for all earlier goals."""
         self._goals[:] = position
 
     def sent(self, goal: FloatArray) -> None:
@@ -42,46 +40,37 @@ class FollowingError:
         self._goals[self._row] = goal
 
     def unexplained(self, measured: FloatArray) -> FloatArray:
-        """How far `measured` (n,) is outside the range of the last goals, rad, signed; 0 within."""
+        """Signed distance (n,) rad of `measured` (n,) from the range of the last goals; 0 within."""
         lo, hi = self._goals.min(axis=0) - self._slack, self._goals.max(axis=0) + self._slack
         off: FloatArray = measured - np.minimum(np.maximum(measured, lo), hi)
         return off
 
 
 KEPT_SHARE = 0.25
-"""Share of each pair's margin that the gate requires. The observers keep the whole margin; if the gate required as
-much, it would refuse a goal for every rounding of theirs. The gate checks, the observers control."""
+"""Share of each pair's margin that the gate requires. If it required the whole margin, which the observers control, it
+would refuse their rounding."""
 SERVOS_SHARE = 0.25
-"""The same for measured servo positions. The straight line from there to the goal cuts the corners of the servos' real
-path; the rest of the margin is the room for that."""
+"""The same for measured positions: the straight line to the goal cuts corners of the servos' real path."""
 
-
-LOOKS = 600
-"""Postures that are looked at in one step of a walk, whose shins pass each other closely."""
+LOOKS = 600  # postures at most in one step of a walk, in which the shins pass each other closely
 TIGHTEN = "fit their observers closer (retarget fit-observers), or put the pair into ignore_pairs if it cannot meet"
-"""What to do about two links for which the gate refuses goals."""
+"""Advice about two links for which the gate refuses goals."""
 
-Pair = tuple[int, int | None, int | None]
-"""Numbers of an observer, and of another one or of an obstacle."""
+Pair = tuple[int, int | None, int | None]  # an observer, and another observer or an obstacle
 
 
 class PathClearance:
-    """The collision check of one robot, with the observers and the obstacles of its stage.
+    """The collision check of one robot along two paths.
 
-    The caller sets the servo positions (`measure`) in each tick in which they are known.
-
-    Two paths are checked. The first is that of the goals: from the posture sent last to the goal and on to rest. The
-    servos lag behind it and pass the same places later, so lag needs no other check. Errors that lag does not explain
-    (see `FollowingError`: droop under load, play, a servo that slips) have a known size and direction. They are not
-    spread as a margin in all directions, which would stop a robot whose knees deflect a little. So the second path is
-    that of the servos: from where they are straight to the goal, and if they have left their trajectory, on to rest
-    with the same error as now.
+    The first is that of the goals: from the posture sent last to the goal and on to rest. Servos that lag pass the same
+    places later. The second covers errors that lag does not explain (deflection, play, slip): from the measured
+    positions to the goal, and on to rest with the same error. Their direction is known, so no margin in all directions
+    is needed.
     """
 
     def __init__(
         self, robot: RobotBody, observers: _solver.Observers, scene_obstacles: SceneObstacles, *, dt: float
     ) -> None:
-        """observers: of the robot's stage, with the obstacles of `scene_obstacles`. dt: s per tick."""
         feet = [robot.frame(foot.frame) for foot in robot.profile.feet.values()] if robot.stands else []
         self._checker = _solver.PathChecker(
             robot.body.solver_body(),
@@ -95,11 +84,10 @@ class PathClearance:
         self._columns = robot.servo_columns
         self._following = FollowingError(robot.joint_map.tick_rad, dt=dt)
         self._measured: FloatArray | None = None
-        self._refused: Pair | None = None  # what was too near on the last path
-        self._first: Pair | None = None  # on the first path of this tick that was refused
+        self._refused: Pair | None = None  # on the last path
+        self._first: Pair | None = None  # on the first refused path of this tick
         self.refusals = Counter[Pair]()
-        """Ticks before this one in which each pair was the first for which a path was refused: as many as there are
-        pairs at most."""
+        """Earlier ticks in which each pair was the first to be refused."""
 
     def begin(self, position: FloatArray) -> None:
         """Begin with the servos at `position` (n,) rad."""
@@ -108,32 +96,32 @@ class PathClearance:
         self._measured = None
 
     def measure(self, position: FloatArray, sent: FloatArray) -> None:
-        """Set the measured servo positions (n,) rad of the tick that begins. sent (n,): rad, the posture to which the
-        robot was commanded in the last one."""
+        """Begin a tick with the measured joint positions (n,) rad. sent (n,): the posture commanded in the last tick,
+        rad."""
         self._following.sent(sent)
         self._measured = position
         if self._first is not None:
             self.refusals[self._first] += 1
             self._first = None
 
-    def in_the_way(self, names: Sequence[str]) -> str:
-        """The two parts, or part and obstacle, for which the path that was checked last was refused; "" where it
-        passed. names: of the robot's observers."""
+    def limiting_pair(self, names: Sequence[str]) -> str:
+        """The two parts for which the last path was refused; "" if it passed. names: of the observers."""
         if self._refused is None:
             return ""
         return " and ".join(self.names_of(self._refused, names))
 
     def names_of(self, pair: Pair, names: Sequence[str]) -> tuple[str, str]:
-        """The names of a pair. names: of the robot's observers, or of their links."""
+        """Names of a pair. names: of the robot's observers, or of their links."""
         one, other, obstacle = pair
         return names[one], names[other] if other is not None else self._obstacles.shapes.names[obstacle or 0]
 
     def __call__(
         self, path: FloatArray, instead: FloatArray, standing: FloatArray, *, walk: StopPath | None = None
     ) -> bool:
-        """Whether a path of postures (k, n), rad, is clear, a tick from row to row, first row present, last row at
-        rest; instead (k, n): what is followed if not. standing (nq,): as the robot stands. walk: how it stands on the
-        rows after the first, of a robot that walks."""
+        """True if a path of postures (k, n) rad is clear: a row per tick, from the present posture to rest.
+
+        instead (k, n): the path followed after a refusal. standing (nq,): the present posture. walk: its stance.
+        """
         self._obstacles.look()
         poses = self._obstacles.now
         if poses is not None:
@@ -158,7 +146,7 @@ class PathClearance:
         checker, dt = self._checker, self._dt
         if walk is None or walk.carries is None:
             return checker.is_clear(standing, path, dt=dt, share=share, instead=instead, remember=remember)
-        # Obstacles are seen from the sole that carries: from another one, once it alone is on the floor.
+        # Obstacles are placed from the carrying sole: the path is cut where another one carries alone.
         alone, end = np.logical_not(walk.carries.all(axis=1)), len(path) - 1
         cuts = 3 + np.flatnonzero(alone[1:] & ~alone[:-1])
         for first, last in pairwise([0, *cuts[cuts < end].tolist(), end]):
@@ -178,27 +166,24 @@ class PathClearance:
         walk: StopPath | None,
     ) -> bool:
         off = self._following.unexplained(measured)
-        rows = len(path) if off.any() else 2  # without an error, the rest is the path of goals, which is clear
+        rows = len(path) if off.any() else 2  # without an error, the rest is the checked path of goals
         measured_path, other = path[:rows] + off, instead[:rows] + off
         measured_path[0] = other[0] = measured
         return self._is_clear(measured_path, other, standing, walk, share=SERVOS_SHARE, remember=False)
 
 
-# Contact where a motion begins: parts of the body with each other, and with obstacles.
-
 NEAR_SOLE_M = 1e-3
-"""An obstacle so near (m) to a sole that stands carries it."""
+"""[m] An obstacle this near to a sole carries it."""
 
 
 def refuse_contact(found: tuple[Contact, ...], *, where: str) -> None:
-    """Raise UsageError that names all contacts, if there are any. where: what begins, for the message."""
+    """Raise UsageError that names all contacts. where: for the message."""
     if found:
         raise UsageError.from_problems([_problem(contact, where) for contact in found])
 
 
 def refuse_floor(robot: RobotBody, observers: Observers, scene: SceneState, q: FloatArray) -> None:
-    """Raise UsageError if a robot that stands in posture q (nq,) has an obstacle under its soles, which its observers
-    would avoid."""
+    """Raise UsageError if an obstacle is under the soles of a robot that stands in posture q (nq,)."""
     feet = {name for name, stands in zip(observers.names, observers.stands.tolist(), strict=True) if stands}
     for contact in contacts(robot.body, observers, scene, q, deeper_than=-NEAR_SOLE_M):
         if contact.part in feet and contact.other in scene.shapes.names:

@@ -1,14 +1,11 @@
-"""Press by current: a joint whose motor gives more torque than its motion needs presses against something.
-
-The torque of a joint without contact is known from inverse dynamics:
+"""Contact detection by motor current: a joint whose motor gives more torque than its motion needs presses against
+something.
 
     torque = gravity(q, up) + (inertia of the rotor) ddq + viscous dq + friction,    |friction| <= Coulomb friction
 
-gravity: of the links that the joint carries. The measured one is the torque constant times the current. Both go through
-the same low pass, and so do the positions, of which the rates are differences: registers of velocity are later than
-those of position. The rest presses, where it is beyond what can be wrong: friction, and a share of each known term.
-Legs share the weight of a robot in a way that no current tells. So only joints are watched that carry neither a sole
-nor a hook, on servos that measure a current.
+The measured torque is the torque constant times the current. It passes the same low pass as the positions, whose
+differences are the rates. A residual beyond the errors of friction and of each term is a contact. Only joints that
+carry neither a sole nor a hook are watched: currents do not show how legs share the weight.
 """
 
 from dataclasses import dataclass, replace
@@ -29,45 +26,32 @@ from retarget.rotations import IDENTITY, NO_TURN, Vector, as_quat, as_vector, in
 from retarget.types import FloatArray, News
 
 FRICTION, PLAY = 2.5, 0.02
-"""Times the Coulomb friction, and share of the stall torque, that stay unexplained: a servo holds still at 1.6 times
-its friction, one differs from the next by 30 %, and play, register steps and the low pass leave a little."""
+"""Multiple of the Coulomb friction, and share of the stall torque, that stay unexplained: a servo holds still at 1.6
+times its friction, and servos of a model differ by 30 %."""
 GRAVITY_SHARE, INERTIA_SHARE = 0.3, 0.5
-"""Shares of the known terms that may be wrong: torque constants of a model and of its maker differ by 30 %, and
-published inertias of a rotor by a factor of two."""
-SMOOTH_S = 0.02
-"""[s] Time constant of each of two low passes: less, and the step of an encoder is an acceleration."""
-SLOWEST_HZ = 100.0
-"""Fewer ticks are too few: at 50 Hz, free motion of a simulated head left 2.6 times the bound unexplained."""
-SUSTAINED_S = 0.08
-"""[s] A press at its bound lasts this long before the robot holds, one of twice as much half as long: a joint that
-runs into its stop is at rest by then."""
-HARDEST = 2.5
-"""A press this many times as large as its bound counts for no more: some readings must tell the same."""
-BEGUN_S = 0.5
-"""[s] After the first reading nothing is judged: torque comes on, and the joints take up their loads."""
+"""Relative errors of the known terms: published torque constants differ by 30 %, rotor inertias by a factor of two."""
+SMOOTH_S = 0.02  # [s] time constant of each of two low passes; with less, an encoder step is an acceleration
+SLOWEST_HZ = 100.0  # at 50 Hz, free motion of a simulated head left 2.6 times the bound unexplained
+SUSTAINED_S = 0.08  # [s] of a residual at its bound until the robot holds; of twice the bound half as long
+HARDEST = 2.5  # multiple of the bound that counts at most, so that several readings must agree
+BEGUN_S = 0.5  # [s] nothing is judged so long after the first reading, while the joints take up their loads
 CLEAR, CLEAR_S = 0.8, 0.5
-"""A press is over that has been below this share of the bound for so many s. Friction alone may leave two thirds."""
+"""A contact is over after CLEAR_S, s, below this share of the bound. Friction alone may leave two thirds."""
 STUCK_S, STUCK_RAD = 0.5, 0.1
-"""A current that is the same in every reading of so many s, while its joint moves so far, is not measured."""
-FULL_SHARE = 0.95
-"""Share of its greatest current from which on a motor gives all it can."""
-STILL_PRESSED_S = 0.4
-"""[s] A limb that still presses then goes back to where it is by then."""
-BACK_SHARE, AT_RAD = 0.9, 1e-4
-"""Share of its greatest acceleration and speed with which a limb goes back; rad at which it is there."""
-LONGEST_BACK = 200
-"""Most ticks of a way back."""
-SHORTEST_LEVER = 0.02
-"""[m] A force is not named where its lever is shorter."""
-SOMETHING = "{} presses against something: {:.1f} N m more than its motion needs (allowed {:.1f}){}"
+"""A current that stays equal for STUCK_S, s, while its joint moves by STUCK_RAD, is not measured."""
+FULL_SHARE = 0.95  # of its greatest current, from which on a motor is saturated
+STILL_PRESSED_S = 0.4  # [s] a limb that still presses then returns to its position at that time
+BACK_SHARE, AT_RAD = 0.9, 1e-4  # of the acceleration and speed on the return path; [rad] tolerance of its end
+LONGEST_BACK = 200  # [ticks]
+SHORTEST_LEVER = 0.02  # [m] a force with a shorter lever is not named
+PRESSES = "{} presses against something: {:.1f} N m more than its motion needs (allowed {:.1f}){}"
 CLEAR_IT = "holding: {}. Clear the way, or move back"
 STUCK = "warning: the current of {} does not change: that it presses against something is not seen"
 
 
 @dataclass(frozen=True, eq=False)
 class Press:
-    """A press. joint: that presses most; text: a sentence. limb (n,): the servos of its limb; joints (n,): rad, to
-    where the limb goes back: where the robot was when it was found, or later."""
+    """A contact. limb (n,): mask of the servos of the limb; joints (n,): rad, the posture to which the limb returns."""
 
     joint: str
     text: str
@@ -77,8 +61,7 @@ class Press:
 
 @dataclass(frozen=True)
 class Presses:
-    """The presses of a run. times: how many there were; joint, torque: of the greatest, and N m beyond what its motion
-    needs; force: at least, N at the frame `at`; None: not known."""
+    """The contacts of a run, and joint, residual torque, N m, and least force, N at frame `at`, of the greatest."""
 
     times: int
     joint: str
@@ -87,9 +70,9 @@ class Presses:
     at: str = ""
 
 
-def way_back(pressed: Press, last: CheckedGoal, servos: JointMap, *, dt: float) -> FloatArray | None:
-    """The postures (k, n) rad, tick by tick, of a robot that stops after the goal sent last, while the limb that
-    presses goes back as fast as it may to where it was; None: its stop leads there."""
+def return_path(pressed: Press, last: CheckedGoal, servos: JointMap, *, dt: float) -> FloatArray | None:
+    """Postures (k, n) rad, a row per tick, of a robot that stops while the limb in contact returns as fast as it may;
+    None if the stop of the last goal ends there already."""
     rows = last.stop if len(last.stop) else last.posture[None]
     limb = pressed.limb
     goal = np.clip(pressed.joints, servos.lower, servos.upper)[limb]
@@ -102,9 +85,9 @@ def way_back(pressed: Press, last: CheckedGoal, servos: JointMap, *, dt: float) 
     while len(path) < LONGEST_BACK and ((np.abs(goal - at) >= AT_RAD).any() or (np.abs(moved) > most).any()):
         left = goal - at
         # Ticks to rest from a step v, less `most` in each: v + (v - most) + ... = v (v / most + 1) / 2, at most `left`.
-        asked = 0.5 * most * (np.sqrt(1.0 + 8.0 * np.abs(left) / most) - 1.0)
-        asked = np.copysign(np.minimum(np.minimum(asked, fastest), np.abs(left)), left)
-        moved = moved + np.clip(asked - moved, -most, most)
+        desired = 0.5 * most * (np.sqrt(1.0 + 8.0 * np.abs(left) / most) - 1.0)
+        desired = np.copysign(np.minimum(np.minimum(desired, fastest), np.abs(left)), left)
+        moved = moved + np.clip(desired - moved, -most, most)
         at = at + moved
         path.append(at)
     whole = np.repeat(rows[-1:], max(len(path) + 1, len(rows)), axis=0)
@@ -115,8 +98,7 @@ def way_back(pressed: Press, last: CheckedGoal, servos: JointMap, *, dt: float) 
 
 
 def felt_servos(robot: RobotBody) -> BoolArray:
-    """Mask (n,), in servo order, of the servos whose contacts are seen: they measure a current, turn one joint alone,
-    and carry neither a sole nor a hook by which the robot hangs. None on a robot of less than SLOWEST_HZ."""
+    """Mask (n,), servo order, of the servos whose contacts are detected."""
     if robot.profile.safety.rate_hz < SLOWEST_HZ:
         return np.zeros(len(robot.joint_map), dtype=np.bool_)
     held = [foot.frame for foot in robot.profile.feet.values()] if robot.stands else []
@@ -128,7 +110,7 @@ def felt_servos(robot: RobotBody) -> BoolArray:
 
 
 def measures_current(servo: ServoSpec) -> bool:
-    """Whether a servo measures and limits its current, and turns one joint alone."""
+    """True if a servo measures and limits its current, and turns one joint alone."""
     return servo.model.current_unit is not None and servo.protocol == 2 and servo.coupling is None
 
 
@@ -138,8 +120,7 @@ def link_of(robot: RobotBody, servo: ServoSpec) -> int:
 
 
 class _Upright:
-    """What holds against the weight of a robot, N, in the world of a body whose free root is not turned: upwards by the
-    IMU, else by the posture."""
+    """The weight of a robot as a force upwards, N, along the axes of its root."""
 
     def __init__(self, robot: RobotBody) -> None:
         body = robot.body
@@ -148,7 +129,7 @@ class _Upright:
         turns = robot.kinematics.forward(robot.posture({}))[1]
         self._free, self._root = robot.profile.root == "free", NO_TURN
         self._of_imu = None
-        """Turn of the IMU's link, where it moves with the root."""
+        """Orientation of the IMU's link, if it moves with the root."""
         if not self._free:
             self._root = as_quat(turns[root])
         if robot.profile.imu is not None:
@@ -158,15 +139,13 @@ class _Upright:
                 self._of_imu = product(self._root, in_root)
 
     def force(self, imu: ImuSample | None, q: FloatArray) -> Vector:
-        """The force. q (nq,): the posture to which the robot was commanded."""
         if self._of_imu is not None and imu is not None and imu.valid and imu.orientation is not None:
             return rotated(product(self._of_imu, inverse(as_quat(imu.orientation))), self._up)
         return rotated(inverse(as_quat(q[3:7])), self._up) if self._free else self._up
 
 
 class _InverseDynamics:
-    """What the watched joints (m,) need, and what their motors give. columns (m,): of the servos; base (m,): N m that
-    stays unexplained at rest; full (m,): A of a motor that gives all it can."""
+    """Currents (m,) A, residual torques (m,) N m and their bounds (m,) of the watched joints."""
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
         self.columns = np.flatnonzero(felt_servos(robot))
@@ -184,27 +163,25 @@ class _InverseDynamics:
         self._robot, self._dt = robot, dt
         self._dofs = np.array([robot.body.dof_index(servo.joint) for servo in servos], dtype=np.intp)
         self.q, self._upright = robot.posture({}), _Upright(robot)
-        """(nq,) Where the joints are, in the frame of the root."""
+        """(nq,) Measured joints, along the axes of the root."""
         if robot.profile.root == "free":
             self.q[3:7] = IDENTITY
         self._one = self._two = np.zeros((2, len(servos)))  # low passes of positions and torques
         self._velocity = np.zeros(len(servos))  # [rad/s]
         self.ticks = 0
-        """Since currents have been known."""
 
     def look(
         self, states: ServoStates, joints: FloatArray, q: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """The currents (m,) A of a tick, the torques (m,) N m that are not explained, and their bounds (m,). joints
-        (n,): rad; q (nq,): as commanded. None until a current is known."""
+        """None until a current is known. joints (n,): rad; q (nq,): as commanded."""
         columns, dt, gain = self.columns, self._dt, self._dt / (SMOOTH_S + self._dt)
         force = np.array(self._upright.force(states.imu, q))
         self.q[self._robot.servo_columns] = joints
-        # The gravity torque of a joint that carries nothing but its own links: m g up . J_com, the root held.
+        # Gravity torque of a joint that carries only its own links: m g up . J_com with the root fixed.
         jacobian = self._robot.kinematics.centre_of_mass_jacobian(self.q)
         gravity = matmul(force, jacobian)[self._dofs]
         current = states.current[columns]
-        known = np.isfinite(current)  # of a servo that measures none for a while nothing is said
+        known = np.isfinite(current)
         seen = np.array([joints[columns], np.where(known, self.constant * current - gravity, 0.0)])
         if not self.ticks:
             self._one, self._two, self._velocity = seen.copy(), seen.copy(), np.zeros(len(columns))
@@ -222,34 +199,33 @@ class _InverseDynamics:
 
 
 class _Readings:
-    """Looks for currents (m,) that do not change. changed: since a torque was beyond its bound, or a current was given
-    up; stuck: those that are not believed, until they change."""
+    """Detects currents (m,) that do not change, and so are not measured. full (m,): A, of saturation, may stay
+    equal."""
 
     def __init__(self, full: FloatArray) -> None:
-        """full (m,): A from which on a motor gives all it can: such a current may stand still."""
         self._full, self._onset = full, np.zeros(len(full))
         self.changed = self.stuck = np.zeros(len(full), dtype=np.bool_)
         self._same, self._since = np.zeros(len(full), dtype=np.bool_), np.zeros((2, len(full)))
 
     def look(self, current: FloatArray) -> None:
-        """Look at the currents of a tick."""
         self._same &= current == self._since[1]
 
     def unmoved(self, joints: FloatArray, current: FloatArray) -> BoolArray:
-        """The currents that were the same in all ticks since the last call, while their joints (m,) rad moved."""
+        """Give up currents that stayed equal since the last call while their joints (m,) rad moved; return the new
+        ones."""
         stuck = self._same & (np.abs(joints - self._since[0]) > STUCK_RAD)
         self._same, self._since = np.ones(len(current), dtype=np.bool_), np.array([joints, current])
         self._onset = np.where(stuck, current, self._onset)
         return self.give_up(stuck)
 
     def judge(self, current: FloatArray, begins: BoolArray) -> None:
-        """Note which currents have changed. begins: torques that are beyond their bounds from now on."""
+        """Note which currents have changed. begins: torques that exceed their bounds from now on."""
         self._onset = np.where(begins, current, self._onset)
         self.changed = (self.changed & ~begins) | (current != self._onset)
         self.stuck = self.stuck & ~self.changed
 
     def give_up(self, stuck: BoolArray) -> BoolArray:
-        """Do without these currents. Return those that were believed so far."""
+        """Ignore these currents until they change; return those that were in use."""
         stuck = stuck & (np.abs(self._onset) < self._full)
         fresh = stuck & ~self.stuck
         self.changed, self.stuck = self.changed & ~stuck, self.stuck | stuck
@@ -257,9 +233,7 @@ class _Readings:
 
 
 class ContactDetector:
-    """Looks at the servos of a robot in every tick of `dt` s. pressed: what presses now, None: nothing does. presses:
-    those of the run so far, None: there was none. unexplained (n,): N m, servo order, what inverse dynamics does not
-    explain; NaN: not known."""
+    """Detects contacts of one robot. unexplained (n,): residual torques, N m, servo order; NaN if not known."""
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
         self._robot, self._dt, self._dynamics = robot, dt, _InverseDynamics(robot, dt=dt)
@@ -276,18 +250,16 @@ class ContactDetector:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints whose contacts are seen."""
+        """The watched joints."""
         return tuple(servo.joint for servo in self._servos)
 
     def take_news(self) -> tuple[str, ...]:
-        """What is to be said since the last call, a sentence each."""
+        """Messages since the last call."""
         news, self._news = tuple(self._news), []
         return news
 
     def look(self, states: ServoStates, joints: FloatArray, q: FloatArray, *, moves: bool = True) -> None:
-        """Look at the states of a tick. joints (n,): rad, where they are; q (nq,): the posture to which the robot was
-        commanded, whose root counts where no IMU says how the robot is turned. moves: with the performer; else nothing
-        is judged."""
+        """Look at a tick. joints (n,): measured, rad; q (nq,): as commanded. moves: else nothing is judged."""
         if not self._servos:
             return
         seen = self._dynamics.look(states, joints, q)
@@ -306,7 +278,6 @@ class ContactDetector:
             self._judge(joints, current, rest, most, share)
 
     def _give_up(self, stuck: BoolArray) -> None:
-        """Say which currents (m,) are not believed from now on."""
         if stuck.any():
             names = ", ".join(self._servos[row].joint for row in np.flatnonzero(stuck))
             self._news.append(News(STUCK.format(names), kind=STUCK))
@@ -315,13 +286,12 @@ class ContactDetector:
     def _judge(
         self, joints: FloatArray, current: FloatArray, rest: FloatArray, most: FloatArray, share: FloatArray
     ) -> None:
-        """Judge the torques (m,) N m that are not explained, their bounds, and their shares of these."""
         beyond = share > 1.0
         begins = beyond & (self._beyond == 0.0)
         self._readings.judge(current, begins)
         self._beyond = np.where(beyond, self._beyond + self._dt * np.minimum(share, HARDEST), 0.0)
         sustained = self._beyond >= SUSTAINED_S
-        # A current register that has not changed in one step since then does not measure: a press is never so even.
+        # A register that has not changed by one step since then is no measurement: a contact is never so even.
         self._give_up(self._readings.give_up(sustained & ~self._readings.changed))
         stuck = self._readings.stuck
         pressing = sustained & ~stuck
@@ -336,11 +306,10 @@ class ContactDetector:
         self._busy = self.pressed is not None or bool(self._beyond.any() or stuck.any())
 
     def _press(self, row: int, joints: FloatArray, rest: FloatArray, most: FloatArray) -> None:
-        """Name the joint that presses, and its limb: the watched joints that hang together with it."""
         joint, torque = self._servos[row].joint, abs(float(rest[row]))
         force, at = self._force(row, torque)
         words = "" if force is None else f", at least {force:.0f} N at {at}"
-        text = SOMETHING.format(joint, torque, float(most[row]), words)
+        text = PRESSES.format(joint, torque, float(most[row]), words)
         news, before = CLEAR_IT.format(text), self.presses
         self._news.append(news if before is None else News(news, kind=CLEAR_IT))
         times = 1 if before is None else before.times + 1
@@ -357,7 +326,7 @@ class ContactDetector:
         self._clear = self._pressing = 0
 
     def _force(self, row: int, torque: float) -> tuple[float | None, str]:
-        """The least force of a torque, N, at the landmark that the joint moves and that is farthest from its axis."""
+        """Least force of a torque, N: at the landmark with the longest lever."""
         robot, link = self._robot, link_of(self._robot, self._servos[row])
         dof = robot.body.dof_index(self._servos[row].joint)
         levers = {}

@@ -1,13 +1,11 @@
-"""A limit of the force of the hands: the current that each servo of an arm may draw.
+"""A limit of the force of the hands, by the currents of the arms' servos.
 
-A joint that gives the torque t presses with t / r at a hand that is r from its axis. Its servo may draw the current of
+A joint with torque t presses with t / r at a hand with lever r. Its servo may draw the current of
 
     t = (largest gravity torque) + (largest r) N
 
-so a hand of an arm that reaches as far as it can presses with N newtons beyond what carries the arm, and with more
-where the arm is bent. Servos bound it themselves, in the mode of a position whose current is bounded (e-Manual,
-Operating Mode 5 and Goal Current), so it holds whatever this program does. The arms are slower, too: what accelerates
-them is a share of that torque, and with more speed they would fall behind their goals.
+A stretched arm then presses with at most N newtons, and with more where it is bent. The servos keep the limit
+themselves (e-Manual, Operating Mode 5 and Goal Current).
 """
 
 from dataclasses import replace
@@ -26,21 +24,18 @@ from retarget.rotations import as_vector
 from retarget.safety.contact import FRICTION, link_of, measures_current
 from retarget.types import FloatArray
 
-HANDS = ("l_hand", "r_hand")
-"""Landmarks of the hands."""
-SAMPLES = 300
-"""Postures, drawn evenly within the limits of the joints, in which weights and levers are looked for."""
+HANDS = ("l_hand", "r_hand")  # landmarks
+SAMPLES = 300  # random postures in which the largest torques and levers are found
 MOTION_SHARE, BEHIND_RAD = 0.4, 0.15
-"""Share of the torque beyond gravity that accelerates an arm: friction takes its part. With it an arm at its greatest
-speed v is v^2 / 2 a rad behind its goal: this far at most, less than half of what the guard allows."""
-SPARE = 2.0
-"""Times the greatest friction that an arm must be able to give, or it would hardly move."""
+"""Share of the torque beyond gravity that accelerates an arm. At its greatest speed v it is v^2 / 2 a behind its goal:
+at most BEHIND_RAD, less than half of what the guard allows."""
+SPARE = 2.0  # least ratio of an arm's torque to its greatest friction
 OPTION = "--max-force"
 
 
 def with_max_force(robot: RobotBody, force: float) -> RobotBody:
-    """The robot whose arms draw no more current than a force of each hand, N, needs. Raises UsageError where its servos
-    cannot limit a current, and for a force with which its arms could not overcome their friction."""
+    """The robot with limited arms. force: of each hand, N. Raises UsageError if the servos cannot limit a current, or
+    the arms could not overcome their friction."""
     columns = _arms(robot)
     gravity, levers = _loads(robot, columns)
     servos = robot.joint_map.servos
@@ -70,7 +65,6 @@ def with_max_force(robot: RobotBody, force: float) -> RobotBody:
 
 
 def _arms(robot: RobotBody) -> list[int]:
-    """Columns of the servos of the arms, in servo order. Raises UsageError where there are none, or they cannot."""
     frames = [robot.profile.landmarks[name].frame for name in HANDS if name in robot.profile.landmarks]
     ends = [foot.frame for foot in robot.profile.feet.values()]
     trunk = {link for frame in ends for link in robot.body.chain_to_root(robot.frame(frame).body)}
@@ -92,7 +86,7 @@ def _arms(robot: RobotBody) -> list[int]:
 
 
 def _loads(robot: RobotBody, columns: list[int]) -> tuple[FloatArray, FloatArray]:
-    """Largest gravity torque (m,) N m of each joint of an upright robot, and its largest lever (m,) m to a hand."""
+    """Largest gravity torque (m,) N m and lever (m,) m to a hand, of an upright robot."""
     servos, chance = robot.joint_map, np.random.default_rng(0)
     dofs = [robot.body.dof_index(servos.servos[column].joint) for column in columns]
     hands = [robot.frame(robot.profile.landmarks[name].frame) for name in HANDS if name in robot.profile.landmarks]

@@ -1,8 +1,7 @@
-"""Command governor: how much of what is asked the robot can do now, and still stop.
+"""Command governor: the largest part of a desired motion from which the robot can still stop.
 
-A goal that the gate refuses as a whole is not dropped: the robot goes as far as it can from the stop that was verified
-last towards it, with the legs and with the rest of the body. Goal and stop are blended row by row: a blend of two paths
-within limits is within limits, and soles and balance change evenly with the share.
+Instead of a refused goal the robot takes shares of it, of the legs and of the other joints. Goal and last verified stop
+are blended row by row: a blend of paths within limits is within limits, and soles and balance change evenly.
 
 Source: Garone, Di Cairano and Kolmanovsky, "Reference and command governors for systems with constraints", Automatica
 75, 2017, with the stop in place of the predicted response.
@@ -20,28 +19,24 @@ from retarget.safety.gate import Gate
 from retarget.safety.standing import StandingCheck
 from retarget.types import BoolArray, FloatArray
 
-SHARES = (1.0, 0.5, 0.25)
-"""Shares of the way that are tried one after the other."""
-LEAST = 1e-3
-"""A smaller share is none."""
-LOOKS = 3
-"""Times that the share at which soles and balance are just kept is looked for: each time by the secant."""
-SPARE = 0.98
-"""Share of that share which is taken, as losses do not change quite evenly with it."""
+SHARES = (1.0, 0.5, 0.25)  # of the distance, tried in this order
+LEAST = 1e-3  # smaller shares count as none
+LOOKS = 3  # secant steps to the share at which soles and balance are just kept
+SPARE = 0.98  # factor of that share, as losses are not quite linear in it
 
 
 class CommandGovernor:
     """Checks the goals of one robot with their stops, as a whole or in part."""
 
     def __init__(self, robot: RobotBody, gate: Gate, standing: StandingCheck, carrying: BoolArray) -> None:
-        """carrying (nv,): the root and the joints of the legs."""
+        """carrying (nv,): mask of the root and the joints of the legs."""
         self._body, self._gate, self._standing, self._carrying = robot.kinematics, gate, standing, carrying
         self._dofs = [robot.body.dof_index(joint) for joint in robot.joint_map.joints]
         self._others = robot.servo_columns[~carrying[self._dofs]]
 
     def check(self, last: CheckedGoal, stop: StopPath, standing: FloatArray) -> tuple[CheckedGoal, StopPath] | None:
-        """The goal that the robot can go to, after the goal sent last, with the path of its stop; None: none but on the
-        stop that was verified last. stop: from the posture that is asked; standing (nq,): as the robot stands."""
+        """The feasible goal and its stop; None if the last verified stop goes on. stop: from the desired posture.
+        standing (nq,)."""
         goal = self._passed(last, stop, standing)
         if goal is not None:
             return goal, stop
@@ -59,12 +54,12 @@ class CommandGovernor:
         return None
 
     def _beside_walk(self, stop: StopPath, rows: FloatArray) -> tuple[Iterator[tuple[float, float]], StopPath]:
-        """Shares to try of a robot whose legs walk, whatever else it does, and what it does with none of them. rows (k,
-        n): of the stop that was verified last; where other legs are asked, it goes on with that."""
+        """Shares of the joints beside walking legs, and the path at share 0; none if the legs of the last stop, rows
+        (k, n), differ."""
         legs = self._carrying[self._dofs]
         count = min(len(rows), len(stop.postures))
-        asked = self._standing.joints(stop.postures)
-        same = len(rows) >= len(asked) and np.array_equal(rows[:count, legs], asked[:count, legs])
+        desired = self._standing.joints(stop.postures)
+        same = len(rows) >= len(desired) and np.array_equal(rows[:count, legs], desired[:count, legs])
         postures = stop.postures.copy()
         if same:
             postures[:, self._others] = rows[:count, ~legs]
@@ -75,7 +70,6 @@ class CommandGovernor:
         return self._gate.check(last, target, stop=stop, standing=standing)
 
     def _shares(self, stop: StopPath, instead: StopPath) -> Iterator[tuple[float, float]]:
-        """Shares of legs and of the rest of the body to try."""
         legs = self._kept(stop, instead)
         for share in SHARES:
             if legs * share > LEAST and (legs < 1.0 or share < 1.0):
@@ -86,7 +80,7 @@ class CommandGovernor:
             yield legs, 0.0
 
     def _kept(self, stop: StopPath, instead: StopPath) -> float:
-        """The share of the legs up to which soles and balance are kept."""
+        """Largest share of the legs that keeps soles and balance."""
         bounds = self._standing.bounds(instead)
         lost, none = self._standing.losses(stop), self._standing.losses(self._blend(instead, stop, 0.0, 1.0))
         share = 1.0
@@ -101,7 +95,6 @@ class CommandGovernor:
         return share if lost.within(bounds) else 0.0
 
     def _blend(self, instead: StopPath, stop: StopPath, legs: float, others: float) -> StopPath:
-        """The path at shares of the way from one stop to another."""
         share = np.where(self._carrying, legs, others)
         here, there, blended = instead.postures, stop.postures, list[FloatArray]()
         for k in range(max(len(here), len(there))):
@@ -111,7 +104,7 @@ class CommandGovernor:
 
 
 def _secant(none: float, lost: float, bound: float) -> float:
-    """The share at which a loss that goes from `none` to `lost` is at its bound."""
+    """The share at which a loss that grows from `none` to `lost` is at its bound."""
     if lost <= bound:
         return 1.0
     return max(bound - none, 0.0) / (lost - none) if lost > none else 0.0

@@ -1,4 +1,4 @@
-"""Joint ranges that are wider than what a robot can do, as they come from a body file without limits, or wrong ones."""
+"""Joint ranges wider than the body allows, as in body files without limits or with wrong ones."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,20 +10,16 @@ from retarget.model.observers import Observers, placed
 from retarget.model.robot import RobotBody
 from retarget.types import BoolArray, FloatArray, IntArray
 
-WHOLE = 0.97
-"""Share of a servo's turn that is all of it."""
-STEP_RAD = 0.05
-"""[rad] Steps in which the range of a joint is looked at."""
+WHOLE = 0.97  # share of a servo's turn that counts as all of it
+STEP_RAD = 0.05  # [rad] step in which a range is sampled
 ROOM_RAD = 1.0
-"""[rad] A joint that is free to turn so far less than its range to either side is questioned: a little beyond what the
-body can do is usual, and left to the gate."""
-DEEP_M = 0.01
-"""[m] Shapes stand out of the parts that they are around: so deep is a touch of the parts themselves."""
+"""[rad] Excess of a range over the free motion that is reported; a little is usual."""
+DEEP_M = 0.01  # [m] shapes stand out of the parts around which they are
 
 
 def questioned_ranges(robot: RobotBody, observers: Observers) -> Iterator[str]:
-    """The joints, in words, whose range is all of their servo's turn, or goes far beyond where the body touches itself,
-    all others in posture `stand`; each with what touches first."""
+    """Describe the joints whose range is their servo's whole turn, or goes far beyond self-contact in posture
+    `stand`."""
     body, stand = robot.body, robot.posture(robot.profile.postures.stand)
     pairs = observers.pairs
     for servo, column in zip(robot.joint_map.servos, robot.servo_columns, strict=True):
@@ -50,7 +46,7 @@ def questioned_ranges(robot: RobotBody, observers: Observers) -> Iterator[str]:
 
 
 def _deep(robot: RobotBody, observers: Observers, pairs: IntArray, postures: FloatArray) -> BoolArray:
-    """Whether pairs (p, 2) touch in postures (t, nq): (t, p)."""
+    """Mask (t, p) of pairs (p, 2) that touch in postures (t, nq)."""
     position, quat = placed(robot.body, observers, postures)
     deep = np.zeros((len(postures), len(pairs)), dtype=np.bool_)
     for time in range(len(postures)) if pairs.size else ():

@@ -1,4 +1,4 @@
-"""Standing: whether a robot keeps its soles and its balance on the path of a stop."""
+"""The check of soles and balance on the path of a stop."""
 
 from dataclasses import dataclass
 
@@ -11,27 +11,22 @@ from retarget.ik.whole_body_stop import StopPath
 from retarget.model.robot import RobotBody
 from retarget.types import BoolArray, FloatArray
 
-SOLE_M = 0.001
-"""Distance (m) that a corner of a sole may be from its place on the way to a stop."""
-BALANCE_M = 0.003
-"""Distance (m) inside the outline of the soles that carry that the centre of mass keeps on the way to a stop."""
-MOST_FOOTHOLDS = 64
-"""Footholds whose edges are kept: those of a path are ten."""
-NO_WORSE_M = 1e-7
-"""What is beyond these bounds on the stop that would be followed else may go on, if it gets worse by no more than this,
-m: rounding."""
+SOLE_M = 0.001  # [m] largest displacement of a sole's corner
+BALANCE_M = 0.003  # [m] least distance of the centre of mass inside the support polygon
+MOST_FOOTHOLDS = 64  # size of the cache of support polygons; a path has ten
+NO_WORSE_M = 1e-7  # [m] rounding
 
 
 @dataclass(frozen=True)
 class Losses:
-    """What a robot loses on a path. slip: most that a corner of a sole that carries is off its place, m. shortfall:
-    most that the centre of mass falls short of BALANCE_M, m; of a robot at rest it is the capture point."""
+    """Losses on a path: largest slip of a corner of a carrying sole, m, and shortfall of the centre of mass, or of the
+    capture point at rest, from BALANCE_M, m."""
 
     slip: float
     shortfall: float
 
     def within(self, others: "Losses") -> bool:
-        """Whether both are no more than bounds."""
+        """True if neither exceeds its bound."""
         return self.slip <= others.slip and self.shortfall <= others.shortfall
 
 
@@ -43,12 +38,11 @@ class StandingCheck:
         self._edges = dict[bytes, FloatArray]()
 
     def joints(self, postures: FloatArray) -> FloatArray:
-        """The joints (k, n) rad, servo order, of postures (k, nq)."""
+        """Joint positions (k, n) rad of postures (k, nq)."""
         return np.ascontiguousarray(postures[:, self._columns])
 
     def postures(self, joints: FloatArray, standing: FloatArray) -> FloatArray:
-        """Postures (k, nq) with these joints (k, n) rad of a robot whose lower sole stays where it is in `standing`
-        (nq,)."""
+        """Postures (k, nq) of joint positions (k, n) rad, on the lower sole as in `standing` (nq,)."""
         before = np.tile(standing, (len(joints), 1))
         rows = before.copy()
         rows[:, self._columns] = joints
@@ -56,8 +50,7 @@ class StandingCheck:
         return rows
 
     def losses(self, stop: StopPath, standing: FloatArray | None = None) -> Losses:
-        """What is lost on the path of a stop. A robot that no sole carries loses nothing. standing (nq,): as the robot
-        stands before the first posture of a walk; None: it is not known."""
+        """Losses on a stop. standing (nq,): the posture before a walk's first, if known."""
         if stop.carries is not None:
             if standing is None:
                 return self._walked(stop.postures, stop.carries)
@@ -68,9 +61,8 @@ class StandingCheck:
         return Losses(slip, BALANCE_M - inside)
 
     def _walked(self, postures: FloatArray, carries: BoolArray) -> Losses:
-        """What a robot loses that walks on postures (k, nq), on its left and right sole as `carries` (k, 2) says: it
-        ends on both, and its zero-moment point is on those that carry; a sole stays where it was put down, on the
-        floor."""
+        """Losses of a walk on postures (k, nq) with carrying soles (k, 2). It must end on both soles, keep its
+        zero-moment point on those that carry, and each where it touched down."""
         body, slip, shortfall = self._robot.kinematics, 0.0, -np.inf
         if not carries[-1].all():
             return Losses(np.inf, np.inf)
@@ -93,11 +85,10 @@ class StandingCheck:
             if not on:
                 return Losses(np.inf, np.inf)
             inside = support_distance(pressed[first:last], self._edges_of(np.concatenate(on)))
-            shortfall = float(np.maximum(shortfall, -inside.min()))  # which a NaN survives
+            shortfall = float(np.maximum(shortfall, -inside.min()))  # unlike max(), this keeps a NaN
         return Losses(slip, shortfall)
 
     def _edges_of(self, corners: FloatArray) -> FloatArray:
-        """The edges (e, 3) of corners (c, 2) on the floor, which are looked at tick by tick."""
         key = corners.round(5).tobytes()
         if key not in self._edges:
             if len(self._edges) > MOST_FOOTHOLDS:
@@ -106,17 +97,16 @@ class StandingCheck:
         return self._edges[key]
 
     def bounds(self, instead: StopPath) -> Losses:
-        """The most that may be lost by a robot that would follow `instead`."""
+        """Allowed losses if the alternative is the stop `instead`."""
         lost = self.losses(instead)
         return Losses(max(SOLE_M, lost.slip + NO_WORSE_M), max(0.0, lost.shortfall + NO_WORSE_M))
 
     def holds(self, stop: StopPath, last: FloatArray, standing: FloatArray) -> bool:
-        """Whether a robot keeps its soles and its balance on the path of a stop, or loses no more than on the one
-        (k, n) that was verified last. standing (nq,): as it stands."""
+        """True if a stop keeps soles and balance, or loses no more than the last verified one (k, n)."""
         lost = self.losses(stop, standing)
         if lost.within(Losses(SOLE_M, 0.0)):
             return True
-        # The rest of a walk is made anew with each step: no stop from elsewhere is as good.
+        # Each step plans the rest of a walk anew: the last stop is no alternative to compare with.
         if stop.carries is not None:
             return False
         instead = standing[None] if not len(last) else self.postures(last, standing)

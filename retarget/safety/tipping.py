@@ -1,14 +1,11 @@
-"""Whether a robot on its soles tips over an edge of them, and whether it falls: by its IMU and its encoders.
+"""Fall detection of a robot on its soles, by IMU and encoders.
 
-The IMU says which way is up for its link, and the encoders how the soles are turned to that link. The lowest sole
-carries. When the robot stands on the floor for the first time, that sole shows how the floor slopes; from then on its
-tilt is measured from there. A robot whose lowest sole leaves the floor turns about an edge of its soles. There it is an
-inverted pendulum, which does not come back by itself once its capture point is beyond that edge:
+The lowest sole carries. Its first orientation on the floor gives the slope, from which its tilt is measured. A robot
+that turns about an edge of its soles is an inverted pendulum, and falls once its capture point is beyond that edge:
 
     x + v / sqrt(g / h) > edge      x, h: place and height of the centre of mass, v: its velocity about the edge
 
-v is made of the turn of the sole, which is that of the IMU's link less what the joints turn between the two, and of
-what the joints move the mass over the sole: a robot that bows over flat soles does not tip.
+v adds the rotation of the sole and the motion of the mass over it, so a robot that bows over flat soles does not tip.
 Source: Pratt et al., Capture Point: A Step toward Humanoid Push Recovery (Humanoids 2006).
 """
 
@@ -26,23 +23,16 @@ from retarget.model.robot import RobotBody
 from retarget.rotations import Quat, Vector, as_quat, as_vector, inverse, minus, plus, product, rotated, rotation_vector
 from retarget.types import FloatArray
 
-TIPS = radians(5.0)
-"""Tilt of the lowest sole, rad, from which on a robot tips: noise of an IMU and the play of gears stay below."""
-STANDS_S = 0.5
-"""Time, s, for which a robot that tipped, or whose tilt was not known, must be seen to stand before it goes on."""
-FALLS_S = 0.015
-"""Time, s, over which all measurements must show the capture point beyond the edge: no single one makes a fall."""
-UNKNOWN_S = 0.1
-"""Time, s, without a valid measurement after which nothing is known of the tilt: spikes are shorter."""
-LOW_M = 0.015
-"""Corners that are higher than the lowest one by more than this, m, are in the air: on a floor that slopes by 8 degrees
-two soles side by side differ by less."""
-RATE_S = 0.02
-"""Time, s, over which is taken what the joints turn and move: an encoder's step in a tick is 0.2 rad/s."""
+TIPS = radians(5.0)  # [rad] least tilt of a tipping robot, above IMU noise and gear play
+STANDS_S = 0.5  # [s] of standing before a robot that tipped, or was not observed, goes on
+FALLS_S = 0.015  # [s] of a capture point beyond the edge, so that no single measurement makes a fall
+UNKNOWN_S = 0.1  # [s] of silence after which the tilt is unknown; spikes are shorter
+LOW_M = 0.015  # [m] higher corners are in the air: two soles on a slope of 8 degrees differ by less
+RATE_S = 0.02  # [s] window of joint rates: one encoder step in a tick is 0.2 rad/s
 
 
 class TipState(Enum):
-    """How a robot on its soles is, as far as it is known."""
+    """The known state of a robot on its soles."""
 
     STANDS = "stands"
     TIPS = "tips"
@@ -53,31 +43,31 @@ class TipState(Enum):
 HOLDS = {
     TipState.TIPS: "the robot tips: its lower sole is {:.0f} degrees off the floor",
     TipState.UNKNOWN: "the IMU measures nothing valid: a fall would not be seen",
-}
-"""Reasons to hold."""
+}  # hold reasons
 FALL = "the robot falls: its soles tip by {:.0f} degrees, and it cannot catch itself"
 
 
 class _Seen(NamedTuple):
-    """A body by its encoders in a tick, along the axes of a root that does not turn. points (c + k, 3): corners of all
-    soles, then their links, m; turns (1 + k, 4): of the IMU's link and of the soles' links; mass (3,): m."""
+    """The body by its encoders, along the axes of a root that does not turn.
+
+    points (c + k, 3): corners of all soles, then their links, m. turns (1 + k, 4): the IMU's link, the soles' links.
+    """
 
     points: FloatArray
     turns: FloatArray
     mass: FloatArray
 
     def over(self, sole: int) -> tuple[Quat, Vector]:
-        """The turn of the IMU's link, and the mass, m, along the axes of a sole's link and from its origin."""
+        """Orientation of the IMU's link and place of the mass, m, in a sole's link."""
         back = inverse(as_quat(self.turns[1 + sole]))
         origin = self.points[len(self.points) - len(self.turns) + 1 + sole]
         return product(back, as_quat(self.turns[0])), rotated(back, as_vector(self.mass - origin))
 
 
 class TipWatch:
-    """Judges one robot, tick by tick. tilt: of its lowest sole to the floor, rad, at the last valid measurement."""
+    """Detects the fall of one robot. tilt: of its lowest sole to the floor, rad."""
 
     def __init__(self, robot: RobotBody, *, dt: float) -> None:
-        """robot: stands on its soles, and has an IMU. dt: s of a tick."""
         imu = robot.profile.imu
         assert imu is not None and robot.stands, "the robot stands, and has an IMU"
         links, corners = robot.sole_corners
@@ -87,14 +77,14 @@ class TipWatch:
         self._probe = Probe(robot.kinematics, [*links, *carriers[1:]], np.concatenate([corners, origins]), carriers)
         self._past = deque[_Seen](maxlen=1 + max(round(RATE_S / dt), 1))
         self._floors: list[Vector] = []
-        """The vertical along the axes of each sole's link, when the robot began to stand."""
+        """The vertical in each sole's link when the robot began to stand."""
         self._q, self._columns, self._dt = robot.posture(robot.profile.postures.stand), robot.servo_columns, dt
         self._silent, self._stood = Dwell(), Dwell(STANDS_S)
         self._beyond_since = inf  # [s] on the bus's clock
         self._state, self.tilt = TipState.STANDS, 0.0
 
     def look(self, imu: ImuSample, joints: FloatArray) -> TipState:
-        """The state now. imu: of this tick; joints (n,): measured, rad, servo order. A fall stays a fall."""
+        """The state now; a fall is final. joints (n,): measured, rad, servo order."""
         if self._state is not TipState.FALLS:
             found = self._look(imu, joints)
             stood = self._stood.step(self._dt, holds=found is TipState.STANDS)
@@ -103,7 +93,6 @@ class TipWatch:
         return self._state
 
     def _look(self, imu: ImuSample, joints: FloatArray) -> TipState:
-        """What this tick alone says, or, for a moment, what the last valid measurement said."""
         self._q[self._columns] = joints
         seen = _Seen(*self._probe.read(self._q))
         self._past.append(seen)
@@ -111,7 +100,7 @@ class TipWatch:
         silent = self._silent.step(self._dt, holds=not known)
         if not known or imu.orientation is None:
             return TipState.UNKNOWN if silent > UNKNOWN_S else self._state
-        # From here on along the axes of that root.
+        # All vectors from here on are along the axes of that root.
         link = as_quat(seen.turns[0])
         up = rotated(product(link, inverse(as_quat(imu.orientation))), (0.0, 0.0, 1.0))
         heights = matmul(seen.points[: len(self._corners)], np.array(up))
@@ -132,7 +121,7 @@ class TipWatch:
         return TipState.FALLS if imu.time - self._beyond_since >= FALLS_S else TipState.TIPS
 
     def _motion(self, sole: int, of_link: Vector) -> tuple[Vector, Vector]:
-        """The turn of a sole, rad/s, and the speed of the mass over it, m/s. of_link: the turn of the IMU's link."""
+        """Angular velocity of a sole, rad/s, and velocity of the mass over it, m/s."""
         seen, before = self._past[-1], self._past[0]
         (link, mass), (link_then, mass_then) = seen.over(sole), before.over(sole)
         per_s = 1.0 / (self._dt * max(len(self._past) - 1, 1))
@@ -142,18 +131,17 @@ class TipWatch:
 
     @property
     def hold_reason(self) -> str:
-        """Why the robot is to hold, "" where it need not."""
+        """Hold reason, or ""."""
         return HOLDS.get(self._state, "").format(degrees(self.tilt))
 
     @property
     def fall(self) -> str:
-        """How it falls, "" where it does not."""
+        """Description of the fall, or ""."""
         return FALL.format(degrees(self.tilt)) if self._state is TipState.FALLS else ""
 
 
 def _is_beyond(arms: FloatArray, up: Vector, ahead: Vector, turn: Vector, speed: Vector) -> bool:
-    """Whether the capture point is beyond the edge, of all corners, that is farthest ahead. arms (c, 3): from each to
-    the mass, m; turn: of the sole, rad/s; speed: of the mass over it, m/s."""
+    """True if the capture point is beyond the foremost edge. arms (c, 3): from each corner to the mass, m."""
     size = sqrt(_dot(ahead, ahead))
     x, y, z = ahead[0] / size, ahead[1] / size, ahead[2] / size
     arm = as_vector(arms[int(matmul(arms, np.array((x, y, z))).argmin())])
@@ -166,8 +154,3 @@ def _is_beyond(arms: FloatArray, up: Vector, ahead: Vector, turn: Vector, speed:
 
 def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def tip_watch_of(robot: RobotBody, *, dt: float) -> TipWatch | None:
-    """The watch of a robot that stands and has an IMU, in ticks of `dt` s; None for any other."""
-    return None if robot.profile.imu is None or not robot.stands else TipWatch(robot, dt=dt)

@@ -214,11 +214,11 @@ def test_a_thin_obstacle_between_two_clear_rows_is_found() -> None:
     # The shell of the forearm ends 3 mm before the hand.
     among = GatedRobot(scene(wire=sphere(middle, 0.0035, margin=0.0001, influence=0.01)))
     assert among.distances(path).min() > among.kept().max() + BETWEEN
-    assert is_clear(robot, path) and robot.clearance.in_the_way(robot.observers.names) == ""
+    assert is_clear(robot, path) and robot.clearance.limiting_pair(robot.observers.names) == ""
     assert not is_clear(among, path)
-    part, obstacle = among.clearance.in_the_way(among.observers.names).split(" and ")
+    part, obstacle = among.clearance.limiting_pair(among.observers.names).split(" and ")
     assert part == "l_forearm" and obstacle == "wire"
-    assert is_clear(among, path[[0, 0]]) and among.clearance.in_the_way(among.observers.names) == "", "nothing now"
+    assert is_clear(among, path[[0, 0]]) and among.clearance.limiting_pair(among.observers.names) == "", "nothing now"
 
 
 def test_the_ticks_in_which_a_pair_was_refused_are_counted() -> None:

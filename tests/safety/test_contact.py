@@ -28,7 +28,7 @@ from retarget.safety.contact import (
     ContactDetector,
     Press,
     felt_servos,
-    way_back,
+    return_path,
 )
 from retarget.safety.gate import Gate
 from retarget.schema.scene import Scene
@@ -183,7 +183,7 @@ def test_the_way_back_brakes_within_the_limits_and_ends_where_the_limb_was() -> 
     there = goal.posture.copy()
     there[column] -= 0.05
     press = Press("l_sho_pitch", "", np.arange(len(servos)) == column, there)
-    path = way_back(press, goal, servos, dt=DT)
+    path = return_path(press, goal, servos, dt=DT)
     assert path is not None and np.abs(path[-1] - there).max() < 1e-9
     steps = np.diff(np.vstack([goal.posture - goal.displacement, goal.posture, path])[:, column])
     assert np.abs(np.diff(steps)).max() <= servos.max_acceleration[column] * DT**2
@@ -192,7 +192,7 @@ def test_the_way_back_brakes_within_the_limits_and_ends_where_the_limb_was() -> 
         passed = gate.check(goal, row)
         assert passed is not None
         goal = passed
-    assert way_back(press, goal, servos, dt=DT) is None
+    assert return_path(press, goal, servos, dt=DT) is None
 
 
 # Whole runs with mass.
