@@ -1,7 +1,6 @@
-"""Performer calibration: their size, from the skeleton in the file, or from a rest pose of the sensors alone.
+"""Performer calibration: size from the skeleton in the file, or from a rest pose of the sensors.
 
-Limbs keep their lengths and are hung straight down, as the human's rest frame wants them; trunk, hips and shoulder
-girdle keep the shape that the skeleton has at rest. What a file does not know comes from average proportions.
+Limbs keep their lengths and hang straight down, as in the human's rest frame. Unknown lengths are average.
 """
 
 from dataclasses import replace
@@ -25,8 +24,7 @@ from retarget.model.human_dimensions import (
 from retarget.model.rest_skeleton import hanging_toe, rest_faults
 from retarget.types import FloatArray
 
-_LIMB = {"elbow", "wrist", "hand", "knee", "ankle"}
-"""Points that hang straight below their parent in the rest frame."""
+_LIMB = {"elbow", "wrist", "hand", "knee", "ankle"}  # points that hang straight below their parent in the rest frame
 
 REQUIRED = (
     "head",
@@ -35,19 +33,18 @@ REQUIRED = (
 """Joints without which a skeleton does not give a person's size."""
 
 _DOWN = np.array([0.0, 0.0, -1.0])
-"""Unit vector, world."""
 
 
 def calibrate(frames: SensorFrames) -> HumanDimensions:
-    """The performer's size: from the skeleton where the source has one, else from the frame most like a rest pose.
+    """Return the performer's size, from the skeleton where the source has one, else from a rest pose.
 
-    A recording without a rest pose gives average proportions at the stature of its tallest frame; `origin` says so.
-    Raises InputError: not a human, or sensors missing.
+    A recording without a rest pose gives average proportions at the stature of its tallest frame, and `origin` tells
+    so. Raises InputError: not a human, or sensors missing.
     """
     if frames.skeleton is not None:
         return dimensions_from_skeleton(frames.skeleton, source=frames.source)
     candidates = find_rest_frames(frames)
-    # The best candidate may still be no rest pose: the fit is the judge, and the next one gets its chance.
+    # The best candidate may still be no rest pose, so the fit decides.
     for at in candidates:
         names = tuple(name for name, valid in zip(frames.names, frames.valid[at], strict=True) if valid)
         position = frames.position[at, frames.valid[at]]
@@ -55,7 +52,7 @@ def calibrate(frames: SensorFrames) -> HumanDimensions:
             return fit_rest_pose(names, position, stature=frames.stature, source=frames.source).dimensions
         except InputError:
             continue
-    # No one looks taller than they are, so the tallest frame is the nearest to the truth.
+    # People never look taller than they are, so the tallest frame is the nearest to the truth.
     stature = frames.stature or max(standing_stature(frames, at) for at in candidates)
     usual = proportional_dimensions(stature)
     check_plausible(usual, source=frames.source)
@@ -63,9 +60,9 @@ def calibrate(frames: SensorFrames) -> HumanDimensions:
 
 
 def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDimensions:
-    """Every length that the skeleton has, exactly; the rest from its stature.
+    """Return every length of the skeleton, and average ones for the rest.
 
-    Raises InputError: joints missing, not standing upright facing x, or not of a human's size and shape.
+    Raises InputError: joints missing, not upright facing x, or not of a human's size and shape.
     """
     known = {
         name: np.asarray(at)
@@ -80,8 +77,7 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
         raise InputError.from_problems(
             [Problem(f"the skeleton is no body that stands and faces x: {fault}", source) for fault in faults]
         )
-    # Legs along the bones and trunk upward, between ankles and the middle of the head. Bones do not reach the ground or
-    # the crown: average shares of stature (`FRACTIONS`) fill in what is beyond them.
+    # Stature from the legs along the bones and the trunk upward to the middle of the head; average shares add the rest.
     legs = [norm(known[f"{s}_knee"] - known[f"{s}_hip"]) + norm(known[f"{s}_ankle"] - known[f"{s}_knee"]) for s in "lr"]
     trunk = known["head"][2] - 0.5 * (known["l_hip"][2] + known["r_hip"][2])
     stature = float((np.mean(legs) + trunk) / (FRACTIONS.head_height - FRACTIONS.ankle_height))
@@ -102,13 +98,13 @@ def dimensions_from_skeleton(skeleton: Skeleton, *, source: str = "") -> HumanDi
 
 
 def _completed(known: dict[str, FloatArray], usual: HumanDimensions) -> dict[str, FloatArray]:
-    """All canonical points at rest; those of the trunk that are missing lie between their neighbours."""
+    """All canonical points at rest. Missing points of the trunk lie between their neighbours."""
     points = dict(known)
     hips = 0.5 * (points["l_hip"] + points["r_hip"])
     shoulders = 0.5 * (points["l_shoulder"] + points["r_shoulder"])
     points.setdefault("pelvis", hips - 0.5 * (usual.of("l_hip") + usual.of("r_hip")))
     points.setdefault("neck", shoulders - np.array([0.0, 0.0, usual.of("l_shoulder")[2]]))
-    # Formats have between one and six joints in the trunk: the human's chest and spine are put between those there are.
+    # Formats have between one and six joints in the trunk.
     pelvis, neck = points["pelvis"], points["neck"]
     if "chest" not in points:
         points["chest"] = (

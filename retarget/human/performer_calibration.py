@@ -1,7 +1,4 @@
-"""The file of a measured performer: `$XDG_CONFIG_HOME/retarget/people/<name>.yaml`, the user's own.
-
-A performer who has been measured once stands still only for floor and heading from then on. Layout 2: see `Person`.
-"""
+"""The file of a measured performer: `$XDG_CONFIG_HOME/retarget/people/<name>.yaml`."""
 
 import os
 import re
@@ -24,23 +21,22 @@ from retarget.types import FloatArray
 
 OPTION = "--person"
 LAYOUT = 2
-"""Layout of the file. Another one is refused, as the meaning of its numbers is not known."""
+"""Layout of the file. Another one is refused, as its numbers mean other things."""
 STEP = "Measure anew with --recalibrate"
 MASS_KG = (2.0, 400.0)
-FARTHEST = (3.0, 0.1)
-"""A point may be this many times as far from its parent as usual, and so many m beyond."""
+FARTHEST = (3.0, 0.1)  # a point may be this many times as far from its parent as usual, and this many m more
 _NAME = re.compile(r"[\w-]{1,40}")
+# Points whose offsets go straight down from their parents.
 _HANGING = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "hand", "knee", "ankle") for side in "lr")
-"""Points whose offsets go straight down from their parents."""
 Day = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
 
 
 class Person(Schema):
-    """A measured person. stature: m; mass: kg; origin: by what they were measured; sensors: which took part.
+    """A measured person. stature: m; mass: kg; origin: of the measurement; sensors: that took part.
 
     offsets: each of `human_dimensions.POINTS` from its parent, m, standing, arms hanging, x forward, y left, z up.
     sensor_offsets: by convention of roles and sensor, from the joint to the sensor, m, in its canonical axes, in
-    addition to those of the convention.
+    addition to the convention's.
     """
 
     layout: Integer
@@ -60,7 +56,7 @@ class Person(Schema):
         return HumanDimensions(offset, self.stature, self.mass, f"{self.name}, measured on {self.date}: {self.origin}")
 
     def offset(self, convention: str, sensors: tuple[str, ...]) -> FloatArray:
-        """Offsets (k, 3) m of these sensors, zero where none is known."""
+        """Offsets (k, 3) m of these sensors, zero where unknown."""
         known = self.sensor_offsets.get(convention, {})
         return np.array([known.get(sensor, (0.0, 0.0, 0.0)) for sensor in sensors])
 
@@ -74,7 +70,7 @@ def person_of(
     convention: str = "",
     offset: FloatArray | None = None,
 ) -> Person:
-    """A person who was just measured; to the tenth of a millimetre. offset (k, 3) m: see `Person.offset`."""
+    """Make a person from a measurement, to a tenth of a millimetre. offset (k, 3) m: see `Person.offset`."""
     offsets = {point: _rounded(at) for point, at in zip(POINTS, dimensions.offset, strict=True)}
     rows = {} if offset is None else dict(zip(sensors, offset, strict=True))
     known = {sensor: _rounded(by) for sensor, by in rows.items() if by.any()}
@@ -97,8 +93,7 @@ def _rounded(at: FloatArray) -> tuple[float, float, float]:
 
 
 def person_path(name: str) -> Path:
-    """Path of the file of the person of that name, which may be still to be written. Raises UsageError for a name that
-    is none."""
+    """Path of a person's file, which need not exist. Raises UsageError for an invalid name."""
     if not _NAME.fullmatch(name):
         raise UsageError(
             "this is no name of a performer",
@@ -110,12 +105,12 @@ def person_path(name: str) -> Path:
 
 
 def check_person_place(name: str) -> None:
-    """Raise UsageError where the person's file could not be written; nothing is left behind."""
+    """Raise UsageError if the person's file cannot be written. Leaves nothing behind."""
     check_folder(person_path(name).parent, option=OPTION)
 
 
 def read_person(name: str) -> Person | None:
-    """The person of that name; None where there is none. Raises UsageError; ConfigError: not valid, or no human."""
+    """Read a person, None if there is no file. Raises UsageError, or ConfigError: not valid, or no human."""
     path = person_path(name)
     if not os.path.lexists(path):
         return None
@@ -130,7 +125,7 @@ def read_person(name: str) -> Person | None:
 
 
 def write_person(person: Person) -> Path:
-    """Write the person's file, whole or not at all; the one before is kept as `.previous.yaml`. Returns its path.
+    """Write the person's file atomically and keep the one before as `.previous.yaml`. Returns its path.
 
     Raises UsageError with the system's reason.
     """

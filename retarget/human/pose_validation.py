@@ -1,7 +1,7 @@
-"""Pose validation: which poses of a sensor a person can have, for live streams, recordings and `retarget.Pipeline`.
+"""Pose validation: limits of the poses that a person can have, and jump detection by them.
 
-`retarget._solver.Validity` judges poses and sensors by the limits of this module. `retarget.live.sensor_validity` asks
-it about a stream; `JumpDetection` about samples that come at known times, of which it judges movement alone.
+`retarget._solver.Validity` judges by these limits: streams for `retarget.live.sensor_validity`, and samples at known
+times for `JumpDetection`.
 """
 
 from collections.abc import Sequence
@@ -21,26 +21,21 @@ from retarget.types import BoolArray, IntArray
 
 @dataclass(frozen=True, kw_only=True)
 class ValidityLimits:
-    """Every limit of a performer's sensors: which poses are valid, when a sensor is lost, and how it and the robot come
-    back. Lengths in m; times in s, of capture unless said otherwise.
+    """Limits of a performer's sensors, in m and in s of capture.
 
-    One pose. reach: horizontally from the origin, along each axis. low, high: of the height. norm_tolerance: of a
-    quaternion's norm.
+    One pose. reach: horizontal distance from the origin, by axis. low, high: of the height. norm_tolerance: of a
+    quaternion.
 
-    Speed. fastest: m/s. shortest_step: a shorter time between two poses counts as
-    this: stamps taken on arrival are off by 15 ms, and a sender of 200 Hz may repeat a tracker of 60 Hz. swap, hardest:
-    a sensor that is reported at the place of its other side has jumped where it is farther from its own place than
-    swap + hardest / 2 * time^2; hardest in m/s^2. back_within: time after which a place says nothing more about where
-    such a sensor can be. settled_after: a sensor that jumped is accepted again when it went on from its new place for
-    this time.
+    Speed. fastest: m/s. shortest_step: least time between poses, as stamps taken on arrival are off by 15 ms and a
+    sender of 200 Hz may repeat a tracker of 60 Hz. swap, hardest (m/s^2): a sensor that is reported at the place of its
+    other side has jumped if it is farther than swap + hardest / 2 * time^2 from its own. back_within: time after which
+    a place tells nothing about such a sensor. settled_after: time for which a sensor must move on from where it jumped
+    to.
 
-    Age and value. silent_after: the robot holds after this long without a frame, on the local clock. stale_after: time
-    without an accepted pose after which a sensor is lost, on the local clock; a feed of 20 Hz may lose one pose of
-    three. frozen_after: time of repeating one value while others move. noticeable: how far another sensor must have
-    moved in that time, in m and in parts of a unit quaternion (0.0087: one degree). not_in_use_after: from the first
-    judgement.
-
-    Coming back. healthy: good data before a sensor comes back, and before a hold ends.
+    Age, on the local clock. silent_after: longest time without a frame before the robot holds. stale_after: the same of
+    one sensor; a feed of 20 Hz may lose one pose of three. frozen_after: time of repeating a value while another sensor
+    moves by noticeable (m, parts of a unit quaternion; 0.0087 is one degree). not_in_use_after: since the first
+    judgement. healthy: good data before a sensor comes back, and before a hold ends.
     """
 
     reach: float = 10.0
@@ -64,10 +59,7 @@ class ValidityLimits:
 LIMITS = ValidityLimits()
 
 
-# The state of one sensor at one instant.
-
-StateArray = NDArray[np.uint8]
-"""One ValidityState per sensor, (k,)."""
+StateArray = NDArray[np.uint8]  # one ValidityState per sensor, (k,)
 
 
 class ValidityState(IntEnum):
@@ -76,11 +68,11 @@ class ValidityState(IntEnum):
     FRESH = 0
     """Its last accepted pose is recent, and no other state applies."""
     STALE = 1
-    """No pose of it was accepted for too long: it is lost, or was not received yet."""
+    """No pose was accepted for too long, or ever."""
     FROZEN = 2
-    """It repeats one value to the bit while others move: the sender has lost it and does not report that."""
+    """It repeats one value to the bit while others move, as senders do with a lost tracker."""
     JUMPED = 3
-    """It went farther than a human can, and stays there; also where it changed places with its other side."""
+    """It went farther than a human can and stays there, or changed places with its other side."""
     NOT_IN_USE = 4
     """It was not received since the start."""
     OUT_OF_RANGE = 5
@@ -88,7 +80,7 @@ class ValidityState(IntEnum):
 
 
 def other_sides(names: Sequence[str]) -> IntArray:
-    """Rows (k,) of the sensors on the other side of k sensors; -1 where a sensor has none."""
+    """Rows (k,) of the sensors on the other side of each; -1 for none."""
     sides = [mirrored_name(name) for name in names]
     rows = [
         names.index(side) if side != name and side in names else -1 for name, side in zip(names, sides, strict=True)
@@ -96,17 +88,15 @@ def other_sides(names: Sequence[str]) -> IntArray:
     return np.array(rows, dtype=np.int64)
 
 
-# Jump detection in samples that come at known times: of a recording, and of a caller.
-
 MOVEMENT = ValidityLimits(reach=inf, low=-inf, high=inf, norm_tolerance=inf, frozen_after=inf, not_in_use_after=inf)
-"""Movement alone: a recording may leave any room, and marks itself which of its sensors are lost."""
+"""Limits for movement alone: a recording may leave any room, and marks its lost sensors itself."""
 
 
 class JumpDetection:
-    """Takes a sensor out of samples while it moves as no person can, until it is back or has stayed where it is.
+    """Takes a sensor out of samples while it moves as no person can, until it is back or has stayed.
 
-    A sensor that has just jumped stays where it was, as in a live stream: most jumps come back. When that is too long
-    ago it is not valid, and `jumped` (k,) until it is valid again.
+    It stays where it was for a moment, as most jumps come back. Then it is invalid, and `jumped` (k,) until it is
+    valid.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -117,7 +107,7 @@ class JumpDetection:
         self.jumped = self._none
 
     def step(self, time: float, sample: SensorSample) -> SensorSample:
-        """The sample of `time`, s of the performer, without what jumps; the sample itself where nothing does."""
+        """Return the sample of `time`, s, without jumps; the same object if there is none."""
         position, orientation = np.ascontiguousarray(sample.position), np.ascontiguousarray(sample.orientation)
         verdicts = self._validity.take(self._rows, time, position, orientation, sample.valid)
         if verdicts is None:
@@ -137,9 +127,9 @@ class JumpDetection:
 
 
 def without_jumps(frames: SensorFrames) -> SensorFrames:
-    """The frames of a recording without what jumps; the frames themselves where nothing does.
+    """Return the frames of a recording without jumps; the same object if there is none.
 
-    Recordings are looked at before they are laid on ticks, where a jump from one frame to the next is a ramp.
+    Laid on ticks first, a jump from one frame to the next would be a ramp.
     """
     jumps = JumpDetection(frames.names)
     position, orientation, valid = frames.position, frames.orientation, frames.valid

@@ -1,10 +1,4 @@
-"""Posture prior: what is natural where no sensor measures it: balance, a crouch by the height of the head, feet, and
-where the body faces.
-
-A standing body is in balance when its centre of mass is over the feet that carry it; the faster it travels, the less
-that holds, so the weight of this goal falls with speed. The speed is that of the feet: a crouch moves the head, and
-changes nothing here.
-"""
+"""Posture prior: goals of the body where no sensor measures it: balance, the pelvis, a crouch, and virtual feet."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -24,16 +18,13 @@ from retarget.types import FloatArray
 Point = Sequence[float]
 Ground = tuple[float, float]
 
-SPEED_SETTLE_S = 0.2
-"""Time constant of the low-pass on the speed of travel."""
-LIFT_M = 0.08
-"""A foot lifted so far above the other carries half as much."""
-HEEL_M = 0.3
-"""The same in a deep crouch, where an ankle is high because its heel is raised: a kneeling performer sits on it."""
+SPEED_SETTLE_S = 0.2  # low-pass on the speed of travel
+LIFT_M = 0.08  # a foot that is lifted this far above the other carries half as much
+HEEL_M = 0.3  # the same in a deep crouch, where a high ankle is a raised heel
 
 
 class Velocity:
-    """The low-passed velocity of a point of two or three coordinates: `now`, m/s. settle: time constant, s."""
+    """The low-passed velocity `now`, m/s, of a point. settle: time constant, s."""
 
     def __init__(self, settle: float, axes: int = 2) -> None:
         self._settle, self._axes = settle, axes
@@ -46,11 +37,11 @@ class Velocity:
 
     @property
     def speed(self) -> float:
-        """m/s"""
+        """m/s."""
         return sqrt(fsum([part * part for part in self.now]))
 
     def step(self, point: Point | None, dt: float) -> None:
-        """Go on by `dt` s to a point; None: it is not known, and the velocity stays."""
+        """Go on by `dt` s. The velocity stays while the point is unknown (None)."""
         before, self._before = self._before, point
         if before is None or point is None:
             return
@@ -59,7 +50,11 @@ class Velocity:
 
 
 class Balance:
-    """The goal of an `over_feet` task: `goal` (3,) m, world (z unused), and its `weight`, 0 to 1."""
+    """The goal of an `over_feet` task: `goal` (3,) m, world (z unused), and its `weight`, 0 to 1.
+
+    The goal is the centre of the feet, weighed by their loads. A body that travels need not be in balance, so the
+    weight falls with the speed of the feet.
+    """
 
     def __init__(self, task: CentreOfMassTask) -> None:
         self._task = task
@@ -68,12 +63,11 @@ class Balance:
         self.weight = 0.0
 
     def start(self) -> None:
-        """Start at rest, without a past."""
+        """Begin at rest, without a past."""
         self._travel.start()
 
     def step(self, feet: Sequence[Sequence[float]], forward: Ground, *, dt: float, lowered: float = 0.0) -> None:
-        """Go on by `dt` seconds. feet: ankles that are known, x, y, z m. forward: the heading, a unit vector. lowered:
-        how much of a crouch the body is in, 0 to 1."""
+        """Go on by `dt` s. feet: known ankles, m. forward: heading, unit vector. lowered: share of the crouch, 0 to 1."""
         if len(feet) == 2:
             (x, y, z), (u, v, w) = feet
             self._travel.step((0.5 * (x + u), 0.5 * (y + v), 0.5 * (z + w)), dt)
@@ -83,7 +77,6 @@ class Balance:
             self.weight = 0.0
             return
         lowest = min(foot[2] for foot in feet)
-        # Only near the ground is a high ankle a heel.
         lift = LIFT_M + lowered * lowered * lowered * lowered * (HEEL_M - LIFT_M)
         raised = [(foot[2] - lowest) / lift for foot in feet]
         loads = [1.0 / (1.0 + by * by) for by in raised]
@@ -96,15 +89,14 @@ class Balance:
         self.weight = 1.0 / (1.0 + speed * speed * speed * speed)
 
 
-# What carries the pelvis: it goes about as head and feet do on average, which their motions show without delay. Feet
-# that both fly, as in a jump with the legs drawn up, do not take it along.
-
-FLYING_M_S = 3.0
-"""Feet that go so fast beside the head, on average, carry half as much."""
+FLYING_M_S = 3.0  # feet count half when their mean speed relative to the head is this
 
 
 class Carried:
-    """Where the pelvis goes with sensors. by: their shares, with that of the head, which always counts."""
+    """The pelvis goes about as far as head and feet do on average (`by`: their shares), without a filter or delay.
+
+    Feet that both fly, as in a jump with the legs drawn up, count less.
+    """
 
     def __init__(self, by: Mapping[str, float]) -> None:
         self._share = by["head"]
@@ -116,8 +108,7 @@ class Carried:
         self._before = {}
 
     def step(self, at: Sequence[float], points: dict[str, list[float]], dt: float) -> Point:
-        """Where a pelvis at (3,) m is carried in `dt` s, by sensors that go to the next points: x, y, z m, of those
-        that are there."""
+        """Return where a pelvis at (3,) m is after `dt` s in which the sensors went to `points`, m."""
         before, self._before = self._before, points
         x = y = z = total = 0.0
         for name, share in self._others:
@@ -129,7 +120,6 @@ class Carried:
         if "head" in points and "head" in before:
             (u, v, w), (a, b, c) = points["head"], before["head"]
             u, v, w = u - a, v - b, w - c
-            # Of the way beside the head, less the faster it is.
             a, b, c, usual = x - u, y - v, z - w, FLYING_M_S * dt
             beside = (a * a + b * b + c * c) / (usual * usual)
             total /= 1.0 + beside
@@ -138,23 +128,18 @@ class Carried:
         return at[0] + x, at[1] + y, at[2] + z
 
 
-# Crouch: the natural posture for a distance of the head from the feet, from upright to a deep crouch.
-#
-# Hips, knees and the lumbar spine bend together when a person gets down. The distance of the head from the farther foot
-# shows it, not the height of the head: whoever stands with feet apart, or leans, has a low head on straight legs. In
-# 200 recorded pieces the distance tells the bend of the straighter knee to within 9 to 19 degrees, the height to within
-# 8 to 32. With one reference posture for all distances, the stiffness of single joints would decide how; the spine,
-# stiff while standing, would then hardly bend at all.
+# Hips, knees and the lumbar spine bend together when a person gets down. In 200 recorded pieces the distance of the
+# head from the farther foot gives the bend of the straighter knee to within 9 to 19 degrees, and the height of the
+# head, which a wide stance lowers too, to within 8 to 32.
 
 
 BENT_AHEAD, BENT_LOWERED = 0.35, 0.25
-"""A head that is so far ahead of the feet, as a share of its distance from them upright, is that of a body that bends
-over; and share of the crouch from which on it counts in full. In the recorded pieces the lean of a lowered trunk is
-known from how far the head is ahead (R^2 0.79), and hardly from its distance (0.19)."""
+"""A body bends over fully when its head is this far ahead of the feet, as a share of their distance upright, and this
+share of the crouch is reached. Fitted to recordings: where the head is ahead gives the lean of the trunk (R^2 0.79)."""
 
 
 class Crouch:
-    """Interpolates between two postures of the human, by how far the head is from the feet."""
+    """Interpolates between two postures of the human by the distance of the head from the feet."""
 
     def __init__(self, human: Human, *, upright: str, lowered: str) -> None:
         postures = np.stack([human.posture(upright), human.posture(lowered)])
@@ -166,60 +151,49 @@ class Crouch:
         self._across = [float(away) for away in norms(line[:, :2])]
 
     def share(self, away: float) -> float:
-        """How much of the crouch belongs to a head `away` m from the farther ankle: 0 upright, 1 lowered."""
+        """Share of the crouch, 0 upright to 1 lowered, of a head `away` m from the farther ankle."""
         return min(max((self._upright_m - away) / (self._upright_m - self._lowered_m), 0.0), 1.0)
 
     def share_by_height(self, height: float) -> float:
-        """The same for a head `height` m above the ankles, which are where they are in the two postures."""
+        """The same for a head `height` m above standing ankles."""
         lowered = 0.0
-        for _ in range(3):  # how far ahead the head is depends a little on the share
+        for _ in range(3):  # the head is further ahead in a deeper crouch
             lowered = self.share(hypot(height, self._across[0] + lowered * (self._across[1] - self._across[0])))
         return lowered
 
     def bent(self, share: float, ahead: float) -> float:
-        """How much a body with this share of the crouch bends over, 0 to 1. ahead: how far the head is ahead of the
-        feet, m."""
+        """Share of bending over, 0 to 1. share: of the crouch. ahead: distance of the head ahead of the feet, m."""
         far = min(max(ahead / (BENT_AHEAD * self._upright_m), 0.0), 1.0)
         return far * min(share / BENT_LOWERED, 1.0)
 
     def posture(self, share: float) -> FloatArray:
-        """The posture (nq,) that is natural with this share of the crouch."""
+        """The natural posture (nq,) at this share."""
         return np.asarray(self._upright + share * self._change)
 
 
-# Virtual feet of a performer without ankle sensors: planted while the head stays above them, else they step after it.
-#
-# With a head and two hands nothing measures the legs. The feet stay where they are while the head moves above them, and
-# step after it once it would leave them behind; in a crouch the head may be further forward. Of a performer who walks
-# the middle of the feet is below the head, whatever the gait: it goes at the head's own velocity, and the feet step in
-# turn. In a jump, and on tiptoe, the feet leave the floor: the legs are no longer than they are, and bend a little.
+# With sensors on head and hands only, nothing measures the legs. The feet stay planted while the head moves above them,
+# and step after it when it leaves them behind. The middle of walking feet goes at the head's own velocity. In a jump
+# the feet leave the floor.
 
-HEAD_LEAD_M = (0.03, 0.40)
-"""Distance, m, of the head forward of the ankles, upright and in a deep crouch."""
-REACH_M = 0.12
-"""Distance, m, that the head of a performer who stands may wander from there before the feet follow."""
+HEAD_LEAD_M = (0.03, 0.40)  # [m] the head is ahead of the ankles, upright and in a deep crouch
+REACH_M = 0.12  # [m] a standing performer's head may wander before the feet follow
 STEP_M, STEP_S, STRIDE_M, STEP_LIFT_M = 0.1, 0.3, 0.35, 0.05
-"""m from where it would stand at which a foot steps; s that a step takes at most, and m by which the body travels in it
-at most: shorter than people's, so that legs bend little where the phase of the gait is not known; m by which an ankle
-rises."""
-GLIDE_S = 0.15
-"""Time constant with which the feet follow."""
-SLACK_M = 0.03
-"""Legs that leave the floor bend until they are shorter by this, m: a straight one leaves a body no posture but one."""
-TRAVEL_M_S = (0.5, 1.0)
-"""Speeds of the head at which a performer begins to walk, and walks: a head that leans is slower, or turns back."""
-TRAVEL_SETTLE_S = 0.3
-"""Time constant of the low-pass on the velocity of the head."""
+"""A foot steps when it is this far (m) from its place. A step takes at most this many s and m of the body's path, less
+than people's, so that the legs bend little at an unknown phase of the gait. The ankle rises by the last, m."""
+GLIDE_S = 0.15  # the feet follow with this time constant
+SLACK_M = 0.03  # legs that leave the floor bend by this: a straight leg leaves the solver no freedom
+TRAVEL_M_S = (0.5, 1.0)  # speeds of the head at which a performer begins to walk, and walks
+TRAVEL_SETTLE_S = 0.3  # low-pass on the velocity of the head
 
 
 class VirtualFeet:
-    """`ankles` (2, 3) m, left and right, world frame."""
+    """Feet of a performer without ankle sensors: `ankles` (2, 3) m, left and right, world."""
 
     def __init__(self, dimensions: HumanDimensions) -> None:
         self._half_width = 0.5 * float(dimensions.of("l_hip")[1] - dimensions.of("r_hip")[1])
         self.ankle_height = FRACTIONS.ankle_height * dimensions.stature
         standing = dict(zip(POINTS, dimensions.standing(), strict=True))
-        self._longest = norm(standing["head"] - standing["l_ankle"])  # [m] from head to ankle
+        self._longest = norm(standing["head"] - standing["l_ankle"])  # [m] from head to ankle, standing
         self._travel = Velocity(TRAVEL_SETTLE_S)
         self._middle: Ground | None = None
         self._planted: FloatArray = np.zeros((2, 2))  # [m] where each foot stands, or stood last
@@ -234,7 +208,7 @@ class VirtualFeet:
         self._place(head, self._planted, 0.0)
 
     def step(self, head: list[float], forward: Ground, *, crouch: float, dt: float) -> None:
-        """Go on by `dt` seconds. head: x, y, z m. forward: the heading. crouch: how lowered the head is, 0 to 1."""
+        """Go on by `dt` s. head: m. forward: heading, unit vector. crouch: its share, 0 to 1."""
         if self._middle is None:
             self.start(head, forward, crouch=crouch)
             return
@@ -251,7 +225,6 @@ class VirtualFeet:
         self._stride(head, self._beside(forward), walks * np.array([x, y]), dt)
 
     def _stride(self, head: list[float], wanted: FloatArray, velocity: FloatArray, dt: float) -> None:
-        """Step after the places wanted (2, 2) m beside the middle, which moves at velocity (2,) m/s."""
         seconds = min(STEP_S, STRIDE_M / max(norm(velocity), 1e-9))
         if self._swung >= 1.0:
             behind = norms(wanted - self._planted)
@@ -262,7 +235,7 @@ class VirtualFeet:
         lift = 0.0
         if self._swung < 1.0:
             self._swung = min(self._swung + dt / seconds, 1.0)
-            # It lands half a step ahead of the body, which will have come there when the other foot lands.
+            # The foot touches down half a step ahead of the body, which will be there when the other foot does.
             ahead = wanted[foot] + (1.5 - self._swung) * seconds * velocity
             share = 0.5 - 0.5 * cos(pi * self._swung)
             ground[foot] += share * (ahead - ground[foot])
@@ -277,7 +250,6 @@ class VirtualFeet:
         return head[0] - lead * forward[0], head[1] - lead * forward[1]
 
     def _beside(self, forward: Ground) -> FloatArray:
-        """Where both feet (2, 2) m stand beside their middle."""
         assert self._middle is not None
         aside = self._half_width * np.array([-forward[1], forward[0]])
         return np.asarray(np.array(self._middle) + np.array([aside, -aside]))
@@ -292,32 +264,23 @@ class VirtualFeet:
             self.ankles[foot] = head + (self._longest - bent) / distance[foot] * away[foot]
 
 
-# Heading: where the performer faces, from a few sensors.
-#
-# No hint is enough alone: the line between the ankles is wrong by 69 degrees on average while walking, that between the
-# wrists by 38 where one hand works. So hints are summed, each a vector on the ground, as the evidence of von Mises
-# distributions is. Hands and head hint by where they are seen from the middle of the body (`heading.yaml`, learned);
-# sensors with a left and a right, or with an orientation, hint by themselves.
+# No single hint is enough: the line between the ankles is wrong by 69 degrees on average while walking. So the hints
+# are summed as vectors on the ground, which adds up the evidence of von Mises distributions. Hands and head hint by
+# their place relative to the middle of the body, with fitted weights (`heading.yaml`, by `python -m
+# benchmarks.heading_fit`).
 
 _LEARNED: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("heading.yaml")).data
 
-_NO_HINT_M = 0.01
-"""A sum shorter than this gives no direction: the last heading stays."""
-_NEAR = 0.03
-"""Share of the height of the head. A hand or head nearer to where it is seen from has no clear direction, and its hint
-falls with the distance once more."""
-STANCE_S = 10.0
-"""Longest time over which the hints of one stance are averaged."""
-_STEP_SETTLE_S = 0.05
-"""Time constant of the low-pass on the speed of the feet."""
-_PLANTED_M_S = 0.4
-"""Feet that are both slower are planted."""
-_APART_M = 0.05
-"""Feet nearer to each other than this do not show how they turn."""
+_NO_HINT_M = 0.01  # a shorter sum gives no direction, and the last heading stays
+_NEAR = 0.03  # share of the head's height; the direction of a nearer hand is unclear, so its hint fades once more
+STANCE_S = 10.0  # longest time over which the hints of one stance are averaged
+_STEP_SETTLE_S = 0.05  # low-pass on the speed of the feet
+_PLANTED_M_S = 0.4  # feet are planted when both are slower
+_APART_M = 0.05  # nearer feet do not show how they turn
 
 
 class _Table:
-    """Weights between the nodes of a grid, bilinear: clamped outside the grid; weight 0 at distance 0."""
+    """Bilinear weights on a grid, constant outside of it, and 0 at distance 0."""
 
     def __init__(
         self, distances: Sequence[float], heights: Sequence[float], weights: Sequence[Sequence[complex]]
@@ -326,7 +289,7 @@ class _Table:
         self._weights = [[0j] * len(heights), *(list(row) for row in weights)]
 
     def at(self, distance: float, height: float) -> complex:
-        """The weight at a distance on the ground and a height, both as shares of the height of the head."""
+        """The weight at a distance on the ground and a height, as shares of the head's height."""
         i, s = _between(self._distances, distance)
         j, t = _between(self._heights, height)
         near, far = self._weights[i], self._weights[i + 1]
@@ -334,7 +297,6 @@ class _Table:
 
 
 def _between(nodes: list[float], value: float) -> tuple[int, float]:
-    """The node before a value, and the share of the way to the next."""
     value = min(max(value, nodes[0]), nodes[-1])
     before = min(bisect_right(nodes, value), len(nodes) - 1) - 1
     return before, (value - nodes[before]) / (nodes[before + 1] - nodes[before])
@@ -344,8 +306,7 @@ _HAND = _Table(
     _LEARNED["reach"],
     _LEARNED["height"],
     (np.array(_LEARNED["hand"]["forward"]) - 1j * np.array(_LEARNED["hand"]["side"])).tolist(),
-)
-"""A hint's turn and weight by where the left hand is; the right hand's are the conjugate."""
+)  # turn and weight of a hint by the place of the left hand; the right hand's are the conjugate
 _HEAD = _Table(_LEARNED["lead"], _LEARNED["head_height"], _LEARNED["head"])
 
 
@@ -353,7 +314,7 @@ class Heading:
     """The low-passed heading. `forward` (x, y) is a unit vector on the ground, world frame."""
 
     def __init__(self, settings: HeadingSettings, head_height: float, *, feet: bool = True) -> None:
-        """head_height: m, of the head above the ankles, standing. feet: whether ankles are measured."""
+        """head_height: m, above the ankles, standing. feet: True if ankles are measured."""
         self._settings, self._head_height = settings, head_height
         self._stance = _Stance(settings.settle) if feet else None
         self._sum = 0j
@@ -364,21 +325,18 @@ class Heading:
         self.forward: Ground = (1.0, 0.0)
 
     def start(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> None:
-        """Take the heading of one instant, without any filtering. Arguments as of `step`."""
+        """Take the heading of one instant, unfiltered."""
         self._head.start()
         moving, measured = self._moving(positions), self._measured(positions, facing)
-        share = 0.0 if self._stance is None else self._settings.stance  # of the moving hints, which the stance keeps
+        share = 0.0 if self._stance is None else self._settings.stance  # of the moving hints that the stance averages
         self._sum = (1.0 - share) * moving + measured
         if self._stance is not None:
             self._stance.start(moving)
         self._turn(moving + measured)
 
     def step(self, positions: Mapping[str, Point], facing: Mapping[str, Ground], *, dt: float) -> None:
-        """Go on by `dt` seconds.
-
-        positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of sensors with an
-        orientation, shorter than one where they point up or down.
-        """
+        """Go on by `dt` s. positions: x, y (and z) m by sensor, valid ones only. facing: forward axes (x, y) of
+        oriented sensors, shorter than one where they point up or down."""
         self._head.step(positions.get("head"), dt)
         moving = self._moving(positions)
         now = moving + self._measured(positions, facing)
@@ -390,7 +348,7 @@ class Heading:
         self._turn(self._sum + stance)
 
     def _moving(self, positions: Mapping[str, Point]) -> complex:
-        """Sum of the hints of parts that move about the body: of head, hands and ankles. x + i y, forward."""
+        """Sum of the hints of head, hands and ankles, which move about the body: x + i y, forward."""
         settings = self._settings
         slow, fast = settings.walking
         share = min(max((self._head.speed - slow) / (fast - slow), 0.0), 1.0)
@@ -401,14 +359,14 @@ class Heading:
         return total + (settings.learned * self._seen(positions) if settings.learned > 0.0 else 0j)
 
     def _measured(self, positions: Mapping[str, Point], facing: Mapping[str, Ground]) -> complex:
-        """Sum of the hints of parts that turn with the body: lines across the trunk, and orientations."""
+        """Sum of the hints that turn with the body: lines across the trunk, and orientations."""
         total = _lines(positions, self._trunk_pairs)
         for name, axis in facing.items():
             total += self._settings.facing.get(name, 0.0) * complex(*axis)
         return total
 
     def _seen(self, positions: Mapping[str, Point]) -> complex:
-        """What the learned tables say of where hands and head are."""
+        """Hints of the fitted tables for hands and head."""
         head = positions.get("head")
         if head is None:
             return 0j
@@ -435,23 +393,21 @@ class Heading:
 
 
 _LIMBS = ("ankle", "wrist", "knee", "elbow")
-"""Parts of which the line from right to left moves about the body."""
 
 
 def _hint(table: _Table, away: complex, up: float, height: float, *, mirror: bool = False) -> complex:
-    """What a table says of a part that is `away` (m, on the ground) from where it is seen, `up` m above the floor."""
     distance = hypot(away.real, away.imag) / height
     weight = table.at(distance, up / height)
     return _times(weight.conjugate() if mirror else weight, away / height) / max(distance, _NEAR)
 
 
 def _times(a: complex, b: complex) -> complex:
-    """a b. A compiler may fuse a product of complex numbers with its sum."""
+    """a b. Written out, as compilers may fuse a product of complex numbers with its sum."""
     return complex(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real)
 
 
 def _lines(positions: Mapping[str, Point], pairs: Sequence[tuple[str, str, float]]) -> complex:
-    """Sum of the lines from the right of each pair to the left, turned forward, m by weight; 0 for those not known."""
+    """Weighted sum, m, of the lines from right to left of known pairs, turned forward."""
     total = 0j
     for left, right, weight in pairs:
         if left in positions and right in positions:
@@ -461,7 +417,6 @@ def _lines(positions: Mapping[str, Point], pairs: Sequence[tuple[str, str, float
 
 
 _BETWEEN_FEET = (("l_ankle", "r_ankle", 1.0),)
-"""The line of a stance: from the right ankle to the left one."""
 
 
 def _hands_ahead(positions: Mapping[str, Point]) -> complex:
@@ -476,10 +431,10 @@ def _hands_ahead(positions: Mapping[str, Point]) -> complex:
 
 
 class _Stance:
-    """The mean of hints since both feet were planted, over `STANCE_S` at most.
+    """The mean of the hints since both feet were planted, over at most `STANCE_S`.
 
-    Planted feet do not turn, so what hands and head said a while ago is still true of the hips. Feet that shuffle take
-    it along."""
+    Planted feet do not turn, so earlier hints still hold for the hips. Feet that shuffle turn the mean.
+    """
 
     def __init__(self, settle: float) -> None:
         self._settle = settle
@@ -487,14 +442,12 @@ class _Stance:
         self.start(0j)
 
     def start(self, hints: complex) -> None:
-        """Begin with the hints of one instant."""
         for foot in self._feet:
             foot.start()
         self._mean, self._age = hints, self._settle
         self._line = 0j
 
     def step(self, positions: Mapping[str, Point], hints: complex, dt: float) -> complex:
-        """The mean `dt` s later, with these hints. positions: as of `Heading.step`."""
         for foot, name in zip(self._feet, ("l_ankle", "r_ankle"), strict=True):
             foot.step(positions.get(name), dt)
         speed = max(foot.speed for foot in self._feet)
@@ -504,7 +457,7 @@ class _Stance:
             if min(hypot(line.real, line.imag) for line in (before, self._line)) > _APART_M:
                 turn = _times(self._line, before.conjugate())
                 self._mean = _times(self._mean, turn / hypot(turn.real, turn.imag))
-        else:  # The mean of the stance before is forgotten as fast as any other.
+        else:  # the mean of the stance before fades as fast as any other
             self._age = low_pass(self._age, self._settle, dt / self._settle)
         self._mean = low_pass(self._mean, hints, dt / self._age)
         return self._mean

@@ -1,7 +1,15 @@
 """Stage 1, the paper's motion reconstruction: a few sensors move a virtual human of the performer's size.
 
-Causal and one sample at a time, so that a live stream and a file go the same way. Strict levels keep what sensors
-measure. The last level decides what no sensor measures: heading, balance, and stiffness towards a natural posture.
+A sample, live or of a file, passes through these steps:
+
+    SensorLayout     reads the performer's sensors out of the sample
+    SensorIntake     bridges losses, jumps and spikes; Reach draws in goals that no body of this size has
+    Heading          estimates where the performer faces, for balance, crouch and pelvis (posture prior)
+    Hierarchy        turns all goals into targets of strict levels (paper, Table 1, or another priority file)
+    solver.frame     solves the prioritised inverse kinematics (paper, Figure 2)
+    SecondPosture    frees a body that is tangled and misses its sensors
+
+The upper levels follow the sensors. The lowest decides what no sensor measures.
 """
 
 from dataclasses import dataclass, field, replace
@@ -26,12 +34,10 @@ from retarget.schema.performer import Performer
 from retarget.schema.priorities import CarriedTask, CentreOfMassTask, PostureTask, Priorities
 from retarget.types import BoolArray, Carrying, FloatArray, HumanPosture
 
-# Sensor layout: the performer's sensors, read out of a source's samples.
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SensorTurn:
-    """A sensor's orientation. forward: its x axis on the ground. link (4,): wxyz of the link that it sits on, world."""
+    """A sensor's orientation. forward: its x axis on the ground. link (4,): wxyz of its link, world."""
 
     sensor: str
     forward: tuple[float, float]
@@ -39,9 +45,9 @@ class SensorTurn:
 
 
 class SensorLayout:
-    """k sensors in the performer's order; a sensor that the source does not have is never valid.
+    """k sensors in the performer's order. A sensor that the source lacks is never valid.
 
-    `joints` (k): index in POINTS of the joint that each sits on. `oriented`: rows whose orientation is used.
+    joints (k): row in POINTS of the joint of each. oriented: rows whose orientation is used.
     """
 
     def __init__(self, performer: Performer) -> None:
@@ -53,7 +59,7 @@ class SensorLayout:
         self._exists: BoolArray = np.zeros(len(self.names), dtype=bool)
 
     def read(self, sample: SensorSample) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Positions (k, 3) m, orientations (k, 4) wxyz, and which sensors are valid (k,)."""
+        """Positions (k, 3) m, orientations (k, 4) wxyz, and the mask (k,) of valid sensors."""
         if sample.names is not self._sample_names:
             self._sample_names = sample.names
             names = sample.names
@@ -65,7 +71,7 @@ class SensorLayout:
         return position, sample.orientation.take(self._columns, axis=0), valid & known
 
     def turns(self, orientation: FloatArray) -> list[SensorTurn]:
-        """Every orientation that is used and known, of those of all sensors (k, 4) wxyz."""
+        """The known and used orientations of (k, 4) wxyz."""
         found = []
         for row in self.oriented:
             turn = orientation[row]
@@ -76,28 +82,22 @@ class SensorLayout:
         return found
 
 
-# A way out of a tangle: a second posture, solved a frame a tick beside a body that misses its sensors.
-#
-# A body that was led through itself, by a jump or by sensors that crossed, can end in a posture from which no small
-# motion leads to its sensors. A natural posture in the same place leads there within a few frames.
+# A jump, or sensors that cross, can pull a body through itself into a posture from which no small motion leads back to
+# its sensors. A natural posture in the same place gets there within a few frames.
 
 _MISSED_M, _MISSED_S = 0.01, 0.05
-"""A body that misses a sensor by more than this for so long, though its limbs reach there, is tangled: sensors are
-to be met to 10 mm."""
-_TRIED_FRAMES, _REACHED_M = 16, 0.005
-"""At most so many frames the second posture has to come this near to all sensors."""
-_LEAST_FIT = 4
-"""Sensors that a second posture is turned to; fewer say too little of how a body lies."""
-_BETTER = 0.5
-"""After its last frame it is also taken where it misses by less than this share of what the body does."""
+"""A body is tangled if it misses a sensor within its reach by more m for more s."""
+_TRIED_FRAMES, _REACHED_M = 16, 0.005  # most frames of the second posture, to come this near (m) to all sensors
+_LEAST_FIT = 4  # fewer sensors do not determine how a body is turned
+_BETTER = 0.5  # after its last frame the second posture also wins if it misses by this share of the body's miss
 
 
 @dataclass(slots=True)
 class SecondPosture:
-    """q (nq,): the second posture; None: none is tried. frames: solved of it.
+    """A second posture, solved one frame per tick beside a body that misses its sensors.
 
-    missed: how long the body has missed its sensors; patience_s: for how long it may, doubled by every try that fails:
-    a sensor can be where no body goes.
+    q (nq,): None if there is none. frames: solved so far. missed: time for which the body has missed its sensors.
+    patience_s: its limit, doubled by each failure, since a sensor can be where no body goes.
     """
 
     q: FloatArray | None = None
@@ -106,15 +106,14 @@ class SecondPosture:
     patience_s: float = _MISSED_S
 
     def is_due(self, missed: float, dt: float) -> bool:
-        """Whether a second posture is to be tried in this tick of `dt` s, in which the body misses a sensor by up to
-        `missed` m."""
+        """True if this tick of `dt` s solves a frame. missed: m by which the body misses a sensor."""
         if missed <= _MISSED_M:
             self.q, self.frames, self.patience_s = None, 0, _MISSED_S
         return self.missed.step(dt, holds=missed > _MISSED_M) > self.patience_s
 
     def keep(self, q: FloatArray, missed: float, *, by_body: float) -> bool:
-        """Keep q (nq,), one frame further on, which misses a sensor by up to `missed` m while the body does `by_body`.
-        Whether the body should stand in it."""
+        """Keep q (nq,), which misses a sensor by `missed` m. True if it is to replace the body, which misses by
+        `by_body`."""
         self.q, self.frames = q, self.frames + 1
         last = self.frames == _TRIED_FRAMES
         reached = missed < (_BETTER * by_body if last else _REACHED_M)
@@ -124,29 +123,22 @@ class SecondPosture:
         return reached
 
 
-# The reconstruction of each sample.
-
-_SETTLING_S = 1.0
-"""Length of a frame while settling on the first sample: so long that no speed limit and no drag hold anything back."""
+_SETTLING_S = 1.0  # length of a frame while settling, so long that no speed limit holds it back
 _SETTLING_FRAMES = 200
-_SETTLED = 1e-5
-"""Settling ends when no coordinate changes by more than this per frame (m, rad)."""
+_SETTLED = 1e-5  # settling ends when no coordinate changes by more per frame (m, rad)
 _LONGEST_FRAME_S = 0.0101
-"""Longest frame of the solver, that of 100 Hz: in a longer one its few iterations do not follow a fast hand."""
-_MOST_PARTS = 50
-"""Parts of a step: those of 1 s."""
+"""Longest frame of the solver, that of 100 Hz: the few iterations of a longer one do not follow a fast hand."""
+_MOST_PARTS = 50  # frames of a step: those of 0.5 s
 _FEET = ("l_ankle", "r_ankle")
-_FOLLOWED = ("head", "l_wrist", "r_wrist", *_FEET)
-"""Sensors that strict levels follow."""
+_FOLLOWED = ("head", "l_wrist", "r_wrist", *_FEET)  # sensors that strict levels follow
 
 Points = dict[str, list[float]]
 
 
 class Reconstructor:
-    """Sensor samples in, human postures out: `start` with the first sample, then `step` with each further one.
+    """Turns sensor samples into human postures: `start` takes the first, `step` each further one.
 
-    sensors: their names, in the order of `HumanPosture.sensor_error`. hierarchy: the compiled priorities.
-    scene_obstacles: the scene of the human.
+    sensors: names in the order of `HumanPosture.sensor_error`. hierarchy: compiled priorities.
     """
 
     def __init__(
@@ -159,8 +151,10 @@ class Reconstructor:
         scene: SceneState | None = None,
         intake: IntakeTimes | None = None,
     ) -> None:
-        """iterations: instead of the file's. scene: in the performer's world. intake: how sensors leave and come back.
-        Raises ConfigError: the priorities name what a human does not have."""
+        """iterations: instead of the file's. scene: in the performer's world.
+
+        Raises ConfigError if the priorities name a thing that the human lacks.
+        """
         self._human = human
         self._layout = SensorLayout(performer)
         self.sensors = self._layout.names
@@ -210,7 +204,7 @@ class Reconstructor:
         self._second = SecondPosture()
 
     def start(self, sample: SensorSample) -> HumanPosture:
-        """Stand as the first sample says, at rest: a natural posture, facing where the sensors say, converged."""
+        """Return the converged posture of the first sample, at rest."""
         position, orientation, valid = self._layout.read(sample)
         measured = {name: at for name, at, ok in zip(self.sensors, position.tolist(), valid, strict=True) if ok}
         turns = self._layout.turns(np.where(valid[:, None], orientation, np.nan))
@@ -231,7 +225,7 @@ class Reconstructor:
         self._q = self._placed()
         self.scene_obstacles.tick(self.hierarchy, 0.0)
         points = self._present(self._intake.position)
-        # Solve the first sample again and again from where the last solve ended, without the past of a motion.
+        # Solve the first sample again and again, without the past of a motion.
         for _ in range(_SETTLING_FRAMES):
             self.hierarchy.solver.reset(self._q)
             before = self._q
@@ -242,21 +236,21 @@ class Reconstructor:
         self.hierarchy.solver.reset(self._q)
         self._second = SecondPosture()
         self.scene_obstacles.begin()
-        # Virtual feet are made from the head, so they show nothing of what carries.
+        # Virtual feet follow the head, so they show nothing of the support phase.
         self._carrying = CarryingFeet() if self._feet is None else None
         return self._posture(0.0)
 
     def resume(self, speed: float = 1.0) -> None:
-        """Go on after a hold: the body goes slowly from where it is to its sensors. speed: of the performer's time."""
+        """Go on after a hold: the body goes slowly to its sensors. speed: of the performer's time."""
         self._intake.resume(speed)
 
     @property
     def away(self) -> float:
-        """Greatest distance of a sensor from the goal that goes to it, m: 0 where none has been lost."""
+        """Greatest distance of a sensor from the goal that stands for it, m."""
         return self._intake.away
 
     def step(self, sample: SensorSample, dt: float) -> HumanPosture:
-        """The posture `dt` seconds later. Missing sensors take no part, and come and go without a jump."""
+        """Return the posture `dt` s later. Missing sensors take no part, and come and go without a jump."""
         position, orientation, valid = self._layout.read(sample)
         if self._feet is not None:
             known = self._present(self._intake.position)
@@ -264,8 +258,8 @@ class Reconstructor:
                 self._feet.step(known["head"], self._heading.forward, crouch=self._lowered(known), dt=dt)
             position, orientation, valid = self._with_feet(position, orientation, valid)
         intake, missed = self._intake, self._missed(self._reached)
-        # A long step is solved in parts of at most _LONGEST_FRAME_S, with sensors on straight lines between the
-        # samples. A sensor that was not there before has no line: it is where it is from the first part on.
+        # A long step is solved in frames of at most _LONGEST_FRAME_S, with goals on straight lines between the samples.
+        # A sensor that has just come back has no line.
         before, present = intake.position.copy(), intake.present.copy()
         intake.step(position, orientation, valid, reached=self._reached, dt=dt)
         self._reach.clamp(intake.position, intake.present)
@@ -275,7 +269,7 @@ class Reconstructor:
         for part in range(1, parts + 1):
             at = intake.position if part == parts else before + (part / parts) * (intake.position - before)
             points = self._present(at)
-            # Virtual feet count here: they steady the heading of a performer without ankle sensors, as planted feet do.
+            # Virtual feet count as planted feet do: they steady the heading.
             self._heading.step(points, _facing(turns), dt=dt / parts)
             self.scene_obstacles.tick(self.hierarchy, dt / parts)
             self._bear(points, dt / parts)
@@ -285,25 +279,25 @@ class Reconstructor:
         return self._posture(dt)
 
     def _missed(self, reached: FloatArray) -> float:
-        """How far sensors at `reached` (k, 3) m are from the goal of one that the body has to follow, at most, m."""
+        """Greatest distance, m, of a strictly followed goal from its sensor at (k, 3) m."""
         away = np.where(self._intake.present[:, None], self._intake.position - reached, 0.0)
         return float(np.sqrt(squares(away[self._followed]).max(initial=0.0)))
 
     def _try_second_posture(self, missed: float) -> None:
-        """Solve one frame of it for the targets of this tick, and stand in it if it comes nearer to the sensors than
-        the body, which misses one by `missed` m."""
+        """Solve one frame of the second posture for this tick's targets, and take it over if it misses the sensors by
+        less."""
         hierarchy, targets = self._second_hierarchy, self._targets
         begin = self._fitted() if self._second.q is None else self._second.q
         hierarchy.solver.reset(begin)
         if self.scene_obstacles.now is not None:
             hierarchy.set_obstacles(self.scene_obstacles.now)
-        # The pelvis stays carried from where the body has it, as its jump would be seen.
+        # The pelvis is carried from the body's place, as a jump of it would be seen.
         hierarchy.set_previous(targets, begin, _SETTLING_S)
         q = hierarchy.solver.frame(targets, _SETTLING_S)
         away = self._missed(self._reader.joints(q[None])[0, self._joints_of])
         scene, observers = self.scene_obstacles.scene, self.observers
         if away < missed and scene is not None and observers is not None:
-            # An obstacle that the body touches may be what keeps it from its sensors.
+            # A second posture that touches an obstacle is no better: the obstacle may be what keeps the body away.
             without_self = replace(observers, pairs=np.zeros((0, 2), dtype=np.int64))
             if contacts(self._human.body, without_self, scene, q, time=self.scene_obstacles.time):
                 away = inf
@@ -312,8 +306,7 @@ class Reconstructor:
             self.hierarchy.solver.reset(q)
 
     def _solve(self, points: Points, turns: list[SensorTurn], dt: float, at: FloatArray) -> None:
-        """Set all targets and solve one frame. at (k, 3) m: the goals of sensors and virtual feet, `points` those that
-        are there."""
+        """Set all targets and solve one frame. at (k, 3) m: all goals; `points`: those that are present."""
         hierarchy, targets = self.hierarchy, self._targets
         hierarchy.clear(targets)
         self._block[:, 0] = self._intake.present
@@ -337,16 +330,14 @@ class Reconstructor:
         self._q = hierarchy.solver.frame(targets, dt)
 
     def _bear(self, points: Points, dt: float) -> None:
-        """Where the feet that are there bear the body, `dt` s later."""
         if self._balance is not None:
             feet = [points[name] for name in _FEET if name in points]
             self._balance.step(feet, self._heading.forward, dt=dt, lowered=self._crouched(points))
 
     def _posture(self, dt: float) -> HumanPosture:
-        """What there is to see, `dt` s after the posture before."""
         joints, orientations, centre_of_mass = self._reader.read(self._q)
         self._reached = joints.take(self._joints_of, axis=0)
-        # Virtual feet come after the sensors and have no measured place.
+        # Virtual feet come after the sensors and have no measurement.
         error = (self._intake.measured - self._reached)[: self._sensor_count]
         distance = np.sqrt(squares(error))
         if not self._intake.all_present:
@@ -366,14 +357,13 @@ class Reconstructor:
         )
 
     def _placed(self) -> FloatArray:
-        """A natural posture (nq,) turned to the heading, in the middle of the sensors."""
+        """A natural posture (nq,) that faces the heading."""
         forward = self._heading.forward
-        # A turn about the vertical by the heading, as a quaternion wxyz of half the angle.
         half = 0.5 * arctan2(forward[1], forward[0])
         return self._turned((cos(half), 0.0, 0.0, sin(half)))
 
     def _fitted(self) -> FloatArray:
-        """A natural posture (nq,) turned as the sensors lie, upside down too, in their middle."""
+        """A natural posture (nq,) in the orientation that best fits the sensors, even upside down."""
         present = self._intake.present
         if np.count_nonzero(present) < _LEAST_FIT:
             return self._placed()
@@ -387,12 +377,12 @@ class Reconstructor:
         present = self._intake.present
         if present.any():
             joints = self._reader.joints(q[None])[0]
-            # Move the root by the mean offset: the least squares translation onto the sensors.
+            # The mean offset is the least squares translation onto the sensors.
             q[:3] += (self._intake.position - joints[self._joints_of])[present].mean(axis=0)
         return q
 
     def _present(self, at: FloatArray) -> Points:
-        """The goal of each sensor that takes part: x, y, z m. at (k, 3): of all."""
+        """Goals of the present sensors by name, m, of at (k, 3)."""
         asked = at.tolist()
         if self._intake.all_present:
             return dict(zip(self._names, asked, strict=True))
@@ -411,8 +401,6 @@ class Reconstructor:
         )
 
     def _crouched(self, points: Points) -> float:
-        """How much of the crouch of the priorities the body is in, 0 upright, 1 lowered, by how far the head is from
-        the farther ankle; 0 without ankles."""
         feet = [points[name] for name in _FEET if name in points]
         if self._crouch is None or "head" not in points or not feet:
             return 0.0
@@ -420,7 +408,6 @@ class Reconstructor:
         return self._crouch.share(max(hypot(hypot(x - u, y - v), z - w) for u, v, w in feet))
 
     def _bent(self, points: Points, lowered: float) -> float:
-        """How much the body bends over, 0 upright or above its feet, 1 far ahead of them."""
         feet = [points[name] for name in _FEET if name in points]
         if self._crouch is None or "head" not in points or not feet:
             return 0.0
@@ -429,7 +416,7 @@ class Reconstructor:
         return self._crouch.bent(lowered, (x - middle[0]) * ahead + (y - middle[1]) * aside)
 
     def _lowered(self, points: Points) -> float:
-        """How lowered the head is: 0 upright, 1 in a deep crouch."""
+        """Share of the crouch of a body without ankle sensors, by the height of the head."""
         assert self._feet is not None
         return self._depth.share_by_height(points["head"][2] - self._feet.ankle_height) if "head" in points else 0.0
 
@@ -438,12 +425,10 @@ _BALANCE = (SlotKind.OVER_ROOT, SlotKind.OVER_FEET)
 
 
 def _facing(turns: list[SensorTurn]) -> dict[str, Ground]:
-    """Forward axes of sensors with an orientation, on the ground."""
     return {turn.sensor: turn.forward for turn in turns}
 
 
 def _crouch(priorities: Priorities, human: Human) -> Crouch | None:
-    """The posture that lowers with the head; None where the priorities have no such task."""
     for _, _, task in priorities.tasks():
         if isinstance(task, PostureTask) and task.lowered is not None:
             return Crouch(human, upright=task.towards, lowered=task.lowered)

@@ -1,9 +1,8 @@
-"""A person's size from sensors alone: a body at rest fitted to a performer who stands still.
+"""A person's size from sensors alone: a body at rest is fitted to a performer who stands still.
 
-Five sensors do not determine how a length is shared between trunk and legs, or between upper arm and forearm:
-proportions are held near the average by as much as people differ. More sensors (knees, elbows, hips, shoulders, pelvis,
-chest) determine the lengths next to them. On four recorded people of known size, in N, A and T, five sensors gave
-stature within 5 mm, arm length within 28 mm and leg length within 14 mm.
+Five sensors do not determine how a length is shared between trunk and legs, or upper arm and forearm, so proportions
+are held near the average by as much as people differ. On four recorded people of known size, in N, A and T, five
+sensors gave stature within 5 mm, arm length within 28 mm and leg length within 14 mm.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,22 +27,19 @@ from retarget.model.human_dimensions import (
 )
 from retarget.types import FloatArray
 
-# A person at rest as a few numbers: where they stand, how they are built, and which way their limbs point.
-#
-# The body is upright; each arm and leg is two segments with a direction each. Proportions are logarithms about the
-# average (see `human_dimensions`), so that 0 is average and a sum of squares is how unusual a person is.
+# The parameters of a person at rest: an upright body whose arms and legs have two straight segments each. Proportions
+# are logarithms about the average, so that a sum of squares measures how unusual a person is.
 
 ROOT, HEADING, STATURE, PROPORTIONS, ANGLES, COUNT = slice(0, 3), 3, 4, slice(5, 12), slice(12, 28), 28
-"""Layout of the parameters: pelvis position (3) m, heading (rad), logarithm of the stature in m, logarithms of the
-proportions (7: the groups below, then breadth), and angles (rad) of 4 limbs x 2 segments x (sideward, forward)."""
+"""Layout of the parameters: pelvis position (3) m, heading (rad), log of the stature in m, logs of the proportions (7:
+the groups below, then breadth), and angles (rad) of 4 limbs x 2 segments x (sideward, forward)."""
 
 LIMBS: tuple[tuple[str, str], ...] = (
     ("l_elbow", "l_wrist"),
     ("r_elbow", "r_wrist"),
     ("l_knee", "l_ankle"),
     ("r_knee", "r_ankle"),
-)
-"""Far ends of the two segments of each limb."""
+)  # far ends of the two segments of each limb
 
 _GROUPS: tuple[tuple[str, ...], ...] = (
     ("pelvis", "spine", "chest", "neck", "collar"),
@@ -52,23 +48,17 @@ _GROUPS: tuple[tuple[str, ...], ...] = (
     ("wrist", "hand"),
     ("knee",),
     ("ankle", "toe"),
-)
-"""Points whose offsets share one proportion: trunk, head, upper arm, forearm, thigh, shank."""
+)  # points that share one proportion: trunk, head, upper arm, forearm, thigh, shank
 
-SEGMENT_SPREAD = 0.05
-"""Relative spread between people of a segment's share of stature."""
+SEGMENT_SPREAD = 0.05  # relative, between people, of a segment's share of stature
 BREADTH_SPREAD = 0.08
 ARM_SPREAD_RAD = 0.6
-"""Spread of an arm's direction at rest, forward and back; sideward it is free: it distinguishes N, A and T."""
+"""Spread of the arms forward and back at rest. Sideward they are free, which distinguishes N, A and T."""
 LEG_SPREAD_RAD = 0.25
-"""Spread of a leg's direction at rest."""
-BEND_SPREAD_RAD = 0.15
-"""Spread of the bend of an elbow or knee at rest, without a sensor on that joint."""
-SEEN_BEND_SPREAD_RAD = 0.4
-"""The same with one."""
+BEND_SPREAD_RAD = 0.15  # of an elbow or knee without a sensor
+SEEN_BEND_SPREAD_RAD = 0.4  # of one with a sensor
 
-_AVERAGE = proportional_dimensions(1.0)
-"""Dimensions of an average person of stature 1 m: only their proportions are used."""
+_AVERAGE = proportional_dimensions(1.0)  # of stature 1 m: only the proportions are used
 
 
 def _group_of(name: str) -> int:
@@ -79,11 +69,10 @@ _GROUP_OF = np.array([_group_of(name) for name in POINTS])
 _BROAD = np.array([name[2:] in ("shoulder", "hip") for name in POINTS])
 _SEGMENT_ROWS = np.array([[POINTS.index(name) for name in limb] for limb in LIMBS])
 _HANDS = np.array([POINTS.index("l_hand"), POINTS.index("r_hand")])
-"""The group of every point of the human, whether it gives breadth, and rows of the points of limbs and hands."""
 
 
 def offsets(parameters: FloatArray) -> FloatArray:
-    """Offsets (23, 3) m from the parents, in the rest frame of the human, for these parameters."""
+    """Offsets (23, 3) m from the parents, in the rest frame."""
     scale = exp(parameters[PROPORTIONS])
     result = _AVERAGE.offset * exp(parameters[STATURE]) * scale[_GROUP_OF, None]
     result[_BROAD, 1] *= scale[-1] / scale[0]
@@ -94,7 +83,7 @@ def body_points(parameters: FloatArray) -> FloatArray:
     """All points (23, 3) m of the person, world."""
     offset = offsets(parameters)
     direction = _directions(parameters)
-    # In the rest frame limbs hang: only their z is not zero, and minus that is their length.
+    # In the rest frame limbs hang: minus their z is their length.
     offset[_SEGMENT_ROWS] = direction * -offset[_SEGMENT_ROWS][..., 2:]
     offset[_HANDS] = direction[:2, 1] * -offset[_HANDS][:, 2:]
     result = points_of(offset)
@@ -104,10 +93,7 @@ def body_points(parameters: FloatArray) -> FloatArray:
 
 
 def prior(parameters: FloatArray, bend_spread: FloatArray) -> FloatArray:
-    """How unusual a person and a rest pose are, as residuals: seven proportions first, then directions and bends.
-
-    bend_spread (4,): spread (rad) of the bend of each limb.
-    """
+    """Residuals of the prior: seven proportions, then directions and bends. bend_spread (4,): rad, by limb."""
     spread = np.array([SEGMENT_SPREAD] * len(_GROUPS) + [BREADTH_SPREAD])
     angles = parameters[ANGLES].reshape(4, 2, 2)
     arms, legs = angles[:2, 0, 1], angles[2:, 0]
@@ -118,48 +104,39 @@ def prior(parameters: FloatArray, bend_spread: FloatArray) -> FloatArray:
 
 
 def _directions(parameters: FloatArray) -> FloatArray:
-    """Unit vectors (4, 2, 3) of the limbs' segments, downward at zero, in the person's frame."""
+    """Unit vectors (4, 2, 3) of the limbs' segments in the person's frame, downward at angle zero."""
     sideward, forward = np.moveaxis(parameters[ANGLES].reshape(4, 2, 2), -1, 0)
     side = np.array([[1.0], [-1.0], [1.0], [-1.0]])
     level = cos(forward)
     return np.stack([sin(forward), side * sin(sideward) * level, -cos(sideward) * level], axis=-1)
 
 
-REQUIRED = ("head", "l_wrist", "r_wrist")
-"""Without ankles the ground (z = 0) stands in for them."""
+REQUIRED = ("head", "l_wrist", "r_wrist")  # without ankles the ground (z = 0) stands in for them
 ANKLES = ("l_ankle", "r_ankle")
 
-SENSOR_SPREAD_M = 0.01
-"""Spread, m, of the distance of a sensor from the joint centre that it stands for."""
-LOOSE_SPREAD_M = 0.05
-"""The same for one that is known to sit beside it: a controller in the hand, a cap on the head."""
-KNOWN_SPREAD_M = 0.001
-"""The same of a stature that is known."""
+SENSOR_SPREAD_M = 0.01  # of a sensor about the joint centre that it stands for
+LOOSE_SPREAD_M = 0.05  # of a sensor beside its joint: a controller in the hand, a cap on the head
+KNOWN_SPREAD_M = 0.001  # of a known stature
 MAX_LOOSE_M = 0.2
-MAX_RESIDUAL_M = 0.06
-"""A fit that misses the sensors by more (root mean square) is no rest pose of a human."""
-MAX_SPREADS = 5.0
-"""A fit whose proportions are more spreads off the average is no human."""
+MAX_RESIDUAL_M = 0.06  # root mean square; a worse fit is no rest pose of a human
+MAX_SPREADS = 5.0  # proportions farther off the average are no human's
 
-ALIKE_RAD = 0.61
-"""Largest difference between the angles of both arms at rest."""
+ALIKE_RAD = 0.61  # largest difference between the angles of both arms at rest
 MAX_CANDIDATES = 8
-_LOOKED_AT = 600
-"""Frames looked at, evenly over the recording, for some that are most like a rest pose."""
-_APART_S = 0.5
-"""Candidates for a rest pose are at least this far apart."""
+_LOOKED_AT = 600  # frames, evenly over the recording, among which rest poses are sought
+_APART_S = 0.5  # least time between candidates
 
 
 def rest_pose_name(arm_angle: float) -> str:
-    """N, A or T: by the angle (rad) of the arms from hanging."""
+    """Return N, A or T for arms at this angle (rad) from hanging."""
     degrees = np.rad2deg(arm_angle)
     return "N" if degrees < 25.0 else "A" if degrees < 65.0 else "T"
 
 
 @dataclass(frozen=True, eq=False)
 class RestFit:
-    """A person at rest. offset (k, 3) m, world: from its joint to each sensor, zero for those that sit on theirs.
-    arms (2,) rad: of the left and the right one, shoulder to wrist, from hanging."""
+    """A person at rest. offset (k, 3) m, world: from its joint to each sensor. arms (2,) rad: left and right, from
+    hanging."""
 
     dimensions: HumanDimensions
     offset: FloatArray
@@ -174,10 +151,10 @@ def fit_rest_pose(
     stature: float | None = None,
     source: str = "",
 ) -> RestFit:
-    """Fit a person to sensors at rest. names: k canonical sensor names; position (k, 3) m, world, z up. loose: those
-    that sit beside their joints, at unknown offsets. stature: m, if known.
+    """Fit a person to k sensors at rest. position (k, 3) m, world, z up. loose: sensors at unknown offsets beside their
+    joints. stature: m, if known.
 
-    Head and wrists are needed, ankles should be there. Raises InputError: sensors missing, or no upright human.
+    Raises InputError: head or wrists are missing, or no human stands upright.
     """
     missing = [name for name in REQUIRED if name not in names]
     if missing:
@@ -198,9 +175,8 @@ def fit_rest_pose(
     def residual(unknown: FloatArray) -> FloatArray:
         parameters, offset = unknown[:COUNT], unknown[COUNT:]
         points = body_points(parameters)
-        # The fit weighs three kinds of evidence by their spreads (maximum a posteriori, all normal): how far sensors
-        # are from their joints, how unusual the proportions and the pose are, and how far loose sensors sit from their
-        # joints.
+        # A maximum a posteriori fit with normal spreads: of sensors about their joints, of proportions and pose, and of
+        # loose sensors beside their joints.
         off = points[columns] - position
         off[loose_rows] += offset.reshape(-1, 3)
         parts = [off.ravel() / SENSOR_SPREAD_M, prior(parameters, bend), offset / LOOSE_SPREAD_M]
@@ -215,7 +191,7 @@ def fit_rest_pose(
     found = least_squares(residual, np.concatenate([start, np.zeros(3 * len(loose_rows))]))
     fit, offset = found[:COUNT], np.zeros((len(names), 3))
     offset[loose_rows] = found[COUNT:].reshape(-1, 3)
-    # Offsets beyond what a cap or a controller can have are cut, and then show as a misfit below.
+    # Offsets beyond those of a cap or a controller are cut, and show as a misfit below.
     offset *= np.minimum(1.0, MAX_LOOSE_M / np.maximum(norms(offset), 1e-9))[:, None]
     unusual = float(np.abs(prior(fit, bend)[:7]).max())
     points = body_points(fit)
@@ -224,16 +200,16 @@ def fit_rest_pose(
 
 
 def _arms(points: FloatArray) -> FloatArray:
-    """Angles (2,) rad of both arms from hanging, by all points (23, 3) m."""
+    """Angles (2,) rad of both arms from hanging."""
     ends = [[POINTS.index(f"{side}_{end}") for side in "lr"] for end in ("shoulder", "wrist")]
     along = points[ends[1]] - points[ends[0]]
     return np.asarray(arccos(np.clip(-along[:, 2] / norms(along), -1.0, 1.0)))
 
 
 def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
-    """Frames most like a rest pose, best first, at most `MAX_CANDIDATES`: the person tall and the sensors slow.
+    """Frames most like a rest pose, best first, at most `MAX_CANDIDATES`: tall and slow.
 
-    Raises InputError if head and wrists, and the ankles that there are, are never valid together.
+    Raises InputError if the sensors that it takes are never valid together.
     """
     needed = [name for name in (*REQUIRED, *ANKLES) if name in frames.names]
     columns = np.array([frames.index(name) for name in needed])
@@ -250,7 +226,7 @@ def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
             allowed="head, both wrists and the ankles that the source has, at once",
             next_step="Record a rest pose with all of them in view",
         )
-    # Speed by central differences; where a neighbour is invalid it is NaN, and taken as fast.
+    # Central differences; NaN beside an invalid frame counts as fast.
     before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(frames) - 1)
     moved = frames.position[np.ix_(after, columns)] - frames.position[np.ix_(before, columns)]
     duration = np.maximum(frames.time[after] - frames.time[before], 1e-9)[:, None]
@@ -267,7 +243,7 @@ def find_rest_frames(frames: SensorFrames) -> tuple[int, ...]:
 
 
 def standing_stature(frames: SensorFrames, at: int) -> float:
-    """Stature (m) of an average person whose head is as high above the ankles (or the ground) as in this frame."""
+    """Stature (m) of an average person whose head is as high above the ankles, or the ground."""
     known = [name for name in ("head", *ANKLES) if name in frames.names]
     sensors = {name: frames.position[at, frames.index(name)] for name in known}
     above, share, _ = _head_height(sensors)
@@ -275,7 +251,7 @@ def standing_stature(frames: SensorFrames, at: int) -> float:
 
 
 def _head_height(sensors: Mapping[str, FloatArray]) -> tuple[float, float, float]:
-    """Height (m) of the head above the ankles, or the ground without them; its share of stature; where that is."""
+    """Return the height (m) of the head above the ankles, or the ground, its share of stature, and the ground's height."""
     head = float(sensors["head"][2])
     if not set(ANKLES) <= set(sensors):
         return head, FRACTIONS.head_height, 0.0
@@ -286,14 +262,14 @@ def _head_height(sensors: Mapping[str, FloatArray]) -> tuple[float, float, float
 
 
 def may_stand(sensors: Mapping[str, FloatArray]) -> bool:
-    """Whether the head is as high as that of a standing human."""
+    """True if the head is as high as that of a standing human."""
     above, share, _ = _head_height(sensors)
     low, high = STATURE_M
     return low * share <= above <= high * share
 
 
 def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArray:
-    """Parameters near the answer: heading from left and right, stature from the head, arms from the wrists."""
+    """Initial parameters: heading from left and right, stature from the head, arms from the wrists."""
     above, share, ground = _head_height(sensors)
     if not may_stand(sensors):
         low, high = STATURE_M
@@ -305,7 +281,7 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
             next_step="Check the unit and the upward axis, and stand upright to calibrate",
         )
     stature = above / share
-    # From right to left: its normal on the ground is where the person faces. Ankles say it too, where they are known.
+    # The normal on the ground of the line from right to left is where the person faces.
     left = sensors["l_wrist"] - sensors["r_wrist"]
     half_span = 0.5 * hypot(left[0], left[1])
     if set(ANKLES) <= set(sensors):
@@ -317,7 +293,7 @@ def _first_guess(sensors: Mapping[str, FloatArray], *, source: str) -> FloatArra
     parameters[HEADING] = arctan2(-left[0], left[1])
     parameters[STATURE] = log(stature)
     arm = (_AVERAGE.length("l_elbow") + _AVERAGE.length("l_wrist")) * stature
-    # The sine of the arms' angle from hanging: how far each wrist is beyond its shoulder, by the length of the arm.
+    # sine of the arms' angle from hanging
     outward = np.clip((half_span - _AVERAGE.of("l_shoulder")[1] * stature) / arm, -0.5, 1.0)
     angles = parameters[ANGLES].reshape(4, 2, 2)
     angles[:2, :, 0] = arcsin(outward)

@@ -1,4 +1,4 @@
-"""Sensor samples for the ticks of a run: from a recorded clip laid on these ticks, or from a live stream."""
+"""Sensor samples for the ticks of a run: of a recorded clip laid on these ticks, or of a live stream."""
 
 from dataclasses import dataclass, field, replace
 from itertools import compress
@@ -20,21 +20,21 @@ from retarget.types import BoolArray, FloatArray
 
 
 class Performing(Protocol):
-    """A performer as a tick looks at it."""
+    """A performer as a tick sees it."""
 
     @property
     def paused(self) -> bool:
-        """Whether the operator pauses the robot: it then holds without a limit in time."""
+        """True while the operator pauses the robot, which then holds without a limit in time."""
 
     def may_approach(self) -> bool:
-        """Whether the robot is to go on with its approach; called in every tick of it."""
+        """True if the robot is to go on with its approach. Called in every tick of it."""
 
     def sample(self, tick: int) -> SensorSample | None:
-        """The sensors at a tick; None: they are not valid now, and the robot is to hold. Not None for tick 0."""
+        """The sensors at a tick. None: they are not valid and the robot is to hold; never at tick 0."""
 
     @property
     def hold_reason(self) -> str:
-        """Why the robot holds, in a few words; of the last tick in which it did."""
+        """Reason, in a few words, of the last hold."""
 
 
 class Samples(Performing, Protocol):
@@ -42,11 +42,11 @@ class Samples(Performing, Protocol):
 
     @property
     def ticks(self) -> int:
-        """Ticks that are followed, at most."""
+        """Most ticks that are followed."""
 
     @property
     def kept(self) -> int:
-        """Ticks of which a record is kept; what comes after them is not recorded."""
+        """Number of ticks that are recorded."""
 
     @property
     def dt(self) -> float:
@@ -58,25 +58,24 @@ class Samples(Performing, Protocol):
 
     @property
     def over(self) -> bool:
-        """Whether the performance has ended before its last tick: a recorded stream is at its end."""
+        """True if the performance has ended before its last tick, as a recorded stream does."""
 
     def poll(self) -> None:
         """Take in what a stream has sent. Called in every tick, also during a hold."""
 
     def hold(self) -> None:
-        """The robot holds though the sensors are valid: a stream is followed again as after any hold."""
+        """Hold though the sensors are valid. A stream is followed again as after any hold."""
 
     def recorded(self) -> "Clip":
-        """The samples of the ticks that were followed, for reports and recordings."""
+        """The samples of the followed ticks, for reports and recordings."""
 
 
 @dataclass(frozen=True, eq=False)
 class PerformerInput:
     """The performer at a tick, in states in which the robot moves with it.
 
-    tick: of the performance, None before following begins. sample: to follow; None: the robot is to hold. may_go_on:
-    whether the robot may follow, or go on with its approach; hold_reason: why not. paused: by the operator. over:
-    whether the performance is.
+    tick: of the performance, None before following begins. sample: None for a hold. may_go_on: True if the robot may
+    follow or go on with its approach; else hold_reason. paused: by the operator.
     """
 
     tick: int | None = None
@@ -89,7 +88,7 @@ class PerformerInput:
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """A performer: their samples, their size, notes for the operator, and how sensors leave and come back."""
+    """A performer: samples, size, notes for the operator, and intake times."""
 
     samples: Samples
     dimensions: HumanDimensions
@@ -97,27 +96,20 @@ class Performance:
     intake: IntakeTimes = field(default_factory=IntakeTimes)
 
 
-# A recorded motion laid on the ticks of a run: speed, cut, mirror and loop are applied here, before anything moves.
-
 Parts = Literal["whole", "upper"]
 
-LOOP_LIMIT_S = 600.0
-"""A loop ends by itself after this long, s of the run."""
-SEAM_S = 1.0
-"""Time (s of the performer's time) that a loop takes from its last frame to its first."""
+LOOP_LIMIT_S = 600.0  # a loop ends by itself, s of the run
+SEAM_S = 1.0  # of the performer's time, from the last frame of a loop to its first
 MAX_KEPT = 80_000
-"""Most ticks of a run of which rows are kept for its report, 10 minutes at 125 Hz. A longer run goes on without: a row
-and its sample take 3.3 KB with 20 servos, and a run of any length is to end, with its summary, within 600 MB."""
+"""Most ticks that are kept for the report, 10 minutes at 125 Hz. A row and its sample take 3.3 KB with 20 servos, and a
+run is to stay within 600 MB."""
 SPEEDS = (0.01, 10.0)
-RATES_HZ = (1.0, 2000.0)
-"""Least and most of `--speed`, a share of the performer's speed, and of `--rate`, Hz: what is beyond is a mistyped
-value."""
+RATES_HZ = (1.0, 2000.0)  # [Hz] of `--rate`; values beyond these limits are mistyped
 
 
 @dataclass(frozen=True)
 class Playback:
-    """How a recording is played. speed: 1 is the performer's. start, end: s of the recording, both included.
-    keep_calibration_frame: whether a single calibration pose before the motion is played, too."""
+    """Settings of a playback. speed: 1 is the performer's. start, end: s of the recording, both included."""
 
     speed: float = 1.0
     start: float | None = None
@@ -145,14 +137,11 @@ class Playback:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """A motion on ticks. frames: row i is the sample of tick i, in the performer's order, on the run's clock.
+    """A motion on ticks. frames: row i is the sample of tick i, on the run's clock.
 
-    ticks: of the run; a loop has more of them than rows, and so has a run that is not kept to its end. dt: s between
-    ticks. motion_dt: s of the performer's time between ticks. source_frames: frames of the recording that are played.
-    rate_hz: ticks per second. left_out: what comes before them in the recording and is not played. lap: ticks until a
-    loop begins again; 0: as many as rows. beyond: the recording, on the performer's time, of the ticks of a lap that
-    have no row; None where all have one. with_jumps: the same clip with sensors that move as no person can, which are
-    not valid here; None: none does.
+    ticks: of the run, more than the rows of a loop or of a long run. source_frames: number of played frames. left_out:
+    the calibration pose before them. lap: ticks until a loop begins again. beyond: the recording, on the performer's
+    time, for ticks without a row. with_jumps: the clip before jumps were taken out, None if it had none.
     """
 
     frames: SensorFrames
@@ -164,7 +153,6 @@ class Clip:
     lap: int = field(default=0, kw_only=True)
     beyond: SensorFrames | None = field(default=None, kw_only=True)
     with_jumps: "Clip | None" = field(default=None, kw_only=True)
-    # A clip is never held or paused.
     paused: ClassVar[bool] = False
     hold_reason: ClassVar[str] = ""
 
@@ -188,11 +176,11 @@ class Clip:
 
     @property
     def over(self) -> bool:
-        """Never before its last tick."""
+        """False: a clip ends with its last tick."""
         return False
 
     def may_approach(self) -> bool:
-        """Always: a clip waits."""
+        """True: a clip waits."""
         return True
 
     def poll(self) -> None:
@@ -210,13 +198,13 @@ class Clip:
         return on_grid(SensorSample(frames.names, frames.position[row], frames.orientation[row], frames.valid[row]))
 
     def jumped(self, tick: int) -> BoolArray:
-        """Mask (k,) of the sensors that are not valid at a tick since they have moved as no person can."""
+        """Mask (k,) of the sensors that are taken out at a tick because no person moves so."""
         whole, sane = self.with_jumps, self.sample(tick).valid
         return np.zeros_like(sane) if whole is None else whole.sample(tick).valid & ~sane
 
     @property
     def names_of_jumped(self) -> tuple[str, ...]:
-        """The sensors that have moved as no person can."""
+        """Names of the sensors that were ever taken out."""
         if self.with_jumps is None:
             return ()
         parts = [(self.with_jumps.frames, self.frames), (self.with_jumps.beyond, self.beyond)]
@@ -226,20 +214,19 @@ class Clip:
         return tuple(compress(self.frames.names, np.any(lost, axis=0).tolist()))
 
     def recorded(self) -> "Clip":
-        """The clip itself, which is a recording."""
+        """The clip itself."""
         return self
 
     def frames_played(self, ticks: int) -> int:
-        """Frames of the recording that the first `ticks` ticks play; a loop plays them again and again."""
+        """Number of recorded frames, counted again in each lap, that the first ticks play."""
         return round(self.source_frames * ticks / (self.lap or len(self.frames)))
 
     def rows(self, ticks: int) -> NDArray[np.int64]:
-        """Rows (ticks,) of `frames` that the first `ticks` ticks show."""
+        """Rows (ticks,) of `frames` that the first ticks show."""
         return np.arange(ticks, dtype=np.int64) % len(self.frames)
 
     def truth(self, names: tuple[str, ...], ticks: range) -> FloatArray | None:
-        """Joint centres (T, m, 3) of the recorded body at some ticks, NaN for unknown ones; None: it has none of
-        them."""
+        """Recorded joint centres (T, m, 3), NaN for unknown ones. None: none is known."""
         tracks = self.frames.joints
         if tracks is None:
             return None
@@ -256,10 +243,9 @@ class Clip:
 def lay_on_ticks(
     frames: SensorFrames, *, performer: Performer, playback: Playback, rate_hz: float | None = None
 ) -> Clip:
-    """Interpolate a recording onto ticks; rate_hz None: the rate of the recording, so that at speed 1
-    every tick shows a frame.
+    """Interpolate a recording onto ticks. rate_hz None: the rate of the recording.
 
-    Raises UsageError: a sensor that the recording does not have, an empty cut, an impossible rate or length.
+    Raises UsageError: a sensor is missing, the cut is empty, or the rate or length is impossible.
     """
     start, pose = playback.start, None
     if start is None and not playback.keep_calibration_frame:
@@ -296,23 +282,20 @@ def _laid(frames: SensorFrames, playback: Playback, rate: float, pose: "Calibrat
     lap = _count(played.duration_s, step) - playback.loop  # the last tick of a loop is its first one again
     ticks = round(LOOP_LIMIT_S * rate) if playback.loop else lap
     laid = played.resample(np.arange(min(lap, MAX_KEPT)) * step)
-    # From here on, time is that of the run.
     laid = replace(laid, time=np.arange(len(laid)) / rate, rate_hz=rate)
     beyond = replace(played, joints=None) if len(laid) < lap else None
     return Clip(laid, max(ticks, 1), rate, playback.speed, len(frames), left_out=pose, lap=lap, beyond=beyond)
 
 
 CALIBRATION_JUMP, CALIBRATION_JUMP_M = 5.0, 0.05
-"""The first frames are no part of the motion where a sensor goes farther to the next than so many times what is usual
-in the quarter of a second after them, and so many m."""
+"""A calibration pose ends where a sensor jumps by this many times its usual step in the motion after it, plus m."""
 CALIBRATION_FRAMES, MOTION_S = 6, 0.25
-"""Most frames of a calibration pose, from which some files lead to the motion in a few frames, and the time, s, of the
-motion that it is compared with."""
+"""Most frames of a calibration pose, as some files blend from it to the motion, and s of the motion that count."""
 
 
 @dataclass(frozen=True)
 class CalibrationPose:
-    """A pose of calibration before a recorded motion: T, A or N, and how many frames belong to it."""
+    """A calibration pose before a recorded motion: T, A or N."""
 
     name: str
     frames: int
@@ -323,7 +306,7 @@ class CalibrationPose:
 
 
 def calibration_pose(frames: SensorFrames) -> CalibrationPose | None:
-    """The pose that a recording begins with for a moment, where the motion does not go on from it; else None."""
+    """The calibration pose with which a recording begins; None without one."""
     looked_at = CALIBRATION_FRAMES + max(round(MOTION_S * frames.rate_hz), 3)
     seen = np.asarray(frames.valid[: looked_at + 1].all(axis=0))
     if len(frames) <= looked_at or not seen.any():
@@ -342,7 +325,6 @@ def calibration_pose(frames: SensorFrames) -> CalibrationPose | None:
 
 
 def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:
-    """The sensors of the performer, in the performer's order."""
     missing = [name for name in performer.sensors if name not in frames.names]
     if missing:
         raise UsageError(
@@ -356,5 +338,4 @@ def _selected(frames: SensorFrames, performer: Performer) -> SensorFrames:
 
 
 def _count(duration: float, step: float) -> int:
-    """Ticks of `step` s from 0 to `duration` s, both ends included."""
     return int(np.floor(duration / step + 1e-6)) + 1

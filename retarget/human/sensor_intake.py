@@ -1,9 +1,8 @@
-"""Sensor intake: sensors as goals of the body, without jumps, and no further from each other than a body can be.
+"""Sensor intake: goals of the body that follow the sensors without jumps and stay within the reach of a body.
 
-A sensor that is lost stands still for a while, and so does one that jumps faster than any human: most jumps come back.
-A spike, farther beside the motion so far than a human accelerates, counts as lost while it is that far. A sensor that
-is there again, or stays where it jumped to, is led in: its goal goes from where it was to where the sensor is. After a
-hold all sensors are led in slowly, from where the body has them.
+The goal of a lost sensor stands still for a while, as does that of a sensor that jumps faster than a human: most jumps
+come back. A spike counts as lost while it lasts. A sensor that is back, or stays where it jumped to, is blended in: its
+goal goes from where it was to the sensor. After a hold all sensors are blended in slowly, from where the body has them.
 """
 
 from collections.abc import Sequence
@@ -17,25 +16,20 @@ from retarget.arithmetic import exp, low_pass, norm, norms, soft_cap, squares
 from retarget.model.human_dimensions import POINTS, HumanDimensions
 from retarget.types import BoolArray, FloatArray
 
-FASTEST_M_S = 15.0
-"""No sensor on a person moves faster: the fist of a boxer reaches about 10 m/s."""
+FASTEST_M_S = 15.0  # the fist of a boxer reaches about 10 m/s
 HARDEST_M_S2, SPIKE_M = 300.0, 0.04
-"""No sensor on a person changes its velocity faster, a heel that strikes the ground among them; and noise of a sensor
-beside its motion. In 17 recordings without faults none is more than 36 mm beside it at 120 Hz, and 50 mm is allowed."""
-FASTEST_RAD_S = 30.0
-"""No head or pelvis turns faster."""
-FADED = 1e-6
-"""m or rad: a goal so near to its sensor is there."""
-VELOCITY_SETTLE_S = 0.02
-"""Time constant of the low-pass on a sensor's velocity."""
-DOUBT_S = 0.1
-"""A sensor that jumped is led in to where it stays after so long, s."""
+"""Greatest acceleration of a sensor on a person, heel strikes included, and noise beside its motion. In 17 recordings
+without faults no sensor is more than 36 mm beside its motion at 120 Hz; 50 mm is allowed."""
+FASTEST_RAD_S = 30.0  # no head or pelvis turns faster
+FADED = 1e-6  # [m or rad] a nearer goal has arrived
+VELOCITY_SETTLE_S = 0.02  # low-pass on a sensor's velocity
+DOUBT_S = 0.1  # [s] a sensor that jumped must stay this long before it is blended in
 
 
 @dataclass(frozen=True)
 class IntakeTimes:
-    """hold: s for which a lost sensor is taken to stand still; then it takes no part. fade: time constant (s) with
-    which a goal is led in to its sensor, no faster than at `speed`, m/s, and `turn`, rad/s."""
+    """Times and speeds of the intake. hold: s for which the goal of a lost sensor stands still. fade: time constant, s,
+    of the blend, whose speed is limited to `speed`, m/s, and `turn`, rad/s."""
 
     hold: float = 0.2
     fade: float = 0.05
@@ -44,14 +38,16 @@ class IntakeTimes:
 
 
 SLOW = IntakeTimes(hold=0.08, fade=0.25, speed=0.25, turn=2.0)
-"""Of a stream, and of all sensors after a hold: an elbow then uses at most half of its servo's speed. A sensor of a
-stream becomes invalid within 0.2 s, and with these times takes no part within 0.3 s."""
+"""For streams, and for all sensors after a hold. An elbow then uses at most half of its servo's speed. A stream's
+sensor becomes invalid within 0.2 s, and so takes no part after 0.3 s."""
 
 
 class SensorIntake:
-    """`position` (k, 3) m, world: the goal of each of k sensors. `present` (k,): which of them have one; `all_present`:
-    whether all do. `orientation` (k, 4) wxyz: the goal of each, NaN where it is not known. `away`: greatest distance
-    of a goal that a sensor has from it, m."""
+    """The goals of k sensors: `position` (k, 3) m, world, and `orientation` (k, 4) wxyz, NaN where unknown.
+
+    present (k,): mask of sensors that have a goal; all_present: True if all have. away: greatest distance, m, of a goal
+    from its sensor.
+    """
 
     def __init__(self, count: int, times: IntakeTimes | None = None) -> None:
         self._times, self._slow_times = times or IntakeTimes(), SLOW
@@ -59,18 +55,18 @@ class SensorIntake:
         self.present: BoolArray = np.zeros(count, dtype=bool)
         self.all_present = False
         self.measured = np.zeros((count, 3))
-        self._velocity = np.zeros((count, 3))  # [m/s] of each
-        self._sent = np.zeros((count, 3))  # the last valid place of each
-        self._doubt = np.zeros(count)  # [s] for which a sensor that jumped has still to stay
-        self._begun = np.full((count, 3), np.inf)  # where its last jump began
+        self._velocity = np.zeros((count, 3))  # [m/s]
+        self._sent = np.zeros((count, 3))  # last valid position of each
+        self._doubt = np.zeros(count)  # [s] for which a sensor that jumped must still stay
+        self._begun = np.full((count, 3), np.inf)  # position at which the last jump began
         self._lost_for = np.full(count, np.inf)
         self._has_lost = True
         self.away = 0.0
         self.orientation: FloatArray = np.full((count, 4), np.nan)
-        self._turn = self.orientation  # the last goal that each had
+        self._turn = self.orientation  # last goal of each
         self._offset = np.zeros((count, 3))  # from each sensor to its goal
-        self._led: BoolArray = np.zeros(count, dtype=bool)  # which are being led in
-        self._slow: BoolArray = np.zeros(count, dtype=bool)  # which have not been led in since a hold
+        self._led: BoolArray = np.zeros(count, dtype=bool)  # sensors that are being blended in
+        self._slow: BoolArray = np.zeros(count, dtype=bool)  # sensors that have not arrived since a hold
 
     def start(self, position: FloatArray, orientation: FloatArray, valid: BoolArray) -> None:
         """Take the valid sensors of the first sample, (k, 3) m and (k, 4) wxyz, as they are."""
@@ -86,8 +82,7 @@ class SensorIntake:
         self.orientation = self._turn = np.where(valid[:, None], orientation, np.nan)
 
     def resume(self, speed: float = 1.0) -> None:
-        """Begin again after a hold: every sensor comes back, from where the body has it. speed: of the performer's
-        time."""
+        """Begin again after a hold, from where the body has the sensors. speed: of the performer's time."""
         self.present[:], self._lost_for[:], self._velocity[:] = False, np.inf, np.nan
         self._doubt[:], self._begun[:] = 0.0, np.inf
         self.all_present, self._has_lost = False, True
@@ -97,11 +92,11 @@ class SensorIntake:
     def step(
         self, position: FloatArray, orientation: FloatArray, valid: BoolArray, *, reached: FloatArray, dt: float
     ) -> None:
-        """Take the sample `dt` seconds later: (k, 3) m, (k, 4) wxyz. reached (k, 3): where the body has the sensors."""
+        """Take the sample `dt` s later: (k, 3) m, (k, 4) wxyz. reached (k, 3): where the body has the sensors."""
         moved, since = position - self.measured, dt + np.where(np.isfinite(self._lost_for), self._lost_for, 0.0)
-        # NaN compares false: an invalid sensor never counts as a calm one.
+        # NaN compares false, so an invalid sensor is never calm.
         calm = squares(moved) <= np.square(FASTEST_M_S * since)
-        # A jump is looked at below; without a velocity any way is possible.
+        # Jumps are handled below, and without a velocity any direction is possible.
         most = SPIKE_M + 0.5 * HARDEST_M_S2 * since * since
         on_way = (
             (squares(moved - self._velocity * since[:, None]) <= most * most)
@@ -116,15 +111,15 @@ class SensorIntake:
         else:
             self.measured[:] = position
         self._sent[valid] = position[valid]
-        # The velocity of a believed sensor is low-passed; of one that was away it is the mean on its way, and of one
-        # that has jumped it is not known.
+        # The velocity of an accepted sensor is low-passed. After an absence it is the mean velocity, after a jump
+        # unknown.
         now, anew = moved / since[:, None], (since > dt) | np.isnan(self._velocity[:, 0])
         old = np.where(anew[:, None], now, self._velocity)
         smooth = low_pass(old, now, dt / VELOCITY_SETTLE_S)
         self._velocity = np.where(believed[:, None], np.where(calm[:, None], smooth, np.nan), self._velocity)
         known = believed & np.isfinite(orientation[:, 0])
         before, self.orientation = self.orientation, np.where(known[:, None], orientation, np.nan)
-        # An orientation that was not there, or turns faster than any human, is led in; NaN compares false.
+        # An orientation that is new, or turns faster than a human, is blended in. NaN compares false.
         alike = np.abs((before * self.orientation).sum(axis=1))  # cosine of half of the angle between them
         half = 0.5 * FASTEST_RAD_S * dt
         goes_on = 2.0 - 2.0 * alike <= half * half
@@ -136,8 +131,8 @@ class SensorIntake:
         self._turn = np.where(known[:, None], self.orientation, self._turn)
 
     def _lead_in(self, dt: float) -> None:
-        """Put goals that are led in nearer to their sensors. They go the same share of their ways, so that a body that
-        can be in both postures can be in those between; and a goal stays where it is while its sensor comes nearer."""
+        """Move goals towards their sensors by one common share, so that a body between two feasible postures is
+        feasible. A goal stays where it is while its sensor comes nearer."""
         offset, angles = self.position - self.measured, np.zeros(len(self.present))
         grown = squares(offset) > squares(self._offset)
         offset[grown] = self._offset[grown]
@@ -162,7 +157,7 @@ class SensorIntake:
         np.add(self.measured, offset, out=self.position)
 
     def _believed(self, position: FloatArray, valid: BoolArray, dt: float) -> BoolArray:
-        """Which valid sensors (k,) have not just jumped from their last valid place: not at all, back, or long ago."""
+        """Mask (k,) of valid sensors that have not just jumped: those that did not, are back, or have stayed."""
         step = squares(position - self._sent)
         jumps = valid & (step > np.square(FASTEST_M_S * (dt + self._lost_for)))
         # A jump that ends much nearer to where the one before began leads back.
@@ -177,7 +172,7 @@ class SensorIntake:
     def _take_irregular(
         self, position: FloatArray, valid: BoolArray, calm: BoolArray, *, reached: FloatArray, dt: float
     ) -> None:
-        """Losses and returns of sensors; one that has jumped is not valid until it is believed."""
+        """Handle losses, returns and jumps. A sensor that has jumped is not valid until it is accepted."""
         absent_before = ~self.present
         back = valid & (absent_before | (self._lost_for > 0.0))
         asked_before = np.where(absent_before[:, None], reached, self.position)
@@ -194,11 +189,8 @@ class SensorIntake:
 
 
 def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
-    """Positions (T, k, 3) m of k sensors at times (T,) s, where one frame that is off both its neighbours by more than
-    a human accelerates is put between them.
-
-    Recordings are looked at before they are laid on ticks, where a spike of one frame is a ramp of two ticks.
-    """
+    """Return positions (T, k, 3) m, at times (T,) s, without single frames that are farther from both neighbours than a
+    human accelerates. Laid on ticks first, such a spike would be a ramp."""
     if len(time) < 3:
         return position
     before, after, half = position[:-2], position[2:], 0.5 * (time[2:] - time[:-2])[:, None]
@@ -210,35 +202,29 @@ def without_spikes(time: FloatArray, position: FloatArray) -> FloatArray:
     return cleared
 
 
-# Reach: sensors no further from each other than a body can be.
-#
 # A faulty tracker may report a wrist metres away. The hierarchy would stretch the whole body after it, singular and
-# oscillating, to come a little closer. So the goal is drawn in to where this body could just have it.
+# oscillating. So a goal is drawn in to where a body of this size could just have it.
 
-TRUNK_STRETCH = 1.25
-"""Most distance of two points of the trunk, neck and shoulder girdle, as a multiple of that at rest."""
-REACH_KNEE = 0.05
-"""Share of the greatest distance, from its end, in which what is farther is drawn in: no body that stands stretched has
-a sensor there."""
+TRUNK_STRETCH = 1.25  # greatest distance of two points of the trunk, as a multiple of that at rest
+REACH_KNEE = 0.05  # share of the greatest distance, at its end, into which farther goals are drawn
 
 _LIMBS = {
     "shoulder": ("elbow", "wrist", "hand"),
     "hip": ("knee", "ankle", "toe"),
-}
-"""Where each limb begins, and its joints from there on."""
+}  # joint at which each limb begins, and its joints from there on
 
 
 class Reach:
-    """Largest distances of k sensors from one of them, the anchor: the pelvis if it has one, else the head."""
+    """Largest distances of k sensors from the anchor: the pelvis if it has a sensor, else the head."""
 
     def __init__(self, sensors: Sequence[str], joints: Sequence[str], dimensions: HumanDimensions) -> None:
-        """sensors: names. joints: the joint that each sits on."""
+        """joints: the joint of each sensor."""
         self._anchor = next((sensors.index(name) for name in ("pelvis", "head") if name in sensors), None)
         anchor = joints[0 if self._anchor is None else self._anchor]
         self._furthest = np.array([_furthest(anchor, joint, dimensions) for joint in joints])
 
     def clamp(self, position: FloatArray, present: BoolArray) -> None:
-        """Draw positions (k, 3) m in, in place; `present` (k,)."""
+        """Draw positions (k, 3) m in, in place. present (k,): mask."""
         if self._anchor is None or not present[self._anchor]:
             return
         away = position - position[self._anchor]
@@ -250,7 +236,6 @@ class Reach:
 
 
 def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:
-    """Most that two joints can be apart, m."""
     start, first = _from_trunk(anchor, dimensions)
     end, second = _from_trunk(joint, dimensions)
     rest = dict(zip(POINTS, dimensions.standing(), strict=True))
@@ -258,7 +243,7 @@ def _furthest(anchor: str, joint: str, dimensions: HumanDimensions) -> float:
 
 
 def _from_trunk(joint: str, dimensions: HumanDimensions) -> tuple[str, float]:
-    """(joint of the trunk that a limb hangs on, length of the limb up to this joint); the joint itself on the trunk."""
+    """Return the joint of the trunk that a limb hangs on and the limb's length up to `joint`, m."""
     side, kind = (joint[:2], joint[2:]) if joint[1] == "_" else ("", joint)
     for root, chain in _LIMBS.items():
         if kind in chain:

@@ -1,7 +1,6 @@
 """The check of sides: a performer raises the left arm to the front.
 
-This one motion shows that left and right, up and down are not swapped, and that the world is not mirrored: calibration
-turns a mirrored world until left is left, and its front is then behind.
+This shows that left and right and up and down are not swapped, and that the world is not mirrored.
 """
 
 import numpy as np
@@ -10,33 +9,27 @@ from retarget.arithmetic import hypot
 from retarget.types import FloatArray
 
 RISE_M = 0.3
-"""The left wrist must rise by more than this. A wrist that sinks by more than this shows a vertical axis with the wrong
-sign."""
-FRONT_M = 0.25
-"""The left wrist must come forward by more than this. Less is an arm to the side, which looks the same in a mirror."""
-BACK_M = 0.15
-"""A raised arm cannot be farther back than this: shoulders do not turn that way."""
-STILL_M = 0.15
-"""The other wrist must rise by less than this."""
-STAYS_M = 0.25
-"""The other wrist must move horizontally by less than this: a performer who turns around proves nothing."""
-SURE_S = 0.2
-"""The wrists must be so for this long: a single jump proves nothing."""
+"""Least rise of the left wrist. A wrist that sinks by as much shows a vertical axis with the wrong sign."""
+FRONT_M = 0.25  # least way forward of the left wrist; an arm to the side looks the same in a mirror
+BACK_M = 0.15  # a raised arm is no farther back, as shoulders do not turn there
+STILL_M = 0.15  # most rise of the other wrist
+STAYS_M = 0.25  # most horizontal motion of the other wrist, for a performer who turns around
+SURE_S = 0.2  # a single jump proves nothing
 
 RAISED, ASIDE = "left rose", "left rose aside"
 REFUSED = ("right rose", "left rose behind", "left sank", "right sank")
-"""Seen instead of RAISED, these show what is wrong; symptoms of `retarget/live/advice.yaml`."""
+"""Symptoms of wrong axes (`retarget/live/advice.yaml`), seen instead of RAISED."""
 
 
 class SideCheck:
-    """Watches how both wrists move from where they hang. `take` their positions; read `seen`."""
+    """Finds how both wrists move from where they hang. `take` their positions; read `seen`."""
 
     def __init__(self, rest: FloatArray) -> None:
         """rest (2, 3) m: the left and the right wrist at rest; x forward, z up."""
         self.seen = ""
-        """What one wrist did for long enough, while the other stayed: RAISED, ASIDE, one of REFUSED; "" so far."""
+        """Motion of one wrist for long enough, while the other stayed: RAISED, ASIDE, one of REFUSED, or ""."""
         self.aside = False
-        """Whether the left arm was raised to the side."""
+        """True once the left arm was raised to the side."""
         self._rest = np.array(rest, dtype=float)
         self._highest = np.zeros(2)  # [m] above rest, so far, of the left and the right wrist
         self._forward = 0.0  # [m] forward of rest, of the left wrist when it was highest
@@ -55,7 +48,7 @@ class SideCheck:
         self.aside |= self.seen == ASIDE
 
     def found(self) -> str:
-        """How far both rose, in words."""
+        """Description of how far both wrists rose."""
         left, right = 100 * self._highest
         forward = 100 * self._forward
         way = f"forward by {forward:.0f} cm" if forward >= 0.0 else f"back by {-forward:.0f} cm"
@@ -63,7 +56,7 @@ class SideCheck:
 
 
 def _what_moved(moved: FloatArray) -> str:
-    """How one wrist moved while the other stayed; "" for anything else. moved (2, 3) m, from where they hang."""
+    """Motion of one wrist while the other stayed, or "". moved (2, 3) m: from where they hang."""
     for row, side in enumerate(("left", "right")):
         (forward, _, up), other = moved[row], moved[1 - row]
         if not (abs(other[2]) < STILL_M and hypot(other[0], other[1]) < STAYS_M):  # nor NaN

@@ -1,4 +1,4 @@
-"""The stance of a performer who stands still to be measured: what is refused, by sensors alone, and in which words."""
+"""The stance of a performer who stands still to be measured: reasons to refuse it, by sensors alone."""
 
 from collections.abc import Mapping
 
@@ -11,14 +11,12 @@ from retarget.human.rest_pose import ANKLES, REQUIRED, may_stand
 from retarget.types import FloatArray
 
 PAIRS = ("ankle", "wrist", "hip", "shoulder", "knee", "elbow")
-"""Left and right of these show which way a person faces, by the vector from right to left."""
-NARROWEST_M = 0.05
-"""Left and right nearer than this show no direction."""
+"""Pairs whose line from right to left shows where a person faces."""
+NARROWEST_M = 0.05  # nearer pairs show no direction
 
 
 def facing_of(at: Mapping[str, FloatArray]) -> FloatArray | None:
-    """Return the horizontal unit vector (2,) that an upright person faces, from positions (3,) m of sensors by name;
-    None if unknown."""
+    """Horizontal unit vector (2,) that an upright person faces, from positions (3,) m of sensors; None if unknown."""
     left = np.zeros(2)
     for part in PAIRS:
         if f"l_{part}" in at and f"r_{part}" in at:
@@ -27,22 +25,16 @@ def facing_of(at: Mapping[str, FloatArray]) -> FloatArray | None:
     return None if length < NARROWEST_M else np.array([left[1], -left[0]]) / length
 
 
-# Left and right: pairs that do not agree, and a performer whose toes or face are where the back should be.
-
-TURNED = ("head", "chest", "pelvis")
-"""Their x axis points forward in a person who stands at rest."""
-BACKWARD = -0.5
-"""Cosine to the front: an axis that is more than 120 degrees away from it points backward. A head turns by 80."""
-TOES_BEHIND_M = 0.05
-"""A toe lies ahead of its ankle; one so far behind it belongs to a foot that points backward."""
+TURNED = ("head", "chest", "pelvis")  # their x axis points forward in a person at rest
+BACKWARD = -0.5  # cosine to the front; an axis 120 degrees away points backward, and a head turns by 80
+TOES_BEHIND_M = 0.05  # a toe this far behind its ankle belongs to a foot that points backward
 
 
 def refuse_sides(at: Mapping[str, FloatArray], *, where: str, turns: Mapping[str, FloatArray] | None = None) -> None:
-    """Raise InputError where left and right of sensors are swapped, limbs are crossed, or the performer is mirrored.
+    """Raise InputError if left and right are swapped, limbs are crossed, or the performer is mirrored.
 
-    at: positions (3,) m by name, z up. turns: orientations (4,) wxyz by name, in canonical axes. Where the head is not
-    as high as a standing person's nothing is said: then unit or axes are others. A mirror image of a person is a
-    person: toes and orientations show it only where the sender does not mirror them too.
+    at: positions (3,) m, z up. turns: orientations (4,) wxyz in canonical axes. Passes if the head is not as high as a
+    standing person's: then unit or axes are wrong. Only toes and orientations can show a mirror image.
     """
     if "head" not in at or not may_stand(at):
         return
@@ -51,12 +43,11 @@ def refuse_sides(at: Mapping[str, FloatArray], *, where: str, turns: Mapping[str
 
 
 def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
-    """Raise InputError where pairs of sensors do not agree where left is."""
     ways = {part: (at[f"l_{part}"] - at[f"r_{part}"])[:2] for part in PAIRS if {f"l_{part}", f"r_{part}"} <= set(at)}
     if not ways:
         return
     widest = max(ways.values(), key=norm)
-    # The distance of each left sensor to the left of its right one, as the pair sees it that is widest apart.
+    # The distance of each left sensor to the left of its right one, along the line of the widest pair.
     left = {part: dot(way, widest) / max(norm(widest), NARROWEST_M) for part, way in ways.items()}
     other = [f"{part}s" for part, by in left.items() if by < -NARROWEST_M]
     same = [f"{part}s" for part, by in left.items() if by > NARROWEST_M]
@@ -75,7 +66,7 @@ def _refuse_crossed(at: Mapping[str, FloatArray], *, where: str) -> None:
 
 
 def _refuse_backward(at: Mapping[str, FloatArray], turns: Mapping[str, FloatArray], *, where: str) -> None:
-    """Raise InputError for toes or orientations that point to the back, as left and right have it."""
+    """Raise InputError for toes or orientations that point to the back."""
     forward = facing_of(at)
     if forward is None:
         return
@@ -98,30 +89,18 @@ def _refuse_backward(at: Mapping[str, FloatArray], turns: Mapping[str, FloatArra
         )
 
 
-# Posture: feet side by side on one floor, and upright.
-
 FEET_APART_M = 0.5
-"""Ankles of a grown person at rest are no farther apart on the ground. Then legs of average length lean by 10 degrees
-each, and the head is 1 % lower; of the smallest live performer, 1.2 m tall, it is 2 %. Ankles that are farther apart
-without a lower head make long legs, and who stands astride begins with a posture that no robot takes on its soles."""
-FEET_LEVEL_M = 0.05
-"""Both ankles on one floor differ by less in height: shoes, straps and noise do. So much makes a person 2 % smaller."""
-OFF_BASE_M = 0.15
-"""The head of a person who stands upright is no farther from above the hips and the middle of the feet: 5 cm ahead of
-the ankles."""
+"""Ankles of a grown person at rest are nearer. At this width the head is 1 % lower, of the smallest live performer (1.2
+m) 2 %. Wider ankles would make long legs and a first posture that no robot takes on its soles."""
+FEET_LEVEL_M = 0.05  # shoes, straps and noise make less; it changes a stature by 2 %
+OFF_BASE_M = 0.15  # the head stands 5 cm ahead of the ankles
 HANDS_AHEAD_M = 0.3
-"""Hands that hang, or are held aside, are no farther ahead of the head or behind it."""
-KNEES_AHEAD_M = 0.1
-"""A straight leg's knee is no farther ahead of its ankle; bent so far, a body is 3 cm (2 %) lower."""
-LOWEST_HEAD_M = 0.7
-"""Lower above the ankles, the sender's axes or unit are others: no words about the posture."""
+KNEES_AHEAD_M = 0.1  # a knee bent so far lowers the body by 3 cm (2 %)
+LOWEST_HEAD_M = 0.7  # below, the sender's axes or unit are wrong, and no posture is judged
 
 
 def refuse_stance(at: Mapping[str, FloatArray], *, where: str, turns: Mapping[str, FloatArray] | None = None) -> None:
-    """Raise InputError for what `refuse_sides` refuses, and for feet that do not stand side by side on one floor.
-
-    For who stands still to be measured: a walk has no such stance, and still shows the size.
-    """
+    """Raise InputError for what `refuse_sides` refuses, and for feet that do not stand side by side on one floor."""
     refuse_sides(at, where=where, turns=turns)
     if "head" not in at or not may_stand(at) or not set(ANKLES) <= set(at):
         return
@@ -147,8 +126,7 @@ def refuse_stance(at: Mapping[str, FloatArray], *, where: str, turns: Mapping[st
 
 
 def refuse_crooked(at: Mapping[str, FloatArray], *, where: str) -> None:
-    """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m by name, in a world in which
-    the performer faces x."""
+    """Raise InputError for a posture whose height is not the stature. at: sensors (3,) m; the performer faces x."""
     feet = [at[name] for name in ANKLES if name in at]
     bases = {"feet": feet if len(feet) == 2 else [], "hips": [at["pelvis"]] if "pelvis" in at else []}
     if not at.keys() >= set(REQUIRED) or any(at["head"][2] - foot[2] < LOWEST_HEAD_M for foot in feet):

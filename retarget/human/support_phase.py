@@ -1,9 +1,8 @@
-"""Support phase, from height and speed of the ankles alone: both feet, left, right, or none in flight.
+"""Support phase, from height and speed of the ankles: both feet, left, right, or none in flight.
 
-The floor is where carrying feet are: recordings and trackers tilt and drift, so its height is estimated, not given. A
-foot leaves the floor when it is high or fast, and touches down when it is low and slow. Between the two, and for a
-short dwell time, it keeps its state. A flight ends after LONGEST_FLIGHT_S: then the lower foot stands on something
-else, a step or its toes.
+The height of the floor is estimated from the carrying feet, as recordings tilt and trackers drift. A foot lifts off
+when it is high or fast, touches down when it is low and slow, and else keeps its state. A flight ends after
+LONGEST_FLIGHT_S: then the lower foot stands on something else.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,41 +13,34 @@ from retarget.human.posture_prior import Point, Velocity
 from retarget.schema.priorities import Phase
 from retarget.types import Carrying
 
-LIFTED_M, TOUCHDOWN_M = 0.06, 0.04
-"""An ankle higher than the first above the other foot's has left the floor; it is back below the second. Shoes and
-noise are less."""
-LEFT_M = 0.1
-"""An ankle higher than this above the floor has left it in any case: on its toes, a foot still carries below."""
+LIFTED_M, TOUCHDOWN_M = 0.06, 0.04  # above the other foot's ankle; shoes and noise are less
+LEFT_M = 0.1  # above the floor; lower, a foot may carry on its toes
 FAST, FASTER, SLOW = 0.8, 1.5, 0.6
-"""m/s. A foot faster than the first is no longer planted, the last one only beyond the second: it rolls over its toes.
-It is again when slower than the third."""
-LIFT_DWELL_S, TOUCHDOWN_DWELL_S = 0.05, 0.02
-"""Time for which a foot must seem to have left the floor, or touched down, before its state changes."""
-LONGEST_FLIGHT_S = 0.8
-"""A jump of 0.8 m; a performer who is off the floor for longer stands on another one."""
-FOOT_SPEED_SETTLE_S = 0.03
-"""Time constant of the low-pass on a foot's speed."""
-FLOOR_SETTLE_S = 0.3
-"""Time constant with which the floor follows the feet that carry."""
+"""Speeds, m/s. A foot lifts off above FAST, the last one above FASTER, as it rolls over its toes; it is down below
+SLOW."""
+LIFT_DWELL_S, TOUCHDOWN_DWELL_S = 0.05, 0.02  # before the state of a foot changes
+LONGEST_FLIGHT_S = 0.8  # a jump of 0.8 m
+FOOT_SPEED_SETTLE_S = 0.03  # low-pass on a foot's speed
+FLOOR_SETTLE_S = 0.3  # the floor follows the carrying feet
 
 
 _OF_FEET = {one.feet: one for one in Carrying}
 
 
 class CarryingFeet:
-    """`carrying`, from the ankles tick by tick, in the performer's own time. Left before right throughout."""
+    """Estimates `carrying` from the ankles tick by tick, in the performer's time. Left comes before right."""
 
     def __init__(self) -> None:
         self.carrying = Carrying.BOTH
         self._velocity: tuple[Velocity, ...] = ()
 
     def start(self, ankles: Sequence[Point]) -> Carrying:
-        """Begin at rest on the lower foot, and on the other unless it is high above it. ankles: x, y, z m, of both."""
+        """Begin on the lower foot, and on the other unless it is high above. ankles: of both, m."""
         self._floor, self._flight = min(ankle[2] for ankle in ankles), Dwell()
         self._velocity = (Velocity(FOOT_SPEED_SETTLE_S, 3), Velocity(FOOT_SPEED_SETTLE_S, 3))
         self._speeds(ankles, 0.0)
         self._carries = [ankle[2] - self._floor < LIFTED_M for ankle in ankles]
-        self._otherwise = Dwell(), Dwell()  # how long each foot has seemed to be in the other state
+        self._otherwise = Dwell(), Dwell()  # for how long each foot has seemed to be in the other state
         return self._decide()
 
     def step(self, ankles: Sequence[Point], dt: float) -> Carrying:
@@ -68,7 +60,7 @@ class CarryingFeet:
         if flown > LONGEST_FLIGHT_S and speeds[lower] < SLOW:
             self._floor, self._flight.held = ankles[lower][2], 0.0
             self._carries[lower] = True
-        # The floor follows the feet that carry: up slowly, down at once, as no foot can be below it.
+        # The floor rises slowly and falls at once, as no foot can be below it.
         down = [ankle[2] for ankle, carries in zip(ankles, self._carries, strict=True) if carries]
         if down:
             lowest = min(down)
@@ -76,18 +68,16 @@ class CarryingFeet:
         return self._decide()
 
     def _leaves(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
-        """Whether a foot that carries seems to be off the floor. On tiptoe both ankles are high, and alike."""
+        """True if a carrying foot seems to lift off. On tiptoe both ankles are high, and alike."""
         height, other = ankles[foot][2], 1 - foot
         if self._carries[other]:
             return speeds[foot] > FAST or height - min(self._floor + LEFT_M, ankles[other][2] + LIFTED_M) > 0.0
         return speeds[foot] > FASTER or height - self._floor > LEFT_M
 
     def _touches_down(self, foot: int, ankles: Sequence[Point], speeds: list[float]) -> bool:
-        """Whether a foot that does not carry seems to be on the floor."""
         return ankles[foot][2] - self._floor < TOUCHDOWN_M and speeds[foot] < SLOW
 
     def _speeds(self, ankles: Sequence[Point], dt: float) -> list[float]:
-        """Speed of each ankle, m/s, low-passed."""
         for velocity, ankle in zip(self._velocity, ankles, strict=True):
             velocity.step(ankle, dt)
         return [velocity.speed for velocity in self._velocity]
@@ -98,25 +88,23 @@ class CarryingFeet:
         return self.carrying
 
 
-# How much of each phase the priorities see. A weight that jumps would throw joints, and one whose speed jumps would
-# throw their speed; two low-passes one after the other leave neither.
+# Neither a weight nor its rate may jump, as joints would jump with it. Hence two low-passes in a row.
 
 SHARE_SETTLE_S = 0.03
-"""Time constant of each of the two low-passes: a change is half done after 0.05 s and nine tenths after 0.12 s, as a
-foot of a walk is 0.4 s in the air."""
+"""Time constant of each low-pass: a change is half done after 0.05 s, nine tenths after 0.12 s. A walking foot is 0.4 s
+in the air."""
 
 
 class PhaseShares:
-    """How much of each phase of support a body is in: `now`, of sum 1, without a jump of value or speed."""
+    """Shares of the phases of support: `now`, of sum 1, without a jump of value or rate."""
 
     def __init__(self) -> None:
-        """Begin on both feet."""
-        # How much the left foot carries + i times how much the right one does, behind one low-pass and behind both.
+        # load of the left foot + i times that of the right one, behind one low-pass and behind both
         self._once = self._twice = _loads(Carrying.BOTH)
 
     @property
     def now(self) -> Mapping[Phase, float]:
-        """The share of each phase: both feet carry by the product of what each does."""
+        """The share of each phase, as products of the feet's loads."""
         left, right = self._twice.real, self._twice.imag
         return {
             "double": left * right,
@@ -126,7 +114,7 @@ class PhaseShares:
         }
 
     def step(self, carrying: Carrying, dt: float) -> Mapping[Phase, float]:
-        """The shares `dt` s later, while these feet carry."""
+        """The shares `dt` s later."""
         self._once = low_pass(self._once, _loads(carrying), dt / SHARE_SETTLE_S)
         self._twice = low_pass(self._twice, self._once, dt / SHARE_SETTLE_S)
         return self.now
