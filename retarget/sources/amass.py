@@ -1,11 +1,11 @@
-"""Motion of the SMPL family without its body model (AMASS, and what reconstructs people from video).
+"""Motion of the SMPL family without its body model (AMASS, and reconstructions from video).
 
-The files hold rotations of joints, not how long bones are. Two facts stand in for the model. At zero pose (a T-pose,
-x left, y up, z forward) every joint's frame is parallel to the others, so orientations need no lengths. The pelvis is
-the translation plus a constant of the body, in the axes of the file. Lengths come from the recorded markers where they
-are in the file, else from the performer's stature, with the proportions of Drillis and Contini (1966): places of joints
-are right to some centimetres, orientations exactly. Shape (`betas`) and gender are not read; a height from them was
-wrong by 0.2 m. Files of AMASS are z up; those in SMPL's own words (`transl`), as of GVHMR and WHAM, are y up.
+The files hold rotations of joints, but no bone lengths. In the zero pose (a T-pose, x left, y up, z forward) the frames
+of all joints are parallel, so orientations need no lengths. The pelvis is the translation plus a constant of the body.
+Lengths come from the recorded markers if the file has them, else from the stature with the proportions of Drillis and
+Contini (1966): positions are right to some centimetres, orientations exactly. Shape (`betas`) is not read: statures
+from it were wrong by 0.2 m. AMASS is z up; files in SMPL's own words (`transl`), such as those of GVHMR and WHAM, are y
+up.
 """
 
 from collections.abc import Collection, Mapping
@@ -27,23 +27,22 @@ from retarget.model.human_dimensions import (
 )
 from retarget.schema.arrays import ArrayFile
 from retarget.sources.canonical import TYPICAL_HEIGHT_M, canonical_frames, named_unit
-from retarget.sources.files import MAX_VALUE, ReadOptions, check_frame_count, check_rate
+from retarget.sources.files import MAX_VALUE, ReadOptions, check_frame_count, check_rate, no_frame_rate
 from retarget.sources.markers import MARKER_GROUPS, groups_in, split_label
 from retarget.sources.skeletons import SMPL_NAMES, SMPL_PARENTS, JointTree, forward_kinematics
 from retarget.types import FloatArray
 
-BODY = 22
-"""Joints of a body, the first of every model of the family: hands and faces come behind them."""
-WIDTHS = (3 * BODY, 72, 156, 165)
-"""Numbers of a whole pose: of the body alone, of SMPL, SMPL-H and SMPL-X."""
+BODY_JOINTS = 22
+"""Joints of a body, the first of every model of the family; hands and faces follow."""
+WIDTHS = (3 * BODY_JOINTS, 72, 156, 165)
+"""Numbers of a pose: body alone, SMPL, SMPL-H, SMPL-X."""
 PELVIS = np.array([0.0, -0.22, 0.03])
-"""m, from the translation to the pelvis, in the axes of the file: measured on waist markers of two recordings, which
-differ by 0.05 m from it."""
+"""Offset from the translation to the pelvis, m, in file axes: measured on waist markers of two recordings to 0.05 m."""
 HEAD_JOINT = 0.63
-"""Share of the way from the neck to the middle of the head at which SMPL's head joint stands, below the skull."""
+"""Position of SMPL's head joint, below the skull, as a share of the line from neck to middle of the head."""
 
 ROTATIONS: tuple[tuple[str, str], ...] = (("root_orient", "pose_body"), ("global_orient", "body_pose"))
-"""Names of the arrays of the root's rotation and the body's, in AMASS's second layout and in SMPL's own words."""
+"""Arrays of root and body rotations in AMASS's second layout and in SMPL's own words."""
 TRANSLATIONS = ("trans", "transl")
 RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
 MARKERS = ("marker_data", "marker_labels")
@@ -52,14 +51,13 @@ KEYS = frozenset(("poses", *TRANSLATIONS, *RATES, *MARKERS, *(name for pair in R
 
 
 def is_smpl(names: Collection[str]) -> bool:
-    """True where arrays of these names are such a motion."""
+    """True if arrays of these names are a motion of the SMPL family."""
     posed = "poses" in names or any(set(pair) <= set(names) for pair in ROTATIONS)
     return posed and not set(TRANSLATIONS).isdisjoint(names)
 
 
 def smpl_frames(file: ArrayFile, options: ReadOptions) -> SensorFrames:
-    """The motion of a file; the stature of the options counts where it has no markers. Raises InputError for what is
-    wrong."""
+    """The motion of a file; the user's stature counts if it has no markers. Raises InputError."""
     unit = named_unit(options.unit) or 1.0
     vectors = _rotation_vectors(file)
     trans = file.floats(next(name for name in TRANSLATIONS if name in file), len(vectors), 3)
@@ -80,10 +78,10 @@ def smpl_frames(file: ArrayFile, options: ReadOptions) -> SensorFrames:
     if "transl" in file:  # y up, as the body is at rest
         ends = tuple(tuple(matmul(AT_REST, end) for end in ends) for ends in tree.ends)
         tree = replace(tree, offsets=matmul(tree.offsets, AT_REST.T), ends=ends)
-    else:  # z up: the body at rest is turned by C, so that the root's rotation is R C, all others are C^T R C
+    else:  # z up, with the body at rest turned by C: the root's rotation is R C, all others are C^T R C
         local[:, 1:, 1:] = matmul(local[:, 1:, 1:], AT_REST)
         local[:, 0] = rotations.multiply(local[:, 0], rotations.from_matrix(AT_REST))
-    offsets = np.broadcast_to(tree.offsets, (len(vectors), BODY, 3)).copy()
+    offsets = np.broadcast_to(tree.offsets, (len(vectors), BODY_JOINTS, 3)).copy()
     offsets[:, 0] = trans * unit + PELVIS * (size.stature / TYPICAL_HEIGHT_M)
     return canonical_frames(
         tree,
@@ -97,7 +95,7 @@ def smpl_frames(file: ArrayFile, options: ReadOptions) -> SensorFrames:
 
 
 HIGHEST = 5.0
-"""Most height of a body in the middle of a motion, in statures: more is a unit that is not m."""
+"""Largest median height of a body above the ground, in statures: beyond, the unit is not m."""
 AT_REST = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes left, up and forward of a body at rest, as rows in x forward, y left, z up."""
 
@@ -114,41 +112,34 @@ def _rotation_vectors(file: ArrayFile) -> FloatArray:
                 allowed=f"(frames, n), n one of {', '.join(map(str, WIDTHS))}: 22, 24, 52 or 55 rotation vectors",
                 next_step=file.advice,
             )
-        vectors = file.floats("poses", None, width)[:, : 3 * BODY]
+        vectors = file.floats("poses", None, width)[:, : 3 * BODY_JOINTS]
     else:
         root, body = next(pair for pair in ROTATIONS if set(pair) <= set(file.arrays))
         turned = file.floats(body, None, None)
-        if turned.shape[1] < 3 * BODY - 3:
-            turned = file.floats(body, None, 3 * BODY - 3)  # says what is wrong
-        vectors = np.hstack([file.floats(root, len(turned), 3), turned[:, : 3 * BODY - 3]])
+        if turned.shape[1] < 3 * BODY_JOINTS - 3:
+            turned = file.floats(body, None, 3 * BODY_JOINTS - 3)  # raises
+        vectors = np.hstack([file.floats(root, len(turned), 3), turned[:, : 3 * BODY_JOINTS - 3]])
     check_frame_count(len(vectors), file.source)
-    return vectors.reshape(len(vectors), BODY, 3)
+    return vectors.reshape(len(vectors), BODY_JOINTS, 3)
 
 
 def _rate(file: ArrayFile) -> float:
-    """Frames per second by the file, to 1e-3: 120.00004577636719 is 120."""
+    """Frames per second in the file, rounded to 1e-3 (120.00004577636719 is 120)."""
     name = next((name for name in RATES if name in file), None)
     if name is None:
-        raise InputError(
-            "no frame rate in the file",
-            where=file.source,
-            allowed=" or ".join(RATES),
-            next_step="Say the frames per second with --rate",
-        )
+        raise no_frame_rate(file.source, allowed=" or ".join(RATES))
     values = file.floats(name, *(None for _ in file.arrays[name].shape)).reshape(-1)
     if len(values) != 1:
         raise InputError("no frame rate", where=f"{file.source}: {name}", found=f"{len(values)} numbers", allowed="one")
     return check_rate(round(float(values[0]), 3), f"{file.source}: {name}")
 
 
-# How long the bones are.
-
 SEGMENTS: Mapping[str, str] = MappingProxyType({"ankle": "knee", "wrist": "elbow"})
-"""Segments that have markers at both ends, by these: shank and forearm."""
+"""End -> start of the segments with markers at both ends: shank and forearm."""
 
 
 def _dimensions(file: ArrayFile, *, unit: float, stature: float | None) -> tuple[HumanDimensions, tuple[str, ...]]:
-    """The performer's size, and a note that says where it is from."""
+    """The performer's size, and a note on its source."""
     measured = _measured(file, unit=unit)
     usual = proportional_dimensions(TYPICAL_HEIGHT_M)
     if measured:
@@ -168,7 +159,7 @@ def _dimensions(file: ArrayFile, *, unit: float, stature: float | None) -> tuple
 
 
 def _measured(file: ArrayFile, *, unit: float) -> dict[str, float]:
-    """Lengths (m) of segments by their end, from markers: medians over the frames in which both ends were seen."""
+    """Lengths (m) of segments by their end: medians over the frames in which markers at both ends were seen."""
     if not set(MARKERS) <= set(file.arrays) or file.arrays[MARKERS[1]].dtype.kind not in "US":
         return {}
     named = file.arrays[MARKERS[1]]
@@ -206,7 +197,7 @@ def _tree(size: HumanDimensions) -> JointTree:
         for part in ("hip", "knee", "ankle", "collar", "shoulder", "elbow", "wrist"):
             places[f"{word}_{part}"] = at[f"{side}_{part}"]
         places[f"{word}_foot"] = at[f"{side}_toe"]
-    names, parents = SMPL_NAMES[:BODY], SMPL_PARENTS[:BODY]
+    names, parents = SMPL_NAMES[:BODY_JOINTS], SMPL_PARENTS[:BODY_JOINTS]
     points = np.stack([places.get(name, at.get(name, np.zeros(3))) for name in names])
     tops = {"head": (2.0 * (at["head"] - head),)}
     return JointTree(

@@ -1,7 +1,7 @@
-"""The axes of a motion file, decided by the body in it: which is up, and whether left and right are mirrored.
+"""World axes of a motion file, decided by the recorded body: the up axis, and whether left and right are mirrored.
 
-What a file declares (a rest pose, the Y_SCREEN of a C3D) is often wrong, while people mostly stand on their feet on the
-ground, their knees bend forward and their toes point there.
+A declared axis (a rest pose, the Y_SCREEN of a C3D) is often wrong. People mostly stand on the ground, their knees bend
+forward and their toes point forward.
 """
 
 from collections.abc import Mapping
@@ -20,30 +20,26 @@ UP_AXES: Mapping[str, FloatArray] = {
 """Name of a signed coordinate axis -> its unit vector (3,)."""
 
 UPRIGHT = 0.7
-"""Mean share of the line from ankles to head that must lie along an axis before the frames decide what is up: below
-(45 degrees), another axis may be as near."""
+"""Least mean cosine between the line from ankles to head and the axis along which a body stands: 45 degrees."""
 NEAR_GROUND = 0.3
-"""Greatest height of the ankles above the plane through the origin, as a share of the distance from ankles to head, of
-a body that stands there: ankles are 0.06 of it above the soles, and whoever stands on a box all the time stands no
-higher than a knee."""
+"""Greatest height of the ankles of a standing body above the plane through the origin, as a share of the distance from
+ankles to head. A box to stand on is no higher than a knee."""
 ON_FLOOR = (-0.03, 0.15)
-"""Height of the lowest of head, hips and ankles above the plane through the origin, in the same share, of a body that
-stands, sits, crawls or lies on that floor: joints of a body that touches it are a few centimetres below (soft mats,
-errors of calibration) to a hand's breadth and more above (ankles on heels, hips in flesh)."""
+"""Height of the lowest of head, hips and ankles of a body on the floor, as a share of the same distance: from a few
+centimetres below it (calibration errors) to a hand's breadth above it (ankles on heels, hips in flesh)."""
 OFTEN = 0.9
-"""Share of the frames in which a body is on its floor: people are in the air for parts of a second."""
+"""Share of frames in which a body is on its floor: jumps last parts of a second."""
 
 TOES_ALIGNED = 0.3
-"""Least mean cosine between a foot and where left and right say that it points, before it shows what is forward: feet
-turn out by up to 60 degrees (0.5), and lose some in steps to the side."""
+"""Least mean cosine between feet and the forward direction that shows it: feet turn out by up to 60 degrees (0.5), less
+what side steps take."""
 KNEES_FORWARD, KNEES_BACK = 0.02, -0.07
-"""Mean distance of a knee in front of the line between hip and ankle, as a share of their distance, from which it shows
-that the front is right, and from which that it is wrong. Healthy knees overstretch by up to 10 degrees (0.04), so only
-more than 16 degrees backwards is the bend of a knee in a mirrored file."""
+"""Mean distance of a knee in front of the line from hip to ankle, as a share of its length: above the first forward is
+right, below the second it is reversed. Healthy knees overstretch by up to 10 degrees (-0.04)."""
 
 
 def named_axis(name: str) -> FloatArray:
-    """Unit vector (3,) of an axis that the user names (x, -y, +z). Raises UsageError."""
+    """Unit vector (3,) of the axis that the user named (x, -y, +z). Raises UsageError."""
     key = name.lower().removeprefix("+")
     if key not in UP_AXES:
         raise UsageError("unknown axis", where="--up", found=repr(name), allowed=", ".join(UP_AXES))
@@ -51,15 +47,14 @@ def named_axis(name: str) -> FloatArray:
 
 
 def axis_name(axis: FloatArray) -> str:
-    """Name of the signed coordinate axis that is nearest to a direction (3,)."""
+    """Name of the signed coordinate axis nearest to a direction (3,)."""
     index = int(np.argmax(np.abs(axis)))
     return ("-" if axis[index] < 0.0 else "") + "xyz"[index]
 
 
 def axes_with_up(up: FloatArray) -> FloatArray:
-    """World axes (3, 3) of a file with this signed up axis (3,): the file's axes in their cyclic order (y up: forward
-    z, left x), as rows forward, left, up. The heading stays as recorded.
-    """
+    """World axes (3, 3) in file axes, as rows forward, left, up (3,). The cyclic order is kept: with y up, z is forward
+    and x left."""
     assert any(np.array_equal(up, axis) for axis in UP_AXES.values()), "up is a signed axis of the file"
     axis = int(np.argmax(np.abs(up)))
     first, second = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
@@ -71,20 +66,46 @@ def world_axes(
     *,
     declared: FloatArray | None,
     declared_by: str = "the file",
-    usual: FloatArray,
-    said: FloatArray | None = None,
+    default: FloatArray,
+    chosen: FloatArray | None = None,
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """World axes (3, 3) of a recording as rows forward, left, up, each along a file axis, and notes for the user.
 
-    `position @ axes.T` is the recording in the world; the determinant is -1 where the file is mirrored.
+    `position @ axes.T` is the recording in the world; the determinant is -1 if the file is mirrored.
 
-    tracks: canonical joints or sensors (T, 3) in file axes, NaN where lost; of use are head, hips, knees, ankles, toes.
-    declared (3,): the signed axis that is up as the file has it, None if it says nothing. declared_by: what in the file
-    says so, for notes.
-    usual (3,): what is taken where neither the file nor the body says anything. said (3,): what the user says
-    (`--up`), which overrules all.
+    tracks: canonical joints or sensors (T, 3) in file axes, NaN where lost; it uses head, hips, knees, ankles, toes.
+    declared (3,): the up axis of the file, None if it states none. declared_by: its source, for notes. default (3,):
+    the up axis if neither file nor body shows it. chosen (3,): the user's, which overrules all.
     """
-    up, notes = _up_axis(tracks, declared=declared, declared_by=declared_by, usual=usual, said=said)
+    stands = _standing_axis(tracks)
+    notes: tuple[str, ...] = ()
+    if chosen is not None:
+        up = chosen
+        against = [
+            f"{axis_name(axis)} by {by}"
+            for axis, by in ((declared, declared_by), (stands, "the frames"))
+            if axis is not None and axis_name(axis) != axis_name(chosen)
+        ]
+        if against:
+            notes = (f"up axis {axis_name(chosen)}, as --up says ({', '.join(against)})",)
+    elif declared is None and stands is not None:
+        up, notes = stands, (f"up axis not stated: taken as {axis_name(stands)}, along which the body stands",)
+    elif declared is None:
+        up, notes = default, (f"up axis not stated: taken as {axis_name(default)} (change it with --up)",)
+    elif stands is None or axis_name(stands) == axis_name(declared):
+        up = declared
+    elif _on_floor(tracks, declared):  # a performer who crawls lies along another axis too
+        old, new = axis_name(declared), axis_name(stands)
+        note = f"the body lies along {new}, on the floor of its up axis {old}: if it stands, add --up={new}"
+        up, notes = declared, (note,)
+    elif not abs(float(np.nanmin(_heights(tracks, ("ankle",), stands)))) < NEAR_GROUND:  # nor NaN
+        up = declared
+    else:
+        note = (
+            f"the body stands along {axis_name(stands)} in the frames: taken as the up axis, though {declared_by} says "
+            f"{axis_name(declared)} (change it with --up)"
+        )
+        up, notes = stands, (note,)
     axes = axes_with_up(up)
     if forward_sign(tracks) >= 0.0:
         return axes, notes
@@ -95,48 +116,8 @@ def world_axes(
     return np.stack((axes[0], 0.0 - axes[1], axes[2])), (*notes, note)
 
 
-def _up_axis(
-    tracks: Mapping[str, FloatArray],
-    *,
-    declared: FloatArray | None,
-    declared_by: str,
-    usual: FloatArray,
-    said: FloatArray | None,
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """Up (3,) and notes; arguments as of `world_axes`.
-
-    The frames overrule the file only where the body stands along another axis, near the ground, and is not on the floor
-    of the declared one: a performer who crawls there lies along another axis too.
-    """
-    stands = _standing_axis(tracks)
-    if said is not None:
-        against = [
-            f"{axis_name(axis)} by {by}"
-            for axis, by in ((declared, declared_by), (stands, "the frames"))
-            if axis is not None and axis_name(axis) != axis_name(said)
-        ]
-        return said, (f"up axis {axis_name(said)}, as --up says ({', '.join(against)})",) if against else ()
-    if declared is None:
-        if stands is not None:
-            return stands, (f"up axis not stated: taken as {axis_name(stands)}, along which the body stands",)
-        return usual, (f"up axis not stated: taken as {axis_name(usual)} (change it with --up)",)
-    if stands is None or axis_name(stands) == axis_name(declared):
-        return declared, ()
-    old, new = axis_name(declared), axis_name(stands)
-    if _on_floor(tracks, declared):
-        return declared, (
-            f"the body lies along {new}, on the floor of its up axis {old}: if it stands, add --up={new}",
-        )
-    if not abs(float(np.nanmin(_heights(tracks, ("ankle",), stands)))) < NEAR_GROUND:  # nor NaN
-        return declared, ()
-    return stands, (
-        f"the body stands along {new} in the frames: taken as the up axis, though {declared_by} says {old} "
-        "(change it with --up)",
-    )
-
-
 def _standing_axis(tracks: Mapping[str, FloatArray]) -> FloatArray | None:
-    """The signed axis along which the head is above the ankles on average; None where that is no clear one."""
+    """The signed axis along which the head is above the ankles on average; None if no axis is clear."""
     high, low = _middle(tracks, "head"), _middle(tracks, "ankle")
     if high is None or low is None:
         return None
@@ -151,7 +132,7 @@ def _standing_axis(tracks: Mapping[str, FloatArray]) -> FloatArray | None:
 
 
 def _on_floor(tracks: Mapping[str, FloatArray], up: FloatArray) -> bool:
-    """True where the body is on the floor through the origin with this up axis, in nearly all frames."""
+    """True if the body is on the floor through the origin in nearly all frames, with this up axis."""
     heights = _heights(tracks, ("head", "hip", "ankle"), up)
     lowest = np.fmin.reduce(heights, axis=1)
     lowest = lowest[np.isfinite(lowest)]
@@ -160,8 +141,7 @@ def _on_floor(tracks: Mapping[str, FloatArray], up: FloatArray) -> bool:
 
 
 def _heights(tracks: Mapping[str, FloatArray], parts: tuple[str, ...], up: FloatArray) -> FloatArray:
-    """Heights (T, k) of joints of these parts above the plane through the origin, as shares of the distance from ankles
-    to head."""
+    """Heights (T, k) of parts above the plane through the origin, as shares of the distance from ankles to head."""
     high, low = _middle(tracks, "head"), _middle(tracks, "ankle")
     assert high is not None and low is not None, "a body that stands has both"
     size = float(np.nanmedian(norms(high - low)))
@@ -170,7 +150,7 @@ def _heights(tracks: Mapping[str, FloatArray], parts: tuple[str, ...], up: Float
 
 
 def _middle(tracks: Mapping[str, FloatArray], part: str) -> FloatArray | None:
-    """Track (T, 3) of a part of the body, half way between left and right; None without it."""
+    """Track (T, 3) of a part, half way between left and right; None if it is missing."""
     if part in tracks:
         return tracks[part]
     if f"l_{part}" in tracks and f"r_{part}" in tracks:
@@ -178,15 +158,9 @@ def _middle(tracks: Mapping[str, FloatArray], part: str) -> FloatArray | None:
     return None
 
 
-# Which way is forward: shown by feet and knees, whatever left and right are called.
-
-
 def forward_sign(tracks: Mapping[str, FloatArray]) -> float:
-    """1 where feet and knees point to the front that left and right give, -1 where they point backwards (a mirrored
-    file), 0 where neither shows it or they disagree.
-
-    tracks: as of `world_axes`, in any axes; of use are hips (else ankles), knees, ankles, toes.
-    """
+    """1 if feet and knees point to the front that left and right give, -1 if they point backwards (a mirrored file), 0
+    if neither shows it or they disagree. tracks: as for `world_axes`."""
     across = None
     for part in ("hip", "shoulder", "ankle"):
         if across is None and f"l_{part}" in tracks and f"r_{part}" in tracks:
@@ -205,8 +179,8 @@ def forward_sign(tracks: Mapping[str, FloatArray]) -> float:
 
 
 def _pointing(tracks: Mapping[str, FloatArray], side: str, part: str, across: FloatArray) -> FloatArray:
-    """Share (T,) by which toe or knee point to the front that `across` (T, 3), from right to left, gives: of a toe its
-    cosine, of a knee its bend as a share of the leg. It is empty where the leg is not known."""
+    """Share (T,) by which a toe (cosine) or a knee (bend as a share of the leg) points to the front that `across` (T,
+    3), from right to left, gives; empty if the leg is not known."""
     needed = [f"{side}_{name}" for name in (("knee", "ankle", "toe") if part == "toe" else ("hip", "knee", "ankle"))]
     if not set(needed) <= set(tracks):
         return np.zeros(0)

@@ -1,7 +1,7 @@
-"""C3D marker recordings (c3d.org, user guide 2008): header, parameters and 3D points; analog channels are passed over.
+"""C3D marker recordings (c3d.org, user guide 2008): header, parameters and 3D points; analog channels are skipped.
 
-A point is lost where its residual is negative, it lies at the exact origin, or it is not finite. Unit and rate are the
-file's own. The sensors are those of `markers`.
+A point is lost if its residual is negative, it lies at the exact origin, or it is not finite. Blocks have 512 bytes:
+header, parameters, then frames, in the byte order of the processor that the parameters name.
 """
 
 from collections.abc import Mapping
@@ -22,23 +22,20 @@ from retarget.sources.files import AS_WRITTEN, MAX_VALUE, ReadOptions, check_fra
 from retarget.sources.markers import MAX_POINTS, MarkerRecording, marker_frames
 from retarget.types import BoolArray, FloatArray
 
-# Bytes of a C3D file: blocks of 512, the header, the parameters, then the frames, in the byte order of the processor
-# that the parameters name.
-
 BLOCK = 512
 INTEL, DEC, MIPS = 84, 85, 86
-"""Processors: of little-endian IEEE floats, of little-endian words with VAX floats, and of big-endian IEEE floats."""
+"""Processors: little-endian IEEE floats, little-endian words with VAX floats, big-endian IEEE floats."""
 CHARACTERS, BYTES, INTEGERS, FLOATS = -1, 1, 2, 4
-"""Types of parameters; their magnitude is the size of one element."""
-FULL = 0xFFFF
-"""A counter of 16 bits at its end: the file holds at least so many frames."""
+"""Types of parameters; the magnitude is the size of one element in bytes."""
+FULL_COUNTER = 0xFFFF
+"""A frame counter of 16 bits at its end: the file holds at least so many frames."""
 MAX_PARAMETERS = 10_000
-"""Files with more parameters are read up to these."""
+"""Most parameters that are read; further ones are left."""
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """kind: CHARACTERS, BYTES, INTEGERS or FLOATS. dimensions: of the array, the fastest first. data: of the file."""
+class C3dParameter:
+    """kind: CHARACTERS, BYTES, INTEGERS or FLOATS. dimensions: of the array, the fastest first."""
 
     kind: int
     dimensions: tuple[int, ...]
@@ -46,7 +43,7 @@ class Parameter:
     processor: int
 
     def numbers(self) -> list[float]:
-        """Values in the order of the file, whatever the dimensions; integers as unsigned."""
+        """Values in file order; integers as unsigned; none of texts."""
         if self.kind == CHARACTERS:
             return []
         if self.kind == FLOATS:
@@ -54,7 +51,7 @@ class Parameter:
         return [*map(float, np.frombuffer(self.data, f"{_order(self.processor)}u{self.kind}"))]
 
     def texts(self) -> tuple[str, ...]:
-        """Texts without blanks and NUL at their ends; one for each of the dimensions behind the first."""
+        """Texts without blanks and NUL at their ends, one for each of the dimensions after the first."""
         if self.kind != CHARACTERS:
             return ()
         length = self.dimensions[0] if self.dimensions else 1
@@ -64,9 +61,9 @@ class Parameter:
 
 @dataclass(frozen=True)
 class C3dFile:
-    """content: all bytes. points: per frame. analog: values per frame that are passed over. first, last: frames by the
-    header. scale: length of one step of whole numbers; 0 or less where points are floats. start: byte of the first
-    frame. rate_hz: by the header. parameters: by GROUP:NAME in upper case. notes: to the user."""
+    """content: all bytes. points: per frame. analog: values per frame to skip. first, last: frames by the header.
+    scale: length of one integer step; 0 or less if points are floats. start: byte of the first frame. rate_hz: by the
+    header. parameters: by GROUP:NAME in upper case. notes: for the user."""
 
     content: bytes
     processor: int
@@ -77,15 +74,15 @@ class C3dFile:
     scale: float
     start: int
     rate_hz: float
-    parameters: Mapping[str, Parameter]
+    parameters: Mapping[str, C3dParameter]
     notes: tuple[str, ...] = ()
 
     def numbers(self, key: str) -> list[float]:
-        """Values of a parameter, none without it."""
+        """Values of a parameter, none if it is missing."""
         return self.parameters[key].numbers() if key in self.parameters else []
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Texts of a parameter, none without it."""
+        """Texts of a parameter, none if it is missing."""
         return self.parameters[key].texts() if key in self.parameters else ()
 
 
@@ -94,7 +91,6 @@ def _order(processor: int) -> str:
 
 
 def _floats(data: bytes, processor: int) -> NDArray[np.float32]:
-    """Floats of 4 bytes."""
     if processor == DEC:  # the first word is the upper one, and the exponent is 2 higher
         words = np.frombuffer(data, "<u2").astype(np.uint32).reshape(-1, 2)
         return np.asarray((words[:, 0] << 16 | words[:, 1]).view(np.float32) / np.float32(4.0))
@@ -109,7 +105,7 @@ def _decoded(data: bytes) -> str:
 
 
 def read_c3d_file(path: Path) -> C3dFile:
-    """Header and parameters. Raises InputError where it is damaged."""
+    """Header and parameters. Raises InputError if they are damaged."""
     content = read_bytes(path)
     at = (max(content[0], 1) - 1) * BLOCK
     if len(content) < BLOCK or content[1] != 0x50 or len(content) < at + 4:
@@ -144,15 +140,15 @@ def read_c3d_file(path: Path) -> C3dFile:
 
 
 _OF_THE_HEADER = ("POINT:USED", "POINT:SCALE", "POINT:RATE", "POINT:DATA_START")
-"""Parameters that say what the header says, and say it more widely."""
+"""Parameters that overrule the header, which has fewer bits for them."""
 
 
-def _parameters(content: bytes, at: int, processor: int) -> dict[str, Parameter]:
-    """Parameters by GROUP:NAME, as far as they can be read. Groups may come after their parameters. The data of one end
+def _parameters(content: bytes, at: int, processor: int) -> dict[str, C3dParameter]:
+    """Parameters by GROUP:NAME, as far as they can be read; groups may come after their parameters. The data of one end
     where the next record begins, so all together are no longer than the file."""
     offset = Struct(f"{_order(processor)}H")
     groups: dict[int, str] = {}
-    found: list[tuple[int, str, Parameter]] = []
+    found: list[tuple[int, str, C3dParameter]] = []
     for _ in range(MAX_PARAMETERS):
         if at + 2 > len(content):
             break
@@ -170,7 +166,7 @@ def _parameters(content: bytes, at: int, processor: int) -> dict[str, Parameter]
             dimensions = tuple(content[place + 4 : data])
             size = abs(kind) * prod(dimensions)
             if kind in (CHARACTERS, BYTES, INTEGERS, FLOATS) and data + size <= min(end, len(content)):
-                found.append((group, name, Parameter(kind, dimensions, content[data : data + size], processor)))
+                found.append((group, name, C3dParameter(kind, dimensions, content[data : data + size], processor)))
         if not step:
             break
         at = end
@@ -179,7 +175,7 @@ def _parameters(content: bytes, at: int, processor: int) -> dict[str, Parameter]
 
 def _points(file: C3dFile, columns: list[int], *, path: Path) -> tuple[FloatArray, BoolArray, tuple[str, ...]]:
     """Positions (T, m, 3) of these points in the file's unit, where they were seen (T, m), and notes. Raises InputError
-    where frames are missing."""
+    if frames are missing."""
     size = 4 if file.scale <= 0.0 else 2
     width = 4 * file.points + file.analog
     held = max(len(file.content) - file.start, 0) // (size * width)
@@ -197,27 +193,28 @@ def _points(file: C3dFile, columns: list[int], *, path: Path) -> tuple[FloatArra
 
 
 def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tuple[int, tuple[str, ...]]:
-    """Frames of the recording, and a note. held: as many as the bytes of the file make, padding of its last block
+    """Frames of the recording, and a note. held: frames that the bytes of the file make, padding of its last block
     included.
 
-    Header, TRIAL and POINT say it, in 16 bits, which wrap or stay at their end, in two words of 16 bits, or as a float.
-    The largest that fills the file counts; where none does, the file may hold a few more or fewer than the largest.
+    Header, TRIAL and POINT declare the count in 16 bits, which wrap or saturate, in two words of 16 bits, or as a
+    float. The largest count that fills the file is used; if none does, the file may hold a few more or fewer than the
+    largest.
     """
     ends = [file.numbers(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
     said = [file.last - file.first + 1.0]
     if all(ends):
-        first, last = (words[0] + (FULL + 1.0) * (words[1] if len(words) > 1 else 0.0) for words in ends)
+        first, last = (words[0] + (FULL_COUNTER + 1.0) * (words[1] if len(words) > 1 else 0.0) for words in ends)
         said.append(last - first + 1.0)
     said += [value for key in ("FRAMES", "LONG_FRAMES") for value in file.numbers(f"POINT:{key}")[:1]]
     declared = [int(count) for count in said if isfinite(count)]
     longest = max(declared)
-    possible = [held - (held - count) % (FULL + 1) for count in declared if count <= held]
+    possible = [held - (held - count) % (FULL_COUNTER + 1) for count in declared if count <= held]
     if filling := [count for count in possible if count > 0 and (held - count) * frame_bytes < BLOCK]:
         count = max(filling)
         wrapped = f"the file declares {longest} frames, a count that wrapped, and holds {count}: all of these are read"
         notes: tuple[str, ...] = () if count in declared else (wrapped,)
-    elif FULL <= longest <= FULL + 1:  # the counter is at its end
-        count, notes = held, frames_held(min(held, FULL), FULL, where)
+    elif FULL_COUNTER <= longest <= FULL_COUNTER + 1:
+        count, notes = held, frames_held(min(held, FULL_COUNTER), FULL_COUNTER, where)
     else:
         check_frame_count(longest, where)
         count, notes = held, frames_held(held, longest, where)
@@ -226,8 +223,8 @@ def _frame_count(file: C3dFile, held: int, frame_bytes: int, where: str) -> tupl
 
 
 def read_c3d(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
-    """Read the sensors that the markers of a file allow. Raises InputError if the file is damaged, or holds no known
-    marker, ConfigError for the table of markers."""
+    """Read the sensors that the markers of a file allow. Raises InputError if it is damaged or has no known marker,
+    ConfigError for the marker table."""
     file = read_c3d_file(path)
     recording = MarkerRecording(
         labels=_labels(file, path),
@@ -236,14 +233,14 @@ def read_c3d(path: Path, options: ReadOptions = AS_WRITTEN) -> SensorFrames:
         units=file.texts("POINT:UNITS"),
         up=UP_AXES.get(next(iter(file.texts("POINT:Y_SCREEN")), "").lower().removeprefix("+")),
         up_by="its Y_SCREEN",
-        usual_up=UP_AXES["z"],
+        default_up=UP_AXES["z"],
         notes=file.notes,
     )
     return marker_frames(recording, path, options)
 
 
 def _labels(file: C3dFile, path: Path) -> tuple[str, ...]:
-    """Labels of the points, which go on in LABELS2, LABELS3 and so on beyond 255; the number of one that has none."""
+    """Labels of the points, continued beyond 255 in LABELS2, LABELS3, ...; the number of a point without one."""
     if file.points < 1:
         step = "Export the recording with its labelled 3D markers (trajectories)"
         raise InputError("the file holds no markers", where=str(path), found=f"{file.points} points", next_step=step)

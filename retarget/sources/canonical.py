@@ -1,4 +1,4 @@
-"""A joint tree in motion, or mere positions of joints -> sensor frames, in metres and in the world's axes."""
+"""Joint trees in motion, or positions of joints -> sensor frames in metres and world axes."""
 
 import math
 from collections.abc import Mapping
@@ -19,10 +19,8 @@ from retarget.sources.rest_skeleton import find_rest_skeleton, segment_joint
 from retarget.sources.skeletons import JointPoses, JointTree
 from retarget.types import FloatArray
 
-# Length units of motion files, given by the user or guessed from the size of the body.
-
 CMU_METRES = 0.0254 / 0.45
-"""One unit of the CMU recordings (ASF `length 0.45`) in metres."""
+"""Metres per unit of the CMU recordings (ASF `length 0.45`)."""
 
 UNITS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": CMU_METRES}
 """Metres per unit."""
@@ -30,12 +28,12 @@ UNITS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "c
 TYPICAL_HEIGHT_M = 1.7
 USUAL_HEIGHT_M = (1.4, 2.1)
 POSSIBLE_HEIGHT_M = (1.0, 2.5)
-"""Statures, m: a unit is guessed so that the body comes nearest to the first; outside of the second a note says so,
-and outside of the third the file is refused."""
+"""Statures, m. A guessed unit brings the body nearest to the first. Outside of the second a note warns, outside of the
+third the file is refused."""
 
 
 def named_unit(name: str | None) -> float | None:
-    """Metres of the unit that the user named, None without one. Raises UsageError with the nearest names."""
+    """Metres of the unit that the user named, None without a name. Raises UsageError with the nearest names."""
     if name is None:
         return None
     key = name.lower()
@@ -45,10 +43,8 @@ def named_unit(name: str | None) -> float | None:
 
 
 def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
-    """Metres of the unit in which a body of this height (file units) is nearest to a human, and a note that says so.
-
-    Raises InputError if no unit makes it a human at all.
-    """
+    """Metres of the unit that makes this body height (file units) most human, and a note. Raises InputError if none
+    makes it a human's."""
     if body_height is None or not 0.0 < body_height < math.inf:
         raise InputError("the skeleton has no height", where=where, next_step="Export it with the lengths of its bones")
     name = min(UNITS, key=lambda unit: abs(log(body_height * UNITS[unit] / TYPICAL_HEIGHT_M)))
@@ -67,9 +63,6 @@ def choose_unit(body_height: float | None, *, where: str) -> tuple[float, str]:
     return UNITS[name], note
 
 
-# Sensor frames.
-
-
 def canonical_frames(
     tree: JointTree,
     pose: JointPoses,
@@ -82,9 +75,9 @@ def canonical_frames(
 ) -> SensorFrames:
     """Sensors, joints and rest skeleton of a tree in motion.
 
-    pose: of every frame, in the file's axes and units. unit: metres of one where the user names none; None: it is
-    guessed from the size of the body. options: their unit, up axis and stature are used; a stature gives the unit.
-    Raises InputError if the tree is no human.
+    pose: of every frame, in file axes and units. unit: metres per file unit, None to guess it from the size of the
+    body. options: unit, up axis and stature are used; a stature overrules a unit. Raises InputError if the tree is no
+    human.
     """
     rest = find_rest_skeleton(tree, pose, up=options.up, rate=rate, where=source)
     height, unit_note = stature_of(rest.skeleton), ""
@@ -102,7 +95,7 @@ def canonical_frames(
     turns = np.stack(
         [rest.pose.orientation[:, segment_joint(rest.tree, rest.joints, name)] for name in sensors], axis=1
     )
-    # World <- file axes <- segment <- its rest pose, facing x <- hanging. A mirrored file is mirrored on both sides.
+    # World <- file axes <- segment <- rest pose facing x <- hanging arms. A mirrored file is mirrored on both sides.
     world, body = rest.world, rest.body
     if dot(np.cross(world[0], world[1]), world[2]) < 0.0:
         flip = np.array([-1.0, 1.0, 1.0])
@@ -124,9 +117,6 @@ def canonical_frames(
     )
 
 
-# Positions of joints without orientations.
-
-
 def joint_frames(
     tracks: Mapping[str, FloatArray],
     *,
@@ -138,13 +128,12 @@ def joint_frames(
     up: FloatArray | None = None,
     notes: tuple[str, ...] = (),
 ) -> SensorFrames:
-    """Sensors and joints of canonical joints (T, 3), in file axes and units, NaN where lost; without orientations.
+    """Sensors and joints of canonical joints (T, 3) without orientations, in file axes and units, NaN where lost.
 
-    declared (3,): the file's up axis. unit: metres of one. stature: m, of the performer, which gives the unit. up (3,):
-    the up axis that the user says. The skeleton has the median lengths of the frames. Raises InputError if a joint that
-    is needed is missing.
+    declared (3,): the file's up axis. unit: metres per file unit. stature: of the performer, m; it overrules the unit.
+    up (3,): the user's up axis. Bones have their median lengths. Raises InputError if a needed joint is missing.
     """
-    world, axis_notes = world_axes(tracks, declared=declared, usual=declared, said=up)
+    world, axis_notes = world_axes(tracks, declared=declared, default=declared, chosen=up)
     names = tuple(name for name in JOINTS if name in tracks)
     position = matmul(np.stack([tracks[name] for name in names], axis=1), world.T)
     seen = np.asarray(np.isfinite(position).all(axis=-1))
@@ -180,9 +169,9 @@ _TRUNK = (
 
 
 def _hanging(names: tuple[str, ...], position: FloatArray, source: str) -> Skeleton:
-    """The joints at rest: the trunk as in the frame in which it is most upright above hanging arms, below it average
-    directions with the median lengths of the frames. position (T, m, 3): up is z, NaN where lost. Raises InputError
-    where the trunk is never seen whole, or a bone never."""
+    """The joints at rest: the trunk of the frame that is most upright above hanging arms, and limbs of median lengths
+    in average directions. position (T, m, 3): z up, NaN where lost. Raises InputError if the trunk is never whole, or a
+    bone never seen."""
     at = {name: position[:, column] for column, name in enumerate(names)}
     middle, up = 0.5 * (at["l_hip"] + at["r_hip"]), np.array([0.0, 0.0, 1.0])
     upright = [at["head"] - middle, *(at[f"{s}_shoulder"] - at[f"{s}_elbow"] for s in "lr")]

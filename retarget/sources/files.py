@@ -1,4 +1,4 @@
-"""Motion files as text or bytes: everything that can be wrong before a parser looks at the content."""
+"""Motion files as bytes, lines and numbers: the checks that come before a parser, and those that all formats share."""
 
 import math
 import re
@@ -13,23 +13,22 @@ from retarget.errors import InputError
 from retarget.types import BoolArray, FloatArray
 
 MAX_FILE_BYTES = 128 * 2**20
-"""Largest size, bytes, of a motion file that is read (128 MiB is about 20 minutes of AMC at 120 Hz)."""
+"""Largest motion file, bytes: 128 MiB are about 20 minutes of AMC at 120 Hz."""
 MAX_FRAMES = 200_000
-"""Most frames of a recording (28 minutes at 120 Hz)."""
+"""Most frames of a recording: 28 minutes at 120 Hz."""
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
-"""Least and greatest rate, Hz, of a recording: no motion capture has another one, so it is a wrong unit."""
+"""Rates of a recording, Hz. No motion capture has another one, so anything else is a wrong unit."""
 MAX_VALUE = 1e9
-"""Largest magnitude of a number in a file: a larger one is no coordinate or angle, and its square would overflow
-later."""
+"""Largest magnitude of a number. A larger one is no coordinate or angle, and its square could overflow later."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """What the user says of a motion file; None: nothing.
+    """Options of the user for one motion file; None where none was given.
 
-    unit: of length, a name of `UNITS`. rate: frames per second. stature: m, of the performer: it scales a body with
-    joints, and is the size of one whose bones have no lengths. up (3,): the axis of the file that is up. skeleton: the
-    ASF of an AMC. markers: the user's own table. performer_root: the ROOT that is read of a BVH with several.
+    unit: of length, a name of `UNITS`. rate: frames per second. stature: of the performer, m; it scales a body with
+    joints, and sizes one without bone lengths. up (3,): the file's up axis. skeleton: the ASF of an AMC. markers: the
+    user's marker table. performer_root: the ROOT to read in a BVH with several.
     """
 
     unit: str | None = None
@@ -42,7 +41,6 @@ class ReadOptions:
 
 
 AS_WRITTEN = ReadOptions()
-"""Nothing is said of the file."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -51,7 +49,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_head(path: Path) -> bytes:
-    """The first 4 KiB of a motion file. Raises InputError as `read_bytes`; of a missing one it names the sample."""
+    """The first 4 KiB of a motion file. Raises InputError as `read_bytes` does; without the file it names the
+    sample."""
     return _read(path, 4096, missing="Check the path; the word sample names a recording that comes with the program")
 
 
@@ -71,7 +70,7 @@ def _read(path: Path, count: int, *, missing: str = "Check the path") -> bytes:
                 next_step="Cut the recording into parts",
             )
         with path.open("rb") as file:
-            content = file.read(min(count, status.st_size + 1))  # memory is taken for as much as may come
+            content = file.read(min(count, status.st_size + 1))  # allocates no more than the file can hold
     except FileNotFoundError:
         raise InputError("no such motion file", where=where, next_step=missing) from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
@@ -83,7 +82,7 @@ def _read(path: Path, count: int, *, missing: str = "Check the path") -> bytes:
 
 
 def read_lines(path: Path) -> list[str]:
-    """Lines of a text motion file, any line ends. Raises InputError as `read_bytes`, and for binary content."""
+    """Lines of a text file with any line ends. Raises InputError as `read_bytes` does, and for binary content."""
     content = read_bytes(path)
     if b"\0" in content:
         line = content[: content.index(b"\0")].count(b"\n") + 1
@@ -97,18 +96,17 @@ def read_lines(path: Path) -> list[str]:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = content.decode("latin-1")  # older exporters write names in the encoding of their machine
+        text = content.decode("latin-1")  # older exporters
     if not text.strip():
         raise InputError("empty motion file", where=str(path), next_step="Export or download it again")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def numbers(tokens: Sequence[str], where: str) -> list[float]:
-    """Read tokens as finite numbers of plausible size, with a decimal point or comma. Raises InputError that names the
-    bad one."""
+    """Finite numbers with a decimal point or comma, at most MAX_VALUE. Raises InputError that names the bad one."""
     try:
         values = list(map(float, tokens))
-        # One NaN or infinity spoils the sum, so a small sum means that all are usable.
+        # NaN or infinity would make the sum fail this test, so one comparison checks all.
         if sum(map(abs, values)) <= MAX_VALUE:
             return values
     except ValueError:
@@ -117,7 +115,6 @@ def numbers(tokens: Sequence[str], where: str) -> list[float]:
 
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
-"""A number as exporters write it on machines of many countries: 0,0333."""
 
 
 def _number(token: str, where: str) -> float:
@@ -134,8 +131,8 @@ def _number(token: str, where: str) -> float:
 
 
 def cut_short(error: InputError, rest: Sequence[str]) -> InputError:
-    """An error of a line; of the last one of a file, which most probably says that more is missing, with that as its
-    step. rest: the lines behind it."""
+    """The error of a line; for the last line with content, the next step says that the file seems cut short. rest: the
+    lines after it."""
     if any(line.partition("#")[0].strip() for line in rest):
         return error
     step = "The file ends here and seems cut short: get it again"
@@ -143,12 +140,12 @@ def cut_short(error: InputError, rest: Sequence[str]) -> InputError:
 
 
 COUNT_SHARE = 0.01
-"""Share of the declared frames, and at least one frame, by which a file may hold fewer or more than it declares: common
-products count one too few."""
+"""A file may hold this share of frames (at least one frame) fewer or more than it declares: common exporters count one
+too few."""
 
 
 def frames_held(held: int, declared: int, where: str) -> tuple[str, ...]:
-    """A note where a file holds a few frames more or fewer than it declares. Raises InputError for more than a few."""
+    """A note if a file holds a few frames more or fewer than it declares. Raises InputError for more than a few."""
     if held == declared:
         return ()
     if abs(held - declared) <= max(1, int(COUNT_SHARE * declared)):
@@ -164,9 +161,15 @@ def frames_held(held: int, declared: int, where: str) -> tuple[str, ...]:
 
 
 def lost_notes(names: Sequence[str], valid: BoolArray) -> tuple[str, ...]:
-    """A note for each sensor or joint that is not seen in some of the frames; valid (T, k)."""
+    """A note for each sensor or joint that is lost in some frames; valid (T, k)."""
     counts = zip(names, (~valid).sum(axis=0).tolist(), strict=True)
     return tuple(f"{name} lost in {count} of {len(valid)} frames" for name, count in counts if count)
+
+
+def no_frame_rate(where: str, *, allowed: str = "") -> InputError:
+    """The error for a file without a frame rate, where the user gave none. allowed: names of the field."""
+    step = "Say the frames per second with --rate"
+    return InputError("no frame rate in the file", where=where, allowed=allowed, next_step=step)
 
 
 def check_frame_count(count: int, where: str) -> None:
@@ -184,7 +187,7 @@ def check_frame_count(count: int, where: str) -> None:
 
 
 def check_rate(rate: float, where: str) -> float:
-    """The frame rate (Hz), if it is one. Raises InputError."""
+    """The frame rate, Hz, if it is possible. Raises InputError."""
     if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         allowed = f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
         step = "" if where == "--rate" else "Say the frames per second with --rate"
@@ -193,5 +196,5 @@ def check_rate(rate: float, where: str) -> float:
 
 
 def frame_times(count: int, rate: float) -> FloatArray:
-    """Times (count,) s of frames at a constant rate (Hz), from 0."""
+    """Times (count,) s of frames at a constant rate, Hz, from 0."""
     return np.arange(count) / rate

@@ -1,8 +1,7 @@
 """Recordings of markers (C3D, TRC) -> sensor frames.
 
-A sensor is the mean of a group of markers (`skeletons.yaml`, or the user's own table), valid in a frame when all of
-them were seen; a marker that is far from all others is lost. Positions only: markers know no joint and no orientation.
-The body decides which axis is up; heading and ground stay where the file has them.
+A sensor is the mean of a group of markers (`skeletons.yaml`, or the user's table), valid in a frame if all of them were
+seen. Markers give positions only. The body decides which axis is up; heading and ground stay as in the file.
 """
 
 import re
@@ -26,15 +25,14 @@ from retarget.sources.skeletons import TABLES, names_of_sides
 from retarget.types import BoolArray, FloatArray
 
 MAX_POINTS = 5000
-"""Recordings with more markers are refused."""
+"""Most markers of a recording."""
 
 _GROUPS = names_of_sides(TABLES["markers"])
 Groups = Mapping[str, tuple[tuple[str, ...], ...]]
-"""Sensor -> groups of markers, best first; names in upper case."""
+"""Sensor -> groups of marker names in upper case, best first."""
 MARKER_GROUPS: Groups = {name: _GROUPS[name] for name in SENSORS if name in _GROUPS}
-"""The usual ones."""
 LABEL_CHARACTERS = 64
-"""Characters of the longest label that is shown, and of one in a table of the user."""
+"""Characters of the longest label that is shown, and of one in the user's table."""
 
 Label = Annotated[Text, Field(max_length=LABEL_CHARACTERS)] | Annotated[int, Field(ge=1, le=MAX_POINTS)]
 
@@ -49,8 +47,8 @@ class MarkerTable(Schema):
 
 
 def read_marker_table(path: Path) -> Groups:
-    """Groups of markers by sensor: those of the user's table, and the usual ones of sensors that it leaves out. Raises
-    ConfigError with all its problems."""
+    """Groups of markers by sensor: the user's table, completed by the usual groups. Raises ConfigError with all its
+    problems."""
 
     def check(table: MarkerTable, document: Document) -> list[Problem]:
         unknown = [sensor for sensor in table.markers if sensor not in SENSORS]
@@ -62,8 +60,8 @@ def read_marker_table(path: Path) -> Groups:
 
 
 def split_label(label: str, known: Set[str]) -> tuple[str, str] | None:
-    """The subject ("" for none) and the known marker that a label names: the longest known end behind any sign that is
-    no letter and no digit, as in `Anna:LFHD` and `Anna_LFHD`. None where no end of it is known."""
+    """Subject ("" for none) and known marker of a label: the longest known end after a sign that is no letter and no
+    digit, as in `Anna:LFHD` and `Anna_LFHD`. None if no end is known."""
     upper = label.upper()
     for start in [0, *(match.end() for match in re.finditer(r"[\W_]", upper))]:
         if upper[start:] in known:
@@ -72,25 +70,24 @@ def split_label(label: str, known: Set[str]) -> tuple[str, str] | None:
 
 
 def groups_in(labels: Iterable[str], groups: Groups = MARKER_GROUPS) -> dict[str, tuple[str, ...]]:
-    """Sensor -> the group of markers that stands for it, for the sensors that these labels allow."""
+    """Sensor -> its best group of markers among these labels."""
     known = set(labels)
     whole = {sensor: [one for one in options if known.issuperset(one)] for sensor, options in groups.items()}
     return {sensor: found[0] for sensor, found in whole.items() if found}
 
 
 NEAR_M, FAR_M = 0.03, 5.0
-"""A marker farther than the second from the median of the performer's markers is lost, whatever its residual. Where
-most are farther, or nearer than the first, the unit is another one."""
+"""Bounds of the usual distance, m, of the performer's markers from their median: beyond, the unit is wrong. A single
+marker beyond the second is lost."""
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerRecording:
     """Markers of a file, in its axes and its unit.
 
-    labels (n): of all markers. points: from columns among them to positions (T, m, 3), NaN where lost, where they were
-    seen (T, m), and notes. rate_hz: frames per second. units: names of the unit of length, none if not stated. up (3,):
-    the axis that the file says is up, by `up_by`, None if it does not. usual_up (3,): what such files mostly have.
-    notes: to the user about this file.
+    labels (n): of all markers. points: columns -> positions (T, m, 3), NaN where lost, where they were seen (T, m), and
+    notes. units: names of the unit of length, none if not stated. up (3,): the up axis by `up_by`, None if not stated.
+    default_up (3,): the usual one of the format. notes: for the user.
     """
 
     labels: tuple[str, ...]
@@ -98,24 +95,29 @@ class MarkerRecording:
     rate_hz: float
     units: tuple[str, ...]
     up: FloatArray | None
-    usual_up: FloatArray
+    default_up: FloatArray
     up_by: str = "the file"
     notes: tuple[str, ...] = ()
 
 
 def marker_frames(recording: MarkerRecording, path: Path, options: ReadOptions) -> SensorFrames:
-    """The sensors that the markers of a file allow. Raises InputError if there is no known marker, ConfigError for the
-    user's table of markers."""
-    markers, said = options.markers, options.rate
+    """The sensors that the markers allow. Raises InputError if no marker is known, ConfigError for the marker table."""
+    markers = options.markers
     groups = MARKER_GROUPS if markers is None else read_marker_table(markers)
-    rate = check_rate(recording.rate_hz, str(path)) if said is None else check_rate(said, "--rate")
+    rate = check_rate(recording.rate_hz, str(path)) if options.rate is None else check_rate(options.rate, "--rate")
     labels = recording.labels
     columns, subject_note = _one_subject(labels, groups)
     if markers is not None:
         _refuse_missing(groups, columns, labels, markers)
     chosen = groups_in(columns, groups)
     if not chosen:
-        raise _no_marker(labels, path)
+        raise InputError(
+            "no known marker",
+            where=str(path),
+            found=_shown(labels),
+            allowed="Vicon names such as LFHD, LWRA, LANK (docs/motion-files.md)",
+            next_step="Name the markers of each sensor in a table, and give it with --markers FILE.yaml",
+        )
     sensors = tuple(sensor for sensor in SENSORS if sensor in chosen)
     used = sorted({columns[name] for sensor in sensors for name in chosen[sensor]})
     metres, unit, unit_note = _metres(recording.units, options.unit, path)
@@ -130,8 +132,8 @@ def marker_frames(recording: MarkerRecording, path: Path, options: ReadOptions) 
         dict(zip(sensors, np.moveaxis(position, 1, 0), strict=True)),
         declared=recording.up,
         declared_by=recording.up_by,
-        usual=recording.usual_up,
-        said=options.up,
+        default=recording.default_up,
+        chosen=options.up,
     )
     notes = [*recording.notes, *subject_note, *count_note, *unit_note, *axes_note, *far_note]
     without = [sensor for sensor in MARKER_GROUPS if sensor not in chosen]
@@ -152,22 +154,12 @@ def marker_frames(recording: MarkerRecording, path: Path, options: ReadOptions) 
     )
 
 
-def _no_marker(labels: tuple[str, ...], path: Path) -> InputError:
-    return InputError(
-        "no known marker",
-        where=str(path),
-        found=_shown(labels),
-        allowed="Vicon names such as LFHD, LWRA, LANK (docs/motion-files.md)",
-        next_step="Name the markers of each sensor in a table, and give it with --markers FILE.yaml",
-    )
-
-
 def _shown(labels: Iterable[str]) -> str:
     return listed((label[:LABEL_CHARACTERS] for label in labels), limit=40)
 
 
 def _refuse_missing(groups: Groups, columns: Mapping[str, int], labels: tuple[str, ...], table: Path) -> None:
-    """Raise InputError for labels of the user's table that the file does not have."""
+    """Raise InputError for labels of the user's table that the file lacks."""
     own = {sensor: group for sensor, (group, *_) in groups.items() if groups[sensor] is not MARKER_GROUPS.get(sensor)}
     problems = [
         Problem(
@@ -185,7 +177,7 @@ def _refuse_missing(groups: Groups, columns: Mapping[str, int], labels: tuple[st
 
 
 def _one_subject(labels: tuple[str, ...], groups: Groups) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Marker name -> column, of the subject with the most sensors; a note where there are more subjects."""
+    """Marker name -> column, of the subject with the most sensors, and a note if there are more subjects."""
     known = frozenset(name for options in groups.values() for group in options for name in group)
     subjects: dict[str, dict[str, int]] = {"": {}}
     for column, label in enumerate(labels):
@@ -199,20 +191,20 @@ def _one_subject(labels: tuple[str, ...], groups: Groups) -> tuple[dict[str, int
 
 
 _UNIT_NAMES = {
-    **{
-        f"{prefix}met{end}": unit
-        for prefix, unit in (("", "m"), ("centi", "cm"), ("milli", "mm"))
-        for end in ("er", "re")
-    },
+    "meter": "m",
+    "metre": "m",
+    "centimeter": "cm",
+    "centimetre": "cm",
+    "millimeter": "mm",
+    "millimetre": "mm",
     "in": "inch",
     "inche": "inch",
 }
-"""Unit names in lower case without a plural s -> ours."""
+"""Unit names in lower case, without a plural s -> names of `UNITS`."""
 
 
 def _metres(texts: tuple[str, ...], unit: str | None, path: Path) -> tuple[float, str, tuple[str, ...]]:
-    """Metres per unit, its name, and a note where the file states none. texts: of POINT:UNITS, one for all points or
-    one each."""
+    """Metres per unit, its name, and a note if it is not stated. texts: the file's, one for all points or one each."""
     if unit is not None and (named := named_unit(unit)) is not None:
         return named, unit, ()
     words = [word for text in texts for word in re.findall(r"\w+", text.lower())]
@@ -232,8 +224,8 @@ def _metres(texts: tuple[str, ...], unit: str | None, path: Path) -> tuple[float
 
 
 def _lose_far(position: FloatArray, seen: BoolArray, path: Path, unit: str) -> tuple[str, ...]:
-    """Take markers (T, m, 3), m, that are far from all others as lost, in place, with a note. Raises InputError where
-    all lie as no body's do."""
+    """Mark markers (T, m, 3), m, that are far from the others as lost, in place, and return a note. Raises InputError
+    if their distances fit no human body."""
     with np.errstate(invalid="ignore"):
         filled = np.where(seen[..., None], position, np.nan)
         rows = np.flatnonzero(seen.any(axis=1))

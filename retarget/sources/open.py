@@ -1,9 +1,7 @@
-"""Opening any motion file: the reader is chosen by what the file holds, and by its suffix where that says nothing.
+"""Opens a motion file of any known format: the content selects the reader, then the suffix.
 
-The word `sample` names the recording that comes with the package; a file of that name is `./sample`.
-A new format needs `retarget/sources/NAME.py` with `read_NAME(path, options) -> SensorFrames`, its row in READERS, and
-how it is recognised. A new layout of arrays (.npz) needs its names in `npz_motion.py`, a new way to
-record markers a `MarkerRecording`.
+A new format needs `retarget/sources/NAME.py` with `read_NAME(path, options) -> SensorFrames`, its row in READERS, and a
+rule in `recognise`. A new layout of arrays needs its names in `npz_motion.py`.
 """
 
 import re
@@ -37,13 +35,11 @@ READERS: dict[str, Callable[[Path, ReadOptions], SensorFrames]] = {
     "npz": read_npz,
     "trc": read_trc,
 }
-"""Format -> its reader."""
 FORMATS = tuple(READERS)
 SUFFIXES = {name: name for name in FORMATS} | {"glb": "gltf", "vrma": "gltf", "vrm": "gltf"}
-"""Suffix -> format."""
 
 SAMPLE = "sample"
-"""In place of a path: the recording that comes with the package, a synthetic person who waves and crouches."""
+"""Word for the recording in the package, a synthetic person who waves and crouches."""
 _SAMPLE_FILE = Path(__file__).with_name("sample_recording.bvh")
 _SAMPLE_UNIT = "cm"
 
@@ -52,7 +48,7 @@ _OF_SOME_FORMATS = {
     "markers": (("c3d", "trc"), "a table of markers belongs to a C3D or TRC only"),
     "performer-root": (("bvh",), "only a BVH has a ROOT for each performer"),
 }
-"""Option -> the formats that have it, and what is wrong elsewhere."""
+"""Option -> the formats that have it, and the error for others."""
 _C3D_KEY = 0x50
 """Second byte of every C3D file."""
 
@@ -68,15 +64,16 @@ def open_source(
     up: str | None = None,
     performer_root: str | None = None,
 ) -> SensorFrames:
-    """Read a motion file of any known format, or the recording that comes with the package.
+    """Read a motion file of any known format, or the recording in the package.
 
-    path: the word SAMPLE as text is that recording, also where a file of this name is there; any other text, and every
-    `Path`, is a file. skeleton: the ASF of an AMC, where it does not lie beside it. markers: the user's own table of
-    the markers of a C3D or TRC. unit: m, cm, mm, inch or cmu, where the file does not state it and the guess is wrong.
-    rate: frames per second instead of the file's. stature: m, of the performer: it scales the body of a file with
-    joints, and is not measured in one without. up: the file's up axis (x, -y, ...), where body and file do not show it.
-    performer_root: the ROOT of a BVH with several performers. Raises InputError with file, line and what to do;
-    ConfigError for the table of markers; UsageError for values that cannot be, and for what belongs to another format.
+    path: the text SAMPLE is the recording in the package (a file of that name is `./sample`). skeleton: the ASF of an
+    AMC, if it is not beside it. markers: the user's table of the markers of a C3D or TRC. unit: m, cm, mm, inch or cmu,
+    if the file does not state it. rate: frames per second instead of the file's. stature: of the performer, m; it
+    scales a body with joints. up: the file's up axis (x, -y, ...). performer_root: the ROOT of a BVH with several
+    performers.
+
+    Raises InputError with file, line and next step, ConfigError for the marker table, and UsageError for impossible
+    values and for options of another format.
     """
     is_sample = path == SAMPLE
     if is_sample:
@@ -112,8 +109,8 @@ def refuse_values(
     skeleton: str | Path | None = None,
     markers: str | Path | None = None,
 ) -> None:
-    """Raise UsageError or InputError for a value of `open_source` that no file can take: a stature that no human has, a
-    second scale beside it, no unit, rate or axis, and files that are not there."""
+    """Raise UsageError or InputError for values that no file can take: an impossible stature, two scales, an unknown
+    unit, rate or axis, and missing files."""
     low, high = STATURE_M
     named_unit(unit)
     if rate is not None:
@@ -131,7 +128,7 @@ def refuse_values(
 
 
 def _refuse_live(address: str) -> None:
-    """Raise InputError for the address of a stream. A `Path` has lost one of its two slashes already."""
+    """Raise InputError for the address of a stream. In a `Path` it has lost one of its two slashes."""
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", address) and not Path(address).exists():
         raise InputError(
             "a live stream is no motion file",
@@ -142,7 +139,7 @@ def _refuse_live(address: str) -> None:
 
 
 def recognise(path: Path) -> str:
-    """Format of a motion file, one of FORMATS. Raises InputError if it cannot be read or is none of them."""
+    """Format of a motion file, one of FORMATS. Raises InputError if it cannot be read or is of none."""
     head, suffix = read_head(path), path.suffix.lower().lstrip(".")
     first = next((word for line in head.splitlines() if (word := line.strip()) and not word.startswith(b"#")), b"")
     if first.upper().startswith(b"HIERARCHY"):
@@ -155,8 +152,12 @@ def recognise(path: Path) -> str:
             next_step=f"`retarget doctor {address}` says what is in it, `retarget run --source {address}` "
             "plays it; with ?kind=vmc, for example, where it does not say what it holds",
         )
-    if kind := _binary_kind(head, first):
-        return kind
+    if head.startswith(b"glTF") or (first.startswith(b"{") and b'"asset"' in head):
+        return "gltf"
+    if first.startswith(b"PathFileType"):
+        return "trc"
+    if first.startswith(b"<") and b"<mvnx" in head:
+        return "mvnx"
     _refuse_foreign(path, head, suffix)
     if head[:2] == b"PK":
         return "npz"
@@ -167,7 +168,7 @@ def recognise(path: Path) -> str:
             "a skeleton without motion", where=str(path), next_step="Open the AMC and give this with --skeleton"
         )
     if suffix in SUFFIXES:
-        return SUFFIXES[suffix]  # its reader says what is wrong with the content
+        return SUFFIXES[suffix]  # its reader reports faults of the content
     if first.lower().startswith((b":fully-specified", b":degrees", b":radians")):
         return "amc"
     raise InputError(
@@ -178,18 +179,7 @@ def recognise(path: Path) -> str:
     )
 
 
-def _binary_kind(head: bytes, first: bytes) -> str:
-    """Format by the beginning of a file and by its first line with content; "" if that says nothing."""
-    if head.startswith(b"glTF") or (first.startswith(b"{") and b'"asset"' in head):
-        return "gltf"
-    if first.startswith(b"PathFileType"):
-        return "trc"
-    return "mvnx" if first.startswith(b"<") and b"<mvnx" in head else ""
-
-
-# What is refused: pickles run code when they are read, and FBX has no open specification.
-
-_MAKE = {
+_CONVERSIONS = {
     "wham": 'p = next(iter(p.values())); r = p["pose_world"]\n'
     'numpy.savez({made!r}, global_orient=r[:, :3], body_pose=r[:, 3:], transl=p["trans_world"], fps=30.0)',
     "hmr4d": 'p = p["smpl_params_global"]\n'
@@ -198,16 +188,16 @@ _MAKE = {
     "p = {{key: numpy.asarray(value) for key, value in p.items()}}\n"
     'numpy.savez({made!r}, **{{key: value for key, value in p.items() if value.dtype.kind in "fiu"}})',
 }
-"""Part of a pickle's name -> lines of Python that make of it what is read here: WHAM, GVHMR, any other dict."""
+"""Part of a pickle's name -> Python that makes an NPZ of it: WHAM, GVHMR, any other dict."""
 
 
 def _refuse_foreign(path: Path, head: bytes, suffix: str) -> None:
-    """Raise InputError for a pickle, for a single array and for FBX."""
+    """Raise InputError for a pickle (reading it runs code), FBX (no open specification) and a single array."""
     allowed, made = ", ".join(FORMATS), f"{path.stem}_motion.npz"
     if head.startswith((b"Kaydara FBX", b"; FBX")) or suffix == "fbx":
         step = "Convert it to BVH or GLB, for example with Blender: import FBX, export glTF 2.0"
         raise InputError("FBX is not read", where=str(path), allowed=allowed, next_step=step)
-    refuse_pickle(path, head, _MAKE, made=made, allowed=allowed)
+    refuse_pickle(path, head, _CONVERSIONS, made=made, allowed=allowed)
     if head.startswith(NPY) or suffix == "npy":
         code = f"import numpy\nnumpy.savez({made!r}, global_joint_positions=numpy.load({path.name!r}))"
         step = f"If it is places of joints, name it in Python (docs/motion-files.md):\n{code}\nThen give {made!r}"

@@ -1,14 +1,12 @@
-"""The rest skeleton of a joint tree in motion, checked against the frames: which joint is which, the pose in which the
-tree is a body that stands, and where forward, left and up are in it.
+"""The rest skeleton of a joint tree in motion: its canonical joints, and the pose in which it stands.
 
-The pose with all rotations zero is that pose only where it is a body's that stands along an axis of the file. In many
-files it is not (bones along one local axis fold it to a stick); then the frame that stands most upright, limbs
-straight, takes its place. Distances between joints that one joint carries are the same in every frame, so lengths are
-exact either way.
+The pose with all rotations zero is used if it is a standing body along an axis of the file. In many files it is not;
+then the frame that stands most upright, with straight limbs, takes its place. Bones are rigid, so lengths are exact
+either way.
 
-Canonical joints that the names do not give come from the tree: the pelvis is where legs and head part, the chest where
-neck and arms part, the spine joint lies half way up to it, the head's centre is half way between the head joint and the
-top of the head, and the toe joint, where a file has none, is the end of the foot.
+Joints that names do not give come from the tree: the pelvis is where legs and head part, the chest where neck and arms
+part, the spine half way between them, the head's centre half way between its joint and its top, and the toe the end of
+the foot.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,25 +34,22 @@ from retarget.sources.skeletons import (
 )
 from retarget.types import FloatArray
 
-# Offsets of a tree, and what its frames say of them.
-
 SAME_LENGTH = (0.7, 1.4)
-"""Least and greatest ratio of a length in the frames to that at rest: bones keep their length, and shoulders that are
-drawn up or forward stay within these; beyond, the file's rest is wrong."""
+"""Bounds of the ratio of a length in the frames to that at rest: raised or rounded shoulders stay within them, wrong
+offsets do not."""
 DIFFERENCES = 0.3
-"""Position channels that are less than this share of the offsets, in the median of all joints, are differences from
-them: joints give way by a few per cent of a bone, and absolute positions are about the bone itself."""
+"""Median share of the offsets below which position channels are differences from them: joints give way by a few per
+cent of a bone, absolute positions are about its length."""
 
 
 def true_offsets(
     tree: JointTree, channels: Sequence[Sequence[Channel]], values: FloatArray
 ) -> tuple[JointTree, FloatArray, tuple[str, ...]]:
-    """The tree and the channel values (T, d) with offsets and position channels that agree, and notes where they did
-    not.
+    """The tree and the channel values (T, d) with consistent offsets and position channels, and notes on corrections.
 
-    A file may hold positions that are differences from the offsets, which are added to them then; or offsets that are
-    zero or of other lengths than the positions in the frames, which then come from the frames. Root positions, and
-    those of joints that only carry the body, move through the world and say nothing.
+    Positions that are differences from the offsets get these added. Offsets that are zero, or of other lengths than the
+    positions in the frames, come from the frames. Positions of the root, and of joints that only carry the body, are no
+    lengths and are ignored.
     """
     starts = np.cumsum([0, *map(len, channels)])
     columns = {
@@ -62,7 +57,7 @@ def true_offsets(
         for joint, own in enumerate(channels)
         if joint not in tree.path(tree.fork())
     }
-    moved = {}  # joint -> its place (3,) in the median of the frames
+    moved = {}  # joint -> its median position (3,) in the parent's frame
     for joint, own in columns.items():
         if own:
             moved[joint] = tree.offsets[joint].copy()
@@ -89,13 +84,10 @@ def true_offsets(
     return replace(tree, offsets=offsets), values, (note,)
 
 
-# Which joint of a tree is which of the body.
-
-
 @dataclass(frozen=True)
 class CanonicalJoint:
-    """A canonical joint as a point (3,) fixed in the frame of one joint of the tree. lacking: the file has no such
-    joint; it stands for a limb that the performer lacks, and is carried along at rest."""
+    """A canonical joint as a point (3,) fixed in the frame of one joint of the tree. lacking: the performer lacks that
+    limb, and the point hangs at rest."""
 
     joint: int
     local: FloatArray
@@ -105,15 +97,15 @@ class CanonicalJoint:
 _ARM = ("shoulder", "elbow", "wrist")
 _LIMBS = (("hip", "knee", "ankle"), _ARM)
 HEAD_RISE = 0.053
-"""Height of the centre of the head above its joint, as a share of stature: 0.052 to 0.055 in skeletons that have a top
-of the head and a joint below the skull."""
+"""Height of the head's centre above its joint, as a share of stature: 0.052 to 0.055 in skeletons with a joint below
+the skull and a top of the head."""
 LIMB_SHARE = 0.15
-"""A chain beside the known joints that is longer than this share of the body's path from head to foot may be a limb: an
-arm has a third of it, bones of a face or a chest a tenth at most."""
+"""A chain beside the known joints that is longer than this share of the path from head to foot may be a limb: an arm
+has a third of it, bones of face or chest a tenth at most."""
 
 
 def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, CanonicalJoint], tuple[str, ...]]:
-    """Canonical joints of a tree, by name tables or else by shape, and notes. Raises InputError if neither fits."""
+    """Canonical joints of a tree, by name or else by shape, and notes. Raises InputError if neither fits."""
     notes: list[str] = []
     found = joints_by_name(tree.names)
     if found is None or not _is_body(tree, found):
@@ -142,7 +134,7 @@ def canonical_joints(tree: JointTree, *, where: str) -> tuple[dict[str, Canonica
 
 
 def _is_body(tree: JointTree, found: Mapping[str, int], *, but: str = "") -> bool:
-    """True where the joints hang on each other as they do in a body. but: the side of an arm that is not looked at."""
+    """True if the joints hang on each other as in a body. but: the side whose arm is not checked."""
     trunk = shared_path(tree, [found[name] for name in ("l_hip", "r_hip", "head")])
     if not trunk:
         return False
@@ -156,8 +148,8 @@ def _is_body(tree: JointTree, found: Mapping[str, int], *, but: str = "") -> boo
 
 
 def _armless_side(tree: JointTree, found: Mapping[str, int]) -> str:
-    """The side ("l" or "r") on which a body has no arm; "" where the tree is no such body, or has a chain of joints
-    that may be the arm by another name."""
+    """The side ("l" or "r") without an arm; "" if the tree is no such body, or has a chain that may be the arm by
+    another name."""
     missing = {joint for joint in REQUIRED if joint not in found}
     sides = [side for side in "lr" if missing and missing <= {f"{side}_{part}" for part in _ARM}]
     if not sides or not _is_body(tree, found, but=sides[0]):
@@ -174,12 +166,11 @@ def _armless_side(tree: JointTree, found: Mapping[str, int]) -> str:
 
 
 def _arm_of(side: str) -> set[str]:
-    """Canonical joints of an arm."""
     return {f"{side}_{part}" for part in ("collar", *_ARM, "hand")}
 
 
 def _no_body(tree: JointTree, missing: Mapping[str, str], *, where: str) -> InputError:
-    """The error for a tree without a body: it names the joints that are missing, where most names are known."""
+    """The error for a tree without a body; it names the missing joints if most names are known."""
     if missing and 2 * len(missing) < len(REQUIRED):
         return InputError(
             "the body lacks joints that are needed",
@@ -198,16 +189,15 @@ def _no_body(tree: JointTree, missing: Mapping[str, str], *, where: str) -> Inpu
 
 
 def rest_joint_positions(tree: JointTree, joints: Mapping[str, CanonicalJoint]) -> dict[str, FloatArray]:
-    """Rest positions (3,) of the canonical joints, in the axes and the length unit of the file, pelvis at the
-    origin."""
+    """Rest positions (3,) of the canonical joints in file axes and units, from the pelvis."""
     rest = tree.rest_positions()
     origin = rest[joints["pelvis"].joint]
     return {name: rest[at.joint] + at.local - origin for name, at in joints.items()}
 
 
 def segment_joint(tree: JointTree, joints: Mapping[str, CanonicalJoint], name: str) -> int:
-    """Joint of the tree whose frame is the orientation of the sensor `name`. A file may split a segment (twist joints):
-    the part next to its far joint gives the orientation."""
+    """Joint of the tree whose frame is the orientation of the sensor `name`. If a file splits the segment (twist
+    joints), it is the part next to the far joint."""
     side, part = name[:2], name[2:]
     if part == "toe":
         return joints[f"{side}ankle"].joint
@@ -217,7 +207,7 @@ def segment_joint(tree: JointTree, joints: Mapping[str, CanonicalJoint], name: s
 
 
 def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
-    """Chest, spine and neck, as far as the tree has joints for them."""
+    """Add chest, spine and neck as far as the tree has joints for them."""
     arms = [joints[name].joint for name in ("l_shoulder", "r_shoulder") if name in joints]
     shared = shared_path(tree, [joints["head"].joint, *arms])
     above = tree.path(joints["head"].joint)[len(shared) :]
@@ -234,11 +224,8 @@ def _add_trunk(tree: JointTree, joints: dict[str, CanonicalJoint]) -> None:
 
 
 def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | None) -> str:
-    """Move the head from its joint to half way to its top; a note where the file has no top of the head.
-
-    Where that has an end of no length, the head goes on as far as usual, in the direction of the neck; where it has
-    none at all, its centre is its joint.
-    """
+    """Move the head from its joint half way to its top, and return a note if the file has no top of the head. An end of
+    length zero is replaced by the usual height along the neck; without an end the joint is the centre."""
     head, note = joints["head"].joint, ""
     has_top = top is not None and tree.parents[top] == head
     end = tree.offsets[top] if has_top else max(tree.ends[head], key=norm, default=None)
@@ -257,7 +244,7 @@ def _centre_head(tree: JointTree, joints: dict[str, CanonicalJoint], top: int | 
 
 
 def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
-    """Add the end of the foot, wherever the chain below the ankle ends, as the toe of a file that has no toe joint."""
+    """Add the end of the foot as the toe if the file has no toe joint."""
     if f"{side}_toe" in joints:
         return
     joint = joints[f"{side}_ankle"].joint
@@ -269,7 +256,7 @@ def _add_toe(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
 
 
 def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> None:
-    """An arm that the performer lacks: as long as the other one, hanging beside the trunk, which carries it."""
+    """Add the arm that the performer lacks: as long as the other one, hanging beside the trunk, fixed in the chest."""
     at, other = rest_joint_positions(tree, joints), "r" if side == "l" else "l"
     hips, across = 0.5 * (at["l_hip"] + at["r_hip"]), at["l_hip"] - at["r_hip"]
     up, shoulder = _direction(at["head"] - hips), at[f"{other}_shoulder"]
@@ -282,23 +269,20 @@ def _add_arm(tree: JointTree, joints: dict[str, CanonicalJoint], side: str) -> N
         joints[f"{side}_{part}"] = CanonicalJoint(bearer.joint, point - start, lacking=True)
 
 
-# The pose in which the tree is a body that stands.
-
 ALONG_AXIS = 0.97
-"""Cosine (14 degrees) from which a direction of a rest pose is meant to be a coordinate axis: the head joint of a body
-that stands straight is up to 10 degrees ahead of its hips, more is a pose that leans."""
-MAX_LOOKED_AT = 2000
-"""Most frames of which the most upright one is taken: a body holds a pose for longer than the 0.8 s from one to the
-next of a recording of 28 minutes."""
+"""Cosine (14 degrees) from which a direction of a rest pose is taken as a coordinate axis: the head of a straight body
+is up to 10 degrees ahead of its hips."""
+MAX_UPRIGHT_FRAMES = 2000
+"""Most frames among which the most upright is searched: one per 0.8 s of 28 minutes, and a pose is held longer."""
 
 
 @dataclass(frozen=True)
 class RestSkeleton:
-    """A tree in motion whose pose with all rotations zero is a body that stands.
+    """A tree in motion whose pose with all rotations zero is a standing body.
 
-    tree, pose, joints: with this zero pose, in the file's axes and length unit. skeleton: the joints at rest in the
-    axes of the body, in the file's unit. body, world (3, 3): forward, left and up as rows, of the rest pose and of the
-    recording, in the file's axes; both have a determinant of -1 where the file is mirrored.
+    tree, pose, joints: with this zero pose, in file axes and units. skeleton: the joints at rest in body axes, in file
+    units. body, world (3, 3): forward, left and up as rows in file axes, of the rest pose and of the recording; the
+    determinant of both is -1 if the file is mirrored.
     """
 
     tree: JointTree
@@ -310,7 +294,7 @@ class RestSkeleton:
     notes: tuple[str, ...]
 
     def lacks_foot(self) -> list[str]:
-        """Toes that are joints of the file, but no feet: these have no length on the ground."""
+        """Toes that are joints of the file without a length on the ground."""
         toes = [name for name in ("l_toe", "r_toe") if name in self.joints]
         return [name for name in toes if hanging_toe(self.skeleton, name[0]) is None]
 
@@ -318,18 +302,22 @@ class RestSkeleton:
 def find_rest_skeleton(
     tree: JointTree, pose: JointPoses, *, up: FloatArray | None, rate: float, where: str
 ) -> RestSkeleton:
-    """The rest skeleton of a tree in motion. up (3,): the world's up axis, if the user says it. rate: Hz, for notes.
+    """The rest skeleton of a tree in motion. up (3,): the user's up axis. rate: Hz, for notes.
 
     Raises InputError if the tree is no human, if it stands neither with all rotations zero nor in a frame, and if arms
-    and legs do not agree which side is left.
+    and legs disagree on left and right.
     """
     joints, notes = canonical_joints(tree, where=where)
     tracks = {name: pose.point(at.joint, at.local) for name, at in joints.items()}
     front = -1.0 if forward_sign(tracks) < 0.0 else 1.0
     body, skeleton = _as_body(tree, joints, front=front)
-    faults = rest_faults(skeleton) or _unlike_frames(skeleton, tracks) or _leaning(body[2])
+    faults = rest_faults(skeleton) or _unlike_frames(skeleton, tracks)
+    if not faults and (cosine := float(np.abs(body[2]).max())) != 1.0:
+        faults = (f"it leans {np.degrees(float(arccos(cosine))):.0f} degrees from every axis of the file",)
     declared = None if faults else body[2]
-    world, axis_notes = world_axes(tracks, declared=declared, declared_by="the rest pose", usual=UP_AXES["y"], said=up)
+    world, axis_notes = world_axes(
+        tracks, declared=declared, declared_by="the rest pose", default=UP_AXES["y"], chosen=up
+    )
     rest = RestSkeleton(tree, pose, joints, skeleton, body, world, (*axis_notes, *notes))
     if faults or rest.lacks_foot():
         row = _most_upright(tracks, pose, joints, world)
@@ -337,7 +325,21 @@ def find_rest_skeleton(
         if not faults and len(upright.lacks_foot()) < len(rest.lacks_foot()):
             faults = ("its feet have no length on the ground",)
         if faults:
-            rest = _instead(rest, upright, f"with all rotations zero {faults[0]}", row, rate=rate, where=where)
+            fault = f"with all rotations zero {faults[0]}"
+            _refuse_swapped(upright.skeleton, where=where)
+            if wrong := rest_faults(upright.skeleton):
+                raise InputError(
+                    "the skeleton has no rest pose",
+                    where=where,
+                    found=f"{fault}; in the most upright frame ({row + 1}) {wrong[0]}",
+                    allowed="a body that stands upright, or a recording in which it does",
+                    next_step="Export it with a T-pose as its rest pose, or let the recording begin with one",
+                )
+            note = (
+                f"the skeleton's rest pose is no body that stands ({fault}): the frame at {row / rate:.2f} s, the most "
+                "upright one, is taken instead"
+            )
+            rest = replace(upright, notes=(*rest.notes, note))
     _refuse_swapped(rest.skeleton, where=where)
     if not (flat := rest.lacks_foot()):
         return rest
@@ -348,7 +350,7 @@ def find_rest_skeleton(
 
 
 def _at_frame(rest: RestSkeleton, row: int, *, front: float, where: str) -> RestSkeleton:
-    """The same motion of a tree whose zero pose is that of a frame."""
+    """The same motion with the pose of frame `row` as the zero pose of the tree."""
     tree, pose = rest.tree, rest.pose
     turn = pose.orientation[row]
     above = np.array([turn[parent] if parent >= 0 else rotations.IDENTITY for parent in tree.parents])
@@ -360,34 +362,13 @@ def _at_frame(rest: RestSkeleton, row: int, *, front: float, where: str) -> Rest
     return replace(rest, tree=tree, pose=pose, joints=joints, skeleton=skeleton, body=body)
 
 
-def _instead(
-    rest: RestSkeleton, upright: RestSkeleton, fault: str, row: int, *, rate: float, where: str
-) -> RestSkeleton:
-    """The rest skeleton of the most upright frame, with a note, instead of one that has a fault. Raises InputError
-    where that is no body that stands either."""
-    _refuse_swapped(upright.skeleton, where=where)
-    if wrong := rest_faults(upright.skeleton):
-        raise InputError(
-            "the skeleton has no rest pose",
-            where=where,
-            found=f"{fault}; in the most upright frame ({row + 1}) {wrong[0]}",
-            allowed="a body that stands upright, or a recording in which it does",
-            next_step="Export it with a T-pose as its rest pose, or let the recording begin with one",
-        )
-    note = (
-        f"the skeleton's rest pose is no body that stands ({fault}): the frame at {row / rate:.2f} s, the most upright "
-        "one, is taken instead"
-    )
-    return replace(upright, notes=(*rest.notes, note))
-
-
 def _as_body(
     tree: JointTree, joints: Mapping[str, CanonicalJoint], *, front: float, up: FloatArray | None = None
 ) -> tuple[FloatArray, Skeleton]:
     """Axes (3, 3) of the body in the zero pose, and the joints in them.
 
-    up (3,): where it is known; else from hips to head. Left is as hips and shoulders lie, without its part along up. A
-    direction near a coordinate axis is meant to be that axis. front: -1 if the tree is mirrored.
+    up (3,): if known, else from hips to head. Left is the line across hips and shoulders without its part along up.
+    front: -1 if the tree is mirrored.
     """
     at = rest_joint_positions(tree, joints)
     if up is None:
@@ -399,7 +380,7 @@ def _as_body(
 
 
 def _direction(vector: FloatArray) -> FloatArray:
-    """Unit vector (3,) along another, or the coordinate axis that it is meant to be; NaN for zero."""
+    """Unit vector (3,) along another, rounded to a coordinate axis within ALONG_AXIS; NaN for zero."""
     length = norm(vector)
     if not length > 0.0:
         return np.full(3, np.nan)
@@ -407,16 +388,8 @@ def _direction(vector: FloatArray) -> FloatArray:
     return axis if dot(vector, axis) >= ALONG_AXIS * length else vector / length
 
 
-def _leaning(up: FloatArray) -> tuple[str, ...]:
-    """In words, that a rest pose whose up is this direction (3,) stands along no axis of the file."""
-    cosine = float(np.abs(up).max())
-    if cosine == 1.0:
-        return ()
-    return (f"it leans {np.degrees(float(arccos(cosine))):.0f} degrees from every axis of the file",)
-
-
 def _refuse_swapped(skeleton: Skeleton, *, where: str) -> None:
-    """Raise InputError where arms and legs do not agree which side is left."""
+    """Raise InputError if arms and legs disagree on left and right."""
     hips, shoulders = (skeleton.of(f"l_{part}") - skeleton.of(f"r_{part}") for part in ("hip", "shoulder"))
     if dot(hips, shoulders) < 0.0:
         raise InputError(
@@ -427,7 +400,7 @@ def _refuse_swapped(skeleton: Skeleton, *, where: str) -> None:
 
 
 def _unlike_frames(skeleton: Skeleton, tracks: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    """Widths of the rest skeleton that are not those of the frames, in words."""
+    """Faults of a rest skeleton whose shoulder or hip width is not that of the frames, in words."""
     low, high = SAME_LENGTH
     found = []
     for part in ("shoulder", "hip"):
@@ -441,23 +414,22 @@ def _unlike_frames(skeleton: Skeleton, tracks: Mapping[str, FloatArray]) -> tupl
 def _most_upright(
     tracks: Mapping[str, FloatArray], pose: JointPoses, joints: Mapping[str, CanonicalJoint], world: FloatArray
 ) -> int:
-    """The frame in which a body stands most like a rest pose: upright, looking ahead, legs straight, arms straight and
-    hanging or out to the sides.
+    """The frame most like a rest pose: upright, looking ahead, legs straight, arms straight and hanging or out to the
+    sides.
 
-    tracks: canonical joints (T, 3) in file axes. Each line of the body costs 1 minus the cosine to where it should go;
-    so does each turn of head and chest away from how they are held on average, which no line shows.
+    tracks: canonical joints (T, 3) in file axes. Each line of the body costs 1 minus its cosine to its rest direction.
+    Turns of head and chest away from their mean cost too, because no line shows them.
     """
-    rows = np.unique(np.linspace(0, len(pose.position) - 1, MAX_LOOKED_AT).astype(int))
+    rows = np.unique(np.linspace(0, len(pose.position) - 1, MAX_UPRIGHT_FRAMES).astype(int))
     at = {name: matmul(track[rows], world.T) for name, track in tracks.items()}
     up = np.array([0.0, 0.0, 1.0])
     hips = at["l_hip"] - at["r_hip"]
     left = _units(hips * np.array([1.0, 1.0, 0.0]))
     ahead = np.cross(left, up)
     middle = 0.5 * (at["l_hip"] + at["r_hip"])
-    # The trunk and which way it faces carry all that no bone direction shows, so they count more.
-    cost = (
-        3.0 * _off(at["head"] - middle, up) + 3.0 * _off(at["l_shoulder"] - at["r_shoulder"], left) + _off(hips, left)
-    )
+    # The trunk and its heading carry every limb, so they count more.
+    shoulders = at["l_shoulder"] - at["r_shoulder"]
+    cost = 3.0 * _off(at["head"] - middle, up) + 3.0 * _off(shoulders, left) + _off(hips, left)
     held = [joints[name].joint for name in ("pelvis", "chest", "head") if name in joints]
     for below, above in pairwise(held):
         turn = rotations.multiply(rotations.conjugate(pose.orientation[rows, below]), pose.orientation[rows, above])
@@ -477,7 +449,7 @@ def _most_upright(
 
 
 def _units(vectors: FloatArray) -> FloatArray:
-    """Unit vectors (T, 3); zero where there is no length."""
+    """Unit vectors (T, 3); zero if there is no length."""
     length = norms(vectors)[:, None]
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 

@@ -1,7 +1,4 @@
-"""Skeletons as trees of joints: forward kinematics, and the canonical joints found by name or by shape.
-
-The names are in `skeletons.yaml`.
-"""
+"""Skeletons as trees of joints: forward kinematics, and canonical joints by name (`skeletons.yaml`) or by shape."""
 
 import re
 from collections import Counter
@@ -22,7 +19,7 @@ REQUIRED = (
     "head",
     *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in "lr"),
 )
-"""Joints that a style must find before it counts. The pelvis is where legs and head part, whatever it is called."""
+"""Joints that a body needs. The pelvis is where legs and head part, whatever its name."""
 
 
 def names_of_sides(section: Mapping[str, Any]) -> dict[str, Any]:
@@ -36,14 +33,13 @@ def names_of_sides(section: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_word(entry: Any, word: str) -> Any:
-    """Names, in lists of any depth, with the word of a side in place of {s}."""
     if isinstance(entry, str):
         return entry.replace("{s}", word)
     return tuple(_with_word(part, word) for part in entry)
 
 
 TABLES: Mapping[str, Any] = strict_yaml.load(Path(__file__).with_name("skeletons.yaml")).data
-"""Section of `skeletons.yaml` -> its content."""
+"""Content of `skeletons.yaml`."""
 STYLES: Mapping[str, dict[str, tuple[str, ...]]] = {
     style: names_of_sides(section) for style, section in TABLES["joints"].items()
 }
@@ -51,24 +47,24 @@ STYLES: Mapping[str, dict[str, tuple[str, ...]]] = {
 
 
 def layout(section: Mapping[str, str]) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Names and indices of parents (-1: none) of joints, from a table of names and their parents."""
+    """Names and parent indices (-1: none) of joints, from a table of names and their parents."""
     names = tuple(section)
     return names, tuple(names.index(parent) if parent else -1 for parent in section.values())
 
 
 SMPL_NAMES, SMPL_PARENTS = layout(TABLES["layouts"]["smpl"])
-"""The 24 joints of SMPL, of which SMPL-H and SMPL-X have the first 22."""
+"""The 24 joints of SMPL; SMPL-H and SMPL-X share the first 22."""
 
 
 def joints_by_name(names: tuple[str, ...]) -> dict[str, int] | None:
-    """Canonical joint (and `head_top`) -> index in `names`, by the style that names the most; None if none fits."""
+    """Canonical joint (and `head_top`) -> index in `names`, by the family that names the most; None if none fits."""
     found = [joints for _, joints in _matches(names) if set(REQUIRED) <= set(joints)]
     return max(found, key=len, default=None)
 
 
 def named_in_part(names: tuple[str, ...]) -> tuple[dict[str, int], dict[str, str]]:
-    """Where no style names all: the joints of the style that names most of those that are needed, with what it lacks
-    taken from others; and canonical joint -> its name in that style, for those that no style finds."""
+    """Joints as `joints_by_name` gives them, for names that no family covers: the family with most of the required
+    joints, completed from others. Also the joints still missing, with their names in that family."""
     matches = sorted(_matches(names), key=lambda match: -len(set(REQUIRED) & set(match[1])))
     style, found = matches[0][0], dict(matches[0][1])
     for _, joints in matches[1:]:
@@ -79,12 +75,11 @@ def named_in_part(names: tuple[str, ...]) -> tuple[dict[str, int], dict[str, str
 
 
 MOST_PREFIXES = 5
-"""Prefixes of names that are tried: the commonest."""
+"""Commonest prefixes of names that are tried."""
 
 
 def _matches(names: tuple[str, ...]) -> list[tuple[str, dict[str, int]]]:
-    """Each style with the joints of it that occur, by each prefix that the names of a skeleton may have: other joints
-    of the file need not have it."""
+    """Each family with its joints that occur, for each prefix that the joint names may share."""
     plain = [re.sub(r"[\s._\-]", "", name.rsplit(":", 1)[-1]).lower() for name in names]
     words = {option for style in STYLES.values() for joint in REQUIRED for option in style.get(joint, ())}
     prefixes = Counter(name.removesuffix(word) for name in plain for word in words if name.endswith(word))
@@ -100,19 +95,12 @@ def _matches(names: tuple[str, ...]) -> list[tuple[str, dict[str, int]]]:
     return found
 
 
-# A skeleton as a tree of joints, and its forward kinematics over all frames at once.
-#
-# The common form of ASF and BVH: a joint turns everything below it, and its offset is constant in its parent's frame.
-# Axes and units are those of the file.
-
-
 @dataclass(frozen=True)
 class JointTree:
-    """n joints, parents before children, joint 0 the root.
+    """n joints, parents before children, joint 0 the root, in the axes and units of the file.
 
-    names (n): as in the file. parents (n): index, -1 for the root. offsets (n, 3): joint centre in the parent joint's
-    frame. ends (n): for each joint the ends of bones that have no joint there (leaves: fingertip, top of the head),
-    each (3,).
+    parents (n): index, -1 for the root. offsets (n, 3): joint centre in the parent's frame. ends (n): of each joint,
+    the ends (3,) of bones without a joint there (fingertips, top of the head).
     """
 
     names: tuple[str, ...]
@@ -132,14 +120,14 @@ class JointTree:
         return [child for child, parent in enumerate(self.parents) if parent == joint]
 
     def fork(self) -> int:
-        """The first joint from the root on that carries more than one bone: what is above only carries the body."""
+        """The first joint from the root that has more than one child; joints above it only carry the body."""
         joint = 0
         while len(children := self.children(joint)) == 1:
             joint = children[0]
         return joint
 
     def rest_positions(self) -> FloatArray:
-        """Joint centres (n, 3), in the length unit of the file, with all rotations zero and the root at the origin."""
+        """Joint centres (n, 3) with all rotations zero and the root at the origin, in file units."""
         position = np.zeros((len(self.names), 3))
         for joint, parent in enumerate(self.parents):
             if parent >= 0:
@@ -149,27 +137,27 @@ class JointTree:
 
 @dataclass(frozen=True)
 class JointPoses:
-    """World position (T, n, 3) and orientation (T, n, 4) wxyz of every joint's frame."""
+    """Position (T, n, 3) and orientation (T, n, 4) wxyz of every joint's frame in the axes of the file."""
 
     position: FloatArray
     orientation: FloatArray
 
     def point(self, joint: int, local: FloatArray) -> FloatArray:
-        """World track (T, 3) of a point (3,) fixed in a joint's frame."""
+        """Track (T, 3) of a point (3,) fixed in a joint's frame."""
         if not local.any():
             return np.array(self.position[:, joint])
         return np.asarray(self.position[:, joint] + rotations.rotate(self.orientation[:, joint], local))
 
 
 def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation: FloatArray) -> JointPoses:
-    """World pose of every joint.
+    """Pose of every joint.
 
     local_rotation (T, n, 4): joint frame in the parent's frame. translation (T, n, 3) or (n, 3): joint centre in the
-    parent's frame (the root's: in the world); usually `tree.offsets` with the root's track.
+    parent's frame; for the root in the world.
     """
     frames, joints = local_rotation.shape[:2]
     translation = np.broadcast_to(translation, (frames, joints, 3))
-    # Joint-major, so that one joint's track is contiguous.
+    # Joint-major: the track of one joint is contiguous.
     position, orientation = np.empty((joints, frames, 3)), np.empty((joints, frames, 4))
     for joint, parent in enumerate(tree.parents):
         if parent < 0:
@@ -181,20 +169,18 @@ def forward_kinematics(tree: JointTree, local_rotation: FloatArray, translation:
 
 
 def tree_of_poses(names: tuple[str, ...], parents: tuple[int, ...], pose: JointPoses) -> JointTree:
-    """The tree whose zero pose has every frame unturned, of joints (n) in poses: an offset is the median over all
-    frames."""
+    """The tree of posed joints (n) whose zero pose has every frame unturned; offsets are medians over the frames."""
     offsets = np.zeros((len(names), 3))
     for joint, parent in enumerate(parents):
         if parent >= 0:
-            apart = pose.position[:, joint] - pose.position[:, parent]
-            offsets[joint] = np.median(
-                rotations.rotate(rotations.conjugate(pose.orientation[:, parent]), apart), axis=0
-            )
+            bone = pose.position[:, joint] - pose.position[:, parent]
+            own = rotations.rotate(rotations.conjugate(pose.orientation[:, parent]), bone)
+            offsets[joint] = np.median(own, axis=0)
     return JointTree(names, parents, offsets, ((),) * len(names))
 
 
 Channel = tuple[str, int]
-"""One value of a frame in a motion file: a translation along an axis 0, 1 or 2 ("t"), or a turn about it ("r")."""
+"""One channel of a motion file: a translation along an axis 0, 1 or 2 ("t"), or a turn about it ("r")."""
 
 
 def posed(
@@ -205,10 +191,10 @@ def posed(
     degrees: bool = True,
     frames: FloatArray | None = None,
 ) -> JointPoses:
-    """Compute the forward kinematics of all frames of a motion file, in its axes and its length unit.
+    """Forward kinematics of all frames of a motion file, in its axes and units.
 
-    channels (n): of each joint, in the order of values (T, d); each turn is about the axes already turned. With
-    frames (n, 4), each is about fixed axes, those of its joint.
+    channels (n): of each joint, in the order of values (T, d); each turn is about the axes already turned. With frames
+    (n, 4), turns are about the fixed axes of that frame.
     """
     local = np.broadcast_to(rotations.IDENTITY, (len(values), len(tree.names), 4)).copy()
     translation = np.broadcast_to(tree.offsets, (*local.shape[:2], 3)).copy()
@@ -216,7 +202,7 @@ def posed(
     for joint, own in enumerate(channels):
         turns = [(column, axis) for column, (kind, axis) in enumerate(own, start) if kind == "r"]
         if turns:
-            # About fixed axes, the first turn is applied first: the product runs the other way.
+            # Turns about fixed axes multiply in reverse order.
             columns, axes = zip(*(turns if frames is None else turns[::-1]), strict=True)
             angles = np.radians(values[:, columns]) if degrees else values[:, columns]
             local[:, joint] = rotations.from_euler(angles, axes)
@@ -224,35 +210,31 @@ def posed(
             if kind == "t":
                 translation[:, joint, axis] = values[:, column]
         start += len(own)
-    if frames is not None:  # C q C^-1 has the vector part of q turned by C
+    if frames is not None:  # C q C^-1 turns the vector part of q by C
         local[..., 1:] = rotations.rotate(frames, local[..., 1:])
     return forward_kinematics(tree, local, translation)
 
 
-# Finding a human in a joint tree without knowing a name: by symmetry, extent and bone lengths of its rest pose.
-
 MIN_SPREAD = 0.15
 """Least distance of paired leaves from the middle plane, as a share of the body's size."""
 MIDDLE = 0.04
-"""Greatest distance of a middle leaf (the head) from the middle plane, as a share of the body's size."""
+"""Greatest distance of a middle leaf (the head) from the middle plane, in the same share."""
 
 STRAIGHT_UP = 0.8
-"""Least cosine between the vertical and the line from the head's joint to a leaf that is its top, and no eye."""
+"""Least cosine between the vertical and the line from the head joint to a leaf that is its top, not an eye."""
 SHOULDER = 0.1
-"""Least distance of a shoulder from the middle plane, as a share of the body's size: nearer joints are collars."""
+"""Least distance of a shoulder from the middle plane, in the same share: nearer joints are collars."""
 
 
 def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
-    """Canonical joint -> joint of the tree, or None if the tree does not look like a body.
+    """Canonical joint -> joint of the tree by its rest pose, without names; None if the tree does not look like a body.
 
-    The mirror plane of the leaves gives the sides: left and right by their names where those say it, else by the
-    direction of the toes. A middle leaf is the head, the lowest leaf of each side ends a leg, the farthest other one an
-    arm; the two longest bones of a limb are thigh and shank, or upper arm and forearm. All is measured from the fork of
-    the body: what carries it (a root on the floor) does not count.
+    The leaves give the mirror plane. A middle leaf is the head, the lowest leaf of each side ends a leg, the farthest
+    other one an arm. The two longest bones of a limb are thigh and shank, or upper arm and forearm. Names give left and
+    right, else the direction of the toes. All is measured from the fork of the body.
     """
     rest = tree.rest_positions()
     rest -= rest[tree.fork()]
-    # The outermost point (3,) of each leaf, relative to the fork.
     ends = {joint: max(own, key=norm, default=np.zeros(3)) for joint, own in enumerate(tree.ends)}
     leaves = {joint: rest[joint] + end for joint, end in ends.items() if joint not in tree.parents}
     size = max(map(norm, leaves.values()), default=0.0)
@@ -276,7 +258,11 @@ def joints_by_shape(tree: JointTree) -> dict[str, int] | None:
     if first is None or second is None:
         return None
     rising = np.eye(3)[up] * np.sign(leaves[crown][up])
-    left = _named_left(tree, first) - _named_left(tree, second) or _pointed_left(tree, (first, second), rising, side)
+    left = _named_left(tree, first) - _named_left(tree, second)
+    if left == 0.0:  # left is up x forward, the direction of the toes
+        forward = 3 - side - up
+        toes = fsum(_foot_reach(tree, limb["ankle"], forward) for limb in (first, second))
+        left = float(np.cross(rising, np.eye(3)[forward] * np.sign(toes))[side])
     if left < 0:
         first, second = second, first
     joints = {f"l_{part}": joint for part, joint in first.items()}
@@ -295,29 +281,20 @@ SIDE_WORDS = {
     1: "l left links linker linke linkes gauche izquierda izquierdo izq sinistra sinistro sx esquerda esquerdo lewa",
     -1: "r right rechts rechter rechte rechtes droite droit derecha derecho destra destro dx direita direito prawa",
 }
-"""Words in names of joints that are 1: of the left, -1: of the right."""
+"""Words in joint names of the left (1) and of the right (-1)."""
 _SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words.split()} | {"左": 1, "右": -1}
-"""Each of them, and the signs for left and right, -> 1 or -1."""
 _WORD = re.compile(r"[左右]|[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 
 def _named_left(tree: JointTree, limbs: Mapping[str, int]) -> float:
-    """How many more joints of these limbs are named as of the left than as of the right."""
+    """Number of left words minus number of right words in the names of these limbs."""
     words = [word.lower() for joint in limbs.values() for word in _WORD.findall(tree.names[joint])]
     return fsum(_SIDE_OF.get(word, 0) for word in words)
 
 
-def _pointed_left(tree: JointTree, limbs: Sequence[Mapping[str, int]], rising: FloatArray, side: int) -> float:
-    """Above 0 where the first limbs are the left ones: left is up (rising, (3,)) x forward, where the feet point. side:
-    the axis across the body."""
-    forward = 3 - side - int(np.argmax(np.abs(rising)))
-    toes = fsum(_toes(tree, limb["ankle"], forward) for limb in limbs)
-    return float(np.cross(rising, np.eye(3)[forward] * np.sign(toes))[side])
-
-
 def _head_below(tree: JointTree, crown: int, middle: list[int], arms: list[int]) -> int:
-    """The head's joint: the one that is called so on the way to the farthest middle leaf (the crown); else the last
-    joint that several middle leaves share (eyes, jaw); else the leaf, or what carries it where it is a mere end."""
+    """The head joint: the first above the arms with head in its name; else the last that several middle leaves share
+    (eyes, jaw); else the crown, or its parent if the crown is a mere end."""
     above = tree.path(crown)[len(shared_path(tree, [crown, *arms])) :]
     named = [joint for joint in above if re.search(r"head(?![a-z])", tree.names[joint], re.IGNORECASE)]
     if named:
@@ -329,8 +306,7 @@ def _head_below(tree: JointTree, crown: int, middle: list[int], arms: list[int])
 
 
 def _mirror_axis(points: FloatArray) -> int | None:
-    """The axis across the plane in which leaves (k, 3), in sizes of the body, mirror each other best; None if they
-    spread along none."""
+    """The axis across which leaves (k, 3), in body sizes, mirror each other best; None if they spread along none."""
     best, best_error = None, 0.1
     for axis in range(3):
         spread = np.sort(np.abs(points[:, axis]))
@@ -344,8 +320,8 @@ def _mirror_axis(points: FloatArray) -> int | None:
 
 
 def _limbs_of_side(tree: JointTree, leaves: dict[int, float], head: int, across: FloatArray) -> dict[str, int] | None:
-    """Hip, knee, ankle, shoulder, elbow and wrist of one side. leaves: its own, with their heights. across (n,): how
-    far each joint is from the middle plane, in sizes of the body."""
+    """Hip, knee, ankle, shoulder, elbow and wrist of one side. leaves: its leaves with their heights. across (n,):
+    distance of each joint from the middle plane, in body sizes."""
     if len(leaves) < 2:
         return None
     foot = min(leaves, key=leaves.__getitem__)
@@ -372,16 +348,16 @@ def _two_longest_bones(tree: JointTree, chain: list[int]) -> tuple[int, int, int
     return (chain[first], chain[first + 1], chain[second + 1]) if lengths[first] > 0.0 else None
 
 
-def _toes(tree: JointTree, joint: int, axis: int) -> float:
-    """How far along an axis the end of a foot is from its ankle."""
-    way = 0.0
+def _foot_reach(tree: JointTree, joint: int, axis: int) -> float:
+    """Distance along an axis from the ankle to the end of the foot."""
+    reach = 0.0
     while children := tree.children(joint):
         joint = children[0]
-        way += float(tree.offsets[joint][axis])
-    return way + fsum(float(end[axis]) for end in tree.ends[joint])
+        reach += float(tree.offsets[joint][axis])
+    return reach + fsum(float(end[axis]) for end in tree.ends[joint])
 
 
 def shared_path(tree: JointTree, joints: list[int]) -> list[int]:
-    """Joints from the root down to the last common ancestor."""
+    """Joints from the root to the last common ancestor."""
     paths = [tree.path(joint) for joint in joints]
     return [step[0] for step in zip(*paths, strict=False) if len(set(step)) == 1]

@@ -50,7 +50,7 @@ def test_a_body_that_stands_is_upright_and_faces_its_front_whatever_the_file_say
     tracks = in_file(performer(at=1.0, heading=heading), turned, unit=0.01)
     if lost:
         tracks["head"][3] = np.nan
-    axes, notes = world_axes(tracks, declared=None if declared is None else UP_AXES[declared], usual=UP_AXES["y"])
+    axes, notes = world_axes(tracks, declared=None if declared is None else UP_AXES[declared], default=UP_AXES["y"])
     np.testing.assert_array_equal(axes[2], UP_AXES[up])
     assert np.linalg.det(axes) == (-1.0 if mirrored else 1.0)
     assert forward_sign({name: track @ axes.T for name, track in tracks.items()}) == 1.0
@@ -59,26 +59,26 @@ def test_a_body_that_stands_is_upright_and_faces_its_front_whatever_the_file_say
 
 def test_a_body_that_lies_keeps_the_axis_of_its_file_and_the_user_overrules_both() -> None:
     z_up = in_file(performer(lying=True, at=-0.2), np.eye(3))
-    axes, notes = world_axes(z_up, declared=UP_AXES["z"], usual=UP_AXES["y"])
+    axes, notes = world_axes(z_up, declared=UP_AXES["z"], default=UP_AXES["y"])
     np.testing.assert_array_equal(axes, np.eye(3))
     shows(notes[0], "--up=x")
-    axes, notes = world_axes(z_up, declared=UP_AXES["y"], declared_by="the rest pose", usual=UP_AXES["y"])
+    axes, notes = world_axes(z_up, declared=UP_AXES["y"], declared_by="the rest pose", default=UP_AXES["y"])
     np.testing.assert_array_equal(axes[2], UP_AXES["x"])
     shows(notes[0], "--up")
     for asked in UPS:
-        axes, notes = world_axes(z_up, declared=UP_AXES["z"], usual=UP_AXES["y"], said=named_axis(asked.upper()))
+        axes, notes = world_axes(z_up, declared=UP_AXES["z"], default=UP_AXES["y"], chosen=named_axis(asked.upper()))
         np.testing.assert_array_equal(axes[2], UP_AXES[asked])
         shows(notes[0], "--up")
     far = in_file(performer(lying=True, at=7.0), np.eye(3)) | {"extra": np.zeros((9, 3))}
-    assert world_axes(far, declared=UP_AXES["y"], usual=UP_AXES["y"])[1] == ()
+    assert world_axes(far, declared=UP_AXES["y"], default=UP_AXES["y"])[1] == ()
 
 
 def test_without_a_head_or_ankles_the_file_decides() -> None:
     tracks = performer()
     for lacking in ("head", "l_ankle"):
         some = {name: track for name, track in tracks.items() if name != lacking}
-        assert world_axes(some, declared=UP_AXES["y"], usual=UP_AXES["z"])[1] == ()
-        axes, notes = world_axes(some, declared=None, usual=UP_AXES["x"])
+        assert world_axes(some, declared=UP_AXES["y"], default=UP_AXES["z"])[1] == ()
+        axes, notes = world_axes(some, declared=None, default=UP_AXES["x"])
         np.testing.assert_array_equal(axes[2], UP_AXES["x"])
         shows(notes[0], "--up")
 
@@ -90,7 +90,7 @@ def test_toes_and_knees_that_disagree_or_are_unknown_show_no_front() -> None:
         legs = performer(bend=0.4 * np.tan(np.radians(0.5 * degrees)))
         assert forward_sign({name: track for name, track in legs.items() if "toe" not in name}) == sign
     assert forward_sign({"head": backward["head"]}) == 0.0
-    assert np.linalg.det(world_axes(backward, declared=UP_AXES["z"], usual=UP_AXES["z"])[0]) == 1.0
+    assert np.linalg.det(world_axes(backward, declared=UP_AXES["z"], default=UP_AXES["z"])[0]) == 1.0
 
 
 def test_axes_that_are_none_are_refused() -> None:

@@ -1,1 +1,5 @@
-"""Decoders of live streams: the bytes of a datagram -> sensor frames, without a socket or a clock."""
+"""Decoders of live streams.
+
+In: the bytes of a datagram. Out: `stream_frame.StreamFrame`. They import as `sources` does, and use no socket and no
+clock.
+"""
